@@ -1,0 +1,3 @@
+"""Identify switching dynamical systems from measured data."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,166 @@
+"""The feature map Phi: any scikit-learn transformer or PySINDy library, behind one adapter."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from itertools import combinations
+
+import numpy as np
+from sklearn.base import BaseEstimator, TransformerMixin, clone
+from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+__all__ = ["FeatureMap", "FunctionLibrary"]
+
+
+class FunctionLibrary(TransformerMixin, BaseEstimator):
+    """Apply a list of functions to every column, or every combination of columns.
+
+    A function of k arguments is applied to every combination of k columns, as PySINDy's
+    ``CustomLibrary`` does; unlike it, this class survives ``clone`` and ``repr``, so that it
+    can live in pipelines and grid searches.
+
+    Parameters
+    ----------
+    functions : sequence of callables
+        Each takes one or more 1-d arrays and returns one.
+    names : sequence of str, default=None
+        A format string for each function, such as ``"sin({})"`` or ``"{} |{}|"``, filled with
+        the names of the columns. By default the function's own name is used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from swsysid import FunctionLibrary
+    >>> library = FunctionLibrary([np.sin, lambda x, v: x * abs(v)], names=["sin({})", "{}|{}|"])
+    >>> library.fit_transform(np.array([[0.0, -2.0]])).round(3)
+    array([[ 0.   , -0.909,  0.   ]])
+    >>> library.get_feature_names_out(["x", "v"])
+    array(['sin(x)', 'sin(v)', 'x|v|'], dtype=object)
+    """
+
+    def __init__(self, functions: Sequence[Callable], names: Sequence[str] | None = None):
+        self.functions = functions
+        self.names = names
+
+    def fit(self, X, y=None):
+        """Check `X` and remember its columns."""
+        validate_data(self, X)
+        if self.names is not None and len(self.names) != len(self.functions):
+            raise ValueError(
+                f"names has {len(self.names)} entries for {len(self.functions)} functions; "
+                "give one format string for each function."
+            )
+        return self
+
+    def transform(self, X):
+        """Values of all functions, shape (n_samples, n_features_out)."""
+        check_is_fitted(self, "n_features_in_")
+        X = validate_data(self, X, reset=False)
+        columns = [
+            np.broadcast_to(np.asarray(function(*X[:, list(group)].T), dtype=float), len(X))
+            for function, group in self._terms()
+        ]
+        return np.column_stack(columns)
+
+    def get_feature_names_out(self, input_features=None):
+        """Names of the functions of the columns."""
+        check_is_fitted(self, "n_features_in_")
+        given = self._input_names() if input_features is None else list(input_features)
+        names = self.names or [_default_format(f) for f in self.functions]
+        formats = dict(zip(map(id, self.functions), names, strict=True))
+        return np.array(
+            [formats[id(f)].format(*(given[i] for i in group)) for f, group in self._terms()],
+            dtype=object,
+        )
+
+    def _input_names(self):
+        return getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])
+
+    def _terms(self):
+        return [
+            (function, group)
+            for function in self.functions
+            for group in combinations(range(self.n_features_in_), _arity(function))
+        ]
+
+
+def _arity(function) -> int:
+    if isinstance(function, np.ufunc):
+        return function.nin
+    parameters = inspect.signature(function).parameters.values()
+    return sum(p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
+               for p in parameters)
+
+
+def _default_format(function) -> str:
+    name = getattr(function, "__name__", type(function).__name__)
+    name = "f" if name == "<lambda>" else name
+    return f"{name}({', '.join(['{}'] * _arity(function))})"
+
+
+class FeatureMap:
+    """A fitted copy of a feature library, with plain arrays and names at its boundary.
+
+    Parameters
+    ----------
+    library : None, int, transformer or PySINDy library
+        None is the identity; an int d is all monomials up to degree d, constant included;
+        anything else is cloned and fitted.
+    X : ndarray of shape (n_samples, n_features_in)
+    names : sequence of str
+        Names of the columns of `X`.
+    """
+
+    def __init__(self, library, X, names: Sequence[str]):
+        self.library = _as_transformer(library).fit(X)
+        self.names_in = list(names)
+        self.names_out = self._names_out()
+
+    def __call__(self, X) -> np.ndarray:
+        """Phi(X), shape (n_samples, n_features_out), a plain array of finite floats."""
+        features = np.asarray(self.library.transform(X), dtype=float)
+        if features.ndim != 2 or len(features) != len(X):
+            raise ValueError(
+                f"feature_library returned an array of shape {features.shape} for {len(X)} "
+                "samples; transform must return one row of features for each sample."
+            )
+        if not np.isfinite(features).all():
+            raise ValueError(
+                "feature_library returned NaN or infinite features; check its functions on the "
+                "range of the data."
+            )
+        return features
+
+    def _names_out(self) -> np.ndarray:
+        for method in ("get_feature_names_out", "get_feature_names"):
+            if hasattr(self.library, method):
+                return np.asarray(getattr(self.library, method)(self.names_in), dtype=object)
+        return np.empty(0, dtype=object)
+
+
+def _as_transformer(library):
+    if library is None:
+        return FunctionTransformer(feature_names_out="one-to-one")
+    if isinstance(library, (int, np.integer)) and not isinstance(library, bool):
+        if library < 0:
+            raise ValueError(f"feature_library={library}; a polynomial degree is at least 0.")
+        return PolynomialFeatures(int(library))
+    if _holds_custom_library(library):
+        raise TypeError(
+            "PySINDy's CustomLibrary cannot be cloned by scikit-learn; use "
+            "swsysid.FunctionLibrary(functions, names) in its place."
+        )
+    if not hasattr(library, "transform"):
+        raise TypeError(
+            f"feature_library={library!r} is neither None, a degree, a scikit-learn transformer "
+            "nor a PySINDy library; it must have fit and transform."
+        )
+    return clone(library)
+
+
+def _holds_custom_library(library) -> bool:
+    if any(base.__name__ == "CustomLibrary" for base in type(library).__mro__):
+        return True
+    return any(_holds_custom_library(part) for part in getattr(library, "libraries", None) or ())

@@ -1,0 +1,279 @@
+"""Result objects of the package: frozen records that can prove themselves, and `Status`.
+
+Every solver, relaxation and simulation returns one of these. None of them is a bare array:
+each carries the value it reached, a bound that certifies it where there is one, and a
+`Status` whose ``advice`` says in one sentence what to do when something went wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "Assignment",
+    "FitCertificate",
+    "IdentificationWarning",
+    "IterationRecord",
+    "MarginCertificate",
+    "MipResult",
+    "SolverError",
+    "Status",
+    "SwitchEvent",
+    "Trajectory",
+]
+
+Array = NDArray[np.float64]
+
+
+class IdentificationWarning(UserWarning):
+    """The data do not determine the answer (too few samples, a mode without data, ...)."""
+
+
+class SolverError(RuntimeError):
+    """A solver is missing or failed; the message says what to do."""
+
+
+class Status(Enum):
+    """How a computation ended; `advice` says what to do about it."""
+
+    OPTIMAL = "optimal"
+    INACCURATE = "inaccurate"
+    ITERATION_LIMIT = "iteration limit"
+    TIME_LIMIT = "time limit"
+    INFEASIBLE = "infeasible"
+    UNBOUNDED = "unbounded"
+    FAILED = "failed"
+    COMPLETED = "completed"
+    SWITCH_LIMIT = "switch limit"
+    STATE_LIMIT = "state limit"
+    STEP_FAILURE = "step failure"
+    INPUT_RANGE = "input range"
+
+    @property
+    def ok(self) -> bool:
+        """True if the result can be used without further thought."""
+        return self in (Status.OPTIMAL, Status.COMPLETED)
+
+    @property
+    def advice(self) -> str:
+        """One sentence that says what to do."""
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    Status.OPTIMAL: "Solved to the requested accuracy; nothing to do.",
+    Status.INACCURATE: "The solver stopped near the optimum; check the gap, or rescale the data.",
+    Status.ITERATION_LIMIT: "Increase max_iter, or loosen tol.",
+    Status.TIME_LIMIT: "Increase time_limit; the bound and the gap say how far the answer can be.",
+    Status.INFEASIBLE: "No point satisfies the constraints; increase coef_bound.",
+    Status.UNBOUNDED: "The program has no finite optimum; set coef_bound.",
+    Status.FAILED: "The solver failed; rescale the data to order one or choose another solver.",
+    Status.COMPLETED: "The simulation reached the last requested time.",
+    Status.SWITCH_LIMIT: "Too many switches (Zeno behaviour); increase max_switches or check the "
+    "fields on both sides of the surface.",
+    Status.STATE_LIMIT: "The state left the allowed box; the model is unstable here or x0 lies far "
+    "from the training data.",
+    Status.STEP_FAILURE: "The integrator could not proceed; the vector field is singular or stiff.",
+    Status.INPUT_RANGE: "The requested times reach beyond the sampled inputs; shorten t.",
+}
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """The mode assignment of every sample for given vector fields.
+
+    Attributes
+    ----------
+    membership : ndarray of shape (n_samples, n_modes)
+        Rows on the simplex; one-hot where the relaxation is tight.
+    objective : float
+        Sum over samples of the loss at the *hardened* membership (the row's largest entry).
+    lower_bound : float
+        Value of the relaxation: no hard assignment can have a smaller sum.
+    tightness : ndarray of shape (n_samples,), bool
+        True where the relaxation itself is one-hot (its moment matrix has rank one).
+    status : Status
+    """
+
+    membership: Array
+    objective: float
+    lower_bound: float
+    tightness: NDArray[np.bool_]
+    status: Status
+
+    @property
+    def modes(self) -> NDArray[np.intp]:
+        """Hardened labels, shape (n_samples,)."""
+        return self.membership.argmax(axis=1)
+
+    @property
+    def gap(self) -> float:
+        """`objective` - `lower_bound`, the most that hardening can have cost."""
+        return self.objective - self.lower_bound
+
+
+@dataclass(frozen=True)
+class IterationRecord:
+    """One iteration of the alternation.
+
+    Attributes
+    ----------
+    iteration : int
+    objective : float
+        The joint objective J: loss over scale, plus coupling times the surface's objective.
+    loss : float
+        Sum of the losses at the hardened assignment, in the user's units.
+    lower_bound : float
+        Value of the relaxation of the assignment, in the user's units.
+    mode_changes : int
+        Number of samples whose label differs from the previous iteration's.
+    tightness : float
+        Fraction of samples at which the relaxation was one-hot.
+    seconds : float
+    """
+
+    iteration: int
+    objective: float
+    loss: float
+    lower_bound: float
+    mode_changes: int
+    tightness: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class MarginCertificate:
+    """What the margin LP's theorem really certifies (see docs/mathematics.md).
+
+    Attributes
+    ----------
+    margin : ndarray of shape (n_surfaces,)
+        t*, the largest margin that a surface inside the coefficient box can have on the data;
+        not positive where the classes cannot be separated at all.
+    coef : ndarray of shape (n_surfaces, n_surface_features)
+        The surfaces that reach it.
+    nonzero_interval : ndarray of shape (n_surfaces, 2)
+        Margins strictly above the first entry and at most the second certify a nonzero surface.
+        They do *not* certify zero slack.
+    zero_slack : ndarray of shape (n_surfaces,), bool
+        True where slack zero is optimal for the margin LP at the classifier's own margin.
+    status : Status
+    """
+
+    margin: Array
+    coef: Array
+    nonzero_interval: Array
+    zero_slack: NDArray[np.bool_]
+    status: Status
+
+    @property
+    def separable(self) -> bool:
+        """True if every surface separates its classes with a positive margin."""
+        return bool((self.margin > 0).all())
+
+
+@dataclass(frozen=True)
+class FitCertificate:
+    """How far a fitted model can be from optimal, block by block.
+
+    Attributes
+    ----------
+    objective : float
+        Sum of the losses at the best hard assignment, for the fitted vector fields.
+    lower_bound : float
+        Value of the simplex relaxation for the same vector fields: a bound over all memberships.
+    gap : float
+        `objective` - `lower_bound`.
+    tightness : float
+        Fraction of samples whose relaxed assignment is one-hot.
+    dual_certified : ndarray of shape (n_samples,), bool
+        Samples for which a dual vector proves that the one-hot assignment is the unique
+        minimiser over the whole simplex (paper, one-hot optimality theorem).
+    rounding_bound : ndarray of shape (n_samples,)
+        Bound on what hardening the relaxed membership costs each sample (paper, rounding
+        proposition).
+    dynamics_gap : float
+        Duality gap of the dynamics program for the final labels.
+    status : Status
+    """
+
+    objective: float
+    lower_bound: float
+    gap: float
+    tightness: float
+    dual_certified: NDArray[np.bool_]
+    rounding_bound: Array
+    dynamics_gap: float
+    status: Status
+
+
+@dataclass(frozen=True)
+class MipResult:
+    """Answer of the exact mixed-integer program, `solve_mip`.
+
+    Attributes
+    ----------
+    objective : float
+        Sum of absolute residuals of the best solution found.
+    bound : float
+        Proved lower bound on the optimum.
+    gap : float
+        `objective` - `bound`.
+    coef : ndarray of shape (n_modes, n_states, n_features_out)
+    modes : ndarray of shape (n_samples,), int
+    status : Status
+    """
+
+    objective: float
+    bound: float
+    gap: float
+    coef: Array
+    modes: NDArray[np.intp]
+    status: Status
+
+
+@dataclass(frozen=True)
+class SwitchEvent:
+    """One event of a rollout: the mode changes at a time found by root finding.
+
+    Attributes
+    ----------
+    time : float
+    state : ndarray of shape (n_states,)
+    before, after : int
+        Modes on the two sides.
+    kind : str
+        ``"crossing"``, ``"sliding"`` (both fields point at the surface), ``"leaving"`` (the end
+        of a slide).
+    """
+
+    time: float
+    state: Array
+    before: int
+    after: int
+    kind: str
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A simulated trajectory.
+
+    Attributes
+    ----------
+    t : ndarray of shape (n_times,)
+        The requested times, cut at the last one reached.
+    x : ndarray of shape (n_times, n_states)
+    modes : ndarray of shape (n_times,), int
+    events : tuple of SwitchEvent
+    status : Status
+    """
+
+    t: Array
+    x: Array
+    modes: NDArray[np.intp]
+    events: tuple[SwitchEvent, ...]
+    status: Status
