@@ -1,0 +1,55 @@
+# Every target builds what it needs: python3 with venv is all that must be installed.
+PYTHON ?= python3
+VENV ?= .venv
+WORKERS ?= 2
+BIN := $(VENV)/bin
+
+# Solvers and workers share the cores: one BLAS thread each is faster than two that fight.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+export MPLBACKEND ?= Agg
+
+.PHONY: help demo test lint examples docs bench figures clean
+
+help:
+	@echo "make demo      identify the built-in example and draw it"
+	@echo "make test      run the tests, warnings as errors"
+	@echo "make lint      ruff and mypy"
+	@echo "make examples  run every example, headless"
+	@echo "make docs      build the documentation, warnings as errors"
+	@echo "make bench     the paper's tables beside ours"
+	@echo "make figures   draw the README's figure and print its numbers"
+
+demo: $(VENV)/.installed-plot
+	$(BIN)/python -m swsysid --output output
+	@echo "The pictures and the model are in the folder output/ ."
+
+test: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n $(WORKERS)
+
+lint: $(VENV)/.installed-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+examples: $(VENV)/.installed-test
+	$(BIN)/python -m pytest tests/test_examples.py
+
+docs: $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+	@echo "Open docs/_build/html/index.html ."
+
+bench: $(VENV)/.installed-bench
+	$(BIN)/python benchmarks/paper.py
+
+figures: $(VENV)/.installed-plot
+	$(BIN)/python docs/readme_figure.py
+
+# One stamp for each extra: it is made again when pyproject.toml changes.
+$(VENV)/.installed-%: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[$*]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) docs/_build docs/auto_examples docs/generated output

@@ -1,0 +1,37 @@
+"""A test that needs measured data may skip only where no copy of the data was promised."""
+
+import os
+
+import pytest
+
+
+@pytest.fixture
+def fetch_measured():
+    """Call a ``fetch_*`` function; skip with its own sentence where the data cannot be had."""
+
+    def fetch(function, **kwargs):
+        try:
+            return function(**kwargs)
+        except (OSError, RuntimeError) as error:
+            pytest.skip(f"measured data unavailable (set SWSYSID_DATA to a copy): {error}")
+
+    return fetch
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if report.skipped and os.environ.get("SWSYSID_DATA") and _needs_measured_data(item, report):
+        report.outcome = "failed"
+        report.longrepr = f"{item.nodeid} skipped although SWSYSID_DATA is set: {_reason(report)}"
+    return report
+
+
+def _needs_measured_data(item, report) -> bool:
+    named = "SWSYSID_DATA" in _reason(report)
+    return named or item.get_closest_marker("measured") is not None
+
+
+def _reason(report) -> str:
+    # a skip is reported as (file, line, reason)
+    return report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
