@@ -1,0 +1,72 @@
+"""Linear combinations of named features as text and LaTeX."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+__all__ = ["check_format", "linear_combination", "symbol"]
+
+
+def check_format(style: str) -> None:
+    """Refuse anything but ``"text"`` and ``"latex"``."""
+    if style not in ("text", "latex"):
+        raise ValueError(f"format={style!r} is unknown; choose 'text' or 'latex'.")
+
+
+def linear_combination(
+    coef: Sequence[float], names: Sequence[str], *, precision: int = 3, style: str = "text"
+) -> str:
+    """The sum of `coef` times `names`, without the terms that round to zero.
+
+    `precision` counts the decimals of coefficients of order one; small ones keep as many
+    significant digits, so that nothing but an exact or negligible zero disappears.
+
+    Examples
+    --------
+    >>> linear_combination([1.0, -2.5, 0.0], ["1", "x", "x^2"])
+    '1.000 - 2.500 x'
+    >>> linear_combination([0.5], ["x0^2 x1"], style="latex")
+    '0.500 x_{0}^{2} x_{1}'
+    """
+    largest = max((abs(value) for value in coef), default=0.0)
+    terms = [
+        (value, name)
+        for value, name in zip(coef, names, strict=True)
+        if abs(value) > 1e-10 * largest and value != 0.0
+    ]
+    text = ""
+    for value, name in terms:
+        sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
+        factor = "" if name == "1" else " " + symbol(name, style)
+        text += f"{sign}{_number(abs(value), precision, style)}{factor}"
+    return text or "0"
+
+
+def symbol(name: str, style: str) -> str:
+    """A feature name in the requested style.
+
+    Examples
+    --------
+    >>> symbol("x12 v_a^3", "latex")
+    'x_{12} v_{a}^{3}'
+    """
+    if style == "text":
+        return name
+    name = re.sub(r"\^(\d+)", r"^{\1}", name)
+    name = re.sub(r"\b([A-Za-z]+)(\d+)\b", r"\1_{\2}", name)
+    return re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9_]+)", _subscript, name)
+
+
+def _subscript(match: re.Match) -> str:
+    inner = match.group(2).replace("_", ",")
+    return f"{match.group(1)}_{{{inner}}}"
+
+
+def _number(value: float, precision: int, style: str) -> str:
+    if 10.0**-precision * 10 <= value < 1e5:
+        return f"{value:.{precision}f}"
+    mantissa, exponent = f"{value:.{precision}e}".split("e")
+    if style == "latex":
+        return rf"{mantissa} \cdot 10^{{{int(exponent)}}}"
+    return f"{mantissa}e{int(exponent)}"
