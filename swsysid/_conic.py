@@ -1,0 +1,280 @@
+"""The one door to the solvers: HiGHS through SciPy, and everything that cvxpy can call.
+
+No other file imports cvxpy or calls an optimiser of linear, conic or integer programs. What
+comes back is a record with a `Status`; a solver's own exceptions and warnings stay in here.
+"""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import Bounds, LinearConstraint, linprog, milp
+
+from swsysid._results import Array, SolverError, Status
+
+__all__ = [
+    "IntegerSolution",
+    "LinearSolution",
+    "linear_program",
+    "mixed_integer_program",
+    "modelling",
+    "solve",
+]
+
+
+@dataclass(frozen=True)
+class LinearSolution:
+    """Solution of a linear program.
+
+    Attributes
+    ----------
+    x : ndarray of shape (n_variables,)
+        NaN where there is no solution; `status` says why.
+    objective : float
+    dual_ub : ndarray of shape (n_inequalities,)
+        Multipliers, not negative.
+    dual_eq : ndarray of shape (n_equalities,)
+        Multipliers. With those of the bounds left out,
+        ``cost + A_ub.T @ dual_ub + A_eq.T @ dual_eq`` is the reduced cost: zero at variables
+        strictly between their bounds.
+    status : Status
+    """
+
+    x: Array
+    objective: float
+    dual_ub: Array
+    dual_eq: Array
+    status: Status
+
+
+@dataclass(frozen=True)
+class IntegerSolution:
+    """Solution of a mixed-integer linear program.
+
+    Attributes
+    ----------
+    x : ndarray of shape (n_variables,)
+        The best point found; NaN if there is none.
+    objective : float
+    bound : float
+        Proved lower bound on the optimum.
+    status : Status
+    """
+
+    x: Array
+    objective: float
+    bound: float
+    status: Status
+
+
+def linear_program(
+    cost, *, A_ub=None, b_ub=None, A_eq=None, b_eq=None, bounds=None, solver: str = "auto"
+) -> LinearSolution:
+    r"""Solve :math:`\min_x c^T x` s.t. :math:`A_{ub} x \le b_{ub}`, :math:`A_{eq} x = b_{eq}`.
+
+    Parameters
+    ----------
+    cost : array-like of shape (n_variables,)
+    A_ub, A_eq : array-like or sparse matrix of shape (n_rows, n_variables), default=None
+    b_ub, b_eq : array-like of shape (n_rows,), default=None
+    bounds : (low, high) or array-like of shape (n_variables, 2), default=None
+        Infinite entries stand for no bound. None leaves every variable free.
+    solver : str, default="auto"
+        ``"auto"`` and ``"highs"`` are HiGHS through SciPy, any other name is a solver of cvxpy.
+
+    Returns
+    -------
+    LinearSolution
+
+    Raises
+    ------
+    SolverError
+        If the solver is not installed.
+
+    Examples
+    --------
+    The least x with x >= 2:
+
+    >>> from swsysid._conic import linear_program
+    >>> solution = linear_program([1.0], A_ub=[[-1.0]], b_ub=[-2.0])
+    >>> solution.x, solution.dual_ub
+    (array([2.]), array([1.]))
+    """
+    cost = np.asarray(cost, dtype=float)
+    bounds = _full_bounds(bounds, cost.size)
+    rows = {"A_ub": A_ub, "b_ub": b_ub, "A_eq": A_eq, "b_eq": b_eq}
+    if solver.lower() in ("auto", "highs"):
+        return _linear_program_highs(cost, rows, bounds)
+    return _linear_program_cvxpy(cost, rows, bounds, solver)
+
+
+def solve(problem, solver: str = "auto") -> Status:
+    """Solve a cvxpy problem in place and say how it ended.
+
+    Parameters
+    ----------
+    problem : cvxpy.Problem
+    solver : str, default="auto"
+        A solver of cvxpy in any case; ``"auto"`` is Clarabel.
+
+    Returns
+    -------
+    Status
+        Variables have values only where it is `OPTIMAL`, `INACCURATE` or a limit.
+
+    Raises
+    ------
+    SolverError
+        If the solver is not installed.
+    """
+    cp = modelling()
+    name = _installed(solver)
+    with warnings.catch_warnings():
+        # Accuracy is reported through Status, not through a warning from below.
+        warnings.simplefilter("ignore")
+        try:
+            problem.solve(solver=name)
+        except (cp.error.SolverError, ArithmeticError, RuntimeError, ValueError):
+            return Status.FAILED
+    return _CVXPY_STATUS.get(problem.status, Status.FAILED)
+
+
+def mixed_integer_program(
+    cost, *, matrix, low, high, integrality, bounds, time_limit: float = np.inf
+) -> IntegerSolution:
+    """Solve min cost @ x s.t. low <= matrix @ x <= high, some x integer, with HiGHS.
+
+    Parameters
+    ----------
+    cost : array-like of shape (n_variables,)
+    matrix : sparse matrix of shape (n_rows, n_variables)
+    low, high : array-like of shape (n_rows,)
+    integrality : array-like of shape (n_variables,)
+        1 for an integer variable, 0 for a continuous one.
+    bounds : (low, high) or array-like of shape (n_variables, 2)
+    time_limit : float
+        In seconds.
+
+    Returns
+    -------
+    IntegerSolution
+    """
+    cost = np.asarray(cost, dtype=float)
+    bounds = _full_bounds(bounds, cost.size)
+    answer = milp(
+        cost,
+        integrality=integrality,
+        bounds=Bounds(bounds[:, 0], bounds[:, 1]),
+        constraints=LinearConstraint(matrix, low, high),
+        # HiGHS stops at a relative gap of 1e-4 by default; the exact program asks for none.
+        options={"time_limit": time_limit, "mip_rel_gap": 0.0},
+    )
+    status = _MILP_STATUS.get(answer.status, Status.FAILED)
+    bound = getattr(answer, "mip_dual_bound", None)
+    if answer.x is None:
+        return IntegerSolution(
+            np.full(cost.size, np.nan), np.inf, -np.inf if bound is None else bound, status
+        )
+    return IntegerSolution(answer.x, answer.fun, answer.fun if bound is None else bound, status)
+
+
+def modelling():
+    """Return the cvxpy module, imported at its first use because that takes a second."""
+    try:
+        return importlib.import_module("cvxpy")
+    except ImportError as error:
+        raise SolverError(
+            "cvxpy is not installed; pip install cvxpy clarabel, or leave solver='auto' and use "
+            "the simplex or exact relaxation."
+        ) from error
+
+
+_CVXPY_STATUS = {
+    "optimal": Status.OPTIMAL,
+    "optimal_inaccurate": Status.INACCURATE,
+    "infeasible": Status.INFEASIBLE,
+    "infeasible_inaccurate": Status.INFEASIBLE,
+    "unbounded": Status.UNBOUNDED,
+    "unbounded_inaccurate": Status.UNBOUNDED,
+    "infeasible_or_unbounded": Status.INFEASIBLE,
+    "user_limit": Status.ITERATION_LIMIT,
+}
+
+# The numbers that scipy.optimize.linprog documents; milp's differ in the meaning of 1 only.
+_LINPROG_STATUS = {
+    0: Status.OPTIMAL,
+    1: Status.ITERATION_LIMIT,
+    2: Status.INFEASIBLE,
+    3: Status.UNBOUNDED,
+}
+_MILP_STATUS = _LINPROG_STATUS | {1: Status.TIME_LIMIT}
+
+_HAS_VALUES = (Status.OPTIMAL, Status.INACCURATE, Status.ITERATION_LIMIT)
+
+
+def _full_bounds(bounds, n_variables: int) -> Array:
+    pairs = (-np.inf, np.inf) if bounds is None else bounds
+    return np.broadcast_to(np.asarray(pairs, dtype=float), (n_variables, 2))
+
+
+def _n_rows(right_hand_side) -> int:
+    return 0 if right_hand_side is None else np.size(right_hand_side)
+
+
+def _no_linear_solution(cost, rows, status) -> LinearSolution:
+    return LinearSolution(
+        np.full(cost.size, np.nan),
+        np.nan,
+        np.full(_n_rows(rows["b_ub"]), np.nan),
+        np.full(_n_rows(rows["b_eq"]), np.nan),
+        status,
+    )
+
+
+def _linear_program_highs(cost, rows, bounds) -> LinearSolution:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        answer = linprog(cost, bounds=bounds, method="highs", **rows)
+    status = _LINPROG_STATUS.get(answer.status, Status.FAILED)
+    if status is not Status.OPTIMAL or answer.x is None:
+        return _no_linear_solution(cost, rows, status)
+    # SciPy's marginals are d objective / d right-hand side, the negative of the multipliers.
+    return LinearSolution(
+        answer.x, answer.fun, -answer.ineqlin.marginals, -answer.eqlin.marginals, status
+    )
+
+
+def _linear_program_cvxpy(cost, rows, bounds, solver) -> LinearSolution:
+    cp = modelling()
+    x = cp.Variable(cost.size)
+    inequalities = [rows["A_ub"] @ x <= rows["b_ub"]] if _n_rows(rows["b_ub"]) else []
+    equalities = [rows["A_eq"] @ x == rows["b_eq"]] if _n_rows(rows["b_eq"]) else []
+    has_low, has_high = np.isfinite(bounds).T
+    box = [x[has_low] >= bounds[has_low, 0]] if has_low.any() else []
+    box += [x[has_high] <= bounds[has_high, 1]] if has_high.any() else []
+    problem = cp.Problem(cp.Minimize(cost @ x), inequalities + equalities + box)
+    status = solve(problem, solver)
+    if status not in _HAS_VALUES or x.value is None:
+        return _no_linear_solution(cost, rows, status)
+    dual_ub, dual_eq = (
+        np.concatenate([np.atleast_1d(constraint.dual_value) for constraint in constraints])
+        if constraints
+        else np.empty(0)
+        for constraints in (inequalities, equalities)
+    )
+    return LinearSolution(x.value, float(problem.value), dual_ub, dual_eq, status)
+
+
+def _installed(solver: str) -> str:
+    cp = modelling()
+    name = "CLARABEL" if solver.lower() == "auto" else solver.upper()
+    available = cp.installed_solvers()
+    if name not in available:
+        raise SolverError(
+            f"solver={solver!r} is not installed; the installed solvers are "
+            f"{', '.join(available)}. Choose one of them, or install {name.lower()} with pip."
+        )
+    return name
