@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
+from scipy.sparse import csr_array
 
 from swsysid._results import Array, SolverError, Status
 
@@ -105,7 +106,12 @@ def linear_program(
     """
     cost = np.asarray(cost, dtype=float)
     bounds = _full_bounds(bounds, cost.size)
-    rows = {"A_ub": A_ub, "b_ub": b_ub, "A_eq": A_eq, "b_eq": b_eq}
+    rows = {
+        "A_ub": None if A_ub is None else csr_array(A_ub),
+        "b_ub": None if b_ub is None else np.asarray(b_ub, dtype=float),
+        "A_eq": None if A_eq is None else csr_array(A_eq),
+        "b_eq": None if b_eq is None else np.asarray(b_eq, dtype=float),
+    }
     if solver.lower() in ("auto", "highs"):
         return _linear_program_highs(cost, rows, bounds)
     return _linear_program_cvxpy(cost, rows, bounds, solver)
