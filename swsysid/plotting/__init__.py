@@ -1,0 +1,15 @@
+"""Displays in scikit-learn's manner: ``from_estimator`` computes, ``plot`` draws."""
+
+from swsysid.plotting._convergence import ConvergenceDisplay
+from swsysid.plotting._residual import ResidualDisplay
+from swsysid.plotting._rollout import RolloutDisplay
+from swsysid.plotting._surface import SwitchingSurfaceDisplay
+from swsysid.plotting._timeline import ModeTimelineDisplay
+
+__all__ = [
+    "ConvergenceDisplay",
+    "ModeTimelineDisplay",
+    "ResidualDisplay",
+    "RolloutDisplay",
+    "SwitchingSurfaceDisplay",
+]

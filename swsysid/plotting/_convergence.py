@@ -1,0 +1,114 @@
+"""How the alternation converged: objective, mode changes and tightness by iteration."""
+
+from __future__ import annotations
+
+import numpy as np
+from sklearn.utils.validation import check_is_fitted
+
+from swsysid.plotting._style import canvas
+
+__all__ = ["ConvergenceDisplay"]
+
+# A quantity that falls by more than this factor is drawn on a logarithmic axis.
+_LOG_RANGE = 100.0
+
+
+class ConvergenceDisplay:
+    """Three panels over the iterations: objective, mode changes, tightness ratio.
+
+    Use `from_estimator`; call `plot` of a second display with ``ax=first.ax_`` to compare two
+    relaxations in the same panels.
+
+    Parameters
+    ----------
+    iterations : ndarray of shape (n_iterations,)
+    objective : ndarray of shape (n_iterations,)
+        The joint objective J.
+    mode_changes : ndarray of shape (n_iterations,)
+        Samples whose label differs from the previous iteration's.
+    tightness : ndarray of shape (n_iterations,)
+        Fraction of samples at which the relaxation itself was one-hot.
+
+    Attributes
+    ----------
+    ax_ : ndarray of 3 matplotlib Axes
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib; matplotlib.use("Agg")
+    >>> from swsysid.plotting import ConvergenceDisplay
+    >>> display = ConvergenceDisplay(
+    ...     iterations=[1, 2, 3], objective=[9.0, 1.0, 1e-6], mode_changes=[70, 5, 0],
+    ...     tightness=[0.6, 0.95, 1.0])
+    >>> display.plot().ax_[0].get_yscale()
+    'log'
+    """
+
+    def __init__(self, *, iterations, objective, mode_changes, tightness):
+        self.iterations = iterations
+        self.objective = objective
+        self.mode_changes = mode_changes
+        self.tightness = tightness
+
+    @classmethod
+    def from_estimator(cls, estimator, *, ax=None, **kwargs):
+        """Read ``history_`` of a fitted estimator and draw it.
+
+        Parameters
+        ----------
+        estimator : SwitchingSystemRegressor
+        ax : array of 3 matplotlib Axes, default=None
+        **kwargs
+            Passed to ``ax.plot``; ``label`` names the curve in the legend.
+
+        Returns
+        -------
+        ConvergenceDisplay
+        """
+        check_is_fitted(estimator, "history_")
+        fields = ("objective", "mode_changes", "tightness")
+        columns = {
+            field: np.array([getattr(record, field) for record in estimator.history_])
+            for field in fields
+        }
+        iterations = np.array([record.iteration for record in estimator.history_])
+        return cls(iterations=iterations, **columns).plot(ax=ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw.
+
+        Parameters
+        ----------
+        ax : array of 3 matplotlib Axes, default=None
+            A new figure if None.
+        **kwargs
+            Passed to ``ax.plot``; ``label`` names the curve in the legend.
+
+        Returns
+        -------
+        ConvergenceDisplay
+        """
+        panels = {
+            "objective": self.objective,
+            "mode changes": self.mode_changes,
+            "tightness ratio": self.tightness,
+        }
+        style = {"marker": "o", "markersize": 5, **kwargs}
+        with canvas(ax, len(panels), panel_size=(4.3, 3.6)) as axes:
+            self.ax_, self.figure_ = axes, axes[0].figure
+            for axis, (name, values) in zip(axes, panels.items(), strict=True):
+                axis.plot(self.iterations, values, **style)
+                axis.set(xlabel="iteration", ylabel=name)
+                axis.xaxis.get_major_locator().set_params(integer=True)
+            if _spans_decades(self.objective):
+                axes[0].set_yscale("log")
+            axes[2].set_ylim(-0.03, 1.05)
+            if "label" in kwargs:
+                axes[0].legend()
+        return self
+
+
+def _spans_decades(values) -> bool:
+    values = np.asarray(values)
+    return bool(values.min() > 0 and values.max() > _LOG_RANGE * values.min())

@@ -1,0 +1,115 @@
+"""What all displays share: a palette safe for colour-blind readers, axes, labels, frames."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import numpy as np
+
+__all__ = [
+    "PALETTE",
+    "axis_label",
+    "canvas",
+    "column_names",
+    "in_fitted_form",
+    "mode_colour",
+    "mode_marker",
+    "resolve_column",
+    "trajectories",
+]
+
+# Okabe and Ito's colours, the dark ones first; markers repeat the message without colour.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_MARKERS = ("o", "^", "s", "D", "v", "P")
+
+# Sizes that survive a projector and a two-column page.
+_STYLE = {
+    "font.size": 13,
+    "axes.labelsize": 14,
+    "axes.titlesize": 14,
+    "legend.fontsize": 11,
+    "legend.frameon": True,
+    "legend.framealpha": 0.9,
+    "lines.linewidth": 2.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+}
+
+
+def mode_colour(position: int) -> str:
+    """Colour of the mode at a position of the sorted labels."""
+    return PALETTE[position % len(PALETTE)]
+
+
+def mode_marker(position: int) -> str:
+    """Marker of the mode at a position of the sorted labels."""
+    return _MARKERS[position % len(_MARKERS)]
+
+
+@contextmanager
+def canvas(ax=None, n_panels: int = 1, panel_size=(5.6, 4.4)):
+    """Axes to draw on, an array of `n_panels`: the user's, or those of a new figure.
+
+    The style holds inside the ``with`` block only: no setting of matplotlib is changed.
+    """
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context({**_STYLE, "axes.prop_cycle": plt.cycler(color=PALETTE)}):
+        if ax is None:
+            width, height = panel_size
+            _, ax = plt.subplots(
+                1, n_panels, figsize=(width * n_panels, height), layout="constrained"
+            )
+        axes = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
+        if len(axes) != n_panels:
+            raise ValueError(
+                f"ax holds {len(axes)} axes, but this display draws {n_panels} panels; "
+                f"pass an array of {n_panels} axes, or None for a new figure."
+            )
+        yield axes
+
+
+def column_names(estimator, n_columns: int, names=None) -> list[str]:
+    """Names of the columns of X: as given, or as the estimator saw them, or x0, x1, ..."""
+    if names is None:
+        names = getattr(estimator, "feature_names_in_", None)
+    if names is None:
+        names = [f"x{i}" for i in range(n_columns)]
+    if len(names) != n_columns:
+        raise ValueError(f"names has {len(names)} entries for {n_columns} columns of X.")
+    return [str(name) for name in names]
+
+
+def axis_label(name: str, units=None) -> str:
+    """``"name (unit)"`` where `units`, a mapping from names to units, knows the name."""
+    unit = (units or {}).get(name)
+    return f"{name} ({unit})" if unit else name
+
+
+def resolve_column(column, names) -> int:
+    """Index of a column given by index or by name."""
+    if isinstance(column, str):
+        if column not in names:
+            raise ValueError(f"{column!r} is none of the columns {', '.join(names)}.")
+        return names.index(column)
+    return int(column)
+
+
+def in_fitted_form(estimator, X):
+    """`X` as a data frame where the estimator was fitted on one, else as an array."""
+    names = getattr(estimator, "feature_names_in_", None)
+    if names is None:
+        return np.asarray(X, dtype=float)
+    import pandas as pd
+
+    return pd.DataFrame(np.asarray(X, dtype=float), columns=names)
+
+
+def trajectories(groups, n_samples: int, limit: int):
+    """Pairs (name, rows) of at most `limit` trajectories, in order of appearance."""
+    groups = np.zeros(n_samples, dtype=int) if groups is None else np.asarray(groups)
+    if len(groups) != n_samples:
+        raise ValueError(f"groups has {len(groups)} entries for {n_samples} samples.")
+    _, first = np.unique(groups, return_index=True)
+    return [(groups[i], np.flatnonzero(groups == groups[i])) for i in np.sort(first)[:limit]]

@@ -1,0 +1,168 @@
+"""Which mode was active when: one bar a trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+from sklearn.utils.validation import check_is_fitted
+
+from swsysid.plotting._style import canvas, in_fitted_form, mode_colour, trajectories
+
+__all__ = ["ModeTimelineDisplay"]
+
+
+class ModeTimelineDisplay:
+    """One bar a trajectory, coloured by the active mode; the true modes beneath, if known.
+
+    Use `from_estimator`.
+
+    Parameters
+    ----------
+    times : list of ndarray of shape (n_times,)
+        Times in s.
+    modes : list of ndarray of shape (n_times,)
+        Identified modes.
+    true_modes : list of ndarray of shape (n_times,), or None
+    groups : list
+        Names of the trajectories.
+    classes : ndarray of shape (n_modes,)
+
+    Attributes
+    ----------
+    ax_ : matplotlib Axes
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib; matplotlib.use("Agg")
+    >>> import numpy as np
+    >>> from swsysid.plotting import ModeTimelineDisplay
+    >>> display = ModeTimelineDisplay(
+    ...     times=[np.arange(4.0)], modes=[np.array([0, 0, 1, 1])], true_modes=None,
+    ...     groups=["run"], classes=np.array([0, 1]))
+    >>> [label.get_text() for label in display.plot().ax_.get_yticklabels()]
+    ['run']
+    """
+
+    def __init__(self, *, times, modes, true_modes, groups, classes):
+        self.times = times
+        self.modes = modes
+        self.true_modes = true_modes
+        self.groups = groups
+        self.classes = classes
+
+    @classmethod
+    def from_estimator(
+        cls, estimator, X, t, *, groups=None, modes=None, max_trajectories=12, ax=None, **kwargs
+    ):
+        """Predict the modes along the trajectories and draw them.
+
+        Parameters
+        ----------
+        estimator : SwitchingSystemRegressor or classifier
+        X : array-like or data frame of shape (n_samples, n_features)
+            Rows of one trajectory in time order.
+        t : array-like of shape (n_samples,)
+            Times in s.
+        groups : array-like of shape (n_samples,), default=None
+            The trajectory of each row; one trajectory if None.
+        modes : array-like of shape (n_samples,), default=None
+            True modes; relabelled to agree best with the identified ones.
+        max_trajectories : int, default=12
+        ax : matplotlib Axes, default=None
+        **kwargs
+            Passed to ``ax.broken_barh``.
+
+        Returns
+        -------
+        ModeTimelineDisplay
+        """
+        check_is_fitted(estimator)
+        t = np.asarray(t, dtype=float)
+        predict = getattr(estimator, "predict_modes", None) or estimator.predict
+        predicted = np.asarray(predict(in_fitted_form(estimator, X)))
+        chosen = trajectories(groups, len(t), max_trajectories)
+        if modes is not None:
+            modes = _relabelled(np.asarray(modes), predicted)
+        display = cls(
+            times=[t[rows] for _, rows in chosen],
+            modes=[predicted[rows] for _, rows in chosen],
+            true_modes=None if modes is None else [modes[rows] for _, rows in chosen],
+            groups=[name for name, _ in chosen],
+            classes=np.unique(predicted if modes is None else np.concatenate([predicted, modes])),
+        )
+        return display.plot(ax=ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, default=None
+            A new figure if None.
+        **kwargs
+            Passed to ``ax.broken_barh``.
+
+        Returns
+        -------
+        ModeTimelineDisplay
+        """
+        height = 1.6 + 0.45 * len(self.groups)
+        with canvas(ax, panel_size=(8.0, height)) as (axes,):
+            self.ax_, self.figure_ = axes, axes.figure
+            top = 0.8 if self.true_modes is None else 0.5
+            for row, (t, modes) in enumerate(zip(self.times, self.modes, strict=True)):
+                self._bar(axes, t, modes, row - 0.4, top, **kwargs)
+                if self.true_modes is not None:
+                    true = {"alpha": 0.5, **kwargs}
+                    self._bar(axes, t, self.true_modes[row], row + 0.15, 0.25, **true)
+            axes.set_yticks(range(len(self.groups)), [str(name) for name in self.groups])
+            axes.invert_yaxis()
+            axes.set(xlabel="time (s)", ylabel="trajectory")
+            self._legend(axes)
+        return self
+
+    def _bar(self, ax, t, modes, bottom, height, **kwargs):
+        edges = _sample_edges(t)
+        starts = np.flatnonzero(np.r_[True, modes[1:] != modes[:-1]])
+        stops = np.r_[starts[1:], len(modes)]
+        colours = [mode_colour(p) for p in np.searchsorted(self.classes, modes[starts])]
+        spans = list(zip(edges[starts], edges[stops] - edges[starts], strict=True))
+        ax.broken_barh(spans, (bottom, height), facecolors=colours, linewidth=0, **kwargs)
+
+    def _legend(self, ax):
+        from matplotlib.patches import Patch
+
+        handles = [
+            Patch(color=mode_colour(position), label=f"mode {label}")
+            for position, label in enumerate(self.classes)
+        ]
+        if self.true_modes is not None:
+            handles.append(Patch(color="0.6", label="thin bar: true modes"))
+        ax.legend(
+            handles=handles,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+            ncols=len(handles),
+            frameon=False,
+        )
+
+
+def _sample_edges(t):
+    """Each sample holds from the middle of the interval before it to that after it."""
+    middles = (t[1:] + t[:-1]) / 2
+    return np.r_[t[0], middles, t[-1]]
+
+
+def _relabelled(modes, predicted):
+    """`modes` under the renaming of labels that agrees best with `predicted`."""
+    from scipy.optimize import linear_sum_assignment
+
+    labels, classes = np.unique(modes), np.unique(predicted)
+    agreement = np.array(
+        [[np.sum((modes == a) & (predicted == b)) for b in classes] for a in labels]
+    )
+    rows, columns = linear_sum_assignment(agreement, maximize=True)
+    # a label without a partner keeps a name of its own after the predicted ones
+    names = np.arange(len(labels)) + classes.max() + 1
+    names[rows] = classes[columns]
+    return names[np.searchsorted(labels, modes)]

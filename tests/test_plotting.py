@@ -1,0 +1,228 @@
+"""Displays draw what the estimator says, leave no style behind, and name their axes."""
+
+from types import SimpleNamespace
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from sklearn.base import BaseEstimator
+from sklearn.tree import DecisionTreeClassifier
+
+from swsysid._results import IterationRecord
+from swsysid.plotting import (
+    ConvergenceDisplay,
+    ModeTimelineDisplay,
+    ResidualDisplay,
+    RolloutDisplay,
+    SwitchingSurfaceDisplay,
+)
+
+THRESHOLD = 0.3
+
+
+class _Surface:
+    """f(x) = x_0 - 0.3 + (x_2 - 1): vanishes at x_0 = 0.3 where x_2 is 1."""
+
+    def surface_values(self, X):
+        rest = X[:, 2] - 1.0 if X.shape[1] > 2 else 0.0
+        return (X[:, 0] - THRESHOLD + rest)[:, None]
+
+
+class _Switching(BaseEstimator):
+    """xdot = -x in mode 0, -2x in mode 1, as the regressor's interface has it."""
+
+    def fit(self, n_states=2):
+        self.surface_ = _Surface()
+        self.coef_ = np.stack([-np.eye(n_states), -2.0 * np.eye(n_states)])
+        self.history_ = [
+            IterationRecord(i, 10.0**-i, 0.0, 0.0, 50 - 10 * i, 0.2 * i, 0.1) for i in range(1, 6)
+        ]
+        return self
+
+    def predict_modes(self, X):
+        return (self.surface_.surface_values(np.asarray(X))[:, 0] > 0).astype(int)
+
+    def predict(self, X):
+        return -(1.0 + self.predict_modes(X))[:, None] * X
+
+    def simulate(self, x0, t, inputs=None, *, input_hold="zero"):
+        # stops after 8 times, 0.5 to the right of where it should be
+        return SimpleNamespace(x=x0 * np.exp(-(t - t[0]))[:8, None] + [0.5, 0.0])
+
+
+@pytest.fixture
+def model():
+    return _Switching().fit()
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+def _samples(n_features=2, seed=0):
+    return np.random.default_rng(seed).uniform(-1, 1, size=(300, n_features))
+
+
+def _lines_of(ax):
+    """Vertices of the line contours of an axes, one array a contour set."""
+    return [
+        np.vstack([path.vertices for path in collection.get_paths() if len(path.vertices)])
+        for collection in ax.collections
+        if isinstance(collection, matplotlib.contour.ContourSet) and not collection.filled
+    ]
+
+
+def test_no_style_is_left_behind(model):
+    before = dict(matplotlib.rcParams)
+    X = _samples()
+    SwitchingSurfaceDisplay.from_estimator(model, X)
+    ConvergenceDisplay.from_estimator(model)
+    ResidualDisplay.from_estimator(model, X, model.predict(X))
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_surface_is_drawn_at_the_zero_level_set(model):
+    display = SwitchingSurfaceDisplay.from_estimator(model, _samples())
+    (line,) = _lines_of(display.ax_)
+    # a linear function is interpolated exactly
+    np.testing.assert_allclose(line[:, 0], THRESHOLD, atol=1e-12)
+
+
+def test_other_features_are_held_at_their_medians(model):
+    X = _samples(3)
+    X[:, 2] = X[:, 2] + 1.0
+    display = SwitchingSurfaceDisplay.from_estimator(model, X)
+    (line,) = _lines_of(display.ax_)
+    np.testing.assert_allclose(line[:, 0], THRESHOLD - (np.median(X[:, 2]) - 1.0), atol=1e-12)
+
+
+def test_true_guard_and_names(model):
+    display = SwitchingSurfaceDisplay.from_estimator(
+        model,
+        _samples(),
+        true_guard=lambda X: X[:, 1] - 0.1,
+        names=["x", "v"],
+        units={"v": "m/s"},
+        features=("v", "x"),
+    )
+    identified, true = _lines_of(display.ax_)
+    np.testing.assert_allclose(identified[:, 1], THRESHOLD, atol=1e-12)
+    np.testing.assert_allclose(true[:, 0], 0.1, atol=1e-12)
+    assert display.ax_.get_xlabel() == "v (m/s)"
+    assert display.ax_.get_ylabel() == "x"
+
+
+def test_any_classifier_shows_its_regions():
+    X = _samples()
+    tree = DecisionTreeClassifier(max_depth=1).fit(X, np.where(X[:, 0] > 0.2, "right", "left"))
+    display = SwitchingSurfaceDisplay.from_estimator(tree, X)
+    (line,) = _lines_of(display.ax_)
+    # the edge lies within one cell of the grid (2.16 / 249) of the tree's threshold
+    np.testing.assert_allclose(line[:, 0], tree.tree_.threshold[0], atol=0.01)
+    assert list(display.classes) == ["left", "right"]
+
+
+def test_a_data_frame_keeps_its_names():
+    pd = pytest.importorskip("pandas")
+    X = pd.DataFrame(_samples(), columns=["x", "v"])
+    tree = DecisionTreeClassifier(max_depth=1).fit(X, X["x"] > 0)
+    display = SwitchingSurfaceDisplay.from_estimator(tree, X, features=["x", "v"])
+    assert display.labels == ("x", "v")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"features": ("x0", "speed")}, "'speed' is none of the columns x0, x1"),
+        ({"names": ["x"]}, "names has 1 entries for 2 columns"),
+    ],
+)
+def test_surface_display_names_what_is_wrong(model, arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        SwitchingSurfaceDisplay.from_estimator(model, _samples(), **arguments)
+
+
+def test_convergence_draws_the_history(model):
+    display = ConvergenceDisplay.from_estimator(model, label="first")
+    display.plot(ax=display.ax_, label="second")
+    objective, changes, tightness = (axis.get_lines() for axis in display.ax_)
+    assert len(objective) == len(changes) == len(tightness) == 2
+    np.testing.assert_array_equal(objective[0].get_ydata(), [r.objective for r in model.history_])
+    np.testing.assert_array_equal(changes[0].get_ydata(), [40, 30, 20, 10, 0])
+    np.testing.assert_array_equal(tightness[0].get_ydata(), [r.tightness for r in model.history_])
+    assert display.ax_[0].get_yscale() == "log"
+
+
+def test_convergence_needs_three_axes(model):
+    with pytest.raises(ValueError, match="ax holds 1 axes, but this display draws 3 panels"):
+        ConvergenceDisplay.from_estimator(model, ax=plt.figure().subplots())
+
+
+def test_rollout_error_is_the_distance_to_the_measured_states(model):
+    t = np.tile(np.linspace(0.0, 1.0, 10), 2)
+    groups = np.repeat(["b", "a"], 10)
+    X = np.column_stack([np.exp(-t), np.exp(-t)]) * np.repeat([1.0, 2.0], 10)[:, None]
+    display = RolloutDisplay.from_estimator(model, X, t, groups=groups)
+    assert [len(error) for error in display.errors] == [8, 8]
+    np.testing.assert_allclose(np.concatenate(display.errors), 0.5, rtol=1e-12)
+    np.testing.assert_array_equal(display.measured[1], X[10:])
+    for line, error in zip(display.ax_[1].get_lines(), display.errors, strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), error[1:])
+
+
+def test_rollout_of_one_feature_is_drawn_over_time(model):
+    t = np.linspace(2.0, 3.0, 10)
+    X = np.column_stack([np.exp(-t), np.exp(-t)])
+    display = RolloutDisplay.from_estimator(model, X, t, features=[1], names=["x", "v"])
+    identified, measured = display.ax_[0].get_lines()
+    np.testing.assert_array_equal(measured.get_xdata(), t - 2.0)
+    np.testing.assert_array_equal(measured.get_ydata(), X[:, 1])
+    assert len(identified.get_xdata()) == 8
+    assert display.ax_[0].get_xlabel() == "time (s)"
+
+
+def test_rollout_draws_states_only(model):
+    X = np.zeros((5, 3))
+    with pytest.raises(ValueError, match="name one or two of the states x0, x1"):
+        RolloutDisplay.from_estimator(model, X, np.arange(5.0), features=[2])
+
+
+def test_timeline_bars_end_between_samples_and_ignore_the_naming(model):
+    t = np.arange(6.0)
+    X = np.column_stack([[1, 1, -1, -1, -1, 1], np.zeros(6)])
+    true_modes = np.array([7, 7, 4, 4, 4, 7])  # the model calls them 1 and 0
+    display = ModeTimelineDisplay.from_estimator(model, X, t, modes=true_modes)
+    np.testing.assert_array_equal(display.modes[0], [1, 1, 0, 0, 0, 1])
+    np.testing.assert_array_equal(display.true_modes[0], display.modes[0])
+    bars = display.ax_.collections[0].get_paths()
+    spans = [(path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in bars]
+    assert spans == [(0.0, 1.5), (1.5, 4.5), (4.5, 5.0)]
+
+
+def test_residual_shows_the_missing_step(model):
+    X = _samples(seed=1)
+    Xdot = model.predict(X) + np.column_stack([np.zeros(300), 0.2 * np.sign(X[:, 1])])
+    display = ResidualDisplay.from_estimator(model, X, Xdot, against=1, names=["x", "v"])
+    assert display.labels == ("v", "residual of d/dt v")
+    np.testing.assert_allclose(display.residual, 0.2 * np.sign(display.coordinate), atol=1e-12)
+    medians = display.ax_.get_lines()[-1]
+    ends = np.asarray(medians.get_ydata())[[0, -1]]
+    np.testing.assert_allclose(ends, [-0.2, 0.2], atol=1e-12)
+
+
+def test_residual_against_time(model):
+    X = _samples()
+    t = np.linspace(0, 3, len(X))
+    display = ResidualDisplay.from_estimator(
+        model, X, model.predict(X), against=t, units={"against": "time (s)"}
+    )
+    assert display.ax_.get_xlabel() == "time (s)"
+    np.testing.assert_array_equal(display.coordinate, t)
+    with pytest.raises(ValueError, match="against has 299 entries for 300 samples"):
+        ResidualDisplay.from_estimator(model, X, X, against=t[1:])
