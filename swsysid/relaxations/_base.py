@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 
 import numpy as np
 from sklearn.base import BaseEstimator
 
 from swsysid._losses import get_loss
-from swsysid._results import Array, Assignment
+from swsysid._results import Array, Assignment, Status
 
-__all__ = ["Relaxation"]
+__all__ = ["Relaxation", "one_hot"]
 
 
-class Relaxation(BaseEstimator):
+class Relaxation(ABC, BaseEstimator):
     r"""A relaxation of the mode constraint :math:`\lambda_i \in \{e_1, \dots, e_M\}`.
 
     For given velocities of every mode it solves, sample by sample,
@@ -21,7 +21,9 @@ class Relaxation(BaseEstimator):
     .. math:: \min_{\lambda_i} \; \mathcal{L}\Big(\dot x_i - \sum_j \lambda_{ij} v_{ij}\Big)
 
     over the relaxed set of memberships. Subclass it and write `assign` to add one; parameters
-    go into ``__init__`` as in any scikit-learn estimator.
+    go into ``__init__`` as in any scikit-learn estimator. The other methods are there to help:
+    `checked` refuses unusable arrays, `mode_losses` values every mode, and `hardened` turns
+    memberships and the relaxation's value into an `Assignment`.
 
     Attributes
     ----------
@@ -29,6 +31,21 @@ class Relaxation(BaseEstimator):
         Name of the loss, ``"l1"`` unless the regressor that holds the relaxation sets it.
     solver : str
         Name of the solver, set like `loss`; ``"auto"`` lets the relaxation choose.
+
+    Examples
+    --------
+    A relaxation that spreads every sample over the modes by the inverse of their losses:
+
+    >>> import numpy as np
+    >>> from swsysid.relaxations import Relaxation
+    >>> class InverseLoss(Relaxation):
+    ...     def assign(self, candidates, targets):
+    ...         inverse = 1.0 / (1e-9 + self.mode_losses(candidates, targets))
+    ...         membership = inverse / inverse.sum(axis=1, keepdims=True)
+    ...         return self.hardened(candidates, targets, membership, lower_bound=0.0)
+    >>> candidates = np.array([[[0.0]], [[1.0]]])
+    >>> InverseLoss().assign(candidates, np.array([[0.75]])).membership.round(2)
+    array([[0.25, 0.75]])
     """
 
     loss = "l1"
@@ -50,6 +67,56 @@ class Relaxation(BaseEstimator):
         Assignment
         """
 
+    def checked(self, candidates, targets) -> tuple[Array, Array]:
+        """Return both as arrays of floats, or raise ValueError saying what is wrong."""
+        candidates = np.asarray(candidates, dtype=float)
+        targets = np.asarray(targets, dtype=float)
+        if candidates.ndim != 3 or candidates.shape[1:] != targets.shape or not len(candidates):
+            raise ValueError(
+                f"candidates have shape {candidates.shape} and targets {targets.shape}; they "
+                "must be (n_modes, n_samples, n_states) and (n_samples, n_states)."
+            )
+        if not (np.isfinite(candidates).all() and np.isfinite(targets).all()):
+            raise ValueError(
+                "candidates or targets contain NaN or infinity; remove those samples first."
+            )
+        return candidates, targets
+
     def mode_losses(self, candidates: Array, targets: Array) -> Array:
         """Loss of every sample in every mode, shape (n_samples, n_modes)."""
         return get_loss(self.loss).values(targets - np.asarray(candidates)).T
+
+    def hardened(
+        self, candidates, targets, membership, lower_bound, tightness=None, status=Status.OPTIMAL
+    ) -> Assignment:
+        """Assignment whose objective is the loss of each row's largest membership.
+
+        `lower_bound` is the relaxation's value; rounding may have left it above the objective,
+        which cannot be, so the smaller one is kept. By default a row is tight where it is
+        one-hot to 1e-6.
+        """
+        losses = self.mode_losses(candidates, targets)
+        modes = membership.argmax(axis=1)
+        objective = float(losses[np.arange(len(modes)), modes].sum())
+        if tightness is None:
+            tightness = membership.max(axis=1) >= 1.0 - 1e-6
+        return Assignment(
+            membership, objective, min(float(lower_bound), objective), tightness, status
+        )
+
+    def unsolved(self, candidates, targets, status: Status) -> Assignment:
+        """Assignment to report when a solver gave no point: the best mode, a bound of zero.
+
+        Zero bounds every loss from below, so the record stays true; `status` says what happened.
+        """
+        losses = self.mode_losses(candidates, targets)
+        membership = one_hot(losses.argmin(axis=1), losses.shape[1])
+        nowhere = np.zeros(len(losses), dtype=bool)
+        return self.hardened(candidates, targets, membership, 0.0, nowhere, status)
+
+
+def one_hot(modes, n_modes: int) -> Array:
+    """Memberships (n_samples, n_modes) of labels (n_samples,)."""
+    membership = np.zeros((len(modes), n_modes))
+    membership[np.arange(len(modes)), modes] = 1.0
+    return membership
