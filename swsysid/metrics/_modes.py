@@ -1,0 +1,146 @@
+"""Agreement of two labellings by mode, whatever the modes are called.
+
+Modes carry arbitrary names, so every metric first matches the predicted modes to the true ones.
+Each finds the matching that is best *for itself*, as an assignment problem on the contingency
+table (`scipy.optimize.linear_sum_assignment`); the numbers of modes may differ.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from sklearn.utils import check_consistent_length, column_or_1d
+
+from swsysid._results import Array
+from swsysid._rows import check_sample_weight
+
+__all__ = ["balanced_mode_accuracy", "match_modes", "mode_accuracy", "mode_iou"]
+
+
+def mode_accuracy(modes_true, modes_pred, sample_weight=None) -> float:
+    r"""Fraction of samples in the right mode, for the best matching of the modes.
+
+    .. math:: \max_{\pi} \; \sum_i w_i \, [\pi(\hat q_i) = q_i] \Big/ \sum_i w_i
+
+    over one-to-one matchings :math:`\pi` of predicted to true modes; a predicted mode without
+    partner is wrong everywhere.
+
+    Parameters
+    ----------
+    modes_true, modes_pred : array-like of shape (n_samples,)
+        Labels of any kind; the two need not use the same names nor the same number of modes.
+    sample_weight : array-like of shape (n_samples,), default=None
+
+    Returns
+    -------
+    float
+        Between 0 and 1.
+
+    Examples
+    --------
+    >>> from swsysid.metrics import mode_accuracy
+    >>> mode_accuracy([0, 0, 1, 1], [1, 1, 0, 1])
+    0.75
+    """
+    table = _contingency(modes_true, modes_pred, sample_weight)[0]
+    return float(_matched(table).sum() / table.sum())
+
+
+def balanced_mode_accuracy(modes_true, modes_pred, sample_weight=None) -> float:
+    """Mean over the true modes of the fraction found, for the matching that maximises it.
+
+    Every mode counts the same however rarely it is visited: where one mode holds 95 % of the
+    samples, calling everything that mode scores 0.5 here and 0.95 in `mode_accuracy`.
+
+    Parameters
+    ----------
+    modes_true, modes_pred : array-like of shape (n_samples,)
+    sample_weight : array-like of shape (n_samples,), default=None
+
+    Returns
+    -------
+    float
+        Between 0 and 1.
+
+    Examples
+    --------
+    >>> from swsysid.metrics import balanced_mode_accuracy
+    >>> balanced_mode_accuracy(["a", "a", "a", "b"], [0, 0, 0, 0])
+    0.5
+    """
+    table = _contingency(modes_true, modes_pred, sample_weight)[0]
+    recalls = table / table.sum(axis=1, keepdims=True)
+    return float(_matched(recalls).sum() / len(table))
+
+
+def mode_iou(modes_true, modes_pred, sample_weight=None) -> float:
+    """Mean intersection over union (the paper's mIoU), for the matching that maximises it.
+
+    The mean runs over the larger of the two numbers of modes: a mode without partner, true or
+    predicted, has intersection zero.
+
+    Parameters
+    ----------
+    modes_true, modes_pred : array-like of shape (n_samples,)
+    sample_weight : array-like of shape (n_samples,), default=None
+
+    Returns
+    -------
+    float
+        Between 0 and 1.
+
+    Examples
+    --------
+    >>> from swsysid.metrics import mode_iou
+    >>> round(mode_iou([0, 0, 1, 1], [1, 1, 0, 1]), 4)  # (2/3 + 1/2) / 2
+    0.5833
+    """
+    table = _contingency(modes_true, modes_pred, sample_weight)[0]
+    unions = table.sum(axis=1, keepdims=True) + table.sum(axis=0, keepdims=True) - table
+    return float(_matched(table / unions).sum() / max(table.shape))
+
+
+def match_modes(modes_true, modes_pred, sample_weight=None) -> dict:
+    """Name of the true mode of each predicted mode, in the matching with the most agreement.
+
+    Parameters
+    ----------
+    modes_true, modes_pred : array-like of shape (n_samples,)
+    sample_weight : array-like of shape (n_samples,), default=None
+
+    Returns
+    -------
+    dict
+        ``{predicted: true}``. With as many predicted as true modes it is a permutation; with
+        more, the predicted modes left without partner are absent.
+
+    Examples
+    --------
+    >>> from swsysid.metrics import match_modes
+    >>> match_modes(["slow", "fast", "fast"], [0, 1, 1])
+    {0: 'slow', 1: 'fast'}
+    """
+    table, names_true, names_pred = _contingency(modes_true, modes_pred, sample_weight)
+    pairs = zip(*linear_sum_assignment(table, maximize=True), strict=True)
+    matched = {names_pred[column].item(): names_true[row].item() for row, column in pairs}
+    return {name: matched[name] for name in names_pred.tolist() if name in matched}
+
+
+def _contingency(modes_true, modes_pred, sample_weight):
+    """Weight of each pair of a true mode (rows) and a predicted mode, with the modes' names."""
+    modes_true, modes_pred = column_or_1d(modes_true), column_or_1d(modes_pred)
+    check_consistent_length(modes_true, modes_pred)
+    if len(modes_true) == 0:
+        raise ValueError("there are no samples; a mode metric needs at least one.")
+    weights = check_sample_weight(sample_weight, len(modes_true))
+    present = weights > 0
+    names_true, rows = np.unique(modes_true[present], return_inverse=True)
+    names_pred, columns = np.unique(modes_pred[present], return_inverse=True)
+    table = np.zeros((len(names_true), len(names_pred)))
+    np.add.at(table, (rows, columns), weights[present])
+    return table, names_true, names_pred
+
+
+def _matched(gains: Array) -> Array:
+    """Gains of the matched pairs in the one-to-one matching with the largest sum."""
+    return gains[linear_sum_assignment(gains, maximize=True)]
