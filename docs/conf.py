@@ -1,0 +1,48 @@
+"""Sphinx configuration: Markdown pages, the API from docstrings, the examples run and shown."""
+
+import os
+
+import swsysid
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+project = "swsysid"
+author = "the swsysid developers"
+copyright = "the swsysid developers"
+release = swsysid.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["_build", "auto_examples/*.ipynb", "auto_examples/*.py.md5"]
+html_theme = "pydata_sphinx_theme"
+html_static_path = ["_static"]
+html_title = "swsysid"
+html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False}
+
+myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_heading_anchors = 3
+
+autosummary_generate = True
+autodoc_typehints = "none"
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "auto_examples",
+    "filename_pattern": "/plot_",
+    "abort_on_example_error": True,
+    "show_memory": False,
+    "download_all_examples": False,
+    "within_subsection_order": "FileNameSortKey",
+    # seconds differ from run to run; so do the warnings of their pickled configuration
+    "min_reported_time": 1e9,
+}
+# sphinx-gallery's configuration cannot be pickled; that is no defect of these pages.
+suppress_warnings = ["config.cache"]

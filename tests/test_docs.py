@@ -1,0 +1,69 @@
+"""The code of the README and of every page runs, and prints what stands beneath it."""
+
+import contextlib
+import doctest
+import io
+import re
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+matplotlib.use("Agg")
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+# a block of Python and, where one follows at once, the block of text that it prints
+BLOCK = re.compile(r"^```python\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", re.M | re.S)
+
+
+def _pages_with_code():
+    return [page for page in PAGES if BLOCK.search(page.read_text(encoding="utf-8"))]
+
+
+def _prints(expected, printed):
+    return doctest.OutputChecker().check_output(
+        expected, printed, doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    )
+
+
+@pytest.mark.parametrize("page", _pages_with_code(), ids=lambda page: page.stem)
+def test_blocks_run_in_order(page, tmp_path, monkeypatch):
+    import matplotlib.pyplot as plt
+
+    monkeypatch.chdir(tmp_path)
+    text = page.read_text(encoding="utf-8")
+    # classes defined on a page look up their module's name
+    namespace = {"__name__": "__main__"}
+    for block in BLOCK.finditer(text):
+        line = text[: block.start()].count("\n") + 1
+        printed = io.StringIO()
+        # blank lines put the block at its place in the page, for tracebacks
+        code = compile("\n" * line + block[1], str(page), "exec")
+        with contextlib.redirect_stdout(printed):
+            exec(code, namespace)
+        if block[2] is not None:
+            assert _prints(block[2], printed.getvalue()), (
+                f"{page.name}:{line} prints\n{printed.getvalue()}instead of\n{block[2]}"
+            )
+    plt.close("all")
+
+
+def test_the_readme_shows_an_example_at_once():
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    assert lines.index("```python") < 25
+
+
+def test_links_of_the_pages_lead_somewhere():
+    for page in PAGES:
+        for target in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", page.read_text("utf-8")):
+            built = target.startswith("auto_examples/")
+            path = (
+                ROOT / "examples" / (Path(target).stem + ".py") if built else page.parent / target
+            )
+            assert path.exists(), f"{page.name} links to {target}"
+
+
+def test_a_wrong_output_is_noticed():
+    assert _prints("error 0.1...\n", "error 0.12\n")
+    assert not _prints("error 0.1\n", "error 0.2\n")
