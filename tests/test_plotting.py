@@ -118,6 +118,17 @@ def test_true_guard_and_names(model):
     assert display.ax_.get_ylabel() == "x"
 
 
+def test_given_modes_are_coloured_as_the_predicted_ones_they_agree_with(model):
+    X = _samples()
+    true_modes = np.where(X[:, 0] > THRESHOLD, "fast", "slow")
+    display = SwitchingSurfaceDisplay.from_estimator(model, X, modes=true_modes)
+    np.testing.assert_array_equal(display.modes, model.predict_modes(X))
+    third = np.where(X[:, 0] < -0.8, "stuck", true_modes)
+    display = SwitchingSurfaceDisplay.from_estimator(model, X, modes=third)
+    assert display.classes == [0, 1, "stuck (true)"]
+    np.testing.assert_array_equal(display.modes == "stuck (true)", third == "stuck")
+
+
 def test_any_classifier_shows_its_regions():
     X = _samples()
     tree = DecisionTreeClassifier(max_depth=1).fit(X, np.where(X[:, 0] > 0.2, "right", "left"))

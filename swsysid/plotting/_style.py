@@ -6,6 +6,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from swsysid.metrics import match_modes
+
 __all__ = [
     "PALETTE",
     "axis_label",
@@ -14,6 +16,8 @@ __all__ = [
     "in_fitted_form",
     "mode_colour",
     "mode_marker",
+    "mode_names",
+    "named_as_predicted",
     "resolve_column",
     "trajectories",
 ]
@@ -45,6 +49,24 @@ def mode_colour(position: int) -> str:
 def mode_marker(position: int) -> str:
     """Marker of the mode at a position of the sorted labels."""
     return _MARKERS[position % len(_MARKERS)]
+
+
+def named_as_predicted(modes, predicted):
+    """Given modes under the names of the predicted ones; the predicted ones if None is given.
+
+    Which mode is called 0 is arbitrary, so the names are matched for the most agreement; a given
+    mode without a partner keeps its name, marked.
+    """
+    if modes is None:
+        return predicted
+    partners = match_modes(predicted, modes)
+    labels = np.asarray(modes).tolist()
+    return np.array([partners.get(label, f"{label} (true)") for label in labels], dtype=object)
+
+
+def mode_names(predicted, named) -> list:
+    """Names of all modes: the predicted ones in order, then what only `named` has."""
+    return list(dict.fromkeys(np.unique(predicted).tolist() + np.asarray(named).tolist()))
 
 
 @contextmanager

@@ -12,6 +12,8 @@ from swsysid.plotting._style import (
     in_fitted_form,
     mode_colour,
     mode_marker,
+    mode_names,
+    named_as_predicted,
     resolve_column,
 )
 
@@ -35,7 +37,8 @@ class SwitchingSurfaceDisplay:
         The same for the true guard; empty if unknown.
     samples : ndarray of shape (n_samples, 2)
     modes : ndarray of shape (n_samples,)
-    classes : ndarray of shape (n_modes,)
+    classes : list
+        Names of the modes.
     labels : tuple of two str
         Labels of the axes, with units where they are known.
 
@@ -92,7 +95,8 @@ class SwitchingSurfaceDisplay:
             the predicted regions are drawn.
         X : array-like or data frame of shape (n_samples, n_features)
         modes : array-like of shape (n_samples,), default=None
-            Labels that colour the samples; the predicted ones if None.
+            Labels that colour the samples, such as the true ones, under the names of the
+            predicted modes that they agree with best; the predicted ones if None.
         features : pair of int or str, default=(0, 1)
             The features on the axes.
         true_guard : callable, default=None
@@ -120,12 +124,10 @@ class SwitchingSurfaceDisplay:
         points, shape = _plane(X, columns, grid)
 
         predict = getattr(estimator, "predict_modes", None) or estimator.predict
-        predicted = np.asarray(predict(in_fitted_form(estimator, points)))
-        if modes is None:
-            modes = predict(in_fitted_form(estimator, X))
-        modes = np.asarray(modes)
-        classes = np.unique(np.concatenate([modes, predicted]))
-        regions = np.searchsorted(classes, predicted).reshape(shape)
+        predicted = np.asarray(predict(in_fitted_form(estimator, np.vstack([X, points]))))
+        modes = named_as_predicted(modes, predicted[: len(X)])
+        in_plane = predicted[len(X) :]
+        regions = np.searchsorted(np.unique(predicted), in_plane).reshape(shape)
         display = cls(
             grid=grid,
             regions=regions,
@@ -133,7 +135,7 @@ class SwitchingSurfaceDisplay:
             true_levels=[] if true_guard is None else _as_levels(true_guard(points), shape),
             samples=X[:, columns],
             modes=modes,
-            classes=classes,
+            classes=mode_names(predicted, modes),
             labels=tuple(axis_label(names[column], units) for column in columns),
         )
         return display.plot(ax=ax, **kwargs)

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from swsysid.plotting._style import canvas, in_fitted_form, mode_colour, trajectories
+from swsysid.plotting._style import (
+    canvas,
+    in_fitted_form,
+    mode_colour,
+    mode_names,
+    named_as_predicted,
+    trajectories,
+)
 
 __all__ = ["ModeTimelineDisplay"]
 
@@ -24,7 +31,8 @@ class ModeTimelineDisplay:
     true_modes : list of ndarray of shape (n_times,), or None
     groups : list
         Names of the trajectories.
-    classes : ndarray of shape (n_modes,)
+    classes : list
+        Names of the modes.
 
     Attributes
     ----------
@@ -38,7 +46,7 @@ class ModeTimelineDisplay:
     >>> from swsysid.plotting import ModeTimelineDisplay
     >>> display = ModeTimelineDisplay(
     ...     times=[np.arange(4.0)], modes=[np.array([0, 0, 1, 1])], true_modes=None,
-    ...     groups=["run"], classes=np.array([0, 1]))
+    ...     groups=["run"], classes=[0, 1])
     >>> [label.get_text() for label in display.plot().ax_.get_yticklabels()]
     ['run']
     """
@@ -81,14 +89,13 @@ class ModeTimelineDisplay:
         predict = getattr(estimator, "predict_modes", None) or estimator.predict
         predicted = np.asarray(predict(in_fitted_form(estimator, X)))
         chosen = trajectories(groups, len(t), max_trajectories)
-        if modes is not None:
-            modes = _relabelled(np.asarray(modes), predicted)
+        named = named_as_predicted(modes, predicted)
         display = cls(
             times=[t[rows] for _, rows in chosen],
             modes=[predicted[rows] for _, rows in chosen],
-            true_modes=None if modes is None else [modes[rows] for _, rows in chosen],
+            true_modes=None if modes is None else [named[rows] for _, rows in chosen],
             groups=[name for name, _ in chosen],
-            classes=np.unique(predicted if modes is None else np.concatenate([predicted, modes])),
+            classes=mode_names(predicted, named),
         )
         return display.plot(ax=ax, **kwargs)
 
@@ -125,7 +132,7 @@ class ModeTimelineDisplay:
         edges = _sample_edges(t)
         starts = np.flatnonzero(np.r_[True, modes[1:] != modes[:-1]])
         stops = np.r_[starts[1:], len(modes)]
-        colours = [mode_colour(p) for p in np.searchsorted(self.classes, modes[starts])]
+        colours = [mode_colour(self.classes.index(mode)) for mode in modes[starts]]
         spans = list(zip(edges[starts], edges[stops] - edges[starts], strict=True))
         ax.broken_barh(spans, (bottom, height), facecolors=colours, linewidth=0, **kwargs)
 
@@ -151,18 +158,3 @@ def _sample_edges(t):
     """Each sample holds from the middle of the interval before it to that after it."""
     middles = (t[1:] + t[:-1]) / 2
     return np.r_[t[0], middles, t[-1]]
-
-
-def _relabelled(modes, predicted):
-    """`modes` under the renaming of labels that agrees best with `predicted`."""
-    from scipy.optimize import linear_sum_assignment
-
-    labels, classes = np.unique(modes), np.unique(predicted)
-    agreement = np.array(
-        [[np.sum((modes == a) & (predicted == b)) for b in classes] for a in labels]
-    )
-    rows, columns = linear_sum_assignment(agreement, maximize=True)
-    # a label without a partner keeps a name of its own after the predicted ones
-    names = np.arange(len(labels)) + classes.max() + 1
-    names[rows] = classes[columns]
-    return names[np.searchsorted(labels, modes)]
