@@ -17,6 +17,7 @@ from scipy.sparse import csr_array
 from swsysid._results import Array, SolverError, Status
 
 __all__ = [
+    "HAS_VALUES",
     "IntegerSolution",
     "LinearSolution",
     "linear_program",
@@ -24,6 +25,9 @@ __all__ = [
     "modelling",
     "solve",
 ]
+
+# Ends of `solve` after which the variables hold the solver's last point.
+HAS_VALUES = (Status.OPTIMAL, Status.INACCURATE, Status.ITERATION_LIMIT)
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,7 @@ def solve(problem, solver: str = "auto") -> Status:
     Returns
     -------
     Status
-        Variables have values only where it is `OPTIMAL`, `INACCURATE` or a limit.
+        Variables hold values of this solve only where it is in `HAS_VALUES`.
 
     Raises
     ------
@@ -145,7 +149,9 @@ def solve(problem, solver: str = "auto") -> Status:
             problem.solve(solver=name)
         except (cp.error.SolverError, ArithmeticError, RuntimeError, ValueError):
             return Status.FAILED
-    return _CVXPY_STATUS.get(problem.status, Status.FAILED)
+    status = _CVXPY_STATUS.get(problem.status, Status.FAILED)
+    has_values = all(variable.value is not None for variable in problem.variables())
+    return Status.FAILED if status in HAS_VALUES and not has_values else status
 
 
 def mixed_integer_program(
@@ -218,8 +224,6 @@ _LINPROG_STATUS = {
 }
 _MILP_STATUS = _LINPROG_STATUS | {1: Status.TIME_LIMIT}
 
-_HAS_VALUES = (Status.OPTIMAL, Status.INACCURATE, Status.ITERATION_LIMIT)
-
 
 def _full_bounds(bounds, n_variables: int) -> Array:
     pairs = (-np.inf, np.inf) if bounds is None else bounds
@@ -263,7 +267,7 @@ def _linear_program_cvxpy(cost, rows, bounds, solver) -> LinearSolution:
     box += [x[has_high] <= bounds[has_high, 1]] if has_high.any() else []
     problem = cp.Problem(cp.Minimize(cost @ x), inequalities + equalities + box)
     status = solve(problem, solver)
-    if status not in _HAS_VALUES or x.value is None:
+    if status not in HAS_VALUES:
         return _no_linear_solution(cost, rows, status)
     dual_ub, dual_eq = (
         np.concatenate([np.atleast_1d(constraint.dual_value) for constraint in constraints])

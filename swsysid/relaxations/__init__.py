@@ -6,11 +6,13 @@ from sklearn.base import clone
 
 from swsysid.relaxations._base import Relaxation
 from swsysid.relaxations._exact import ExactRelaxation
+from swsysid.relaxations._moment import MomentRelaxation
 from swsysid.relaxations._simplex import SimplexRelaxation
 
 __all__ = [
     "RELAXATIONS",
     "ExactRelaxation",
+    "MomentRelaxation",
     "Relaxation",
     "SimplexRelaxation",
     "get_relaxation",
@@ -18,6 +20,7 @@ __all__ = [
 
 RELAXATIONS = {
     "simplex": SimplexRelaxation,
+    "moment": MomentRelaxation,
     "exact": ExactRelaxation,
 }
 

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator
 from swsysid._losses import get_loss
 from swsysid._results import Array, Assignment, Status
 
-__all__ = ["Relaxation", "one_hot"]
+__all__ = ["Relaxation", "on_simplex", "one_hot"]
 
 
 class Relaxation(ABC, BaseEstimator):
@@ -86,6 +86,11 @@ class Relaxation(ABC, BaseEstimator):
         """Loss of every sample in every mode, shape (n_samples, n_modes)."""
         return get_loss(self.loss).values(targets - np.asarray(candidates)).T
 
+    def soft_losses(self, membership: Array, candidates: Array, targets: Array) -> Array:
+        """Loss of every sample at its soft membership, shape (n_samples,)."""
+        mixed = np.einsum("im,mik->ik", membership, candidates)
+        return get_loss(self.loss).values(targets - mixed)
+
     def hardened(
         self, candidates, targets, membership, lower_bound, tightness=None, status=Status.OPTIMAL
     ) -> Assignment:
@@ -120,3 +125,9 @@ def one_hot(modes, n_modes: int) -> Array:
     membership = np.zeros((len(modes), n_modes))
     membership[np.arange(len(modes)), modes] = 1.0
     return membership
+
+
+def on_simplex(membership: Array) -> Array:
+    """Memberships without the solver's rounding: not negative, and rows that sum to one."""
+    membership = np.maximum(membership, 0.0)
+    return membership / membership.sum(axis=1, keepdims=True)

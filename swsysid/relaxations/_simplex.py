@@ -20,10 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import bsr_array
 
-from swsysid import _conic
-from swsysid._losses import get_loss
+from swsysid._conic import HAS_VALUES, linear_program, modelling, solve
 from swsysid._results import Array, Assignment, Status
-from swsysid.relaxations._base import Relaxation, one_hot
+from swsysid.relaxations._base import Relaxation, on_simplex, one_hot
 
 __all__ = ["SimplexRelaxation"]
 
@@ -84,7 +83,7 @@ class SimplexRelaxation(Relaxation):
             membership, status = _assign_whole(candidates, targets, self.loss, self.solver)
         if membership is None:
             return self.unsolved(candidates, targets, status)
-        value = _losses_at(membership, candidates, targets, self.loss).sum()
+        value = self.soft_losses(membership, candidates, targets).sum()
         return self.hardened(candidates, targets, membership, value, status=status)
 
     def _assign_samples(self, candidates, targets):
@@ -101,16 +100,10 @@ class SimplexRelaxation(Relaxation):
         if membership is None:
             return None, status
         # Of several minimisers keep the one-hot one, if there is one.
-        value = _losses_at(membership, candidates, targets, self.loss)
+        value = self.soft_losses(membership, candidates, targets)
         fractional = losses[pending, best[pending]] > value * (1.0 + ROUNDING)
         vertices[pending[fractional]] = membership[fractional]
         return vertices, status
-
-
-def _losses_at(membership, candidates, targets, loss):
-    """Loss of each sample at its soft membership, shape (n_samples,)."""
-    mixed = np.einsum("im,mik->ik", membership, candidates)
-    return get_loss(loss).values(targets - mixed)
 
 
 def _vertex_is_optimal(candidates, targets, best, geometry):
@@ -184,7 +177,7 @@ def _hull_l1_chunk(candidates, targets):
     blocks[:, -1, :n_modes] = 1.0
     cost = np.concatenate([np.zeros(n_modes), np.ones(2 * n_states)])
     right = np.column_stack([(targets - candidates[0]) / scale, np.ones(n_samples)])
-    solution = _conic.linear_program(
+    solution = linear_program(
         np.tile(cost, n_samples),
         A_eq=bsr_array((blocks, np.arange(n_samples), np.arange(n_samples + 1))),
         b_eq=right.ravel(),
@@ -192,7 +185,7 @@ def _hull_l1_chunk(candidates, targets):
     )
     if not solution.status.ok:
         return None, solution.status
-    return _on_simplex(solution.x.reshape(n_samples, -1)[:, :n_modes]), solution.status
+    return on_simplex(solution.x.reshape(n_samples, -1)[:, :n_modes]), solution.status
 
 
 def _hull_euclidean(candidates, targets):
@@ -225,9 +218,9 @@ def _hull_euclidean(candidates, targets):
             proved = (excess <= tolerance * distance) | (distance <= tolerance)
             pending = pending[~(better & proved)]
             if not pending.size:
-                return _on_simplex(membership), Status.OPTIMAL
+                return on_simplex(membership), Status.OPTIMAL
     # Rounding can hide the proof of a nearly degenerate face; the nearest point is kept.
-    return _on_simplex(membership), Status.OPTIMAL
+    return on_simplex(membership), Status.OPTIMAL
 
 
 def _project(corners, targets):
@@ -237,12 +230,6 @@ def _project(corners, targets):
     inner = np.einsum("ijk,ik->ij", np.linalg.pinv(edges, rcond=ACCURACY), offset)
     weights = np.column_stack([1.0 - inner.sum(axis=1), inner])
     return weights, offset - np.einsum("ikj,ij->ik", edges, inner)
-
-
-def _on_simplex(membership):
-    """Rows with the solver's rounding removed."""
-    membership = np.maximum(membership, 0.0)
-    return membership / membership.sum(axis=1, keepdims=True)
 
 
 class _Geometry(NamedTuple):
@@ -261,7 +248,7 @@ _GEOMETRIES = {"l1": _L1, "l2": _EUCLIDEAN, "squared": _EUCLIDEAN}
 
 def _assign_whole(candidates, targets, loss, solver):
     """Memberships from one cvxpy program over all samples, in units of the largest residual."""
-    cp = _conic.modelling()
+    cp = modelling()
     n_modes, n_samples, n_states = candidates.shape
     scale = np.abs(targets - candidates).max(initial=0.0) or 1.0
     membership = cp.Variable((n_samples, n_modes), nonneg=True)
@@ -278,7 +265,7 @@ def _assign_whole(candidates, targets, loss, solver):
         "squared": lambda: cp.sum_squares(residuals),
     }[loss]()
     problem = cp.Problem(cp.Minimize(cost), [cp.sum(membership, axis=1) == 1])
-    status = _conic.solve(problem, solver)
-    if membership.value is None:
+    status = solve(problem, solver)
+    if status not in HAS_VALUES:
         return None, status
-    return _on_simplex(membership.value), status
+    return on_simplex(membership.value), status

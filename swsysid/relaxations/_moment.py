@@ -1,0 +1,262 @@
+"""The moment (Lasserre) relaxation as the semidefinite program it is, of order 1, 2, ...
+
+It is here for certificates and for teaching: `SimplexRelaxation` has the value of order 1 and
+`ExactRelaxation` that of order 2, both without solving anything (docs/mathematics.md). All
+programs are written in the displacements u_j = v_j - xdot, in units of the longest one: on
+sum_j lambda_j = 1 the residual is c = xdot - sum_j lambda_j v_j = -sum_j lambda_j u_j.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations_with_replacement
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from swsysid._conic import HAS_VALUES, modelling, solve
+from swsysid._results import Array, Assignment, Status
+from swsysid.relaxations._base import Relaxation, on_simplex
+
+__all__ = ["MomentRelaxation"]
+
+# Second over first singular value below which a moment matrix counts as rank one; the paper's
+# own experiments use this number.
+RANK_TOLERANCE = 1e-6
+# Samples in one semidefinite program of order 1. cvxpy compiles it once for all of them; twice
+# as many take four times as long to compile and gain nothing in the solver.
+CHUNK = 50
+# The slacks are bounded, as a compact set of moments needs it. In units of the longest
+# displacement no residual exceeds 1, so that the bound is never active.
+SLACK_BOUND = 1.25
+
+
+class MomentRelaxation(Relaxation):
+    r"""Moment relaxation of the mode constraint (paper, problem "Mode assignment as SDP").
+
+    Order 1, Shor's relaxation, is the paper's program,
+
+    .. math:: \min_{\lambda_i, \Lambda_i} \;
+        \mathcal{L}\Big(\dot x_i - \sum_j \lambda_{ij} v_{ij}\Big) \quad\text{s.t.}\quad
+        \begin{bmatrix} 1 & \lambda_i^T \\ \lambda_i & \Lambda_i \end{bmatrix} \succeq 0, \;
+        \operatorname{diag}(\Lambda_i) = \lambda_i, \; \mathbf{1}^T \lambda_i = 1.
+
+    From order 2 on the slacks :math:`\delta \ge |c(\lambda)|` of the norm are variables of the
+    moment problem and their inequalities are localizing matrices; the Euclidean norm enters as
+    the matrix inequality of its second-order cone, and a squared loss as second moments of
+    :math:`\lambda` alone.
+
+    Parameters
+    ----------
+    order : int, default=1
+        Half the degree of the highest moment. Order 1 takes about a second for 2000 samples,
+        order 2 some hundredths of a second *a sample*, and the semidefinite matrices grow with
+        the order as the binomial of (variables + order) over order.
+
+    Notes
+    -----
+    `Assignment.tightness` is the rank test on the moment matrix of :math:`\lambda`: the second
+    singular value below 1e-6 of the first. Order 1 has the value of the simplex relaxation and
+    order 2 that of the hard assignment, so a higher order has nothing to add.
+
+    Examples
+    --------
+    The measured velocity 0.25 lies between the candidates 0 and 1. Order 1 mixes them and fits
+    it exactly, order 2 knows that the best single mode misses it by 0.25.
+
+    >>> import numpy as np
+    >>> from swsysid.relaxations import MomentRelaxation
+    >>> candidates, targets = np.array([[[0.0]], [[1.0]]]), np.array([[0.25]])
+    >>> [round(MomentRelaxation(order).assign(candidates, targets).lower_bound, 4) + 0.0
+    ...  for order in (1, 2)]
+    [0.0, 0.25]
+    """
+
+    def __init__(self, order: int = 1):
+        self.order = order
+
+    def assign(self, candidates: Array, targets: Array) -> Assignment:
+        """Assign every sample to the modes; see `Relaxation.assign`.
+
+        Raises
+        ------
+        ValueError
+            If the shapes do not match, there are NaN or infinite entries, or `order` is not a
+            positive integer.
+        SolverError
+            If the solver is not installed.
+        """
+        candidates, targets = self.checked(candidates, targets)
+        if not isinstance(self.order, (int, np.integer)) or self.order < 1:
+            raise ValueError(f"order={self.order!r}; the order of a moment relaxation is 1, 2, ...")
+        displacements = (candidates - targets).transpose(1, 0, 2)
+        scale = np.linalg.norm(displacements, axis=2).max(axis=1)
+        scale[scale == 0] = 1.0
+        chunk = min(CHUNK, max(len(targets), 1)) if self.order == 1 else 1
+        build = _shor if self.order == 1 else _lasserre
+        program = build(self.loss, len(candidates), targets.shape[1], chunk, self.order)
+        moments, values, statuses = _solve_chunks(
+            program, displacements / scale[:, None, None], chunk, self.solver
+        )
+        status = next((status for status in statuses if not status.ok), Status.OPTIMAL)
+        membership = self.unsolved(candidates, targets, status).membership
+        solved = np.isfinite(values)
+        membership[solved] = on_simplex(moments[solved, 0, 1:])
+        units = np.square(scale) if self.loss == "squared" else scale
+        # A sample without a solution keeps its best mode, and zero bounds its loss from below.
+        value = float(np.where(solved, values * units, 0.0).sum())
+        tightness = np.zeros(len(targets), dtype=bool)
+        tightness[solved] = _rank_one(moments[solved])
+        return self.hardened(candidates, targets, membership, value, tightness, status)
+
+
+class _Program(NamedTuple):
+    """A parametrised cvxpy problem over a few samples, and how to fill and to read it."""
+
+    problem: Any
+    set_data: Callable  # displacements (n_samples, n_modes, n_states) -> None
+    moments: Callable  # () -> moment matrices of lambda (n_samples, n_modes + 1, n_modes + 1)
+    values: Callable  # () -> relaxed loss of each sample (n_samples,)
+
+
+def _solve_chunks(program, displacements, chunk, solver):
+    """Moment matrices and values of all samples, NaN where unsolved, and the statuses met."""
+    n_samples, n_modes, _ = displacements.shape
+    moments = np.full((n_samples, n_modes + 1, n_modes + 1), np.nan)
+    values = np.full(n_samples, np.nan)
+    statuses = []
+    for start in range(0, n_samples, chunk):
+        # The last chunk repeats the last sample, to have the size that was compiled.
+        rows = np.minimum(np.arange(start, start + chunk), n_samples - 1)
+        program.set_data(displacements[rows])
+        statuses.append(solve(program.problem, solver))
+        if statuses[-1] in HAS_VALUES:
+            moments[rows], values[rows] = program.moments(), program.values()
+    return moments, values, statuses
+
+
+def _rank_one(moments):
+    singular = np.linalg.svd(moments, compute_uv=False)
+    return singular[:, 1] < RANK_TOLERANCE * singular[:, 0]
+
+
+def _shor(loss, n_modes, n_states, n_samples, order):
+    """Order 1: the loss stays a convex function of the first moments."""
+    cp = modelling()
+    data = [cp.Parameter((n_samples, n_modes)) for _ in range(n_states)]
+    membership = cp.Variable((n_samples, n_modes))
+    matrices = [cp.Variable((n_modes + 1, n_modes + 1), PSD=True) for _ in range(n_samples)]
+    constraints = [cp.sum(membership, axis=1) == 1]
+    for sample, matrix in enumerate(matrices):
+        first = membership[sample]
+        constraints += [matrix[0, 0] == 1, matrix[0, 1:] == first, cp.diag(matrix)[1:] == first]
+    residuals = cp.vstack([cp.sum(cp.multiply(u, membership), axis=1) for u in data])
+    # A sample's squared norm and its norm have the same minimisers, and the norm, which does not
+    # flatten near zero, lets the solver find them more exactly.
+    norms = cp.norm(residuals, 1 if loss == "l1" else 2, axis=0)
+
+    def set_data(displacements):
+        for state, parameter in enumerate(data):
+            parameter.value = displacements[:, :, state]
+
+    return _Program(
+        cp.Problem(cp.Minimize(cp.sum(norms)), constraints),
+        set_data,
+        lambda: np.stack([matrix.value for matrix in matrices]),
+        lambda: np.square(norms.value) if loss == "squared" else norms.value,
+    )
+
+
+class _Moments:
+    """Moments L(m) of the monomials m of degree <= 2 order in (lambda, delta).
+
+    lambda_j^2 = lambda_j is used to write every monomial with exponents of lambda of at most
+    one. That is the constraint M_{r-1}((lambda_j^2 - lambda_j) y) = 0 of the paper, solved: it
+    says L(m lambda_j^2) = L(m lambda_j) for all m with m lambda_j^2 of degree <= 2r.
+    """
+
+    def __init__(self, n_modes, n_slacks, order):
+        self.n_modes, self.n_variables = n_modes, n_modes + n_slacks
+        self.index = {m: i for i, m in enumerate(self.monomials(2 * order))}
+        self.variable = modelling().Variable(len(self.index))
+
+    def monomials(self, degree):
+        """All reduced monomials up to `degree`, as sorted tuples of variable numbers."""
+        products = (
+            self.reduced(product)
+            for d in range(degree + 1)
+            for product in combinations_with_replacement(range(self.n_variables), d)
+        )
+        return list(dict.fromkeys(products))
+
+    def reduced(self, product):
+        modes = {variable for variable in product if variable < self.n_modes}
+        return tuple(sorted([*modes, *(v for v in product if v >= self.n_modes)]))
+
+    def vector(self, monomials):
+        """L of each monomial."""
+        return self.variable[[self.index[self.reduced(m)] for m in monomials]]
+
+    def matrix(self, basis, factor=()):
+        """Matrix L(factor a b) over a, b in `basis`."""
+        entries = self.vector([a + b + factor for a in basis for b in basis])
+        return modelling().reshape(entries, (len(basis), len(basis)), order="C")
+
+
+def _lasserre(loss, n_modes, n_states, n_samples, order):
+    """Order >= 2, one sample at a time: moments of (lambda, delta) and localizing matrices."""
+    cp = modelling()
+    moments = _Moments(n_modes, {"l1": n_states, "l2": 1, "squared": 0}[loss], order)
+    modes, slacks = range(n_modes), range(n_modes, moments.n_variables)
+    data = cp.Parameter((n_modes, n_states))
+    gram = cp.Parameter((n_modes, n_modes))
+    basis = moments.monomials(order - 1)
+
+    def residual_matrix(state):
+        """Localizing matrix of c_k, up to its sign."""
+        return sum(data[j, state] * moments.matrix(basis, (j,)) for j in modes)
+
+    def l1_cone():
+        for state, slack in enumerate(slacks):
+            bound, residual = moments.matrix(basis, (slack,)), residual_matrix(state)
+            yield from (bound - residual, bound + residual)
+
+    def l2_cone():
+        # |c| <= delta  <=>  [[delta, c^T], [c, delta I]] >= 0, localized as a matrix.
+        bound = moments.matrix(basis, (slacks[0],))
+        residuals = [residual_matrix(state) for state in range(n_states)]
+        zero = np.zeros((len(basis), len(basis)))
+        rows = [
+            [residual, *(bound if other == state else zero for other in range(n_states))]
+            for state, residual in enumerate(residuals)
+        ]
+        yield cp.bmat([[bound, *residuals], *rows])
+
+    unit = moments.matrix(basis)
+    semidefinite = [
+        moments.matrix(moments.monomials(order)),
+        *{"l1": l1_cone, "l2": l2_cone, "squared": lambda: ()}[loss](),
+        *(SLACK_BOUND * unit - moments.matrix(basis, (slack,)) for slack in slacks),
+    ]
+    # L(m (sum_j lambda_j - 1)) = 0 for every m that keeps within the localizing matrix.
+    multipliers = moments.monomials(2 * order - 2)
+    unit_sum = sum(moments.vector([m + (j,) for m in multipliers]) for j in modes)
+    value = (
+        cp.sum(moments.vector([(slack,) for slack in slacks]))
+        if slacks
+        else cp.sum(cp.multiply(gram, moments.matrix([(j,) for j in modes])))
+    )
+    constraints = [moments.vector([()]) == 1, unit_sum == moments.vector(multipliers)]
+    constraints += [matrix >> 0 for matrix in semidefinite]
+    first_order = moments.matrix(moments.monomials(1)[: n_modes + 1])
+
+    def set_data(displacements):
+        data.value = displacements[0]
+        gram.value = displacements[0] @ displacements[0].T
+
+    return _Program(
+        cp.Problem(cp.Minimize(value), constraints),
+        set_data,
+        lambda: first_order.value[None],
+        lambda: np.atleast_1d(value.value),
+    )
