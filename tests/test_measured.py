@@ -128,18 +128,18 @@ def test_the_silverbox_has_a_cubic_spring(fetch_measured):
     """Free run of a two-lag regression on the multisine: linear as published, cubic far better."""
     data = fetch_measured(_measured.fetch_silverbox)
 
-    def terms(y1, y2, u1, u2, degree):
-        return [y1, y2, u1, u2, 1.0, y1**2, y1**3][: 5 if degree == 1 else 7]
+    def terms(y1, y2, u0, u1, u2, degree):
+        return [y1, y2, u0, u1, u2, 1.0, y1**2, y1**3][: 6 if degree == 1 else 8]
 
     def free_run(degree):
         y, u = data.train.x[:, 0], data.train.inputs[:, 0]
-        columns = terms(y[1:-1], y[:-2], u[1:-1], u[:-2], degree)
+        columns = terms(y[1:-1], y[:-2], u[2:], u[1:-1], u[:-2], degree)
         design = np.column_stack(np.broadcast_arrays(*columns))
         coef = np.linalg.lstsq(design, y[2:], rcond=None)[0].tolist()
         y, u = data.test.x[:, 0].tolist(), data.test.inputs[:, 0].tolist()
         run = y[:50]  # initialise
         for k in range(50, len(y)):
-            now = terms(run[k - 1], run[k - 2], u[k - 1], u[k - 2], degree)
+            now = terms(run[k - 1], run[k - 2], u[k], u[k - 1], u[k - 2], degree)
             run.append(sum(c * term for c, term in zip(coef, now, strict=True)))
         return 1e3 * np.sqrt(np.mean((np.array(y) - run)[50:] ** 2))
 
