@@ -60,7 +60,7 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
         X = validate_data(self, X, reset=False)
         columns = [
             np.broadcast_to(np.asarray(function(*X[:, list(group)].T), dtype=float), len(X))
-            for function, group in self._terms()
+            for function, _, group in self._terms()
         ]
         return np.column_stack(columns)
 
@@ -68,20 +68,21 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
         """Names of the functions of the columns."""
         check_is_fitted(self, "n_features_in_")
         given = self._input_names() if input_features is None else list(input_features)
-        names = self.names or [_default_format(f) for f in self.functions]
-        formats = dict(zip(map(id, self.functions), names, strict=True))
-        return np.array(
-            [formats[id(f)].format(*(given[i] for i in group)) for f, group in self._terms()],
-            dtype=object,
-        )
+        names = [
+            pattern.format(*(given[column] for column in group))
+            for _, pattern, group in self._terms()
+        ]
+        return np.array(names, dtype=object)
 
     def _input_names(self):
         return getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])
 
     def _terms(self):
+        """Every function with its format and the columns it is applied to."""
+        patterns = self.names or [_default_format(function) for function in self.functions]
         return [
-            (function, group)
-            for function in self.functions
+            (function, pattern, group)
+            for function, pattern in zip(self.functions, patterns, strict=True)
             for group in combinations(range(self.n_features_in_), _arity(function))
         ]
 
