@@ -248,7 +248,7 @@ class SwitchEvent:
         Modes on the two sides.
     kind : str
         ``"crossing"``, ``"sliding"`` (both fields point at the surface), ``"leaving"`` (the end
-        of a slide).
+        of a slide), ``"input"`` (a jump of the inputs changed the mode; no root was sought).
     """
 
     time: float
