@@ -1,0 +1,29 @@
+"""Data sets: the paper's systems, generated with their truth, and measured public records."""
+
+from swsysid.datasets._generated import (
+    make_damped_oscillator,
+    make_quartic_oscillator,
+    make_switching_network,
+)
+from swsysid.datasets._measured import (
+    fetch_cascaded_tanks,
+    fetch_ced_prbs,
+    fetch_emps,
+    fetch_incubator,
+    fetch_mr_damper,
+    fetch_rc_vehicle,
+    fetch_silverbox,
+)
+
+__all__ = [
+    "fetch_cascaded_tanks",
+    "fetch_ced_prbs",
+    "fetch_emps",
+    "fetch_incubator",
+    "fetch_mr_damper",
+    "fetch_rc_vehicle",
+    "fetch_silverbox",
+    "make_damped_oscillator",
+    "make_quartic_oscillator",
+    "make_switching_network",
+]
