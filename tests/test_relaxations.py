@@ -285,6 +285,13 @@ def test_degenerate_hulls_are_solved(loss):
     assert prepared("simplex", loss).assign(same, targets).objective == 0.0
 
 
+def test_the_nearest_face_is_kept_where_rounding_hides_its_proof(monkeypatch):
+    monkeypatch.setattr("swsysid.relaxations._simplex.ACCURACY", 1e-30)
+    candidates, targets, _ = problem(5, 60, 2, 0.5, seed=1)
+    value = prepared("simplex", "l2").assign(candidates, targets).lower_bound
+    assert value == pytest.approx(simplex_reference(candidates, targets, "l2"), rel=1e-8)
+
+
 @pytest.mark.parametrize("loss", LOSSES)
 def test_a_one_hot_minimiser_is_preferred(loss):
     # both candidates miss the target by the same vector: every membership is optimal
