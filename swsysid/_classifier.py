@@ -1,0 +1,385 @@
+"""`PolynomialSurfaceClassifier`: polynomial surfaces between classes, by linear programming."""
+
+from __future__ import annotations
+
+import warnings
+from numbers import Integral, Real
+
+import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.utils import check_random_state
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from swsysid._hinge import least_squares
+from swsysid._margins import certify_margin, max_margin
+from swsysid._mode_books import candidate_books, check_book, decisions, disagreement
+from swsysid._polynomials import LibraryBasis, PolynomialBasis
+from swsysid._printing import check_format, linear_combination, symbol
+from swsysid._results import IdentificationWarning, MarginCertificate
+from swsysid._rows import canonical_rows, check_sample_weight
+from swsysid._surfaces import fit_mode_book, surface_scale, worst_status
+
+__all__ = ["PolynomialSurfaceClassifier"]
+
+_DEFAULT_MARGIN = 1e-2
+# The paper's beta in raw coordinates; in standardised ones features of order one need far less.
+_BETA_RAW, _BETA_STANDARDIZED = 1e-2, 1e-5
+
+
+class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
+    r"""Classes separated by polynomial surfaces, fitted by the margin linear program.
+
+    M classes need L = ceil(log2 M) surfaces :math:`f_\ell(x) = a_\ell^\top \phi(x)`. The
+    mode-book gives class j the sign :math:`s_{j\ell}` of surface l; with
+    :math:`\sigma_{i\ell} = s_{y_i \ell}` the coefficients solve (paper, problem "surface
+    recovery")
+
+    .. math:: \min_{a, \xi \ge 0} \; \sum_{i, \ell} w_i \xi_{i\ell} + \beta \sum_\ell
+              \|a_\ell\|_1 \quad \text{s.t.} \quad \sigma_{i\ell} f_\ell(x_i) \ge
+              \varepsilon - \xi_{i\ell}, \; |a_\ell| \le \eta .
+
+    The program is solved exactly, on a working set of rows that is checked against all. A
+    sample is given to the class of the largest
+    :math:`\min_\ell s_{j\ell} f_\ell(x) / m_\ell`, where :math:`m_\ell` is the weighted mean of
+    :math:`|f_\ell|` over the training data; this also decides sign regions that no class owns.
+
+    Parameters
+    ----------
+    degree : int, default=2
+        Degree of the polynomials; all monomials up to it, constant included, are features.
+    margin : float or "auto", default=1e-2
+        The paper's epsilon > 0. ``"auto"`` takes the middle of the interval in which the margin
+        certificate of the training data proves every surface nonzero, and 1e-2 where there is
+        no such margin (classes not separable, or beta too large).
+    beta : float or "auto", default="auto"
+        Sparsity, not negative. ``"auto"`` is 1e-5 if standardised, else the paper's 1e-2. It is
+        the price of coefficients against the *sum* of slacks and does not grow with the number
+        of samples: each sample can then afford to keep its slack zero however many there are.
+    coef_bound : float, default=10.0
+        The paper's eta: bound on the absolute value of every coefficient.
+    mode_book : "auto" or array-like of shape (n_classes, n_surfaces), default="auto"
+        Signs in {-1, +1}, a row for each of the sorted classes. ``"auto"`` tries all books up to
+        four classes, the most promising ones beyond, and keeps the one of largest weighted
+        training accuracy, then of smallest objective.
+    standardize : bool, default=True
+        Margin, beta and the box apply to polynomials of the centred and scaled columns of `X`
+        (or to the scaled columns of `feature_library`, centred too if it has a constant column),
+        so that predictions do not depend on units. False is the paper's program to the letter.
+    feature_library : transformer, PySINDy library or int, default=None
+        Replaces the monomials: its columns are the surface features.
+    solver : str, default="auto"
+        ``"auto"`` is HiGHS; any other name is a solver of cvxpy.
+    random_state : int, RandomState instance or None, default=None
+        Starts of the search for mode-books; used only with more than four classes.
+
+    Attributes
+    ----------
+    coef_ : ndarray of shape (n_surfaces, n_surface_features)
+        Coefficients in the user's units: ``surface_values(X)`` is the features of `X` times them.
+    mode_book_ : ndarray of shape (n_classes, n_surfaces), -1 or +1
+    classes_ : ndarray of shape (n_classes,)
+        Classes of positive weight.
+    slack_ : ndarray of shape (n_samples, n_surfaces)
+        Slack of every training sample; 0 for samples of weight zero.
+    objective_ : float
+        Value of the linear program.
+    complexity_ : float
+        The part of `objective_` that is beta times the absolute coefficients.
+    margin_, beta_ : float
+        The values used.
+    status_ : Status
+    feature_names_out_ : ndarray of str
+        Names of the surface features.
+    n_features_in_ : int
+    feature_names_in_ : ndarray of str
+        Only where `X` has names of its own.
+
+    See Also
+    --------
+    swsysid.SwitchingSystemRegressor : Finds the classes as well, as modes of a dynamical system.
+
+    References
+    ----------
+    K. Iwasaki, S. Teng, A. Bloch, M. Ghaffari, "Learning Hybrid Dynamics via Convex
+    Optimizations", section "Recovery of Switching Surfaces".
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from swsysid import PolynomialSurfaceClassifier
+    >>> x, y = np.meshgrid(np.linspace(-2, 2, 21), np.linspace(-2, 2, 21))
+    >>> X = np.column_stack([x.ravel(), y.ravel()])
+    >>> inside = (X**2).sum(axis=1) < 1.5
+    >>> classifier = PolynomialSurfaceClassifier(degree=2).fit(X, inside)
+    >>> classifier.score(X, inside)
+    1.0
+    >>> classifier.predict([[0.0, 0.0], [2.0, 0.0]])
+    array([ True, False])
+    """
+
+    def __init__(
+        self,
+        degree=2,
+        *,
+        margin=_DEFAULT_MARGIN,
+        beta="auto",
+        coef_bound=10.0,
+        mode_book="auto",
+        standardize=True,
+        feature_library=None,
+        solver="auto",
+        random_state=None,
+    ):
+        self.degree = degree
+        self.margin = margin
+        self.beta = beta
+        self.coef_bound = coef_bound
+        self.mode_book = mode_book
+        self.standardize = standardize
+        self.feature_library = feature_library
+        self.solver = solver
+        self.random_state = random_state
+
+    def fit(self, X, y, sample_weight=None):
+        """Fit the surfaces.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+        y : array-like of shape (n_samples,)
+            Class labels.
+        sample_weight : array-like of shape (n_samples,), default=None
+            Repetitions: a row of weight 2 is the same as two rows, of weight 0 as none.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If a parameter or the data make no sense; the sentence says which.
+        SolverError
+            If the solver is not installed or returns nothing.
+        """
+        self._check_parameters()
+        X, y = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(y)
+        weight = check_sample_weight(sample_weight, len(X))
+        self.classes_ = np.unique(y[weight > 0])
+        # Rows of weight zero are dropped below, whatever index they get here.
+        labels = np.minimum(np.searchsorted(self.classes_, y), len(self.classes_) - 1)
+        rows = canonical_rows(X, labels, sample_weight=weight)
+
+        self._basis = self._make_basis(rows.arrays[0], rows.weight)
+        features, labels = self._basis(rows.arrays[0]), rows.arrays[1]
+        books = self._books(features, labels, rows.weight)
+        self.beta_ = self._default_beta() if _is_auto(self.beta) else float(self.beta)
+        self.margin_ = _DEFAULT_MARGIN if _is_auto(self.margin) else float(self.margin)
+        book, fits = self._fit_books(features, labels, rows.weight, books)
+        if _is_auto(self.margin):
+            self.margin_ = self._certified_margin(features, book[labels], rows.weight, fits)
+            book, fits = self._fit_books(features, labels, rows.weight, [book])
+        self._store(features, labels, rows, book, fits)
+        return self
+
+    def predict(self, X):
+        """Class of every sample, shape (n_samples,)."""
+        chosen = self._class_decisions(X).argmax(axis=1)
+        return self.classes_[chosen]
+
+    def decision_function(self, X):
+        """Decision of every sample.
+
+        Returns
+        -------
+        ndarray of shape (n_samples,) for two classes, else (n_samples, n_classes)
+            For two classes the normalised surface, positive for ``classes_[1]``; else
+            min_l s_jl f_l(x) / m_l for every class j.
+        """
+        decided = self._class_decisions(X)
+        return decided[:, 1] if len(self.classes_) == 2 else decided
+
+    def surface_values(self, X):
+        """Values f_l(x) of all surfaces, not normalised, shape (n_samples, n_surfaces)."""
+        check_is_fitted(self)
+        X = validate_data(self, X, dtype=np.float64, reset=False)
+        # In fitting coordinates: the user's monomials of data far from zero cancel.
+        return self._basis(X) @ self._fitted_coef.T
+
+    def mode_penalty(self, X):
+        """Slack that each class would cost each sample, shape (n_samples, n_classes).
+
+        ``sum_l max(0, margin - s_jl f_l(x))``: with weights and `complexity_` this is the
+        objective of the linear program for any labels.
+        """
+        agreement = self.surface_values(X)[:, None, :] * self.mode_book_
+        return np.maximum(0.0, self.margin_ - agreement).sum(axis=2)
+
+    def margin_certificate(self, X, y):
+        """What can be promised about the margin on labelled data.
+
+        Solves the linear program of the paper's remark for the fitted mode-book, in the
+        coordinates of the fit; see `MarginCertificate` for what it proves and what not.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+        y : array-like of shape (n_samples,)
+            Labels among `classes_`.
+
+        Returns
+        -------
+        MarginCertificate
+        """
+        check_is_fitted(self)
+        X, y = validate_data(self, X, y, dtype=np.float64, reset=False)
+        unknown = ~np.isin(y, self.classes_)
+        if unknown.any():
+            raise ValueError(f"y holds the class {y[unknown][0]!r}, which fit has not seen.")
+        rows = canonical_rows(X, np.searchsorted(self.classes_, y))
+        certificate: MarginCertificate = certify_margin(
+            self._basis(rows.arrays[0]),
+            self.mode_book_[rows.arrays[1]].astype(float),
+            rows.weight,
+            self.margin_,
+            self.beta_,
+            float(self.coef_bound),
+            self.solver,
+        )
+        return certificate
+
+    def equations(self, precision=3, format="text"):
+        """The surfaces as equations in the user's units.
+
+        Parameters
+        ----------
+        precision : int, default=3
+            Decimals of coefficients of order one.
+        format : "text" or "latex", default="text"
+
+        Returns
+        -------
+        list of str
+            One for each surface, such as ``"f0(x0, x1) = -1.500 + 1.000 x0^2 + 1.000 x1^2"``.
+        """
+        check_is_fitted(self)
+        check_format(format)
+        arguments = ", ".join(symbol(name, format) for name in self._input_names())
+        head = "f_{{{}}}({}) = {}" if format == "latex" else "f{}({}) = {}"
+        names = list(self.feature_names_out_)
+        return [
+            head.format(
+                k, arguments, linear_combination(row, names, precision=precision, style=format)
+            )
+            for k, row in enumerate(self.coef_)
+        ]
+
+    # -- parts of fit ----------------------------------------------------------------------
+
+    def _fit_books(self, features, labels, weight, books):
+        return fit_mode_book(
+            features,
+            labels,
+            weight,
+            books,
+            self.margin_,
+            self.beta_,
+            float(self.coef_bound),
+            self.solver,
+        )
+
+    def _books(self, features, labels, weight):
+        n_classes = len(self.classes_)
+        if not _is_auto(self.mode_book):
+            return [check_book(self.mode_book, n_classes)]
+        one_hot = np.eye(n_classes)[labels]
+        residuals = one_hot - features @ least_squares(features, one_hot, weight)
+        misfit = disagreement(one_hot, residuals, weight)
+        return candidate_books(n_classes, misfit, check_random_state(self.random_state))
+
+    def _certified_margin(self, features, signs, weight, fits):
+        """Middle of the margins that certify all surfaces nonzero; the default if none does."""
+        least, largest = 0.0, np.inf
+        for sign, fit in zip(signs.T.astype(float), fits, strict=True):
+            margin, coef, _ = max_margin(
+                features, sign, float(self.coef_bound), self.solver, fit.coef
+            )
+            least = max(least, self.beta_ * np.abs(coef).sum() / weight.sum())
+            largest = min(largest, margin)
+        return 0.5 * (least + largest) if least < largest < np.inf else _DEFAULT_MARGIN
+
+    def _store(self, features, labels, rows, book, fits):
+        n_features = features.shape[1]
+        self._fitted_coef = np.array([fit.coef for fit in fits]).reshape(-1, n_features)
+        values = features @ self._fitted_coef.T
+        self._surface_scale = surface_scale(values, rows.weight)
+        self.mode_book_ = book
+        self.coef_ = self._basis.to_user(self._fitted_coef)
+        self.feature_names_out_ = self._basis.names_out
+        self.slack_ = rows.restore(np.maximum(0.0, self.margin_ - book[labels] * values))
+        self.objective_ = float(sum(fit.objective for fit in fits))
+        self.complexity_ = float(self.beta_ * np.abs(self._fitted_coef).sum())
+        self.status_ = worst_status(fit.status for fit in fits)
+        if not self.status_.ok:
+            warnings.warn(
+                f"the margin LP ended with status '{self.status_.value}'. {self.status_.advice}",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
+        if (self._fitted_coef == 0.0).all(axis=1).any():
+            warnings.warn(
+                "a surface vanished: its sparsity outweighs all slack; decrease beta or increase "
+                "margin.",
+                IdentificationWarning,
+                stacklevel=3,
+            )
+
+    # -- small things ----------------------------------------------------------------------
+
+    def _class_decisions(self, X):
+        return decisions(self.surface_values(X) / self._surface_scale, self.mode_book_)
+
+    def _input_names(self):
+        return getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])
+
+    def _make_basis(self, X, weight):
+        kind, features = (
+            (PolynomialBasis, self.degree)
+            if self.feature_library is None
+            else (LibraryBasis, self.feature_library)
+        )
+        return kind(features, X, weight, self._input_names(), self.standardize)
+
+    def _default_beta(self):
+        return _BETA_STANDARDIZED if self.standardize else _BETA_RAW
+
+    def _check_parameters(self):
+        if not _is_a(self.degree, Integral) or self.degree < 0:
+            raise ValueError(f"degree={self.degree!r}; it must be an integer, at least 0.")
+        if not _is_auto(self.margin) and not _is_positive(self.margin):
+            raise ValueError(f"margin={self.margin!r}; it must be a positive number or 'auto'.")
+        if not _is_auto(self.beta) and not (_is_positive(self.beta) or self.beta == 0.0):
+            raise ValueError(f"beta={self.beta!r}; it must be a number not below 0, or 'auto'.")
+        if not _is_positive(self.coef_bound):
+            raise ValueError(f"coef_bound={self.coef_bound!r}; it must be a positive number.")
+        if isinstance(self.mode_book, str) and self.mode_book != "auto":
+            raise ValueError(
+                f"mode_book={self.mode_book!r} is unknown; choose 'auto' or an array of signs."
+            )
+        if not isinstance(self.standardize, (bool, np.bool_)):
+            raise ValueError(f"standardize={self.standardize!r}; it must be True or False.")
+
+
+def _is_auto(value) -> bool:
+    return isinstance(value, str) and value == "auto"
+
+
+def _is_a(value, kind) -> bool:
+    return isinstance(value, kind) and not isinstance(value, (bool, np.bool_))
+
+
+def _is_positive(value) -> bool:
+    return _is_a(value, Real) and 0.0 < value < np.inf

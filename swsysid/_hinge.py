@@ -1,0 +1,188 @@
+r"""The margin LP as a function of its coefficients, and a quick descent to near its optimum.
+
+.. math:: F(a) = \sum_i w_i \max(0, \varepsilon - g_i^\top a) + \beta \|a\|_1,
+          \qquad |a| \le \eta, \qquad g_i = \sigma_i \phi_i .
+
+F is piecewise linear in a few coefficients and has as many kinks as there are rows. The descent
+smooths the kinks over a width that shrinks, and follows the minimum by Newton's method. It ends
+so near that hardly any row is still on the wrong side of its kink; `_surfaces` then solves an
+LP for the rows near their kinks and proves the result optimal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._results import Array
+
+__all__ = ["MarginProgram", "approach", "best_multiple", "least_squares"]
+
+# A smoothing width is done when Newton promises less than this share of the value.
+_SETTLED = 1e-5
+_MAX_NEWTON = 20
+_MAX_SECANTS = 15
+
+
+@dataclass(frozen=True)
+class MarginProgram:
+    """The margin LP of one surface.
+
+    Attributes
+    ----------
+    signed : ndarray of shape (n_samples, n_surface_features)
+        Features of every row times the row's sign.
+    weight : ndarray of shape (n_samples,), positive
+    margin, beta, bound : float
+    """
+
+    signed: Array
+    weight: Array
+    margin: float
+    beta: float
+    bound: float
+
+    def objective(self, coef: Array, margins: Array) -> float:
+        """F(a) for ``margins = signed @ coef``."""
+        slack = np.maximum(0.0, self.margin - margins)
+        return float(self.weight @ slack + self.beta * np.abs(coef).sum())
+
+    def dual_value(self, multipliers: Array) -> float:
+        """A lower bound of F over the box, for any multipliers in [0, weight].
+
+        With r = signed' multipliers, the minimum of beta |a_m| - r_m a_m over the box is
+        -bound * max(0, |r_m| - beta).
+        """
+        excess = np.maximum(0.0, np.abs(multipliers @ self.signed) - self.beta)
+        return float(self.margin * multipliers.sum() - self.bound * excess.sum())
+
+
+def least_squares(features: Array, targets: Array, weight: Array) -> Array:
+    """Weighted least squares with a ridge that only rounding errors notice."""
+    gram = features.T @ (features * weight[:, None])
+    gram[np.diag_indices(len(gram))] += 1e-10 * np.diag(gram) + np.finfo(float).tiny
+    moments = features.T @ (weight[:, None] * targets.reshape(len(weight), -1))
+    return np.asarray(np.linalg.solve(gram, moments), dtype=float)
+
+
+def approach(program: MarginProgram, start: Array | None = None) -> Array:
+    """Coefficients in the box near the optimum, from `start` or from least squares.
+
+    The width of the smoothing is the distance of the n-th nearest row from its kink. It starts
+    at a quarter of all rows, at fewer where there is a start, and shrinks to a few rows
+    for each coefficient.
+    """
+    n_samples, n_features = program.signed.shape
+    share = 4 if start is None else 16
+    if start is None:
+        start = least_squares(program.signed, np.ones(n_samples), program.weight)[:, 0]
+    coef = np.clip(best_multiple(program, start), -program.bound, program.bound)
+    fewest = min(max(4 * n_features, 30), n_samples - 1)
+    n_near = max(n_samples // share, fewest)
+    while True:
+        distance = np.abs(program.margin - program.signed @ coef)
+        width = max(np.partition(distance, n_near)[n_near], 1e-9 * program.margin)
+        coef = _settle(program, coef, width)
+        if n_near <= fewest:
+            return coef
+        n_near = max(n_near // 4, fewest)
+
+
+def best_multiple(program: MarginProgram, direction: Array) -> Array:
+    """The positive multiple of a direction that minimises F, exactly.
+
+    F is convex in the factor; its slope starts at beta |direction|_1 - sum_i w_i m_i with the
+    margins m_i of the direction, and grows by w_i m_i at the factor margin / m_i.
+    """
+    margins = program.signed @ direction
+    gain = program.weight * margins
+    ahead = np.flatnonzero(margins > 0.0)
+    ahead = ahead[np.argsort(-margins[ahead])]
+    slope = program.beta * np.abs(direction).sum() - gain.sum() + np.cumsum(gain[ahead])
+    turn = np.searchsorted(slope, 0.0)  # slope is sorted: its increments are positive
+    if turn == len(ahead):
+        return direction
+    return direction * (program.margin / margins[ahead[turn]])
+
+
+def _settle(program: MarginProgram, coef: Array, width: float) -> Array:
+    """Newton's method on F smoothed over `width`, from `coef`."""
+    roundness = max(1e-2 * width / program.margin * np.abs(coef).max(), 1e-9)
+    shortfall = program.margin - program.signed @ coef
+    for _ in range(_MAX_NEWTON):
+        gradient, hessian = _derivatives(program, coef, shortfall, width, roundness)
+        # A coefficient at the box stays there while F falls outwards.
+        free = np.flatnonzero((np.abs(coef) < program.bound) | (gradient * coef > 0.0))
+        step = np.zeros_like(coef)
+        step[free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
+        closing = program.signed @ step
+        slope = float(gradient @ step)
+
+        def slope_at(length, coef=coef, shortfall=shortfall, step=step, closing=closing):
+            moved = coef + length * step
+            pull = _pull(program, shortfall - length * closing, width)
+            bend = moved / np.sqrt(moved**2 + roundness**2)
+            return float(program.beta * (bend @ step) - pull @ closing)
+
+        length = _line_minimum(slope_at, slope, _room(coef, step, program.bound))
+        coef = np.clip(coef + length * step, -program.bound, program.bound)
+        shortfall = program.margin - program.signed @ coef
+        if -length * slope <= _SETTLED * program.objective(coef, program.margin - shortfall):
+            break
+    return coef
+
+
+def _pull(program: MarginProgram, shortfall: Array, width: float) -> Array:
+    """Derivative of the smoothed hinges: 0 beyond the width, the weight on the wrong side.
+
+    Each hinge max(0, t) is replaced by (t + width)^2 / (4 width) for |t| <= width.
+    """
+    return program.weight * np.clip(0.5 + shortfall / (2.0 * width), 0.0, 1.0)
+
+
+def _derivatives(program, coef, shortfall, width, roundness) -> tuple[Array, Array]:
+    """Gradient and Hessian of the smoothed F; beta |a| is rounded to beta (a^2 + r^2)^(1/2)."""
+    root = np.sqrt(coef**2 + roundness**2)
+    pull = _pull(program, shortfall, width)
+    gradient = program.beta * coef / root - pull @ program.signed
+    near = np.flatnonzero(np.abs(shortfall) <= width)
+    rows = program.signed[near]
+    hessian = rows.T @ (rows * (program.weight[near] / (2.0 * width))[:, None])
+    diagonal = np.diag_indices(len(coef))
+    # The ridge keeps a step without any curvature within 1e12 boxes.
+    ridge = 1e-11 * hessian[diagonal] + 1e-12 * np.abs(gradient) / program.bound
+    ridge += np.finfo(float).tiny
+    hessian[diagonal] += program.beta * roundness**2 / root**3 + ridge
+    return gradient, hessian
+
+
+def _room(coef: Array, step: Array, bound: float) -> float:
+    """The part of a step after which a coefficient meets the box, at most 1."""
+    moving = step != 0.0
+    room = (bound - np.sign(step[moving]) * coef[moving]) / np.abs(step[moving])
+    return float(min(1.0, room.min(initial=1.0)))
+
+
+def _line_minimum(slope_at: Callable[[float], float], slope: float, longest: float) -> float:
+    """Where a convex function on [0, longest] has about its minimum: secants on its slope.
+
+    Few rows near their kinks leave directions without curvature, in which Newton's step is far
+    too long; halving it blindly would take many trials.
+    """
+    low, high, slope_low, slope_high = 0.0, longest, slope, slope_at(longest)
+    if slope_high <= 0.0:
+        return longest
+    length = longest
+    for _ in range(_MAX_SECANTS):
+        length = low - slope_low * (high - low) / (slope_high - slope_low)
+        found = slope_at(length)
+        if abs(found) <= 0.1 * abs(slope):
+            break
+        # Halving the slope of the end that stays makes the other end move (Illinois).
+        if found > 0.0:
+            high, slope_high, slope_low = length, found, 0.5 * slope_low
+        else:
+            low, slope_low, slope_high = length, found, 0.5 * slope_high
+    return length

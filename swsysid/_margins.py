@@ -1,0 +1,147 @@
+"""What can be promised about a margin: the largest one, and what the margin LP does with it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._conic import linear_program
+from swsysid._hinge import least_squares
+from swsysid._results import Array, MarginCertificate, Status
+from swsysid._surfaces import fit_surface, require_answer, worst_status
+
+__all__ = ["certify_margin", "max_margin"]
+
+_MAX_ROUNDS = 100
+# Relative duality gaps: below the first nothing is left to do, above the second is a warning.
+_TIGHT = 1e-9
+_ACCEPTED = 1e-6
+
+
+def max_margin(
+    features: Array, signs: Array, bound: float, solver: str = "auto", start: Array | None = None
+) -> tuple[float, Array, Status]:
+    r"""Largest margin of a surface inside the box (paper, remark after the margin theorem).
+
+    .. math:: \max_{t, a} \; t \quad \text{s.t.} \quad \sigma_i a^\top \phi_i \ge t, \;
+              |a| \le \eta
+
+    Solved on a working set like the margin LP: a restricted value is an upper bound, the
+    smallest margin of its solution over all rows a lower one.
+
+    Returns
+    -------
+    margin : float
+        Attained by `coef`; 0 where no surface separates the signs.
+    coef : ndarray of shape (n_surface_features,)
+    status : Status
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.array([[-1.0], [1.0], [2.0]])
+    >>> margin, coef, _ = max_margin(x, np.array([-1.0, 1.0, 1.0]), bound=10.0)
+    >>> margin, coef
+    (10.0, array([10.]))
+    """
+    signed = features * signs[:, None]
+    n_samples, n_features = signed.shape
+    if start is None:
+        start = least_squares(signed, np.ones(n_samples), np.ones(n_samples))[:, 0]
+    negligible = 1e-12 * bound * float(np.abs(signed).max(initial=0.0))
+    margins, working = signed @ start, np.zeros(n_samples, dtype=bool)
+    upper = np.inf
+    for _ in range(_MAX_ROUNDS):
+        candidates = np.flatnonzero(~working & (margins < upper))
+        size = max(6 * n_features + 30, int(working.sum()))
+        working[candidates[np.argsort(margins[candidates])[:size]]] = True
+        upper, coef = _max_margin_of(signed[working], bound, solver)
+        margins = signed @ coef
+        gap = upper - margins.min()
+        if gap <= _TIGHT * upper + negligible or working[margins < upper].all():
+            break
+    status = Status.OPTIMAL if gap <= _ACCEPTED * upper + negligible else Status.INACCURATE
+    attained = float(margins.min())
+    return (attained if attained > negligible else 0.0), coef, status
+
+
+def _max_margin_of(signed: Array, bound: float, solver: str) -> tuple[float, Array]:
+    """The dual of the maximal margin, with one equality for each coefficient b = a / bound.
+
+    min  1'(t+ + t-)
+    s.t. G'alpha - t+ + t- = 0                            (multipliers: b)
+         1'alpha = 1,  alpha, t+, t- >= 0
+    """
+    n_rows, n_features = signed.shape
+    identity = np.eye(n_features)
+    equalities = np.block(
+        [[signed.T, -identity, identity], [np.ones(n_rows), np.zeros(2 * n_features)]]
+    )
+    solution = linear_program(
+        np.concatenate([np.zeros(n_rows), np.ones(2 * n_features)]),
+        A_eq=equalities,
+        b_eq=np.concatenate([np.zeros(n_features), [1.0]]),
+        bounds=(0.0, np.inf),
+        solver=solver,
+    )
+    require_answer(solution)
+    return bound * solution.objective, bound * np.clip(solution.dual_eq[:-1], -1.0, 1.0)
+
+
+def certify_margin(
+    features: Array,
+    signs: Array,
+    weight: Array,
+    margin: float,
+    beta: float,
+    bound: float,
+    solver: str = "auto",
+) -> MarginCertificate:
+    r"""What can be promised about the margin LP on some data.
+
+    *Nonzero surface.* Let the surface a^ have all margins at least t. For epsilon in
+    (beta |a^|_1 / sum w, t] the point (a^, no slack) is feasible and costs less than a = 0,
+    which costs epsilon sum w; so the optimum is not zero. It may have slack.
+
+    *Zero slack.* Let V(c) be the value of the program with all weights times c. If an optimum
+    without slack exists, it costs the same under c = 2, and V(2) = V(1). If conversely
+    V(2) = V(1), let a be optimal for c = 2, with slack sum S: then
+    V(1) <= S + beta |a|_1 <= 2 S + beta |a|_1 = V(2) = V(1), so S = 0 and a is optimal for
+    c = 1. Slack zero is optimal exactly if V(2) = V(1).
+
+    Parameters
+    ----------
+    features : ndarray of shape (n_samples, n_surface_features)
+    signs : ndarray of shape (n_samples, n_surfaces)
+    weight, margin, beta, bound, solver
+        As in `fit_surface`.
+
+    Returns
+    -------
+    MarginCertificate
+    """
+    n_surfaces, n_features = signs.shape[1], features.shape[1]
+    margins, coef, interval = np.zeros(n_surfaces), np.zeros((n_surfaces, n_features)), []
+    zero_slack, statuses = np.zeros(n_surfaces, dtype=bool), []
+    for surface, sign in enumerate(signs.T):
+        single, double = (
+            fit_surface(features, sign, factor * weight, margin, beta, bound, solver)
+            for factor in (1.0, 2.0)
+        )
+        margins[surface], coef[surface], status = max_margin(
+            features, sign, bound, solver, single.coef
+        )
+        least = beta * np.abs(coef[surface]).sum() / weight.sum()
+        interval.append((least, margins[surface]))
+        doubt = single.objective - single.lower_bound + double.objective - double.lower_bound
+        zero_slack[surface] = (
+            double.objective - single.objective
+            <= 1e-9 * single.objective + 2.0 * max(doubt, 0.0) + 1e-12 * margin
+        )
+        statuses += [status, single.status, double.status]
+    return MarginCertificate(
+        margin=margins,
+        coef=coef,
+        nonzero_interval=np.array(interval).reshape(n_surfaces, 2),
+        zero_slack=zero_slack,
+        status=worst_status(statuses),
+    )

@@ -1,0 +1,158 @@
+r"""The features of a surface, in the coordinates in which it is fitted and in the user's.
+
+A surface :math:`f(x) = a^\top \phi(x)` is one function; its coefficients depend on the
+coordinates. Both bases of this file evaluate features in fitting coordinates, in which the
+margin LP is well scaled, and convert coefficients into the user's units exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import comb
+from sklearn.preprocessing import PolynomialFeatures
+
+from swsysid._features import FeatureMap
+from swsysid._results import Array
+
+__all__ = ["LibraryBasis", "PolynomialBasis", "shifted_monomials"]
+
+
+class PolynomialBasis:
+    """All monomials up to a degree of (x - centre) / scale.
+
+    Parameters
+    ----------
+    degree : int
+    X : ndarray of shape (n_samples, n_features_in)
+    weight : ndarray of shape (n_samples,)
+    names : sequence of str
+        Names of the columns of `X`.
+    standardize : bool
+        If False, centre is 0 and scale 1: the user's own monomials.
+
+    Attributes
+    ----------
+    names_out : ndarray of str
+        Names of the user's monomials.
+    """
+
+    def __init__(
+        self, degree: int, X: Array, weight: Array, names: Sequence[str], standardize: bool
+    ):
+        self.centre, self.scale = np.zeros(X.shape[1]), np.ones(X.shape[1])
+        if standardize:
+            self.centre, self.scale = _centre_and_scale(X, weight)
+        self.monomials = PolynomialFeatures(degree).fit(X[:1])
+        self.names_out = self.monomials.get_feature_names_out(np.asarray(names, dtype=object))
+
+    def __call__(self, X: Array) -> Array:
+        """Features in fitting coordinates, shape (n_samples, n_features_out)."""
+        features = self.monomials.transform((X - self.centre) / self.scale)
+        if not np.isfinite(features).all():
+            raise ValueError(
+                "the monomials of X overflow; rescale X to order one or lower the degree."
+            )
+        return features
+
+    def to_user(self, coef: Array) -> Array:
+        """Coefficients of the user's monomials, from those in fitting coordinates."""
+        return coef @ shifted_monomials(self.monomials.powers_, self.centre, self.scale).T
+
+
+class LibraryBasis:
+    """The columns of a feature library, scaled, and centred if one of them is constant.
+
+    Parameters
+    ----------
+    library : transformer, PySINDy library or int
+    X, weight, names, standardize
+        As in `PolynomialBasis`.
+    """
+
+    def __init__(self, library, X: Array, weight: Array, names: Sequence[str], standardize: bool):
+        self.map = FeatureMap(library, X, names)
+        features = self.map(X)
+        n_features = features.shape[1]
+        self.centre, self.scale = np.zeros(n_features), np.ones(n_features)
+        self.constant: tuple[int, float] | None = None
+        if standardize:
+            self._standardize(features, weight)
+        given = self.map.names_out
+        self.names_out = np.array(
+            given if len(given) == n_features else [f"phi{k}" for k in range(n_features)],
+            dtype=object,
+        )
+
+    def __call__(self, X: Array) -> Array:
+        """Features in fitting coordinates, shape (n_samples, n_features_out)."""
+        return (self.map(X) - self.centre) / self.scale
+
+    def to_user(self, coef: Array) -> Array:
+        """Coefficients of the library's own columns."""
+        # sum_k b_k (phi_k - m_k) / s_k: the constant column absorbs -sum_k b_k m_k / s_k.
+        user = coef / self.scale
+        if self.constant is not None:
+            column, value = self.constant
+            user[:, column] -= user @ self.centre / value
+        return user
+
+    def _standardize(self, features: Array, weight: Array) -> None:
+        centre, spread = _centre_and_scale(features, weight)
+        varies = _varies(features)
+        constants = np.flatnonzero(~varies & (features[0] != 0.0))
+        if constants.size:
+            self.constant = (int(constants[0]), float(features[0, constants[0]]))
+            self.centre[varies] = centre[varies]
+            self.scale[varies] = spread[varies]
+            return
+        size = np.sqrt(np.average(features**2, axis=0, weights=weight))
+        self.scale = np.where(size > 0.0, size, 1.0)
+
+
+def shifted_monomials(powers: Array, centre: Array, scale: Array) -> Array:
+    r"""Matrix T that turns coefficients b of shifted monomials into those of plain ones, T b.
+
+    By the binomial theorem, coordinate by coordinate,
+
+    .. math:: \Big(\frac{x - c}{s}\Big)^k = \sum_{m \le k} \binom{k}{m}
+              \frac{(-c)^{k - m}}{s^k} \, x^m .
+
+    Parameters
+    ----------
+    powers : ndarray of shape (n_features_out, n_features_in), int
+        Exponents of every monomial; with each monomial the set holds all that divide it.
+    centre, scale : ndarray of shape (n_features_in,)
+
+    Returns
+    -------
+    ndarray of shape (n_features_out, n_features_out)
+
+    Examples
+    --------
+    ((x - 1) / 2)^2 is 0.25 - 0.5 x + 0.25 x^2:
+
+    >>> T = shifted_monomials(np.array([[0], [1], [2]]), np.array([1.0]), np.array([2.0]))
+    >>> T @ [0.0, 0.0, 1.0]
+    array([ 0.25, -0.5 ,  0.25])
+    """
+    change = np.ones((len(powers), len(powers)))
+    for exponent, c, s in zip(np.transpose(powers), centre, scale, strict=True):
+        plain, shifted = exponent[:, None], exponent[None, :]
+        missing = np.maximum(shifted - plain, 0)
+        # comb is zero where the plain exponent exceeds the shifted one.
+        change *= comb(shifted, plain) * (-c) ** missing / s**shifted
+    return change
+
+
+def _centre_and_scale(X: Array, weight: Array) -> tuple[Array, Array]:
+    """Weighted mean and standard deviation of the columns; 1 for a constant column."""
+    centre = np.average(X, axis=0, weights=weight)
+    spread = np.sqrt(np.average((X - centre) ** 2, axis=0, weights=weight))
+    return centre, np.where(_varies(X), spread, 1.0)
+
+
+def _varies(X: Array) -> np.ndarray:
+    # A column that varies by rounding errors only is constant.
+    return np.ptp(X, axis=0) > 10.0 * np.finfo(float).eps * np.abs(X).max(axis=0)
