@@ -21,7 +21,7 @@ __all__ = ["GuardedSystem", "Piece", "SimulationEnded", "SlidingSurface", "first
 
 # what a vector field or a surface may raise far away from its data
 _FAILURES = (ValueError, ArithmeticError, np.linalg.LinAlgError)
-_N_PARTS = 6
+_PARTS = np.linspace(0.0, 1.0, 5)
 
 
 class SimulationEnded(Exception):
@@ -84,11 +84,14 @@ class GuardedSystem:
 
 @dataclass(frozen=True)
 class Piece:
-    """One step of the integrator: states and inputs as functions of time in [start, stop]."""
+    """One step of the integrator: states and inputs as functions of time in [start, stop].
+
+    For several times at once `state` returns shape (n_states, n_times).
+    """
 
     start: float
     stop: float
-    state: Callable[[float], Array]
+    state: Callable[[Any], Array]
     inputs: Callable[[float], Array]
 
     def at(self, time: float) -> tuple[Array, Array]:
@@ -106,16 +109,19 @@ def first_switch(
     its closest point, so that a short visit to the other side is not missed. Visits less deep
     than `depth`, relative to the surface's values, cannot be told from a tangency at the
     accuracy of the integration and are no switch. Where only modes are known, a visit shorter
-    than a sixth of the step can be missed.
+    than a quarter of the step can be missed.
     """
-    times = np.linspace(piece.start, piece.stop, _N_PARTS + 1)
-    times = times[np.cumprod(system.within(np.array([piece.state(time) for time in times]))) > 0]
-    values = [system.values(*piece.at(time)) for time in times] if system.has_values else []
-    labels = (
-        [system.decode(value) for value in values]
-        if system.has_values
-        else [system.mode(*piece.at(time)) for time in times]
-    )
+    times = piece.start + (piece.stop - piece.start) * _PARTS
+    states = piece.state(times).T
+    if not system.within(states).all():
+        n_within = int(system.within(states).cumprod().sum())
+        times, states = times[:n_within], states[:n_within]
+    points = [(x, piece.inputs(time)) for x, time in zip(states, times, strict=True)]
+    values = [system.values(*point) for point in points] if system.has_values else []
+    labels = [
+        system.decode(values[i]) if system.has_values else system.mode(*point)
+        for i, point in enumerate(points)
+    ]
     # the first time is the end of the previous piece: in this mode by construction
     left = next((i for i in range(1, len(times)) if labels[i] != mode), len(times))
     visit = _short_visit(system, piece, mode, depth, times[:left], np.array(values[:left]))

@@ -46,7 +46,7 @@ def simulate(
     state_bound: float = 1e9,
     rtol: float = 1e-8,
     atol: float = 1e-10,
-    method: str = "DOP853",
+    method: str = "auto",
     discrete_time: bool = False,
 ) -> Trajectory:
     """Roll a switching system out from a state, with its switching events located.
@@ -81,8 +81,9 @@ def simulate(
         The trajectory ends with ``Status.STATE_LIMIT`` before a state exceeds it in magnitude.
     rtol, atol : float, default=1e-8, 1e-10
         Relative and absolute tolerance of the integration.
-    method : {"DOP853", "RK45", "Radau"}, default="DOP853"
-        Integrator; "Radau" for stiff systems.
+    method : {"auto", "DOP853", "RK45", "Radau"}, default="auto"
+        Integrator; "Radau" for stiff systems. "auto" is "RK45" with inputs, whose samples cut
+        the time into short steps, and "DOP853" without.
     discrete_time : bool, default=False
         Iterate the map x[k+1] = velocity(x[k], u[k], mode(x[k], u[k])).
 
@@ -126,7 +127,8 @@ def simulate(
         if discrete_time:
             return _iterate(guarded, start, times, samples)
         tolerances = {"rtol": max(rtol, 100 * np.finfo(float).eps), "atol": atol}
-        solver = partial(_METHODS[method], **tolerances)
+        auto = "DOP853" if samples is None else "RK45"
+        solver = partial(_METHODS[auto if method == "auto" else method], **tolerances)
         rollout = _Rollout(guarded, start, times, solver, rtol, max_switches, max_steps)
         return rollout.run(samples, input_hold)
 
@@ -139,8 +141,8 @@ def _checked(x0, t, input_hold, method):
         raise ValueError("t must be a 1-d array of finite, strictly increasing times.")
     if input_hold not in ("zero", "linear"):
         raise ValueError(f"input_hold={input_hold!r} is unknown; choose 'zero' or 'linear'.")
-    if method not in _METHODS:
-        raise ValueError(f"method={method!r} is unknown; choose one of {', '.join(_METHODS)}.")
+    if method not in ("auto", *_METHODS):
+        raise ValueError(f"method={method!r} is unknown; choose auto, {', '.join(_METHODS)}.")
     return x0, t
 
 
@@ -259,6 +261,8 @@ class _Rollout:
     def _cross(self, piece, switch, end):
         """Enter the mode behind the surface, or slide where its field points back."""
         modes = (self.mode, self.system.mode(self.x, piece.inputs(self.time)))
+        if modes[0] == modes[1]:  # seen only by the roundoff of evaluating several times at once
+            return
         span = max(end - piece.start, switch[1] - piece.start)
         surface = SlidingSurface.at(self.system, piece, switch, modes, self.scale, span)
         if surface.attracts(self.x, self.time, piece.inputs):
@@ -291,9 +295,13 @@ class _Rollout:
 
     def _pieces(self, field: Callable, end: float, signal: Callable) -> Iterator[Piece]:
         """Steps of the integrator from the present state to `end`."""
-        if not np.isfinite(field(self.time, self.x)).all():
+        if self.step_size is not None:
+            # the last step may have been cut by the end of its stretch: try a longer one
+            first = min(2 * self.step_size, end - self.time)
+        elif np.isfinite(field(self.time, self.x)).all():
+            first = None
+        else:  # no integrator can choose a step from this
             raise SimulationEnded(Status.STEP_FAILURE)
-        first = None if self.step_size is None else min(self.step_size, end - self.time)
         solver = self.solver(field, self.time, self.x, end, first_step=first)
         while solver.status == "running":
             self._step(solver)
@@ -313,17 +321,22 @@ class _Rollout:
 
     def _advance(self, piece, until):
         """Move to a time within the piece, and note the requested times on the way."""
-        first, last = len(self.states), np.searchsorted(self.times, until, side="right")
-        asked = np.append(self.times[first:last], until)
-        states = piece.state(asked).T
-        reached = int(np.cumprod(self.system.within(states)).sum())
-        noted = states[: min(reached, last - first)]
-        self.states.extend(noted)
-        self.modes.extend([self.mode] * len(noted))
-        if reached < len(asked):
+        # the state that `first_switch` saw at this time, bit for bit
+        x = piece.state(until)
+        asked = self.times[len(self.states) : np.searchsorted(self.times, until, side="right")]
+        if asked.size:
+            self._note(piece.state(asked).T)
+        if not self.system.within(x):
             raise SimulationEnded(Status.STATE_LIMIT)
-        self.time, self.x = float(until), states[-1]
+        self.time, self.x = float(until), x
         self.scale = max(self.scale, float(np.linalg.norm(self.x)))
+
+    def _note(self, states):
+        reached = int(self.system.within(states).cumprod().sum())
+        self.states.extend(states[:reached])
+        self.modes.extend([self.mode] * reached)
+        if reached < len(states):
+            raise SimulationEnded(Status.STATE_LIMIT)
 
     def _change_mode(self, mode, kind):
         before, self.mode = self.mode, mode
