@@ -206,48 +206,33 @@ class _Moments:
 def _lasserre(loss, n_modes, n_states, n_samples, order):
     """Order >= 2, one sample at a time: moments of (lambda, delta) and localizing matrices."""
     cp = modelling()
-    moments = _Moments(n_modes, {"l1": n_states, "l2": 1, "squared": 0}[loss], order)
+    n_slacks, cones = _NORM_CONES[loss]
+    moments = _Moments(n_modes, n_slacks(n_states), order)
     modes, slacks = range(n_modes), range(n_modes, moments.n_variables)
     data = cp.Parameter((n_modes, n_states))
     gram = cp.Parameter((n_modes, n_modes))
     basis = moments.monomials(order - 1)
-
-    def residual_matrix(state):
-        """Localizing matrix of c_k, up to its sign."""
-        return sum(data[j, state] * moments.matrix(basis, (j,)) for j in modes)
-
-    def l1_cone():
-        for state, slack in enumerate(slacks):
-            bound, residual = moments.matrix(basis, (slack,)), residual_matrix(state)
-            yield from (bound - residual, bound + residual)
-
-    def l2_cone():
-        # |c| <= delta  <=>  [[delta, c^T], [c, delta I]] >= 0, localized as a matrix.
-        bound = moments.matrix(basis, (slacks[0],))
-        residuals = [residual_matrix(state) for state in range(n_states)]
-        zero = np.zeros((len(basis), len(basis)))
-        rows = [
-            [residual, *(bound if other == state else zero for other in range(n_states))]
-            for state, residual in enumerate(residuals)
-        ]
-        yield cp.bmat([[bound, *residuals], *rows])
-
-    unit = moments.matrix(basis)
-    semidefinite = [
-        moments.matrix(moments.monomials(order)),
-        *{"l1": l1_cone, "l2": l2_cone, "squared": lambda: ()}[loss](),
-        *(SLACK_BOUND * unit - moments.matrix(basis, (slack,)) for slack in slacks),
+    # Localizing matrices of every component of the residual, up to its sign, and of the slacks.
+    residuals = [
+        sum(data[j, state] * moments.matrix(basis, (j,)) for j in modes)
+        for state in range(n_states)
     ]
+    bounds = [moments.matrix(basis, (slack,)) for slack in slacks]
     # L(m (sum_j lambda_j - 1)) = 0 for every m that keeps within the localizing matrix.
     multipliers = moments.monomials(2 * order - 2)
     unit_sum = sum(moments.vector([m + (j,) for m in multipliers]) for j in modes)
+    semidefinite = [
+        moments.matrix(moments.monomials(order)),
+        *cones(bounds, residuals),
+        *(SLACK_BOUND * moments.matrix(basis) - bound for bound in bounds),
+    ]
+    constraints = [moments.vector([()]) == 1, unit_sum == moments.vector(multipliers)]
+    constraints += [matrix >> 0 for matrix in semidefinite]
     value = (
         cp.sum(moments.vector([(slack,) for slack in slacks]))
         if slacks
         else cp.sum(cp.multiply(gram, moments.matrix([(j,) for j in modes])))
     )
-    constraints = [moments.vector([()]) == 1, unit_sum == moments.vector(multipliers)]
-    constraints += [matrix >> 0 for matrix in semidefinite]
     first_order = moments.matrix(moments.monomials(1)[: n_modes + 1])
 
     def set_data(displacements):
@@ -260,3 +245,32 @@ def _lasserre(loss, n_modes, n_states, n_samples, order):
         lambda: first_order.value[None],
         lambda: np.atleast_1d(value.value),
     )
+
+
+def _l1_cones(bounds, residuals):
+    """-delta_k <= c_k <= delta_k, localized."""
+    for bound, residual in zip(bounds, residuals, strict=True):
+        yield from (bound - residual, bound + residual)
+
+
+def _l2_cones(bounds, residuals):
+    """|c| <= delta, that is [[delta, c^T], [c, delta I]] >= 0, localized as a matrix."""
+    (bound,) = bounds
+    zero = np.zeros(bound.shape)
+    rows = [
+        [residual, *(bound if other == state else zero for other in range(len(residuals)))]
+        for state, residual in enumerate(residuals)
+    ]
+    yield modelling().bmat([[bound, *residuals], *rows])
+
+
+def _no_cones(bounds, residuals):
+    return ()
+
+
+# How many slacks a loss needs in n_states states, and the inequalities that bind them.
+_NORM_CONES = {
+    "l1": (lambda n_states: n_states, _l1_cones),
+    "l2": (lambda n_states: 1, _l2_cones),
+    "squared": (lambda n_states: 0, _no_cones),
+}
