@@ -7,7 +7,7 @@ same tests: the two ways to locate an event check each other.
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from switched import Switched, SwitchedWithValues, both_kinds
+from switched import SwitchedWithValues, both_kinds
 
 from swsysid._results import Status
 from swsysid._simulate import simulate
