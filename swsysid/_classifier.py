@@ -17,15 +17,18 @@ from swsysid._margins import certify_margin, max_margin
 from swsysid._mode_books import candidate_books, check_book, decisions, disagreement
 from swsysid._polynomials import LibraryBasis, PolynomialBasis
 from swsysid._printing import check_format, linear_combination, symbol
+from swsysid._probability import SaturatedSoftmax
 from swsysid._results import IdentificationWarning, MarginCertificate
-from swsysid._rows import canonical_rows, check_sample_weight
+from swsysid._rows import canonical_rows, check_sample_weight, spread_rows
 from swsysid._surfaces import fit_mode_book, surface_scale, worst_status
 
 __all__ = ["PolynomialSurfaceClassifier"]
 
 _DEFAULT_MARGIN = 1e-2
 # The paper's beta in raw coordinates; in standardised ones features of order one need far less.
-_BETA_RAW, _BETA_STANDARDIZED = 1e-2, 1e-5
+_BETA_RAW, _BETA_STANDARDIZED = 1e-2, 1e-3
+# Enough to fit one temperature.
+_CALIBRATION_ROWS = 5000
 
 
 class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
@@ -54,7 +57,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         certificate of the training data proves every surface nonzero, and 1e-2 where there is
         no such margin (classes not separable, or beta too large).
     beta : float or "auto", default="auto"
-        Sparsity, not negative. ``"auto"`` is 1e-5 if standardised, else the paper's 1e-2. It is
+        Sparsity, not negative. ``"auto"`` is 1e-3 if standardised, else the paper's 1e-2. It is
         the price of coefficients against the *sum* of slacks and does not grow with the number
         of samples: each sample can then afford to keep its slack zero however many there are.
     coef_bound : float, default=10.0
@@ -187,8 +190,11 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
 
     def predict(self, X):
         """Class of every sample, shape (n_samples,)."""
-        chosen = self._class_decisions(X).argmax(axis=1)
-        return self.classes_[chosen]
+        return self.decode(self.surface_values(X))
+
+    def decode(self, values):
+        """Class for given values of the surfaces, (n_samples, n_surfaces) -> (n_samples,)."""
+        return self.classes_[self._class_decisions(values).argmax(axis=1)]
 
     def decision_function(self, X):
         """Decision of every sample.
@@ -199,8 +205,17 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             For two classes the normalised surface, positive for ``classes_[1]``; else
             min_l s_jl f_l(x) / m_l for every class j.
         """
-        decided = self._class_decisions(X)
+        decided = self._class_decisions(self.surface_values(X))
         return decided[:, 1] if len(self.classes_) == 2 else decided
+
+    def predict_proba(self, X):
+        """Probability of every class, shape (n_samples, n_classes).
+
+        A softmax of the decisions, saturated a few margins from the surface; its temperature is
+        fitted to the training data.
+        """
+        decided = self._class_decisions(self.surface_values(X))
+        return self._softmax(decided)
 
     def surface_values(self, X):
         """Values f_l(x) of all surfaces, not normalised, shape (n_samples, n_surfaces)."""
@@ -251,7 +266,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         )
         return certificate
 
-    def equations(self, precision=3, format="text"):
+    def equations(self, precision=3, format="text", input_features=None):
         """The surfaces as equations in the user's units.
 
         Parameters
@@ -259,6 +274,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         precision : int, default=3
             Decimals of coefficients of order one.
         format : "text" or "latex", default="text"
+        input_features : sequence of str, default=None
+            Names of the columns of `X`, those seen in `fit` by default.
 
         Returns
         -------
@@ -267,9 +284,10 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         """
         check_is_fitted(self)
         check_format(format)
-        arguments = ", ".join(symbol(name, format) for name in self._input_names())
+        inputs = self._input_names() if input_features is None else list(input_features)
+        arguments = ", ".join(symbol(name, format) for name in inputs)
         head = "f_{{{}}}({}) = {}" if format == "latex" else "f{}({}) = {}"
-        names = list(self.feature_names_out_)
+        names = list(self._basis.names(inputs))
         return [
             head.format(
                 k, arguments, linear_combination(row, names, precision=precision, style=format)
@@ -317,8 +335,9 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         values = features @ self._fitted_coef.T
         self._surface_scale = surface_scale(values, rows.weight)
         self.mode_book_ = book
+        self._softmax = self._fit_softmax(values, labels, rows.weight)
         self.coef_ = self._basis.to_user(self._fitted_coef)
-        self.feature_names_out_ = self._basis.names_out
+        self.feature_names_out_ = self._basis.names(self._input_names())
         self.slack_ = rows.restore(np.maximum(0.0, self.margin_ - book[labels] * values))
         self.objective_ = float(sum(fit.objective for fit in fits))
         self.complexity_ = float(self.beta_ * np.abs(self._fitted_coef).sum())
@@ -337,10 +356,19 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
                 stacklevel=3,
             )
 
+    def _fit_softmax(self, values, labels, weight):
+        some = spread_rows(len(values), _CALIBRATION_ROWS)
+        return SaturatedSoftmax.fit(
+            self._class_decisions(values[some]),
+            labels[some],
+            weight[some],
+            self.margin_ / self._surface_scale.min(initial=np.inf) or self.margin_,
+        )
+
     # -- small things ----------------------------------------------------------------------
 
-    def _class_decisions(self, X):
-        return decisions(self.surface_values(X) / self._surface_scale, self.mode_book_)
+    def _class_decisions(self, values):
+        return decisions(values / self._surface_scale, self.mode_book_)
 
     def _input_names(self):
         return getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])
@@ -351,7 +379,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             if self.feature_library is None
             else (LibraryBasis, self.feature_library)
         )
-        return kind(features, X, weight, self._input_names(), self.standardize)
+        return kind(features, X, weight, self.standardize)
 
     def _default_beta(self):
         return _BETA_STANDARDIZED if self.standardize else _BETA_RAW

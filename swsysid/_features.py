@@ -119,7 +119,19 @@ class FeatureMap:
     def __init__(self, library, X, names: Sequence[str]):
         self.library = _as_transformer(library).fit(X)
         self.names_in = list(names)
-        self.names_out = self._names_out()
+        self.n_features_out = self(X[:1]).shape[1]
+
+    @property
+    def names_out(self) -> np.ndarray:
+        """Names of the features."""
+        return self.names(self.names_in)
+
+    def names(self, inputs: Sequence[str]) -> np.ndarray:
+        """Names of the features, for given names of the columns; numbered if it has none."""
+        for method in ("get_feature_names_out", "get_feature_names"):
+            if hasattr(self.library, method):
+                return np.asarray(getattr(self.library, method)(list(inputs)), dtype=object)
+        return np.array([f"phi{column}" for column in range(self.n_features_out)], dtype=object)
 
     def __call__(self, X) -> np.ndarray:
         """Phi(X), shape (n_samples, n_features_out), a plain array of finite floats."""
@@ -135,12 +147,6 @@ class FeatureMap:
                 "range of the data."
             )
         return features
-
-    def _names_out(self) -> np.ndarray:
-        for method in ("get_feature_names_out", "get_feature_names"):
-            if hasattr(self.library, method):
-                return np.asarray(getattr(self.library, method)(self.names_in), dtype=object)
-        return np.empty(0, dtype=object)
 
 
 def _as_transformer(library):

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import comb
 from sklearn.preprocessing import PolynomialFeatures
 
@@ -27,34 +28,29 @@ class PolynomialBasis:
     degree : int
     X : ndarray of shape (n_samples, n_features_in)
     weight : ndarray of shape (n_samples,)
-    names : sequence of str
-        Names of the columns of `X`.
     standardize : bool
         If False, centre is 0 and scale 1: the user's own monomials.
-
-    Attributes
-    ----------
-    names_out : ndarray of str
-        Names of the user's monomials.
     """
 
-    def __init__(
-        self, degree: int, X: Array, weight: Array, names: Sequence[str], standardize: bool
-    ):
+    def __init__(self, degree: int, X: Array, weight: Array, standardize: bool):
         self.centre, self.scale = np.zeros(X.shape[1]), np.ones(X.shape[1])
         if standardize:
             self.centre, self.scale = _centre_and_scale(X, weight)
         self.monomials = PolynomialFeatures(degree).fit(X[:1])
-        self.names_out = self.monomials.get_feature_names_out(np.asarray(names, dtype=object))
 
     def __call__(self, X: Array) -> Array:
         """Features in fitting coordinates, shape (n_samples, n_features_out)."""
-        features = self.monomials.transform((X - self.centre) / self.scale)
+        with np.errstate(over="ignore", invalid="ignore"):
+            features = self.monomials.transform((X - self.centre) / self.scale)
         if not np.isfinite(features).all():
             raise ValueError(
                 "the monomials of X overflow; rescale X to order one or lower the degree."
             )
         return features
+
+    def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
+        """Names of the user's monomials, for given names of the columns of X."""
+        return self.monomials.get_feature_names_out(np.asarray(inputs, dtype=object))
 
     def to_user(self, coef: Array) -> Array:
         """Coefficients of the user's monomials, from those in fitting coordinates."""
@@ -67,27 +63,26 @@ class LibraryBasis:
     Parameters
     ----------
     library : transformer, PySINDy library or int
-    X, weight, names, standardize
+    X, weight, standardize
         As in `PolynomialBasis`.
     """
 
-    def __init__(self, library, X: Array, weight: Array, names: Sequence[str], standardize: bool):
-        self.map = FeatureMap(library, X, names)
+    def __init__(self, library, X: Array, weight: Array, standardize: bool):
+        self.map = FeatureMap(library, X, [f"x{column}" for column in range(X.shape[1])])
         features = self.map(X)
         n_features = features.shape[1]
         self.centre, self.scale = np.zeros(n_features), np.ones(n_features)
         self.constant: tuple[int, float] | None = None
         if standardize:
             self._standardize(features, weight)
-        given = self.map.names_out
-        self.names_out = np.array(
-            given if len(given) == n_features else [f"phi{k}" for k in range(n_features)],
-            dtype=object,
-        )
 
     def __call__(self, X: Array) -> Array:
         """Features in fitting coordinates, shape (n_samples, n_features_out)."""
         return (self.map(X) - self.centre) / self.scale
+
+    def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
+        """Names of the library's columns, for given names of the columns of X."""
+        return self.map.names(inputs)
 
     def to_user(self, coef: Array) -> Array:
         """Coefficients of the library's own columns."""

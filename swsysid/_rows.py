@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swsysid._results import Array
 
-__all__ = ["CanonicalRows", "canonical_rows", "check_sample_weight"]
+__all__ = ["CanonicalRows", "canonical_rows", "check_sample_weight", "spread_rows"]
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,16 @@ def canonical_rows(*arrays: ArrayLike, sample_weight: ArrayLike | None = None) -
         weight=np.add.reduceat(weight[order], starts),
         inverse=inverse,
     )
+
+
+def spread_rows(n_samples: int, n_chosen: int) -> NDArray[np.intp]:
+    """About `n_chosen` distinct rows, spread evenly but without a period.
+
+    Multiples of the golden ratio modulo one leave no gap much larger than another, and no
+    periodic signal in the rows can hide between them.
+    """
+    golden = (np.sqrt(5.0) - 1.0) / 2.0
+    return np.unique((np.arange(1, n_chosen + 1) * golden % 1.0 * n_samples).astype(np.intp))
 
 
 def check_sample_weight(sample_weight: ArrayLike | None, n_samples: int) -> Array:

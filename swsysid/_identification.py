@@ -1,0 +1,215 @@
+"""From starts to one answer: seed, alternate from every seed, keep the best, tidy up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from tqdm import tqdm
+
+from swsysid._alternation import Alternation, alternate, relabel
+from swsysid._problem import Modes, SwitchingProblem, one_hot
+from swsysid._results import Array
+from swsysid._seeding import seed_modes
+from swsysid._selection import ModeCandidate, compare_mode_counts, smallest_sufficient
+from swsysid._sparsity import sparse_support
+
+__all__ = ["Identification", "Search", "identify"]
+
+# Residuals beyond this many scales belong to no mode ...
+_OUTLYING = 10.0
+# ... unless that would discard more than this fraction of a mode: then it is the mode that fits
+# badly, not the rows.
+_MOST_OUTLYING = 0.3
+# Smallest scale of a residual, relative to the spread of the velocity: below it the data are
+# clean, and differences are round-off.
+_SCALE_FLOOR = 1e-9
+
+
+@dataclass(frozen=True)
+class Search:
+    """How to look for the best start.
+
+    Attributes
+    ----------
+    init : str or ndarray
+        ``"auto"``, ``"random"``, labels (n_samples,) or coefficients
+        (n_modes, n_states, n_features_out).
+    n_init : int or None
+        Number of starts, None for the default of `init`.
+    max_iter : int
+    tol : float
+    sparsity : float, "auto" or None
+    gate_degree : int
+    n_jobs : int or None
+    verbose : int
+    """
+
+    init: Any
+    n_init: int | None
+    max_iter: int
+    tol: float
+    sparsity: Any
+    gate_degree: int
+    max_modes: int
+    trajectory: Modes
+    n_jobs: int | None
+    verbose: int
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The winner among the starts.
+
+    Attributes
+    ----------
+    best : Alternation
+        With its modes in canonical order, the most populated first, and none empty.
+    problem : SwitchingProblem
+        What `best` solves, scale and outlying rows included.
+    stability : float
+        Fraction of the starts that ended in the winner.
+    n_modes_asked : int
+        Before empty modes were dropped.
+    candidates : tuple of ModeCandidate
+        Numbers of modes that were compared.
+    """
+
+    best: Alternation
+    problem: SwitchingProblem
+    stability: float
+    n_modes_asked: int
+    candidates: tuple[ModeCandidate, ...]
+
+
+def identify(problem: SwitchingProblem, search: Search, random_state) -> Identification:
+    """Alternate from every start and keep the smallest joint objective."""
+    candidates: tuple[ModeCandidate, ...] = ()
+    if problem.n_modes == "auto":
+        candidates = compare_mode_counts(problem, search, random_state)
+        problem = replace(problem, n_modes=smallest_sufficient(candidates))
+    starts, counts = _starts(problem, search, random_state)
+    if problem.coupling:
+        problem = _calibrate(problem, starts[0])
+    runs = Parallel(n_jobs=search.n_jobs)(
+        delayed(alternate)(problem, start, max_iter=search.max_iter, tol=search.tol)
+        for start in tqdm(starts, desc="starts", disable=not search.verbose)
+    )
+    winner = min(range(len(runs)), key=lambda run: runs[run].objective)
+    best = runs[winner]
+    agreeing = sum(
+        count for run, count in zip(runs, counts, strict=True) if _same_answer(run, best, problem)
+    )
+    if search.sparsity is not None:
+        problem, best = _sparsify(problem, best, search)
+    order = _canonical_order(problem, best)
+    return Identification(
+        best=relabel(best, order),
+        problem=replace(problem, n_modes=len(order)),
+        stability=agreeing / sum(counts),
+        n_modes_asked=problem.n_modes,
+        candidates=candidates,
+    )
+
+
+def _starts(problem, search: Search, random_state) -> tuple[list[Array], list[int]]:
+    """Memberships to start from, the most promising first, and how often each was found."""
+    if isinstance(search.init, np.ndarray):
+        return [_given_start(problem, search.init)], [1]
+    if problem.n_modes == 1:
+        return [np.ones((len(problem.targets), 1))], [1]
+    if search.init == "random":
+        starts = [
+            one_hot(_random_cells(problem, random_state), problem.n_modes)
+            for _ in range(search.n_init or 10)
+        ]
+        return starts, [1] * len(starts)
+    seeds = seed_modes(
+        problem.features,
+        problem.targets,
+        problem.coordinates,
+        n_modes=problem.n_modes,
+        gate_degree=search.gate_degree,
+        sample_weight=problem.weight,
+        n_starts=search.n_init or "auto",
+        random_state=random_state,
+    )
+    starts = [one_hot(seed.labels, problem.n_modes) for seed in seeds]
+    return starts, [max(seed.hits, 1) for seed in seeds]
+
+
+def _given_start(problem: SwitchingProblem, init: Array) -> Array:
+    if init.ndim == 1:
+        return one_hot(init, problem.n_modes)
+    expected = (problem.n_modes, problem.targets.shape[1], problem.features.shape[1])
+    if init.shape != expected:
+        raise ValueError(
+            f"init has shape {init.shape}; coefficients to start from must have the shape "
+            f"(n_modes, n_states, n_features_out) = {expected}."
+        )
+    return replace(problem, coupling=0.0).assign(init).membership
+
+
+def _random_cells(problem: SwitchingProblem, random_state) -> Modes:
+    """Cells of the samples nearest to random ones, in standardised coordinates."""
+    probability = problem.weight / problem.weight.sum()
+    spread = problem.coordinates.std(axis=0)
+    points = problem.coordinates / np.where(spread > 0, spread, 1.0)
+    centres = points[random_state.choice(len(points), problem.n_modes, p=probability)]
+    return np.square(points[:, None, :] - centres).sum(axis=2).argmin(axis=1)
+
+
+def _calibrate(problem: SwitchingProblem, start: Array) -> SwitchingProblem:
+    """Fix the scale of the residuals and the outlying rows, once, from the best start.
+
+    The scale is that of a Laplace distribution with the residuals' median size, so that a
+    scaled l1 loss is a negative log-likelihood in nats.
+    """
+    modes = start.argmax(axis=1)
+    coef = replace(problem, coupling=0.0).estimate(start)
+    size = np.abs(problem.residuals(coef, modes))
+    if not problem.loss.separable:
+        size = np.repeat(size.mean(axis=1, keepdims=True), size.shape[1], axis=1)
+    spread = np.abs(problem.targets - _weighted_median(problem.targets, problem.weight)).max(axis=0)
+    floor = _SCALE_FLOOR * np.where(spread > 0, spread, 1.0)
+    scale = np.maximum(_weighted_median(size, problem.weight) / np.log(2.0), floor)
+    outlying = (size / scale).max(axis=1) > _OUTLYING
+    for mode in range(problem.n_modes):
+        rows = modes == mode
+        if problem.weight[rows & outlying].sum() > _MOST_OUTLYING * problem.weight[rows].sum():
+            outlying[rows] = False
+    return replace(problem, scale=scale, outlying=outlying)
+
+
+def _weighted_median(values: Array, weight: Array) -> Array:
+    """Smallest value with at least half of the weight at or below it, column by column."""
+    order = values.argsort(axis=0, kind="stable")
+    reached = np.cumsum(weight[order], axis=0) >= 0.5 * weight.sum()
+    rows = np.take_along_axis(order, reached.argmax(axis=0)[None, :], axis=0)[0]
+    return values[rows, np.arange(values.shape[1])]
+
+
+def _same_answer(run: Alternation, best: Alternation, problem: SwitchingProblem) -> bool:
+    """True if two runs label the same samples together, but for one in two hundred."""
+    if run is best:
+        return True
+    table = np.zeros((problem.n_modes, problem.n_modes))
+    np.add.at(table, (run.modes, best.modes), problem.weight)
+    return table.max(axis=1).sum() >= 0.995 * problem.weight.sum()
+
+
+def _sparsify(problem, best: Alternation, search: Search) -> tuple[SwitchingProblem, Alternation]:
+    """Drop needless terms, then let the alternation settle without them."""
+    support = sparse_support(problem, best.coef, best.modes, search.sparsity)
+    problem = replace(problem, support=support)
+    start = one_hot(best.modes, problem.n_modes)
+    return problem, alternate(problem, start, max_iter=search.max_iter, tol=search.tol)
+
+
+def _canonical_order(problem: SwitchingProblem, best: Alternation) -> Modes:
+    """Modes by decreasing number of samples, equal ones by their coefficients; no empty ones."""
+    size = np.bincount(best.modes, weights=problem.weight, minlength=problem.n_modes)
+    order = sorted(range(problem.n_modes), key=lambda mode: (-size[mode], *best.coef[mode].ravel()))
+    return np.array([mode for mode in order if size[mode] > 0], dtype=np.intp)

@@ -1,0 +1,95 @@
+"""A fitted switching system: vector fields, surface, and what can be asked of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._features import FeatureMap
+from swsysid._printing import check_format, linear_combination, symbol
+from swsysid._results import Array
+
+__all__ = ["SwitchingModel"]
+
+
+@dataclass(frozen=True)
+class SwitchingModel:
+    """Vector fields C_j Phi(x) and the surface that says which of them is active.
+
+    Its methods `velocity`, `mode`, `surface_values` and `decode` are what a simulation asks.
+
+    Attributes
+    ----------
+    coef : ndarray of shape (n_modes, n_states, n_features_out)
+    feature_map : FeatureMap
+    surface : classifier of the states and inputs
+    discrete_time : bool
+        The targets are next states instead of velocities.
+    """
+
+    coef: Array
+    feature_map: FeatureMap
+    surface: Any
+    discrete_time: bool
+
+    def velocities(self, X: Array) -> Array:
+        """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states)."""
+        return np.matmul(self.feature_map(X), self.coef.transpose(0, 2, 1))
+
+    def modes(self, X: Array) -> NDArray[np.intp]:
+        """The mode that the surface assigns to every sample."""
+        return self.surface.predict(X)
+
+    def predict(self, X: Array) -> Array:
+        """Velocity of the active mode at every sample, shape (n_samples, n_states)."""
+        return self.velocities(X)[self.modes(X), np.arange(len(X))]
+
+    def equations(self, precision: int, style: str) -> list[str]:
+        """One equation for every mode and state."""
+        check_format(style)
+        names = self.feature_map.names_out
+        return [
+            f"{self._left_side(state, style, mode)} = "
+            + linear_combination(row, names, precision=precision, style=style)
+            for mode, fields in enumerate(self.coef)
+            for state, row in enumerate(fields)
+        ]
+
+    def _left_side(self, state: int, style: str, mode: int) -> str:
+        names = self.feature_map.names_in
+        name = names[state] if state < len(names) else f"y{state}"
+        where = f"mode {mode}: "
+        if style == "latex":
+            name, where = symbol(name, style), rf"\text{{mode }} {mode}: \; "
+            return where + (f"{name}[k+1]" if self.discrete_time else rf"\dot{{{name}}}")
+        return where + (f"{name}[k+1]" if self.discrete_time else f"{name}'")
+
+    # -- what a simulation asks --------------------------------------------------------------
+
+    def velocity(self, x: Array, u: Array, mode: int) -> Array:
+        """Velocity (or next state) at one point in one mode."""
+        return self.coef[mode] @ self.feature_map(self._point(x, u))[0]
+
+    def mode(self, x: Array, u: Array) -> int:
+        """Active mode at one point."""
+        return int(self.surface.predict(self._point(x, u))[0])
+
+    def surface_values(self, x: Array, u: Array) -> Array:
+        """Values of the surfaces at one point, shape (n_surfaces,)."""
+        return self.surface.surface_values(self._point(x, u))[0]
+
+    def decode(self, values: Array) -> int:
+        """Active mode for given values of the surfaces."""
+        return int(self.surface.decode(values[None, :])[0])
+
+    @property
+    def has_surface_values(self) -> bool:
+        """True if the surface is known as a function, not only as a classifier."""
+        return hasattr(self.surface, "surface_values")
+
+    @staticmethod
+    def _point(x: Array, u: Array | None) -> Array:
+        return np.concatenate([x, [] if u is None else u])[None, :]

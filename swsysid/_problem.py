@@ -1,0 +1,238 @@
+"""The identification problem: its data, and the three steps of the bilevel method.
+
+The method (paper, section "Bilevel convex program") alternates three convex programs on the
+same data, and each of them is one method of `SwitchingProblem`:
+
+==================  ==========================================================================
+`assign`            memberships for given vector fields (relaxed mode constraint)
+`estimate`          vector fields for given memberships (paper, "Dynamics estimation as LP")
+`refit_surface`     surfaces for given modes (paper, "Recovery of Switching Surfaces")
+==================  ==========================================================================
+
+All three decrease the joint objective
+
+    J = sum_i w_i loss_i / scale + coupling * (sum_i w_i slack_i + beta ||a||_1)
+
+whose first term is the paper's objective and whose second is the margin LP's. With
+``coupling = 0`` the surface has no say in the assignment, which is the paper's method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+from sklearn.utils.validation import has_fit_parameter
+
+from swsysid._losses import Loss
+from swsysid._results import Array, Assignment
+from swsysid.relaxations._base import Relaxation, one_hot
+
+__all__ = ["Modes", "SwitchingProblem", "fit_weighted", "offers_penalty", "one_hot"]
+
+Modes = NDArray[np.intp]
+
+
+def offers_penalty(surface: Any) -> bool:
+    """True if a classifier can say what disagreeing with it costs."""
+    return hasattr(surface, "mode_penalty")
+
+
+def fit_weighted(classifier: Any, X: Array, modes: Modes, weight: Array) -> Any:
+    """Fit a classifier with weights if it takes them."""
+    if has_fit_parameter(classifier, "sample_weight"):
+        return classifier.fit(X, modes, sample_weight=weight)
+    return classifier.fit(X, modes)
+
+
+@dataclass(frozen=True)
+class SwitchingProblem:
+    """Data and choices of one identification.
+
+    Attributes
+    ----------
+    features : ndarray of shape (n_samples, n_features_out)
+        Phi(x_i).
+    targets : ndarray of shape (n_samples, n_states)
+        Measured velocities.
+    coordinates : ndarray of shape (n_samples, n_features_in)
+        What the surface is a function of.
+    weight : ndarray of shape (n_samples,)
+        Multiplicity of every row.
+    n_modes : int
+    loss : Loss
+    relaxation : Relaxation
+    surface : classifier, not fitted
+    coupling : float
+        Price of disagreeing with the surface.
+    scale : ndarray of shape (n_states,)
+        Size of a typical residual of each velocity; residuals are compared in this unit.
+    outlying : ndarray of shape (n_samples,), bool
+        Rows that no mode explains: they do not vote on the vector fields, and their mode is what
+        the surface says.
+    coef_bound : float or None
+    solver : str
+    support : ndarray of shape (n_modes, n_states, n_features_out), bool, or None
+        Coefficients that may differ from zero.
+    """
+
+    features: Array
+    targets: Array
+    coordinates: Array
+    weight: Array
+    n_modes: int
+    loss: Loss
+    relaxation: Relaxation
+    surface: Any
+    coupling: float
+    scale: Array
+    outlying: NDArray[np.bool_]
+    coef_bound: float | None = None
+    solver: str = "auto"
+    support: NDArray[np.bool_] | None = None
+
+    # -- the three steps -------------------------------------------------------------------
+
+    def estimate(self, membership: Array, start: Array | None = None) -> Array:
+        """Vector fields that minimise the loss for given memberships.
+
+        A one-hot membership separates the modes. Otherwise the program is one regression whose
+        design has the blocks lambda_ij Phi(x_i), n_modes * n_features_out columns in all.
+        """
+        if _is_one_hot(membership):
+            return self._estimate_each(membership.argmax(axis=1), start)
+        return self._estimate_jointly(membership)
+
+    def assign(self, coef: Array, surface: Any = None) -> Assignment:
+        """Memberships for given vector fields, and for a given surface if they are coupled.
+
+        The penalty for disagreeing with the surface enters as one more coordinate of the
+        residual (`Loss.extra_coordinate`), so that a relaxation sees an ordinary assignment.
+        """
+        candidates, targets = self.velocities(coef) / self.scale, self.targets / self.scale
+        if self.coupling == 0.0:
+            return self.relaxation.assign(candidates, targets)
+        candidates = np.where(self.outlying[:, None], targets, candidates)
+        losses = self.loss.values(targets - candidates)
+        penalty = self.coupling * self.penalty(surface).T
+        extra = self.loss.extra_coordinate(losses, penalty)
+        return self.relaxation.assign(
+            np.concatenate([candidates, extra[..., None]], axis=2),
+            np.concatenate([targets, np.zeros((len(targets), 1))], axis=1),
+        )
+
+    def fit_surface(self, modes: Modes) -> Any:
+        """A surface fitted to the modes."""
+        return fit_weighted(clone(self.surface), self.coordinates, modes, self.weight)
+
+    def refit_surface(self, modes: Modes, previous: Any) -> Any:
+        """A surface at least as good for the modes as the previous one.
+
+        The margin LP is convex only for a given mode-book; another book can be worse.
+        """
+        surface = self.fit_surface(modes)
+        if self.coupling and self.surface_cost(previous, modes) < self.surface_cost(surface, modes):
+            return previous
+        return surface
+
+    # -- what the steps decrease -----------------------------------------------------------
+
+    def joint_objective(self, coef: Array, modes: Modes, surface: Any) -> float:
+        """The joint objective J."""
+        residuals = self.residuals(coef, modes) / self.scale
+        loss = float(self.informative_weight @ self.loss.values(residuals))
+        if self.coupling == 0.0:
+            return loss
+        return loss + self.coupling * self.surface_cost(surface, modes)
+
+    def surface_cost(self, surface: Any, modes: Modes) -> float:
+        """Objective of the margin LP: sum of weighted slacks plus beta ||a||_1."""
+        slack = np.take_along_axis(self.penalty(surface), modes[:, None], axis=1)[:, 0]
+        return float(self.weight @ slack) + surface.complexity_
+
+    def relaxed_loss(self, coef: Array, membership: Array) -> float:
+        """Loss of a soft membership, in the user's units."""
+        mixed = np.einsum("im,mik->ik", membership, self.velocities(coef))
+        return float(self.weight @ self.loss.values(self.targets - mixed))
+
+    def hard_loss(self, coef: Array, modes: Modes) -> float:
+        """Loss of hard labels, in the user's units."""
+        return float(self.weight @ self.loss.values(self.residuals(coef, modes)))
+
+    # -- parts -----------------------------------------------------------------------------
+
+    @property
+    def informative_weight(self) -> Array:
+        """Weight of the rows that vote on the vector fields."""
+        return np.where(self.outlying, 0.0, self.weight)
+
+    def velocities(self, coef: Array) -> Array:
+        """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states)."""
+        return np.matmul(self.features, coef.transpose(0, 2, 1))
+
+    def residuals(self, coef: Array, modes: Modes) -> Array:
+        """Measured minus modelled velocities, shape (n_samples, n_states)."""
+        return self.targets - self.velocities(coef)[modes, np.arange(len(modes))]
+
+    def penalty(self, surface: Any) -> Array:
+        """Slack of every sample in every mode, shape (n_samples, n_modes).
+
+        A mode unknown to the surface, because it had no samples, costs as much as the dearest.
+        """
+        known = surface.mode_penalty(self.coordinates)
+        penalty = np.repeat(known.max(axis=1, keepdims=True), self.n_modes, axis=1)
+        penalty[:, surface.classes_] = known
+        return penalty
+
+    def on_rows(self, features: Array, targets: Array, coordinates: Array) -> SwitchingProblem:
+        """The same choices on other rows, each of weight one and none of them outlying."""
+        n_samples = len(targets)
+        return replace(
+            self,
+            features=features,
+            targets=targets,
+            coordinates=coordinates,
+            weight=np.ones(n_samples),
+            outlying=np.zeros(n_samples, dtype=bool),
+        )
+
+    def _estimate_each(self, modes: Modes, start: Array | None) -> Array:
+        shape = (self.n_modes, self.targets.shape[1], self.features.shape[1])
+        coef = np.zeros(shape) if start is None else start.copy()
+        for mode in range(self.n_modes):
+            rows = np.flatnonzero((modes == mode) & (self.informative_weight > 0))
+            if len(rows) == 0:  # a mode without samples keeps its vector field
+                continue
+            coef[mode] = self.loss.fit(
+                self.features[rows],
+                self.targets[rows],
+                sample_weight=self.weight[rows],
+                coef_bound=self.coef_bound,
+                solver=self.solver,
+                start=None if start is None else start[mode],
+                support=None if self.support is None else self.support[mode],
+            ).coef
+        return coef
+
+    def _estimate_jointly(self, membership: Array) -> Array:
+        n_states, n_features = self.targets.shape[1], self.features.shape[1]
+        design = (membership[:, :, None] * self.features[:, None, :]).reshape(len(membership), -1)
+        support = self.support
+        if support is not None:
+            support = support.transpose(1, 0, 2).reshape(n_states, -1)
+        stacked = self.loss.fit(
+            design,
+            self.targets,
+            sample_weight=self.informative_weight,
+            coef_bound=self.coef_bound,
+            solver=self.solver,
+            support=support,
+        ).coef
+        return stacked.reshape(n_states, self.n_modes, n_features).transpose(1, 0, 2)
+
+
+def _is_one_hot(membership: Array) -> bool:
+    return bool((membership.max(axis=1) > 1.0 - 1e-9).all())

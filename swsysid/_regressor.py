@@ -1,0 +1,401 @@
+"""`SwitchingSystemRegressor`: the public estimator."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.utils import check_random_state
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from swsysid._certificates import certify
+from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._features import FeatureMap
+from swsysid._identification import Identification, identify
+from swsysid._model import SwitchingModel
+from swsysid._problem import fit_weighted, one_hot
+from swsysid._results import IdentificationWarning, Status
+from swsysid._rows import canonical_rows, check_sample_weight
+from swsysid._setup import (
+    build_problem,
+    build_search,
+    check_parameters,
+    input_names,
+    trajectory_codes,
+)
+from swsysid._simulate import simulate
+from swsysid.relaxations import get_relaxation
+
+__all__ = ["SwitchingSystemRegressor"]
+
+
+class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
+    r"""Identify a switching system: the law of every mode and the surface between them.
+
+    From states (and inputs) `X` and measured velocities `Xdot` it solves
+
+    .. math::
+
+        \min_{C, \lambda, a} \; \sum_i w_i \Big\| \dot x_i - \sum_j \lambda_{ij} C_j \Phi(x_i)
+        \Big\| / s + \kappa \Big( \sum_{i, \ell} w_i \xi_{i\ell} + \beta \| a \|_1 \Big)
+
+    over vector fields with :math:`|C| \le` `coef_bound`, memberships
+    :math:`\lambda_i \in \{e_1, \dots, e_M\}` and polynomial surfaces :math:`f_\ell = a_\ell^\top
+    \phi` with the slacks :math:`\xi` of the margin LP, by alternating the three convex programs
+    (paper, section "Bilevel convex optimizations") from several starts. With ``coupling=0`` the
+    surface is fitted after the modes, as in the paper.
+
+    Parameters
+    ----------
+    n_modes : int or "auto", default=2
+        Number of modes; ``"auto"`` chooses up to `max_modes` on held-out data.
+    feature_library : None, int, transformer or PySINDy library, default=None
+        The feature map Phi. None is Phi(x) = x; an int d is all monomials of states and inputs
+        up to degree d, the constant included.
+    relaxation : {"exact", "simplex", "moment"} or Relaxation, default="exact"
+        Relaxation of the mode constraint.
+    loss : {"l1", "l2", "squared"}, default="l1"
+    coef_bound : float, default=None
+        Bound on every coefficient, in the user's units.
+    sparsity : None, "auto" or float, default=None
+        ``"auto"`` removes insignificant terms from each equation; a number removes the
+        coefficients below it in size (sequential thresholding).
+    surface : classifier, default=None
+        Classifier of the modes; None is ``PolynomialSurfaceClassifier()``.
+    coupling : float or "auto", default="auto"
+        Price of disagreeing with the surface, in nats for one unit of slack; ``"auto"`` is one
+        nat for each margin, 0 if the surface offers no penalty.
+    init : {"auto", "random"} or array, default="auto"
+        ``"auto"`` seeds by a mixture of experts with a polynomial gate; an array is either labels
+        (n_samples,) or coefficients (n_modes, n_states, n_features_out).
+    n_init : int or "auto", default="auto"
+        Number of starts.
+    max_modes : int, default=6
+        Largest number of modes tried by ``n_modes="auto"``.
+    max_iter : int, default=100
+        Largest number of iterations from one start.
+    tol : float, default=1e-6
+        Relative improvement below which an alternation stops.
+    solver : str, default="auto"
+        ``"auto"`` uses the structured solvers; a name such as ``"clarabel"`` sends every program
+        through cvxpy.
+    discrete_time : bool, default=False
+        `Xdot` holds next states; `simulate` iterates the map.
+    n_jobs : int, default=None
+        Starts run in parallel; the result does not depend on it.
+    random_state : int, RandomState instance or None, default=None
+    verbose : int, default=0
+
+    Attributes
+    ----------
+    coef_ : ndarray of shape (n_modes_, n_states, n_features_out)
+        Vector fields, the most populated mode first.
+    modes_ : ndarray of shape (n_samples,)
+        Mode of every training sample.
+    membership_ : ndarray of shape (n_samples, n_modes_)
+        Membership before hardening.
+    surface_ : classifier
+        Fitted to the modes of the training samples.
+    objective_ : float
+        Weighted sum of the losses of the hard modes, in the user's units.
+    history_ : list of IterationRecord
+        Of the winning start.
+    n_modes_ : int
+    stability_ : float
+        Fraction of the starts that found the winner.
+    mode_selection_ : list of ModeCandidate
+        The candidates of ``n_modes="auto"``, empty otherwise.
+    n_iter_ : int
+    converged_ : bool
+    n_features_in_ : int
+    feature_names_in_ : ndarray of str, if `X` has column names
+    feature_names_out_ : ndarray of str
+        Names of the features Phi.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from swsysid import SwitchingSystemRegressor
+    >>> X = np.random.default_rng(0).uniform(-1, 1, (200, 2))
+    >>> damping = np.where(X[:, 0] > 0, 0.1, 0.5)
+    >>> Xdot = np.column_stack([X[:, 1], -X[:, 0] - damping * X[:, 1]])
+    >>> model = SwitchingSystemRegressor(n_modes=2, random_state=0).fit(X, Xdot)
+    >>> for equation in sorted(model.equations(precision=1)):
+    ...     print(equation[8:])
+    x0' = 1.0 x1
+    x1' = -1.0 x0 - 0.1 x1
+    x0' = 1.0 x1
+    x1' = -1.0 x0 - 0.5 x1
+    """
+
+    def __init__(
+        self,
+        n_modes=2,
+        *,
+        feature_library=None,
+        relaxation="exact",
+        loss="l1",
+        coef_bound=None,
+        sparsity=None,
+        surface=None,
+        coupling="auto",
+        init="auto",
+        n_init="auto",
+        max_modes=6,
+        max_iter=100,
+        tol=1e-6,
+        solver="auto",
+        discrete_time=False,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.n_modes = n_modes
+        self.feature_library = feature_library
+        self.relaxation = relaxation
+        self.loss = loss
+        self.coef_bound = coef_bound
+        self.sparsity = sparsity
+        self.surface = surface
+        self.coupling = coupling
+        self.init = init
+        self.n_init = n_init
+        self.max_modes = max_modes
+        self.max_iter = max_iter
+        self.tol = tol
+        self.solver = solver
+        self.discrete_time = discrete_time
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def fit(self, X, y, sample_weight=None, *, groups=None):
+        """Identify the modes and the surface.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_states + n_inputs)
+            States, then inputs.
+        y : array-like of shape (n_samples,) or (n_samples, n_states)
+            Xdot, the measured velocities (next states in discrete time).
+        sample_weight : array-like of shape (n_samples,), default=None
+            A weight of 2 means the row twice, 0 no row.
+        groups : array-like of shape (n_samples,), default=None
+            Trajectory of each row, kept whole where data are held out (``n_modes="auto"``).
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError, TypeError
+            If a parameter or the data make no sense; the message says what to do.
+        SolverError
+            If a named solver is not installed.
+        """
+        check_parameters(self)
+        X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        targets = np.asarray(y, dtype=float).reshape(len(y), -1)
+        weight = check_sample_weight(sample_weight, len(X))
+        self._one_target = y.ndim == 1
+        self._feature_map = FeatureMap(self.feature_library, X[weight > 0], input_names(self))
+        self.feature_names_out_ = self._feature_map.names_out
+
+        rows = canonical_rows(X, targets, trajectory_codes(groups, len(X)), sample_weight=weight)
+        found = identify(
+            build_problem(self, rows, self._feature_map),
+            build_search(self, rows),
+            check_random_state(self.random_state),
+        )
+        self._store(found)
+        self._store_rows(X, targets, weight, rows, found)
+        self._warn(found, len(rows.weight))
+        return self
+
+    def predict(self, X):
+        """Velocity of the active mode, of the shape that `y` had in `fit`."""
+        check_is_fitted(self)
+        velocity = self._model.predict(self._validated(X))
+        return velocity[:, 0] if self._one_target else velocity
+
+    def predict_modes(self, X):
+        """Mode of every sample according to the surface, shape (n_samples,)."""
+        check_is_fitted(self)
+        return self.surface_.predict(self._validated(X))
+
+    def predict_mode_proba(self, X):
+        """Probability of every mode, shape (n_samples, n_modes_).
+
+        That of the surface; 0 or 1 if the surface has no ``predict_proba``.
+        """
+        check_is_fitted(self)
+        X = self._validated(X)
+        if hasattr(self.surface_, "predict_proba"):
+            return self.surface_.predict_proba(X)
+        return one_hot(self.surface_.predict(X), self.n_modes_)
+
+    def mode_velocities(self, X):
+        """Velocity of every mode at every sample, shape (n_modes_, n_samples, n_states)."""
+        check_is_fitted(self)
+        return self._model.velocities(self._validated(X))
+
+    def equations(self, precision=3, format="text"):
+        """The law of every mode as text.
+
+        Parameters
+        ----------
+        precision : int, default=3
+        format : {"text", "latex"}, default="text"
+
+        Returns
+        -------
+        list of str
+            One equation for each mode and state, mode by mode.
+        """
+        check_is_fitted(self)
+        return self._model.equations(precision, format)
+
+    def surface_equations(self, precision=3, format="text"):
+        """The surfaces as text, with the names of the columns of `X`; see `equations`."""
+        check_is_fitted(self)
+        return self.surface_.equations(precision, format, self._feature_map.names_in)
+
+    def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options):
+        """Roll the identified system out from a state, with switching events located.
+
+        Parameters
+        ----------
+        x0 : array-like of shape (n_states,)
+        t : array-like of shape (n_times,)
+            Increasing times (sample numbers in discrete time).
+        inputs : array-like of shape (n_times, n_inputs), default=None
+            Needed if the system has inputs.
+        input_hold : {"zero", "linear"}, default="zero"
+            What the inputs do between the samples.
+        **options
+            ``max_switches``, ``state_bound``, ``rtol`` and ``atol`` of the integration.
+
+        Returns
+        -------
+        Trajectory
+            Its ``status`` says why the simulation ended.
+        """
+        check_is_fitted(self)
+        n_states = self.coef_.shape[1]
+        if n_states > self.n_features_in_:
+            raise ValueError(
+                f"The model has {n_states} velocities but only {self.n_features_in_} columns in "
+                "X; simulate needs the states themselves as the first columns of X."
+            )
+        return simulate(
+            self._model,
+            x0,
+            t,
+            inputs,
+            input_hold=input_hold,
+            discrete_time=self.discrete_time,
+            **options,
+        )
+
+    def certificate(self, X, y):
+        """How far the vector fields and the modes can be from optimal on some data.
+
+        Returns
+        -------
+        FitCertificate
+            Gap between the hard assignment and its simplex relaxation for the fitted vector
+            fields, dual certificates and rounding bounds of the samples, and the duality gap of
+            the dynamics program.
+        """
+        check_is_fitted(self)
+        X, y = validate_data(
+            self, X, y, reset=False, multi_output=True, y_numeric=True, dtype=np.float64
+        )
+        return certify(
+            self._model.feature_map(X),
+            np.asarray(y, dtype=float).reshape(len(y), -1),
+            self.coef_,
+            self.loss,
+            solver=self.solver,
+            coef_bound=self.coef_bound,
+        )
+
+    def set_params(self, **params):
+        """Set parameters, those of the default surface and relaxation included.
+
+        ``surface__degree`` reaches the default surface although `surface` is None, and
+        ``relaxation__order`` the relaxation although it is given by name.
+        """
+        nested = {key.partition("__")[0] for key in params if "__" in key}
+        if "surface" in nested and params.get("surface", self.surface) is None:
+            params = params | {"surface": PolynomialSurfaceClassifier()}
+        if "relaxation" in nested:
+            relaxation = get_relaxation(params.get("relaxation", self.relaxation))
+            params = params | {"relaxation": relaxation}
+        return super().set_params(**params)
+
+    # -- parts of fit ------------------------------------------------------------------------
+
+    def _store(self, found: Identification) -> None:
+        best = found.best
+        self.coef_ = best.coef
+        self.objective_ = found.problem.hard_loss(best.coef, best.modes)
+        self.history_ = list(best.history)
+        self.n_iter_ = len(best.history)
+        self.converged_ = best.converged
+        self.n_modes_ = len(best.coef)
+        self.stability_ = found.stability
+        self.mode_selection_ = list(found.candidates)
+
+    def _store_rows(self, X, targets, weight, rows, found: Identification) -> None:
+        """Carry the modes from the canonical rows back to the user's, and fit the surface.
+
+        Rows of weight zero took no part; they get the mode that fits them best.
+        """
+        best, problem = found.best, found.problem
+        modes = rows.restore(best.modes)
+        self.surface_ = fit_weighted(clone(problem.surface), X, modes, weight)
+        membership = rows.restore(best.membership)
+        dropped = rows.inverse < 0
+        if dropped.any():
+            membership[dropped] = (
+                problem.on_rows(self._model.feature_map(X[dropped]), targets[dropped], X[dropped])
+                .assign(best.coef, self.surface_)
+                .membership
+            )
+        self.membership_, self.modes_ = membership, membership.argmax(axis=1)
+
+    def _warn(self, found: Identification, n_rows: int) -> None:
+        n_unknowns = found.n_modes_asked * self.coef_.shape[2]
+        if n_rows < n_unknowns:
+            warnings.warn(
+                f"{n_rows} distinct samples for {n_unknowns} unknown coefficients of each state: "
+                "the coefficients of smallest norm were chosen; measure more or use a smaller "
+                "feature_library.",
+                IdentificationWarning,
+                stacklevel=3,
+            )
+        if self.n_modes_ < found.n_modes_asked:
+            warnings.warn(
+                f"Only {self.n_modes_} of {found.n_modes_asked} modes explain any sample, the "
+                "others were dropped; use a smaller n_modes.",
+                IdentificationWarning,
+                stacklevel=3,
+            )
+        if not self.converged_:
+            warnings.warn(
+                f"The alternation stopped after max_iter={self.max_iter} iterations. "
+                f"{Status.ITERATION_LIMIT.advice}",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
+
+    @property
+    def _model(self) -> SwitchingModel:
+        return SwitchingModel(self.coef_, self._feature_map, self.surface_, self.discrete_time)
+
+    def _validated(self, X):
+        return validate_data(self, X, reset=False, dtype=np.float64)
