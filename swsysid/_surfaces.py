@@ -198,7 +198,8 @@ def _grow(
         scale = finer
     if gap > _TIGHT * objective + negligible:
         coef, objective = _polished(program, coef, objective)
-    accepted = objective - lower_bound <= _ACCEPTED * objective + negligible
+    # Where the optimum is 0 there is no relative gap: a billionth of one sample's margin is none.
+    accepted = objective - lower_bound <= _ACCEPTED * objective + 1e-9 * program.margin * largest
     return SurfaceFit(
         coef, objective, lower_bound, multipliers, Status.OPTIMAL if accepted else Status.INACCURATE
     )

@@ -1,0 +1,88 @@
+"""Mode-books: enumeration up to symmetry, search, decoding."""
+
+import numpy as np
+import pytest
+
+from swsysid._mode_books import candidate_books, check_book, decisions, disagreement
+
+
+def partitions(book):
+    """A book up to its symmetries: the set of two-sided splits that its surfaces make."""
+    sides = [frozenset(np.flatnonzero(column > 0)) for column in book.T]
+    everyone = frozenset(range(len(book)))
+    return frozenset(frozenset([side, everyone - side]) for side in sides)
+
+
+@pytest.mark.parametrize(("n_modes", "n_books"), [(1, 1), (2, 1), (3, 3), (4, 3)])
+def test_all_books_once(n_modes, n_books):
+    books = candidate_books(n_modes, np.eye(n_modes), np.random.RandomState(0))
+    assert len({partitions(book) for book in books}) == len(books) == n_books
+    for book in books:
+        assert book.shape == (n_modes, int(np.ceil(np.log2(n_modes))))
+        assert len(np.unique(book, axis=0)) == n_modes
+        assert (book[0] == -1).all()
+
+
+def test_two_classes_are_negative_then_positive():
+    (book,) = candidate_books(2, np.eye(2), np.random.RandomState(0))
+    np.testing.assert_array_equal(book, [[-1], [1]])
+
+
+@pytest.mark.parametrize("n_modes", [5, 6, 8, 11])
+def test_search_finds_a_planted_book(n_modes):
+    # The misfit is zero on the columns of the planted book and large elsewhere.
+    n_surfaces = (n_modes - 1).bit_length()
+    rng = np.random.default_rng(n_modes)
+    codes = 2 * (np.arange(2**n_surfaces)[:, None] >> np.arange(n_surfaces) & 1) - 1
+    planted = codes[rng.permutation(len(codes))[:n_modes]]
+    basis = np.linalg.qr(planted.astype(float))[0]
+    misfit = np.eye(n_modes) - basis @ basis.T
+    books = candidate_books(n_modes, misfit, np.random.RandomState(0))
+    assert len(books) <= 4
+    # Six codes without an antipodal pair have two books in the same span; all have misfit zero.
+    assert np.sum(books[0] * (misfit @ books[0])) == pytest.approx(0.0, abs=1e-12)
+    if n_modes != 6:
+        assert partitions(books[0]) == partitions(planted)
+
+
+def test_the_search_repeats_itself():
+    misfit = np.cov(np.random.default_rng(0).normal(size=(7, 20)))
+    first, second = (candidate_books(7, misfit, np.random.RandomState(3)) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_misfit_is_that_of_least_squares():
+    rng = np.random.default_rng(0)
+    features, labels = rng.normal(size=(50, 4)), rng.integers(0, 3, size=50)
+    one_hot, weight = np.eye(3)[labels], rng.uniform(0.5, 2.0, size=50)
+    root = np.sqrt(weight)[:, None]
+
+    def residuals(targets):
+        return targets - features @ np.linalg.lstsq(root * features, root * targets, rcond=None)[0]
+
+    misfit = disagreement(one_hot, residuals(one_hot), weight)
+    signs = np.array([1.0, -1.0, 1.0])
+    expected = weight @ residuals(signs[labels][:, None])[:, 0] ** 2
+    assert signs @ misfit @ signs == pytest.approx(expected, rel=1e-10)
+
+
+def test_decisions_by_hand():
+    book = np.array([[-1, -1], [-1, 1], [1, 1]])  # nobody owns (+, -)
+    values = np.array([[-2.0, -1.0], [-2.0, 3.0], [1.0, 3.0], [3.0, -1.0]])
+    expected = [[1.0, -1.0, -2.0], [-3.0, 2.0, -2.0], [-3.0, -1.0, 1.0], [-3.0, -3.0, -1.0]]
+    np.testing.assert_array_equal(decisions(values, book), expected)
+    np.testing.assert_array_equal(decisions(np.empty((2, 0)), np.empty((1, 0))), np.zeros((2, 1)))
+
+
+@pytest.mark.parametrize(
+    ("book", "sentence"),
+    [
+        ([[-1], [1], [1]], "one row of signs for each"),
+        ([-1, 1], "one row of signs for each"),
+        ([[-1], [0]], "other entries"),
+        ([[1, -1], [1, -1]], "same code"),
+    ],
+)
+def test_bad_books_get_a_sentence(book, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        check_book(book, 2)
