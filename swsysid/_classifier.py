@@ -179,7 +179,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         self._basis = self._make_basis(rows.arrays[0], rows.weight)
         features, labels = self._basis(rows.arrays[0]), rows.arrays[1]
         books = self._books(features, labels, rows.weight)
-        self.beta_ = self._default_beta() if _is_auto(self.beta) else float(self.beta)
+        default_beta = _BETA_STANDARDIZED if self.standardize else _BETA_RAW
+        self.beta_ = default_beta if _is_auto(self.beta) else float(self.beta)
         self.margin_ = _DEFAULT_MARGIN if _is_auto(self.margin) else float(self.margin)
         book, fits = self._fit_books(features, labels, rows.weight, books)
         if _is_auto(self.margin):
@@ -259,10 +260,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             self._basis(rows.arrays[0]),
             self.mode_book_[rows.arrays[1]].astype(float),
             rows.weight,
-            self.margin_,
-            self.beta_,
-            float(self.coef_bound),
-            self.solver,
+            *self._program(),
         )
         return certificate
 
@@ -288,26 +286,18 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         arguments = ", ".join(symbol(name, format) for name in inputs)
         head = "f_{{{}}}({}) = {}" if format == "latex" else "f{}({}) = {}"
         names = list(self._basis.names(inputs))
-        return [
-            head.format(
-                k, arguments, linear_combination(row, names, precision=precision, style=format)
-            )
-            for k, row in enumerate(self.coef_)
-        ]
+        sums = (
+            linear_combination(row, names, precision=precision, style=format) for row in self.coef_
+        )
+        return [head.format(k, arguments, terms) for k, terms in enumerate(sums)]
 
     # -- parts of fit ----------------------------------------------------------------------
 
     def _fit_books(self, features, labels, weight, books):
-        return fit_mode_book(
-            features,
-            labels,
-            weight,
-            books,
-            self.margin_,
-            self.beta_,
-            float(self.coef_bound),
-            self.solver,
-        )
+        return fit_mode_book(features, labels, weight, books, *self._program())
+
+    def _program(self):
+        return self.margin_, self.beta_, float(self.coef_bound), self.solver
 
     def _books(self, features, labels, weight):
         n_classes = len(self.classes_)
@@ -380,9 +370,6 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             else (LibraryBasis, self.feature_library)
         )
         return kind(features, X, weight, self.standardize)
-
-    def _default_beta(self):
-        return _BETA_STANDARDIZED if self.standardize else _BETA_RAW
 
     def _check_parameters(self):
         if not _is_a(self.degree, Integral) or self.degree < 0:
