@@ -1,0 +1,199 @@
+"""Regression on the sum of Euclidean norms: min_C sum_i ||y_i - C d_i||.
+
+A primal-dual Newton method in the manner of Andersen, Christiansen, Conn and Overton (SIAM J.
+Sci. Comput. 22, 2000). With r_i = y_i - C d_i and s_i = (||r_i||^2 + mu^2)^(1/2) it solves
+
+    s_i u_i = r_i,    sum_i u_i d_i^T = 0,    mu -> 0.
+
+Any u with ||u_i|| <= 1 that meets the second equation bounds the optimum from below by
+sum_i u_i.r_i, so that every iterate has a duality gap, sum_i (||r_i|| - u_i.r_i).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dposv
+
+from swsysid._results import Array, Status
+
+__all__ = ["EuclideanFit", "least_euclidean_norms"]
+
+MAX_ITER = 80
+MAX_HALVINGS = 30
+ROUNDING = 1e-14
+
+
+class EuclideanFit(NamedTuple):
+    """Coefficients (n_outputs, n_features), their sum of norms, and a proved lower bound."""
+
+    coef: Array
+    objective: float
+    lower_bound: float
+    status: Status
+
+
+def least_euclidean_norms(
+    design: Array, targets: Array, start: Array, support: Array, *, tol: float = 1e-10
+) -> EuclideanFit:
+    """Minimise the sum of Euclidean norms of the residuals.
+
+    Parameters
+    ----------
+    design : ndarray of shape (n_samples, n_features)
+    targets : ndarray of shape (n_samples, n_outputs)
+    start : ndarray of shape (n_outputs, n_features), zero outside the support
+    support : ndarray of shape (n_outputs, n_features), bool
+        Coefficients outside stay zero.
+    tol : float, default=1e-10
+        Relative duality gap to reach.
+
+    Returns
+    -------
+    EuclideanFit
+
+    Examples
+    --------
+    The geometric median of the corners of a square and a point inside is that point:
+
+    >>> import numpy as np
+    >>> from swsysid._euclidean import least_euclidean_norms
+    >>> points = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0], [2.0, 2.0]])
+    >>> free = np.ones((2, 1), dtype=bool)
+    >>> fit = least_euclidean_norms(np.ones((5, 1)), points, np.zeros((2, 1)), free)
+    >>> fit.coef.ravel().round(12), round(fit.objective**2)
+    (array([2., 2.]), 128)
+    """
+    iterate = _Iterate(design, targets, start, support)
+    status = Status.ITERATION_LIMIT
+    for _ in range(MAX_ITER):
+        if iterate.gap <= tol * iterate.objective + ROUNDING * iterate.size:
+            status = Status.OPTIMAL
+            break
+        if not iterate.advance():
+            status = Status.INACCURATE
+            break
+    coef = _polished(design, targets, iterate.coef, iterate.residuals, support)
+    residuals = targets - design @ coef.T
+    objective = float(np.linalg.norm(residuals, axis=1).sum())
+    lower_bound = max(float((iterate.feasible * residuals).sum()), 0.0)
+    if objective - lower_bound <= 1e-8 * objective + ROUNDING * iterate.size:
+        status = Status.OPTIMAL
+    return EuclideanFit(coef, objective, min(lower_bound, objective), status)
+
+
+class _Iterate:
+    """C, residuals r (n, k), dual u (n, k) with ||u_i|| <= 1, and the best feasible one."""
+
+    def __init__(self, design, targets, start, support):
+        self.design, self.support = design, support
+        self.coef = start.copy()
+        self.residuals = targets - design @ start.T
+        self.dual = np.zeros_like(targets)
+        self.feasible = self.dual  # the one of them with sum_i u_i d_i^T = 0 that bounds best
+        self.size = float(np.linalg.norm(targets, axis=1).sum())
+        self._refresh()
+
+    def _refresh(self):
+        norms = np.linalg.norm(self.residuals, axis=1)
+        self.objective = float(norms.sum())
+        self.gap = float((norms - (self.feasible * self.residuals).sum(axis=1)).sum())
+
+    def advance(self) -> bool:
+        """One Newton step; False where it brings nothing any more."""
+        # sum_i (s_i - u_i.r_i) is about n mu at s u = r: aim at a fifth of today's.
+        smoothing = 0.2 * self.gap / len(self.residuals)
+        lengths = np.sqrt(np.square(self.residuals).sum(axis=1) + smoothing**2)
+        # Linearised: s du = r + dr - s u - u (r.dr)/s with dr = -dC d, so that
+        # sum_i (r_i/s_i + M_i dr_i) d_i^T = 0, M = (I - u r^T/s)/s, made symmetric.
+        move = self._newton(lengths)
+        if move is None:
+            return False
+        change = -self.design @ move.T
+        along = (self.residuals * change).sum(axis=1, keepdims=True) / lengths[:, None]
+        step = (self.residuals + change - self.dual * along) / lengths[:, None] - self.dual
+        if not np.isfinite(step).all():
+            return False
+        before = (self.gap, self.objective)
+        self._search(move, change, smoothing)
+        self._update_dual(self.dual + step)
+        self._refresh()
+        return (self.gap, self.objective) != before
+
+    def _newton(self, lengths):
+        n_outputs, n_features = self.coef.shape
+        unit = self.residuals / lengths[:, None]
+        hessian = np.empty((n_outputs, n_features, n_outputs, n_features))
+        for one in range(n_outputs):
+            for two in range(one + 1):
+                mixed = self.dual[:, one] * unit[:, two] + self.dual[:, two] * unit[:, one]
+                weight = (float(one == two) - 0.5 * mixed) / lengths
+                block = self.design.T @ (self.design * weight[:, None])
+                hessian[one, :, two], hessian[two, :, one] = block, block.T
+        free = self.support.ravel()
+        size = free.size
+        move = np.zeros(size)
+        move[free] = _solve(
+            hessian.reshape(size, size)[np.ix_(free, free)], (unit.T @ self.design).ravel()[free]
+        )
+        return move.reshape(self.coef.shape) if np.isfinite(move).all() else None
+
+    def _search(self, move, change, smoothing):
+        """Move C, half as far each time until the smoothed objective does not grow."""
+        squared = smoothing**2
+        value = np.sqrt(np.square(self.residuals).sum(axis=1) + squared).sum()
+        share = 1.0
+        for _ in range(MAX_HALVINGS):
+            moved = self.residuals + share * change
+            if np.sqrt(np.square(moved).sum(axis=1) + squared).sum() <= value * (1 + 1e-15):
+                self.coef = self.coef + share * move
+                self.residuals = moved
+                return
+            share *= 0.5
+
+    def _update_dual(self, dual):
+        # The next step wants every sample inside its ball; the bound wants all of them scaled
+        # alike, which keeps sum_i u_i d_i^T = 0.
+        scaled = _orthogonal(self.design, dual, self.support)
+        scaled = scaled / max(1.0, np.linalg.norm(scaled, axis=1).max())
+        if (scaled * self.residuals).sum() > (self.feasible * self.residuals).sum():
+            self.feasible = scaled
+        self.dual = dual / np.maximum(1.0, np.linalg.norm(dual, axis=1, keepdims=True))
+
+
+def _solve(matrix, right):
+    scale = np.sqrt(np.diagonal(matrix).clip(min=np.finfo(float).tiny))
+    _, solution, failed = dposv(matrix / np.outer(scale, scale), right / scale)
+    if failed or not np.isfinite(solution).all():
+        solution = np.linalg.lstsq(matrix / np.outer(scale, scale), right / scale, rcond=1e-12)[0]
+    return solution / scale
+
+
+def _orthogonal(design, dual, support):
+    """The nearest dual with sum_i u_ik d_ij = 0 for every coefficient (k, j) of the support."""
+    dual = dual.copy()
+    for output, columns in enumerate(support):
+        part = design[:, columns]
+        if part.shape[1]:
+            dual[:, output] -= part @ _solve(part.T @ part, part.T @ dual[:, output])
+    return dual
+
+
+def _polished(design, targets, coef, residuals, support):
+    """Coefficients at which the samples with vanishing residuals are met exactly.
+
+    Where so many vanish that they determine the coefficients, least squares on them removes
+    the error that smoothing leaves.
+    """
+    norms = np.linalg.norm(residuals, axis=1)
+    met = norms <= 1e-6 * max(np.linalg.norm(targets, axis=1).max(), np.finfo(float).tiny)
+    if met.sum() <= design.shape[1]:
+        return coef
+    exact = np.zeros_like(coef)
+    for output, columns in enumerate(support):
+        exact[output, columns] = np.linalg.lstsq(
+            design[met][:, columns], targets[met, output], rcond=None
+        )[0]
+    value = np.linalg.norm(targets - design @ exact.T, axis=1).sum()
+    return exact if value <= norms.sum() else coef
