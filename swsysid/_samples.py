@@ -107,7 +107,7 @@ def measure(table: Table, what: Measurement) -> Samples:
             numbers[:, -1],
             groups,
             method=what.method,
-            inputs=numbers[:, len(what.states) : len(names)],
+            inputs=numbers[:, len(what.states) : len(names)] if what.inputs else None,
             order=what.order,
             window=what.window,
             cutoff=what.cutoff,

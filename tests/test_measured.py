@@ -5,6 +5,9 @@ import hashlib
 import numpy as np
 import pytest
 
+from swsysid._job import JobOptions, run_job
+from swsysid._samples import Measurement
+from swsysid._tables import Table
 from swsysid.datasets import _measured, _sources
 from swsysid.datasets._sources import MeasuredDataError, Source, locate
 from swsysid.differentiation import differentiate
@@ -180,3 +183,34 @@ def test_emps_friction_by_least_squares_with_known_modes(fetch_measured):
             found = [1 / gain, -drag / gain, -sign * offset / gain]
             expected = [published["M"], published["Fv"][k], published["Fc"][k]]
             np.testing.assert_allclose(found, expected, rtol=0.02, err_msg=str(chosen))
+
+
+@pytest.mark.parametrize(("loss", "tolerance"), [("l1", 0.05), ("squared", 0.015)])
+def test_emps_two_modes_find_the_friction_by_themselves(fetch_measured, loss, tolerance):
+    """Force and position in; out come the surface q' = 0 and the published asymmetric friction."""
+    data = fetch_measured(_measured.fetch_emps)
+    train = data.train
+    columns = {"q": train.x[:, 0], "force": train.inputs[:, 0], "t": train.t}
+    table = Table("EMPS", columns, data.units | {"t": "s"})
+    what = Measurement(states=("q",), inputs=("force",), time="t", order=2)
+    result = run_job(table, JobOptions(what, loss=loss))
+
+    model, X = result.model, result.samples.X
+    # the surface: its sides are the directions of motion
+    forward = model.predict_modes(np.array([[0.1, 0.05, 0.0]]))[0]
+    moving = abs(X[:, 1]) > 1e-3
+    agree = (model.predict_modes(X) == forward) == (X[:, 1] > 0)
+    assert agree[moving].mean() > 0.999
+    assert agree.mean() > 0.99
+    # the law: q'' = (force - Fv q' - Fc) / M in each mode, without the position
+    assert [str(name) for name in model.feature_names_out_] == ["1", "x1", "x2"]
+    published = data.published["asymmetric"]
+    for k, (mode, sign) in enumerate(((forward, 1.0), (1 - forward, -1.0))):
+        constant, drag, gain = model.coef_[mode, 1]
+        found = [1 / gain, -drag / gain, -sign * constant / gain]
+        expected = [published["M"], published["Fv"][k], published["Fc"][k]]
+        np.testing.assert_allclose(found, expected, rtol=tolerance)
+    # the known equation q' = velocity is found exactly, and one mode cannot do this
+    np.testing.assert_allclose(model.coef_[:, 0], [[0, 1, 0]] * 2, atol=1e-6)
+    assert result.switching[0] < 0.25 * result.single[0]
+    assert result.gain > 2.0

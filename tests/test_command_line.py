@@ -1,0 +1,185 @@
+"""The command line: planted systems come back in words, bad input in one sentence."""
+
+import re
+
+import joblib
+import numpy as np
+import pytest
+
+from swsysid.__main__ import main
+from swsysid._job_text import rename
+
+
+def oscillator(n_runs=8, duration=6.0, step=0.02, noise=0.0, seed=0):
+    """x'' = -x - c x', damping c = 0.1 for x > 0 and 0.5 otherwise, exact between the zeros."""
+    from scipy.integrate import solve_ivp
+
+    rng = np.random.default_rng(seed)
+    times = np.arange(0.0, duration, step)
+    columns = {name: [] for name in ("t", "x", "v", "run")}
+    for run in range(n_runs):
+        solution = solve_ivp(
+            lambda _, y: [y[1], -y[0] - (0.1 if y[0] > 0 else 0.5) * y[1]],
+            (0.0, duration),
+            rng.uniform(-3, 3, 2),
+            t_eval=times,
+            max_step=0.01,
+        )
+        x, v = solution.y + noise * rng.standard_normal(solution.y.shape)
+        for name, values in zip(columns, (times, x, v, np.full(len(times), run)), strict=True):
+            columns[name].append(values)
+    return {name: np.concatenate(values) for name, values in columns.items()}
+
+
+def write_csv(path, columns):
+    header = ",".join(columns)
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=header)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recording")
+    return write_csv(folder / "runs.csv", oscillator(noise=1e-4))
+
+
+NAMES = ["--time", "t", "--groups", "run"]
+
+
+def coefficients(text, rate):
+    """The coefficients of each mode's equation for `rate`, by feature name."""
+    found = []
+    for line in re.findall(rf"^ *{re.escape(rate)} = (.*?)(?:   \[|$)", text, re.MULTILINE):
+        terms = [term.partition(" ") for term in line.replace(" - ", " + -").split(" + ")]
+        found.append({name or "1": float(value) for value, _, name in terms})
+    return found
+
+
+def test_the_text_is_parsed_by_these_tests_as_it_is_meant():
+    text = "    x' = -1.5 x + 2.0e-3 v - 0.25   [m/s]\n"
+    assert coefficients(text, "x'") == [{"x": -1.5, "v": 2e-3, "1": -0.25}]
+
+
+def test_a_csv_becomes_equations_surface_error_model_and_picture(recording, tmp_path, capsys):
+    states = ["--states", "x,v", "--units", "x=m,v=m/s,t=s"]
+    assert main([recording, *states, *NAMES, "--output", str(tmp_path / "out")]) == 0
+    text = capsys.readouterr().out
+    # planted law, in each mode, and the planted surface x = 0
+    laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
+    assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.01)
+    assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=0.01)
+    assert "[m/s^2]" in text and "x [m], v [m/s]" in text
+    assert "whole trajectories" in text and "clearly better than one mode" in text
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "identification.txt",
+        "model.joblib",
+        "phase_portrait.png",
+    ]
+    model = joblib.load(tmp_path / "out" / "model.joblib")
+    far = np.array([[1.0, 0.3], [1.0, -0.3], [-1.0, 0.3], [-1.0, -0.3]])
+    modes = model.predict_modes(far)
+    assert modes[0] == modes[1] != modes[2] == modes[3]
+    rates = [[0.3, -1.03], [-0.3, -0.97], [0.3, 0.85], [-0.3, 1.15]]
+    np.testing.assert_allclose(model.predict(far), rates, atol=0.02)
+
+
+def test_positions_alone_give_the_same_law(recording, tmp_path, capsys):
+    arguments = [recording, "--states", "x", "--order", "2", *NAMES, "--output", str(tmp_path)]
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert "known: the derivative of x is x'" in text
+    assert "kept in the law" in text  # the spring needs the position
+    laws = sorted(coefficients(text, "x''"), key=lambda law: law["x'"])
+    assert [law["x'"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.02)
+    assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=0.02)
+
+
+@pytest.mark.parametrize("kind", ["npz", "mat"])
+def test_binary_files_and_measured_derivatives(kind, tmp_path, capsys):
+    from scipy.io import savemat
+
+    columns = oscillator(n_runs=2)
+    x, v = columns["x"], columns["v"]
+    columns |= {"dx": v, "dv": -x - np.where(x > 0, 0.1, 0.5) * v}
+    path = tmp_path / f"data.{kind}"
+    np.savez(path, **columns) if kind == "npz" else savemat(path, columns)
+    arguments = [
+        str(path),
+        "--states",
+        "x",
+        "v",
+        "--derivatives",
+        "dx",
+        "dv",
+        "--library",
+        "linear",
+    ]
+    assert main([*arguments, "--output", str(tmp_path / "out")]) == 0
+    text = capsys.readouterr().out
+    laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
+    # derivatives without noise: the printed digits are exact
+    assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=1e-5)
+    assert "the last stretch of each trajectory" in text
+
+
+def test_a_single_law_is_not_sold_as_two(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1, 1, (600, 2))
+    rates = np.column_stack([X[:, 1], -X[:, 0]]) + 0.1 * rng.standard_normal((600, 2))
+    columns = dict(zip("abcd", np.hstack([X, rates]).T, strict=True))
+    path = write_csv(tmp_path / "one.csv", columns)
+    arguments = [path, "--states", "a", "b", "--derivatives", "c", "d", "--output", str(tmp_path)]
+    assert main(arguments) == 0
+    assert "does not predict the held-out samples clearly better" in capsys.readouterr().out
+
+
+def test_the_built_in_example(tmp_path, capsys):
+    assert main(["--output", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert "clearly better than one mode" in text
+    assert (tmp_path / "phase_portrait.png").stat().st_size > 10_000
+
+
+def test_the_same_seed_gives_the_same_text(recording, tmp_path, capsys):
+    texts = []
+    for _ in range(2):
+        arguments = [recording, "--states", "x", "v", *NAMES, "--decimate", "4"]
+        main([*arguments, "--output", str(tmp_path)])
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["absent.csv", "--states", "x", "--time", "t"], "There is no file absent.csv"),
+        (["FILE"], "Name the states with --states; the columns are: t, x, v, run"),
+        (["FILE", "--states", "y", *NAMES], "has no column 'y'.*columns are: t, x, v, run"),
+        (["FILE", "--states", "x", "v"], "--time t"),
+        (["FILE", "--states", "x", "--inputs", "word", *NAMES], "no column 'word'"),
+        (["FILE", "--states", "x", "v", "--derivatives", "v"], "1 derivatives are named; name 2"),
+        (["FILE", "--states", "x", *NAMES, "--modes", "none"], "--modes 'none' is neither"),
+        (["FILE", "--states", "x", *NAMES, "--units", "x"], "--units 'x' is not of the form"),
+        (["FILE", "--states", "x", *NAMES, "--units", "q=m"], "has no column 'q'"),
+        (["FILE", "--states", "x", *NAMES, "--test-fraction", "1"], "not between 0 and 1"),
+        (["FILE", "--states", "x", *NAMES, "--window", "4"], "window=4 must be odd"),
+        (["FILE", "--states", "x", "--time", "t"], "goes back in time"),
+        (["FILE", "--states", "x", *NAMES, "--output", "FILE"], "cannot be written"),
+    ],
+)
+def test_bad_input_gets_one_sentence_and_exit_code_2(arguments, sentence, tmp_path, capsys):
+    path = write_csv(tmp_path / "runs.csv", oscillator(n_runs=2, duration=2.0))
+    assert main([path if word == "FILE" else word for word in arguments]) == 2
+    error = capsys.readouterr().err
+    assert re.search(sentence, error) and error.startswith("swsysid: ") and error.count("\n") == 1
+
+
+def test_help_shows_two_examples(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.count("python -m swsysid ") >= 3  # usage and two examples
+
+
+def test_names_replace_columns_only_as_whole_words():
+    assert rename("x1 x10 xx1", ["a", "b"]) == "b x10 xx1"
