@@ -6,12 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
 from scipy.optimize import lsq_linear
 
 from swsysid._results import Array
 from swsysid._row_space import RowSpace
 
 __all__ = ["DynamicsProgram", "boxed_least_squares"]
+
+# Indices of outputs (k, 1) and of features (1, p): together they pick a block of coefficients.
+Place = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class DynamicsProgram:
         """True if the outputs do not all have the same free features."""
         return bool((self.support != self.support[:1]).any())
 
-    def part(self, place: tuple[Array, ...]) -> DynamicsProgram:
+    def part(self, place: Place) -> DynamicsProgram:
         """The program of some outputs and features."""
         outputs, features = place
         return replace(
@@ -54,11 +59,17 @@ class DynamicsProgram:
             start=None if self.start is None else self.start[place],
         )
 
-    def places(self) -> Iterator[tuple[Array, ...]]:
+    def places(self) -> Iterator[Place]:
         """Outputs that share their free features, with these features."""
         patterns, owner = np.unique(self.support, axis=0, return_inverse=True)
         for index, columns in enumerate(patterns):
-            yield np.ix_(np.flatnonzero(owner.ravel() == index), np.flatnonzero(columns))
+            outputs = np.flatnonzero(owner.ravel() == index)
+            yield outputs[:, None], np.flatnonzero(columns)[None, :]
+
+    def everything(self) -> Place:
+        """All outputs and all features."""
+        n_outputs, n_features = self.support.shape
+        return np.arange(n_outputs)[:, None], np.arange(n_features)[None, :]
 
     def residuals(self, coef: Array) -> Array:
         return self.targets - self.design @ coef.T
@@ -78,7 +89,7 @@ def boxed_least_squares(design: Array, targets: Array, bound: float) -> Array:
     """Least squares with |C| <= bound, by the active-set method on the triangular factor."""
     n_features = design.shape[1]
     # D = Q T and Q^T Y from one factorisation: the rows beyond play no further part.
-    factor = np.linalg.qr(np.hstack([design, targets]), mode="r")
+    factor = qr(np.hstack([design, targets]), mode="r")[0][: n_features + targets.shape[1]]
     scale = np.abs(factor[:, :n_features]).max(axis=0)
     scale[scale == 0] = 1.0
     coef = [

@@ -188,7 +188,7 @@ def _polished(design, targets, coef, residuals, support):
     """
     norms = np.linalg.norm(residuals, axis=1)
     met = norms <= 1e-6 * max(np.linalg.norm(targets, axis=1).max(), np.finfo(float).tiny)
-    if met.sum() <= design.shape[1]:
+    if met.sum() < design.shape[1]:
         return coef
     exact = np.zeros_like(coef)
     for output, columns in enumerate(support):

@@ -165,8 +165,8 @@ def _fit_outputs(design, targets, bound, start, tol) -> list[Certified]:
         elif clean:
             fit = Certified(least_squares, _objective(rows, least_squares))
         else:
-            fit = near and _warm(rows, guess, tol)
-            fit = fit or _solve(rows, guess, near=near)
+            warm = _warm(rows, guess, tol) if near else None
+            fit = warm or _solve(rows, guess, near=near)
         fit = Certified(space.coef(fit.coef), fit.gap)
         if np.abs(fit.coef).max() > bound:
             fit = _solve(_boxed(design, row, bound), fit.coef.clip(-bound, bound))

@@ -143,14 +143,14 @@ class Loss(ABC):
         )
         coef, lower_bound = np.zeros(shape), 0.0
         whole = program.coupled and not self.separable
-        for place in [np.ix_(*map(range, shape))] if whole else program.places():
+        for place in [program.everything()] if whole else program.places():
             part = program.part(place)
             if part.design.size:
                 fitted, value = self._minimise(part, solver.lower())
+                coef[place] = fitted.clip(-part.bound, part.bound)
+                lower_bound += value
             else:
-                fitted, value = 0.0, part.weight @ self.values(part.targets)
-            coef[place] = np.clip(fitted, -part.bound, part.bound)
-            lower_bound += float(value)
+                lower_bound += float(part.weight @ self.values(part.targets))
         objective = float(weight @ self.values(program.residuals(coef)))
         rounding = ROUNDING * float(weight @ self.values(program.targets))
         proved = objective - lower_bound <= PROVED * objective + rounding

@@ -72,7 +72,7 @@ class RowSpace:
         """Coefficients of `self.design` for those of the features, up to the null space."""
         if self._lift is None:
             return coef
-        return np.linalg.lstsq(self._lift.T, coef.T, rcond=None)[0].T
+        return np.asarray(np.linalg.lstsq(self._lift.T, coef.T, rcond=None)[0].T, dtype=float)
 
     def least_squares(self, targets: Array) -> Array:
         """Least-squares coefficients of `self.design`, for targets of shape (k, n_samples)."""
