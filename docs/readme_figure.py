@@ -23,6 +23,7 @@ def main():
     """Identify the quartic oscillator from noisy velocities and draw two panels."""
     data = make_quartic_oscillator(n_samples=2000, noise=0.05, random_state=0)
     test = make_quartic_oscillator(n_samples=2000, random_state=1)
+    truth = make_quartic_oscillator(None, n_trajectories=6, time_step=0.05, random_state=2)
     model = SwitchingSystemRegressor(
         n_modes=2, feature_library=3, surface=PolynomialSurfaceClassifier(degree=4), random_state=0
     ).fit(data.X, data.Xdot)
@@ -35,7 +36,7 @@ def main():
         model, data.X, modes=data.modes, true_guard=data.guard, names=["x", "y"], ax=axes[0]
     )
     RolloutDisplay.from_estimator(
-        model, test.X, test.t, groups=test.groups, names=["x", "y"], max_rollouts=6, ax=axes[1:]
+        model, truth.X, truth.t, groups=truth.groups, names=["x", "y"], ax=axes[1:]
     )
     FIGURE.parent.mkdir(exist_ok=True)
     figure.savefig(FIGURE, dpi=110)

@@ -1,0 +1,113 @@
+"""
+Friction of a measured axis
+===========================
+
+A ball screw moves a carriage; the force of its motor and its position are measured. The law is
+
+    M q'' = force - Fv q' - Fc sign(q') - offset
+
+and its authors found that the friction of the worn screw depends on the direction. Nobody tells
+the estimator about directions, signs or friction: it gets two affine laws and a straight surface,
+and must find that the law changes where the velocity does its sign.
+
+The data are found through ``SWSYSID_DATA`` or downloaded; without either the example stops with a
+sentence.
+"""
+
+# %%
+# Measurements
+# ------------
+# Position and force at 1 kHz. Both are filtered alike and the position is differentiated twice;
+# every tenth row is kept. The states are position and velocity, the input is the force.
+
+import sys
+
+import matplotlib.pyplot as plt
+import numpy as np
+from sklearn.preprocessing import FunctionTransformer
+
+from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid.datasets import fetch_emps
+from swsysid.differentiation import differentiate
+from swsysid.metrics import velocity_rmse
+from swsysid.plotting import ResidualDisplay, RolloutDisplay, SwitchingSurfaceDisplay
+
+try:
+    emps = fetch_emps()
+except OSError as error:
+    print(f"Skipped, the data cannot be had (set SWSYSID_DATA to a copy): {error}")
+    sys.exit(0)
+
+train, test = (
+    differentiate(record.x, record.t, record.groups, inputs=record.inputs, order=2, decimate=10)
+    for record in (emps.train, emps.test)
+)
+names = ["q", "q'", "force"]
+units = {"q": "m", "q'": "m/s", "force": "N", "d/dt q'": "m/s²"}
+
+# %%
+# One law for both directions
+# ---------------------------
+# The library is affine in velocity and force: the friction does not depend on the position.
+
+
+def without_position(X):
+    """Columns 1, q' and force."""
+    return np.column_stack([np.ones(len(X)), X[:, 1:]])
+
+
+library = FunctionTransformer(
+    without_position, feature_names_out=lambda _, names: ["1", *names[1:]]
+)
+linear = SwitchingSystemRegressor(n_modes=1, feature_library=library).fit(train.X, train.Xdot)
+ResidualDisplay.from_estimator(
+    linear, train.X, train.Xdot, against="q'", state="q'", names=names, units=units
+)
+
+# %%
+# What is left jumps at velocity zero: dry friction. Two laws
+# -----------------------------------------------------------
+
+model = SwitchingSystemRegressor(
+    n_modes=2,
+    feature_library=library,
+    surface=PolynomialSurfaceClassifier(degree=1),
+    random_state=0,
+).fit(train.X, train.Xdot)
+print("\n".join(model.surface_.equations()))
+
+published = emps.published["asymmetric"]
+print(f"published: M {published['M']:.1f} kg")
+for direction, sign in enumerate((1, -1)):
+    mode = model.predict_modes(np.array([[0.0, sign * 0.1, 0.0]]))[0]
+    # q'' = c0 + c1 q' + c2 force  with  c2 = 1 / M,  c1 = -Fv / M,  c0 = -(sign Fc + offset) / M
+    constant, slope, inverse_mass = model.coef_[mode, 1]
+    print(
+        f"direction {sign:+d}: M {1 / inverse_mass:.1f} kg, "
+        f"Fv {-slope / inverse_mass:.1f} (published {published['Fv'][direction]:.1f}) N s/m, "
+        f"Fc {-sign * constant / inverse_mass:.2f} (published {published['Fc'][direction]:.2f}) N"
+    )
+for name, fitted in (("one law", linear), ("two laws", model)):
+    error = velocity_rmse(test.Xdot, fitted.predict(test.X))
+    print(f"{name}: error of the acceleration on the test record {error:.4f} m/s²")
+
+ResidualDisplay.from_estimator(
+    model, train.X, train.Xdot, against="q'", state="q'", names=names, units=units
+)
+SwitchingSurfaceDisplay.from_estimator(
+    model, train.X, features=("q'", "force"), names=names, units=units
+)
+
+# %%
+# Free run on the test record
+# ---------------------------
+# From the first state, driven by the measured force alone. Force integrates twice into position,
+# so every error of the friction stays.
+
+for fitted in (linear, model):
+    display = RolloutDisplay.from_estimator(
+        fitted, test.X, test.t, features=["q"], names=names, units=units, input_hold="linear"
+    )
+    drift = display.simulated[0][:, 0] - display.measured[0][: len(display.simulated[0]), 0]
+    print(f"position error of the free run {1e3 * np.sqrt(np.mean(drift**2)):.2f} mm (RMS)")
+plt.show()
