@@ -23,7 +23,8 @@ __all__ = ["JobOptions", "JobResult", "run_job"]
 
 WHOLE_GROUPS = 5  # from so many trajectories on, whole ones are held out
 BLOCKS = 10  # contiguous stretches on which two models are compared
-WORTH = 0.05  # positions must lower the error by this fraction to stay in the law
+WORTH = 0.05  # positions and modes must lower the error by this fraction to be worth having
+CERTAIN = 2.0  # standard errors from which on a gain is called certain
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,18 @@ class JobResult:
     gain: float
     position_gain: float | None
     stability: float
+
+    @property
+    def improvement(self) -> float:
+        """Fraction by which switching lowers the held-out error of a single mode."""
+        scale = np.where(self.spread > 0, self.spread, 1.0)
+        single, switching = (np.linalg.norm(e / scale) for e in (self.single, self.switching))
+        return float(1.0 - switching / single) if single > 0 else 0.0
+
+    @property
+    def switches(self) -> bool:
+        """True if the held-out samples speak for switching: a gain both certain and worthwhile."""
+        return self.gain > CERTAIN and self.improvement > WORTH
 
 
 def run_job(table: Table, options: JobOptions) -> JobResult:

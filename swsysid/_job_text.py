@@ -13,7 +13,6 @@ from swsysid._printing import linear_combination
 __all__ = ["render"]
 
 PRECISION = 6  # decimals of coefficients
-CLEAR = 2.0  # standard errors from which on an improvement is called clear
 
 
 def render(result: JobResult) -> str:
@@ -128,6 +127,11 @@ def _thresholds(surface, samples) -> list[str]:
     """The threshold on one column that comes closest to each surface."""
     lines = []
     for k, values in enumerate(surface.surface_values(samples.X).T):
+        if (values > 0).all() or (values <= 0).all():
+            lines.append(
+                f"    f{k} has one sign on all samples: these columns do not tell the modes apart"
+            )
+            continue
         found = [best_threshold(column, values > 0) for column in samples.X.T]
         column = int(np.argmax([agreement for _, agreement in found]))
         threshold, agreement = found[column]
@@ -177,13 +181,17 @@ def _errors(result: JobResult) -> str:
 def _verdict(result: JobResult) -> str:
     if result.model.n_modes_ == 1:
         return ""
-    if result.gain > CLEAR:
-        text = "Switching predicts the held-out samples clearly better than one mode"
+    gain = (
+        f"(error {100 * result.improvement:.1f} % lower, a gain of {result.gain:.1f} standard "
+        "errors over contiguous blocks)."
+    )
+    if result.switches:
+        text = f"Switching predicts the held-out samples clearly better than one mode {gain}"
     else:
-        text = "Switching does not predict the held-out samples clearly better than one mode"
-    text += f" (gain of {result.gain:.1f} standard errors over contiguous blocks)."
-    if result.gain <= CLEAR:
-        text += " Do not trust the modes: try another library, or keep one mode."
+        text = (
+            f"Switching does not predict the held-out samples clearly better than one mode {gain} "
+            "Do not trust the modes: try another library, or keep one mode."
+        )
     return f"{text}\nThe same answer came from {100 * result.stability:.0f} % of the starts."
 
 

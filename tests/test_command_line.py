@@ -183,3 +183,16 @@ def test_help_shows_two_examples(capsys):
 
 def test_names_replace_columns_only_as_whole_words():
     assert rename("x1 x10 xx1", ["a", "b"]) == "b x10 xx1"
+
+
+def test_modes_that_no_state_separates_are_called_so(tmp_path, capsys):
+    """Two laws drawn by a coin: two modes fit better in sample, and the text must not be proud."""
+    rng = np.random.default_rng(0)
+    x, u = rng.uniform(-1, 1, (2, 600))
+    rate = np.where(rng.random(600) < 0.7, -x + u, 2.0 + x) + 0.01 * rng.standard_normal(600)
+    path = write_csv(tmp_path / "coin.csv", {"x": x, "u": u, "dx": rate})
+    arguments = [path, "--states", "x", "--inputs", "u", "--derivatives", "dx"]
+    assert main([*arguments, "--output", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert "does not predict the held-out samples clearly better" in text
+    assert "these columns do not tell the modes apart" in text

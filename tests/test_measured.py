@@ -213,4 +213,4 @@ def test_emps_two_modes_find_the_friction_by_themselves(fetch_measured, loss, to
     # the known equation q' = velocity is found exactly, and one mode cannot do this
     np.testing.assert_allclose(model.coef_[:, 0], [[0, 1, 0]] * 2, atol=1e-6)
     assert result.switching[0] < 0.25 * result.single[0]
-    assert result.gain > 2.0
+    assert result.switches
