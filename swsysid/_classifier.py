@@ -25,10 +25,11 @@ from swsysid._surfaces import fit_mode_book, surface_scale, worst_status
 __all__ = ["PolynomialSurfaceClassifier"]
 
 _DEFAULT_MARGIN = 1e-2
-# The paper's beta in raw coordinates; in standardised ones features of order one need far less.
-_BETA_RAW, _BETA_STANDARDIZED = 1e-2, 1e-3
-# Enough to fit one temperature.
-_CALIBRATION_ROWS = 5000
+# The paper's beta in raw coordinates. In standardised ones half of it still separates what can be
+# separated; smaller values keep terms that only a few samples next to the surface ask for.
+_BETA_RAW, _BETA_STANDARDIZED = 1e-2, 5e-3
+# Enough to fit the temperature of the class probabilities.
+_CALIBRATION_ROWS = 2000
 
 
 class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
@@ -57,7 +58,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         certificate of the training data proves every surface nonzero, and 1e-2 where there is
         no such margin (classes not separable, or beta too large).
     beta : float or "auto", default="auto"
-        Sparsity, not negative. ``"auto"`` is 1e-3 if standardised, else the paper's 1e-2. It is
+        Sparsity, not negative. ``"auto"`` is 5e-3 if standardised, else the paper's 1e-2. It is
         the price of coefficients against the *sum* of slacks and does not grow with the number
         of samples: each sample can then afford to keep its slack zero however many there are.
     coef_bound : float, default=10.0
@@ -213,10 +214,11 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         """Probability of every class, shape (n_samples, n_classes).
 
         A softmax of the decisions, saturated a few margins from the surface; its temperature is
-        fitted to the training data.
+        fitted to (some of) the training data.
         """
         decided = self._class_decisions(self.surface_values(X))
-        return self._softmax(decided)
+        unit = self.margin_ / self._surface_scale.min(initial=np.inf) or self.margin_
+        return SaturatedSoftmax.fit(*self._calibration, unit)(decided)
 
     def surface_values(self, X):
         """Values f_l(x) of all surfaces, not normalised, shape (n_samples, n_surfaces)."""
@@ -325,7 +327,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         values = features @ self._fitted_coef.T
         self._surface_scale = surface_scale(values, rows.weight)
         self.mode_book_ = book
-        self._softmax = self._fit_softmax(values, labels, rows.weight)
+        some = spread_rows(len(values), _CALIBRATION_ROWS)
+        self._calibration = self._class_decisions(values[some]), labels[some], rows.weight[some]
         self.coef_ = self._basis.to_user(self._fitted_coef)
         self.feature_names_out_ = self._basis.names(self._input_names())
         self.slack_ = rows.restore(np.maximum(0.0, self.margin_ - book[labels] * values))
@@ -345,15 +348,6 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
                 IdentificationWarning,
                 stacklevel=3,
             )
-
-    def _fit_softmax(self, values, labels, weight):
-        some = spread_rows(len(values), _CALIBRATION_ROWS)
-        return SaturatedSoftmax.fit(
-            self._class_decisions(values[some]),
-            labels[some],
-            weight[some],
-            self.margin_ / self._surface_scale.min(initial=np.inf) or self.margin_,
-        )
 
     # -- small things ----------------------------------------------------------------------
 
