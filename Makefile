@@ -20,9 +20,10 @@ help:
 	@echo "make bench     the paper's tables beside ours"
 	@echo "make figures   draw the README's figure and print its numbers"
 
+
 demo: $(VENV)/.installed-plot
 	$(BIN)/python -m swsysid --output output
-	@echo "The pictures and the model are in the folder output/ ."
+	@echo "Picture, text and model: output/phase_portrait.png, identification.txt, model.joblib"
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n $(WORKERS)

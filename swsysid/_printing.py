@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 __all__ = ["check_format", "linear_combination", "symbol"]
 
@@ -15,7 +15,7 @@ def check_format(style: str) -> None:
 
 
 def linear_combination(
-    coef: Sequence[float], names: Sequence[str], *, precision: int = 3, style: str = "text"
+    coef: Sequence[float], names: Iterable[str], *, precision: int = 3, style: str = "text"
 ) -> str:
     """The sum of `coef` times `names`, without the terms that round to zero.
 
