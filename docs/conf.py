@@ -32,6 +32,8 @@ autosummary_generate = True
 autodoc_typehints = "none"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
+# shapes such as (n_modes_, n_states) are words, not links
+napoleon_preprocess_types = True
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
@@ -45,4 +47,5 @@ sphinx_gallery_conf = {
     "min_reported_time": 1e9,
 }
 # sphinx-gallery's configuration cannot be pickled; that is no defect of these pages.
-suppress_warnings = ["config.cache"]
+# Methods inherited from scikit-learn refer to labels of its own manual.
+suppress_warnings = ["config.cache", "ref.ref"]

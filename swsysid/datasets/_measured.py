@@ -160,7 +160,7 @@ def fetch_rc_vehicle() -> Bunch:
     Commands and on-board state of 81 s, brought to a common grid of 50 Hz: commands held, states
     interpolated. Longitudinally ``v' = -a v + b throttle - friction``; below a throttle of about
     0.1 the vehicle does not move. Two explanations rival on these data: a power law of the
-    throttle, sign(u) |u|^1.59, as its authors tuned it, and Coulomb friction.
+    throttle, ``sign(u) |u|^1.59``, as its authors tuned it, and Coulomb friction.
 
     Measured here, free run with 0.031 s of delay (m/s, train / test): linear 0.117 / 0.178, power
     law 0.054 / 0.111, linear with Coulomb friction 0.054 / 0.109, both 0.049 / 0.096.
@@ -289,12 +289,12 @@ def fetch_incubator() -> Bunch:
 def fetch_ced_prbs() -> Bunch:
     """Two electric drives coupled by a belt; the sensor measures the absolute speed.
 
-    Random binary voltage of three amplitudes, 500 samples at 50 Hz each. The output is |w| of a
+    Random binary voltage of three amplitudes, 500 samples at 50 Hz each. The output is ``|w|`` of a
     third-order linear system: the switch is on the sign of a speed that is not measured. (The
     benchmark's published errors belong to its other half and do not compare.)
 
     Measured here, fit on the first half, free run on the second (amplitude 1.0): linear 0.736,
-    the standard deviation of the output; third-order linear with |w| 0.505.
+    the standard deviation of the output; third-order linear with ``|w|`` 0.505.
 
     Returns
     -------
