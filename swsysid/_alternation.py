@@ -57,7 +57,8 @@ def alternate(
         started = perf_counter()
         coef = problem.estimate(membership, coef)
         assignment = problem.assign(coef, surface)
-        surface = problem.refit_surface(assignment.modes, surface) if problem.coupling else None
+        if problem.coupling and not np.array_equal(assignment.modes, modes):
+            surface = problem.refit_surface(assignment.modes, surface)
         history.append(
             _record(problem, iteration, coef, assignment, modes, surface, perf_counter() - started)
         )

@@ -227,6 +227,10 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         # In fitting coordinates: the user's monomials of data far from zero cancel.
         return self._basis(X) @ self._fitted_coef.T
 
+    def surface_values_at(self, point):
+        """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
+        return self._fitted_coef @ self._basis.at(point)
+
     def mode_penalty(self, X):
         """Slack that each class would cost each sample, shape (n_samples, n_classes).
 

@@ -8,10 +8,10 @@ from itertools import combinations
 
 import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin, clone
-from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures
+from sklearn.preprocessing import PolynomialFeatures
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-__all__ = ["FeatureMap", "FunctionLibrary"]
+__all__ = ["FeatureMap", "FunctionLibrary", "monomials_at"]
 
 
 class FunctionLibrary(TransformerMixin, BaseEstimator):
@@ -103,6 +103,11 @@ def _default_format(function) -> str:
     return f"{name}({', '.join(['{}'] * _arity(function))})"
 
 
+def monomials_at(point: np.ndarray, powers: np.ndarray) -> np.ndarray:
+    """Monomials with exponents `powers` (n_monomials, n_columns) at one point."""
+    return np.multiply.reduce(point**powers, axis=1)
+
+
 class FeatureMap:
     """A fitted copy of a feature library, with plain arrays and names at its boundary.
 
@@ -120,6 +125,17 @@ class FeatureMap:
         self.library = _as_transformer(library).fit(X)
         self.names_in = list(names)
         self.n_features_out = self(X[:1]).shape[1]
+        self._powers = getattr(self.library, "powers_", None)  # of a polynomial library
+
+    def at(self, point: np.ndarray) -> np.ndarray:
+        """Phi at one point, (n_features_in,) -> (n_features_out,), without checks.
+
+        A simulation asks for one point at a time, where a transformer's checks cost more than
+        its work; monomials are evaluated from their exponents.
+        """
+        if self._powers is not None:
+            return monomials_at(point, self._powers)
+        return np.asarray(self.library.transform(point[None, :]), dtype=float)[0]
 
     @property
     def names_out(self) -> np.ndarray:
@@ -151,7 +167,7 @@ class FeatureMap:
 
 def _as_transformer(library):
     if library is None:
-        return FunctionTransformer(feature_names_out="one-to-one")
+        return PolynomialFeatures(1, include_bias=False)  # the columns themselves
     if isinstance(library, (int, np.integer)) and not isinstance(library, bool):
         if library < 0:
             raise ValueError(f"feature_library={library}; a polynomial degree is at least 0.")

@@ -25,6 +25,7 @@ import numpy as np
 from swsysid._interior_point import interior_point
 from swsysid._results import Array, Status
 from swsysid._row_space import RowSpace, rounding
+from swsysid._rows import spread_rows
 from swsysid._vertex import Certified, certify, to_vertex
 
 __all__ = ["LadFit", "least_absolute_deviations"]
@@ -258,11 +259,7 @@ def _merge(rows, kept, signs) -> _Rows:
 
 def _sample(rows) -> _Rows:
     """Some of the light rows, scaled up to stand for all, and the heavy ones."""
-    # Multiples of the golden ratio modulo one are spread evenly without a period that could
-    # agree with one in the data.
-    n_sampled = int(SAMPLED * rows.scale)
-    golden = 0.5 * (np.sqrt(5.0) - 1.0)
-    chosen = np.unique((np.arange(n_sampled) * golden % 1.0 * rows.n_light).astype(np.intp))
+    chosen = spread_rows(rows.n_light, int(SAMPLED * rows.scale))
     scale = rows.n_light / len(chosen)
     return _Rows(
         np.vstack([scale * rows.design[chosen], rows.design[rows.n_light :]]),

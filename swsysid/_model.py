@@ -71,15 +71,17 @@ class SwitchingModel:
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity (or next state) at one point in one mode."""
-        return self.coef[mode] @ self.feature_map(self._point(x, u))[0]
+        return self.coef[mode] @ self.feature_map.at(np.concatenate([x, u]))
 
     def mode(self, x: Array, u: Array) -> int:
         """Active mode at one point."""
-        return int(self.surface.predict(self._point(x, u))[0])
+        if self.has_surface_values:
+            return self.decode(self.surface_values(x, u))
+        return int(self.surface.predict(np.concatenate([x, u])[None, :])[0])
 
     def surface_values(self, x: Array, u: Array) -> Array:
         """Values of the surfaces at one point, shape (n_surfaces,)."""
-        return self.surface.surface_values(self._point(x, u))[0]
+        return self.surface.surface_values_at(np.concatenate([x, u]))
 
     def decode(self, values: Array) -> int:
         """Active mode for given values of the surfaces."""
@@ -88,8 +90,4 @@ class SwitchingModel:
     @property
     def has_surface_values(self) -> bool:
         """True if the surface is known as a function, not only as a classifier."""
-        return hasattr(self.surface, "surface_values")
-
-    @staticmethod
-    def _point(x: Array, u: Array | None) -> Array:
-        return np.concatenate([x, [] if u is None else u])[None, :]
+        return hasattr(self.surface, "surface_values_at")

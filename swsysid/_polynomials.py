@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import comb
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._features import FeatureMap
+from swsysid._features import FeatureMap, monomials_at
 from swsysid._results import Array
 
 __all__ = ["LibraryBasis", "PolynomialBasis", "shifted_monomials"]
@@ -37,6 +37,7 @@ class PolynomialBasis:
         if standardize:
             self.centre, self.scale = _centre_and_scale(X, weight)
         self.monomials = PolynomialFeatures(degree).fit(X[:1])
+        self.powers = self.monomials.powers_  # recomputed by scikit-learn at every access
 
     def __call__(self, X: Array) -> Array:
         """Features in fitting coordinates, shape (n_samples, n_features_out)."""
@@ -48,13 +49,17 @@ class PolynomialBasis:
             )
         return features
 
+    def at(self, point: Array) -> Array:
+        """Features at one point, shape (n_features_out,), without checks."""
+        return monomials_at((point - self.centre) / self.scale, self.powers)
+
     def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
         """Names of the user's monomials, for given names of the columns of X."""
         return self.monomials.get_feature_names_out(np.asarray(inputs, dtype=object))
 
     def to_user(self, coef: Array) -> Array:
         """Coefficients of the user's monomials, from those in fitting coordinates."""
-        return coef @ shifted_monomials(self.monomials.powers_, self.centre, self.scale).T
+        return coef @ shifted_monomials(self.powers, self.centre, self.scale).T
 
 
 class LibraryBasis:
@@ -79,6 +84,10 @@ class LibraryBasis:
     def __call__(self, X: Array) -> Array:
         """Features in fitting coordinates, shape (n_samples, n_features_out)."""
         return (self.map(X) - self.centre) / self.scale
+
+    def at(self, point: Array) -> Array:
+        """Features at one point, shape (n_features_out,), without checks."""
+        return (self.map.at(point) - self.centre) / self.scale
 
     def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
         """Names of the library's columns, for given names of the columns of X."""

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
@@ -16,7 +13,6 @@ from swsysid._features import FeatureMap
 from swsysid._identification import Identification, identify
 from swsysid._model import SwitchingModel
 from swsysid._problem import fit_weighted, one_hot
-from swsysid._results import IdentificationWarning, Status
 from swsysid._rows import canonical_rows, check_sample_weight
 from swsysid._setup import (
     build_problem,
@@ -26,6 +22,7 @@ from swsysid._setup import (
     trajectory_codes,
 )
 from swsysid._simulate import simulate
+from swsysid._warnings import warn_about
 from swsysid.relaxations import get_relaxation
 
 __all__ = ["SwitchingSystemRegressor"]
@@ -212,7 +209,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         )
         self._store(found)
         self._store_rows(X, targets, weight, rows, found)
-        self._warn(found, len(rows.weight))
+        warn_about(self, found, len(rows.weight))
         return self
 
     def predict(self, X):
@@ -227,7 +224,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return self.surface_.predict(self._validated(X))
 
     def predict_mode_proba(self, X):
-        """Probability of every mode, shape (n_samples, n_modes_).
+        """Probability of every mode, shape (n_samples, `n_modes_`).
 
         That of the surface; 0 or 1 if the surface has no ``predict_proba``.
         """
@@ -238,7 +235,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return one_hot(self.surface_.predict(X), self.n_modes_)
 
     def mode_velocities(self, X):
-        """Velocity of every mode at every sample, shape (n_modes_, n_samples, n_states)."""
+        """Velocity of every mode at every sample, (`n_modes_`, n_samples, n_states)."""
         check_is_fitted(self)
         return self._model.velocities(self._validated(X))
 
@@ -367,31 +364,6 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 .membership
             )
         self.membership_, self.modes_ = membership, membership.argmax(axis=1)
-
-    def _warn(self, found: Identification, n_rows: int) -> None:
-        n_unknowns = found.n_modes_asked * self.coef_.shape[2]
-        if n_rows < n_unknowns:
-            warnings.warn(
-                f"{n_rows} distinct samples for {n_unknowns} unknown coefficients of each state: "
-                "the coefficients of smallest norm were chosen; measure more or use a smaller "
-                "feature_library.",
-                IdentificationWarning,
-                stacklevel=3,
-            )
-        if self.n_modes_ < found.n_modes_asked:
-            warnings.warn(
-                f"Only {self.n_modes_} of {found.n_modes_asked} modes explain any sample, the "
-                "others were dropped; use a smaller n_modes.",
-                IdentificationWarning,
-                stacklevel=3,
-            )
-        if not self.converged_:
-            warnings.warn(
-                f"The alternation stopped after max_iter={self.max_iter} iterations. "
-                f"{Status.ITERATION_LIMIT.advice}",
-                ConvergenceWarning,
-                stacklevel=3,
-            )
 
     @property
     def _model(self) -> SwitchingModel:

@@ -1,0 +1,44 @@
+"""What a user is told about a doubtful fit."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+from sklearn.exceptions import ConvergenceWarning
+
+from swsysid._identification import Identification
+from swsysid._results import IdentificationWarning, Status
+
+__all__ = ["warn_about"]
+
+# Frames between `warnings.warn` and the user's call of `fit`.
+_STACK_LEVEL = 4
+
+
+def warn_about(estimator: Any, found: Identification, n_rows: int) -> None:
+    """Warn if the data do not determine the answer, or if it is not converged."""
+    n_unknowns = found.n_modes_asked * estimator.coef_.shape[2]
+    if n_rows < n_unknowns:
+        _warn(
+            f"{n_rows} distinct samples for {n_unknowns} unknown coefficients of each state: the "
+            "coefficients of smallest norm were chosen; measure more or use a smaller "
+            "feature_library.",
+            IdentificationWarning,
+        )
+    if estimator.n_modes_ < found.n_modes_asked:
+        _warn(
+            f"Only {estimator.n_modes_} of {found.n_modes_asked} modes explain any sample, the "
+            "others were dropped; use a smaller n_modes.",
+            IdentificationWarning,
+        )
+    if not estimator.converged_:
+        _warn(
+            f"The alternation stopped after max_iter={estimator.max_iter} iterations. "
+            f"{Status.ITERATION_LIMIT.advice}",
+            ConvergenceWarning,
+        )
+
+
+def _warn(message: str, category: type[Warning]) -> None:
+    warnings.warn(message, category, stacklevel=_STACK_LEVEL)
