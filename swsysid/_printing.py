@@ -64,7 +64,8 @@ def _subscript(match: re.Match) -> str:
 
 
 def _number(value: float, precision: int, style: str) -> str:
-    if 10.0**-precision * 10 <= value < 1e5:
+    smallest = 10.0 ** -max(precision - 1, 1)  # below it a fixed point would cost digits
+    if smallest <= round(value, precision) < 1e5:
         return f"{value:.{precision}f}"
     mantissa, exponent = f"{value:.{precision}e}".split("e")
     if style == "latex":
