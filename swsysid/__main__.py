@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from swsysid._job import JobOptions, JobResult, run_job
-from swsysid._job_text import render
+from swsysid._command.job import JobOptions, JobResult, run_job
+from swsysid._command.job_text import render
+from swsysid._command.samples import Measurement
+from swsysid._command.tables import Table, TableError, read_table
 from swsysid._results import SolverError
-from swsysid._samples import Measurement
-from swsysid._tables import Table, TableError, read_table
 from swsysid.datasets import make_damped_oscillator
 
 __all__ = ["main"]

@@ -12,15 +12,15 @@ from sklearn.utils import check_random_state
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from swsysid._hinge import least_squares
-from swsysid._margins import certify_margin, max_margin
-from swsysid._mode_books import candidate_books, check_book, decisions, disagreement
-from swsysid._polynomials import LibraryBasis, PolynomialBasis
 from swsysid._printing import check_format, linear_combination, symbol
-from swsysid._probability import SaturatedSoftmax
 from swsysid._results import IdentificationWarning, MarginCertificate
 from swsysid._rows import canonical_rows, check_sample_weight, spread_rows
-from swsysid._surfaces import fit_mode_book, surface_scale, worst_status
+from swsysid._surfaces.hinge import least_squares
+from swsysid._surfaces.margin_program import fit_mode_book, surface_scale, worst_status
+from swsysid._surfaces.margins import certify_margin, max_margin
+from swsysid._surfaces.mode_books import candidate_books, check_book, decisions, disagreement
+from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis
+from swsysid._surfaces.probability import SaturatedSoftmax
 
 __all__ = ["PolynomialSurfaceClassifier"]
 

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from swsysid._alternation import Alternation, alternate, relabel
 from swsysid._problem import Modes, SwitchingProblem, one_hot
 from swsysid._results import Array
-from swsysid._seeding import seed_modes
+from swsysid._seeding.seeding import seed_modes
 from swsysid._selection import ModeCandidate, compare_mode_counts, smallest_sufficient
 from swsysid._sparsity import sparse_support
 

@@ -19,14 +19,15 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array, hstack, vstack
 
-from swsysid._conic import linear_program, modelling, solve
-from swsysid._dynamics_program import DynamicsProgram, boxed_least_squares
-from swsysid._euclidean import least_euclidean_norms
-from swsysid._lad import least_absolute_deviations
 from swsysid._results import Array, SolverError, Status
-from swsysid._row_space import RowSpace
+from swsysid._solvers.conic import linear_program, modelling, solve
+from swsysid._solvers.dynamics_program import DynamicsProgram, boxed_least_squares
+from swsysid._solvers.euclidean import least_euclidean_norms
+from swsysid._solvers.lad import least_absolute_deviations
+from swsysid._solvers.row_space import RowSpace
 
 __all__ = ["LOSSES", "DynamicsFit", "L1Loss", "L2Loss", "Loss", "SquaredLoss", "get_loss"]
 
@@ -86,7 +87,7 @@ class Loss(ABC):
         coef_bound: float | None = None,
         solver: str = "auto",
         start: Array | None = None,
-        support: Array | None = None,
+        support: NDArray[np.bool_] | None = None,
     ) -> DynamicsFit:
         r"""Solve :math:`\min_C \sum_i w_i L(y_i - C d_i)` subject to :math:`|C| \le B`.
 

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array, hstack, kron, vstack
 from sklearn.utils import check_array, check_consistent_length
 
-from swsysid._conic import mixed_integer_program
 from swsysid._features import FeatureMap
 from swsysid._results import Array, MipResult
+from swsysid._solvers.conic import mixed_integer_program
 
 __all__ = ["solve_mip"]
 

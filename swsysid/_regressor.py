@@ -21,7 +21,7 @@ from swsysid._setup import (
     input_names,
     trajectory_codes,
 )
-from swsysid._simulate import simulate
+from swsysid._simulation.simulate import simulate
 from swsysid._warnings import warn_about
 from swsysid.relaxations import get_relaxation
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
-from swsysid._seeding import held_out_log_likelihood, seed_modes
+from swsysid._seeding.seeding import held_out_log_likelihood, seed_modes
 
 __all__ = ["ModeCandidate", "compare_mode_counts", "smallest_sufficient"]
 

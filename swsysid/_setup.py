@@ -162,8 +162,9 @@ def _check_number(estimator: Any, name: str, allow: Any = (), zero: bool = False
     if value is None or isinstance(value, str):
         if value in allowed:
             return
-    elif isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(value):
-        if value > 0 or (zero and value == 0):
+    elif isinstance(value, Real) and not isinstance(value, bool):
+        number = float(value)
+        if np.isfinite(number) and (number > 0 or (zero and number == 0)):
             return
     also = "".join(f" or {choice!r}" for choice in allowed)
     sign = "non-negative" if zero else "positive"

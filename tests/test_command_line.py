@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from swsysid.__main__ import main
-from swsysid._job_text import rename
+from swsysid._command.job_text import rename
 
 
 def oscillator(n_runs=8, duration=6.0, step=0.02, noise=0.0, seed=0):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from swsysid import _conic
 from swsysid._results import SolverError, Status
+from swsysid._solvers import conic
 
 
 def _random_program(seed):
@@ -28,7 +28,7 @@ def _random_program(seed):
 
 def test_linear_program_by_hand():
     # max x + y on x + 2y <= 4, 3x + y <= 6: the vertex (8/5, 6/5), multipliers (2/5, 1/5)
-    solution = _conic.linear_program([-1.0, -1.0], A_ub=[[1, 2], [3, 1]], b_ub=[4, 6])
+    solution = conic.linear_program([-1.0, -1.0], A_ub=[[1, 2], [3, 1]], b_ub=[4, 6])
     assert solution.status is Status.OPTIMAL
     np.testing.assert_allclose(solution.x, [1.6, 1.2], atol=1e-12)
     np.testing.assert_allclose(solution.dual_ub, [0.4, 0.2], atol=1e-12)
@@ -36,7 +36,7 @@ def test_linear_program_by_hand():
 
 
 def test_variables_are_free_without_bounds():
-    solution = _conic.linear_program([1.0], A_ub=[[-1.0]], b_ub=[5.0])
+    solution = conic.linear_program([1.0], A_ub=[[-1.0]], b_ub=[5.0])
     np.testing.assert_allclose(solution.x, [-5.0], atol=1e-12)
 
 
@@ -44,7 +44,7 @@ def test_variables_are_free_without_bounds():
 @pytest.mark.parametrize("seed", range(3))
 def test_multipliers_prove_the_optimum(solver, seed):
     cost, program = _random_program(seed)
-    solution = _conic.linear_program(cost, solver=solver, **program)
+    solution = conic.linear_program(cost, solver=solver, **program)
     reduced = cost + program["A_ub"].T @ solution.dual_ub + program["A_eq"].T @ solution.dual_eq
     # min over the box of the Lagrangian is a lower bound; it meets the objective
     dual = (
@@ -62,7 +62,7 @@ def test_solvers_and_matrix_kinds_agree():
     cost, program = _random_program(7)
     sparse = program | {name: csr_array(program[name]) for name in ("A_ub", "A_eq")}
     values = [
-        _conic.linear_program(cost, solver=solver, **rows).objective
+        conic.linear_program(cost, solver=solver, **rows).objective
         for solver in ("auto", "clarabel")
         for rows in (program, sparse)
     ]
@@ -78,7 +78,7 @@ def test_solvers_and_matrix_kinds_agree():
     ],
 )
 def test_programs_without_a_solution_say_so(solver, rows, status):
-    solution = _conic.linear_program([-1.0], solver=solver, **rows)
+    solution = conic.linear_program([-1.0], solver=solver, **rows)
     assert solution.status is status
     assert np.isnan(solution.x).all()
     assert len(solution.dual_ub) == len(rows.get("b_ub", []))
@@ -86,26 +86,26 @@ def test_programs_without_a_solution_say_so(solver, rows, status):
 
 def test_a_missing_solver_is_named_with_the_installed_ones():
     with pytest.raises(SolverError, match="'nosuch' is not installed.*CLARABEL.*install nosuch"):
-        _conic.linear_program([1.0], bounds=(0, 1), solver="nosuch")
+        conic.linear_program([1.0], bounds=(0, 1), solver="nosuch")
 
 
 def test_missing_cvxpy_is_a_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "cvxpy", None)
     with pytest.raises(SolverError, match="pip install cvxpy clarabel"):
-        _conic.modelling()
+        conic.modelling()
 
 
 def test_solve_reports_a_conic_optimum_in_place():
     x = cp.Variable(2)
     problem = cp.Problem(cp.Minimize(cp.norm(x - np.array([3.0, 4.0]))), [cp.norm(x) <= 1])
-    assert _conic.solve(problem) is Status.OPTIMAL
+    assert conic.solve(problem) is Status.OPTIMAL
     np.testing.assert_allclose(x.value, [0.6, 0.8], atol=1e-6)
 
 
 def test_a_solver_that_cannot_take_the_cone_fails_with_advice():
     matrix = cp.Variable((2, 2), PSD=True)
     problem = cp.Problem(cp.Minimize(cp.trace(matrix)), [matrix[0, 1] == 1])
-    status = _conic.solve(problem, "osqp")
+    status = conic.solve(problem, "osqp")
     assert status is Status.FAILED
     assert "choose another solver" in status.advice
 
@@ -129,19 +129,19 @@ class _Problem:
     "error", [cp.error.SolverError("broke"), ZeroDivisionError(), RuntimeError("panic")]
 )
 def test_exceptions_of_a_solver_become_a_status(error):
-    assert _conic.solve(_Problem("optimal", error)) is Status.FAILED
+    assert conic.solve(_Problem("optimal", error)) is Status.FAILED
 
 
 def test_warnings_of_a_solver_become_a_status():
-    assert _conic.solve(_Problem("optimal_inaccurate")) is Status.INACCURATE
-    assert _conic.solve(_Problem("user_limit")) is Status.ITERATION_LIMIT
-    assert _conic.solve(_Problem("solver_error")) is Status.FAILED
+    assert conic.solve(_Problem("optimal_inaccurate")) is Status.INACCURATE
+    assert conic.solve(_Problem("user_limit")) is Status.ITERATION_LIMIT
+    assert conic.solve(_Problem("solver_error")) is Status.FAILED
 
 
 def test_an_invalid_model_is_not_hidden():
     x = cp.Variable()
     with pytest.raises(cp.error.DCPError):
-        _conic.solve(cp.Problem(cp.Minimize(-cp.square(x))))
+        conic.solve(cp.Problem(cp.Minimize(-cp.square(x))))
 
 
 def test_integer_program_matches_enumeration():
@@ -150,7 +150,7 @@ def test_integer_program_matches_enumeration():
     capacity = 0.4 * weight.sum()
     subsets = (np.arange(2**8)[:, None] >> np.arange(8)) & 1
     best = (subsets @ value)[subsets @ weight <= capacity].max()
-    solution = _conic.mixed_integer_program(
+    solution = conic.mixed_integer_program(
         -value,
         matrix=csr_array(weight[None]),
         low=[-np.inf],
@@ -164,7 +164,7 @@ def test_integer_program_matches_enumeration():
 
 
 def test_an_infeasible_integer_program_says_so():
-    solution = _conic.mixed_integer_program(
+    solution = conic.mixed_integer_program(
         [1.0], matrix=[[2.0]], low=[1.0], high=[1.0], integrality=[1], bounds=(0, 1)
     )
     assert solution.status is Status.INFEASIBLE

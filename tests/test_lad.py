@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swsysid import _lad
-from swsysid._conic import linear_program
-from swsysid._lad import least_absolute_deviations
 from swsysid._results import Status
-from swsysid._row_space import RowSpace
+from swsysid._solvers import lad
+from swsysid._solvers.conic import linear_program
+from swsysid._solvers.lad import least_absolute_deviations
+from swsysid._solvers.row_space import RowSpace
 
 
 def highs(design, target, bound=np.inf, weight=None):
@@ -291,7 +291,7 @@ def test_merging_rows_is_exact(make, bound, monkeypatch):
     design, target = make(12_000)
     merged = least_absolute_deviations(design, target[:, None], coef_bound=bound)
     np.testing.assert_allclose(merged.lower_bound, merged.objective, rtol=1e-9)
-    monkeypatch.setattr(_lad, "FEW", np.inf)  # every row reaches the interior point
+    monkeypatch.setattr(lad, "FEW", np.inf)  # every row reaches the interior point
     whole = least_absolute_deviations(design, target[:, None], coef_bound=bound)
     np.testing.assert_allclose(merged.objective, whole.objective, rtol=1e-10)
 
@@ -299,9 +299,9 @@ def test_merging_rows_is_exact(make, bound, monkeypatch):
 def test_merging_is_used_for_many_rows(monkeypatch):
     design, _, target = random_problem(17, 12_000)
     sizes = []
-    direct = _lad._direct
+    direct = lad._direct
     monkeypatch.setattr(
-        _lad, "_direct", lambda rows, start: sizes.append(len(rows.targets)) or direct(rows, start)
+        lad, "_direct", lambda rows, start: sizes.append(len(rows.targets)) or direct(rows, start)
     )
     least_absolute_deviations(design, target[:, None])
     assert max(sizes) <= 3000

@@ -15,31 +15,36 @@ PACKAGE = Path(swsysid.__file__).parent
 # A file imports only from files in the groups before its own.
 GROUPS = (
     # 0: records, words, and numerical tools that know nothing of the package
-    """_results _features _printing _tables _smoothing _interior_point _row_space _vertex
-    datasets/_sources""",
-    # 1: one tool each: solvers, rows, polynomials, derivatives, mode-books
-    """_conic _rows _lad _euclidean _dynamics_program _designs _polynomials _mode_books _model
-    _events _probability differentiation metrics/_surfaces datasets/_measured""",
+    """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
+    _solvers/vertex _command/tables datasets/_sources
+    _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
+    _command/__init__""",
+    # 1: one tool each
+    """_rows _model differentiation _solvers/conic _solvers/euclidean
+    _solvers/dynamics_program _surfaces/polynomials _surfaces/mode_books _surfaces/probability
+    _seeding/designs _simulation/events metrics/_surfaces datasets/_measured""",
     # 2: programs and rollouts
-    """_losses _hinge _gate _starts _mip _samples _simulate metrics/_errors metrics/_modes""",
-    # 3: what a relaxation is; the margin program; mixtures of experts
-    """relaxations/_base _surfaces _experts metrics/_scorers datasets/_polynomial_system""",
-    # 4: one relaxation a file; the three steps of the alternation; the search for starts
-    """relaxations/_exact relaxations/_simplex relaxations/_moment _problem _margins _search
-    metrics/__init__ datasets/_trajectories""",
-    # 5: the alternation; the classifier; seeding
-    """relaxations/__init__ _alternation _classifier _seeding _sparsity plotting/_style
-    datasets/_generated""",
-    # 6: certificates; the number of modes; one display a file
-    """_certificates _selection datasets/__init__ plotting/_convergence plotting/_residual
-    plotting/_rollout plotting/_surface plotting/_timeline""",
+    """_mip _solvers/lad _surfaces/hinge _seeding/gate _seeding/starts _simulation/simulate
+    _command/samples metrics/_errors metrics/_modes""",
+    # 3: the losses; the margin program; mixtures of experts
+    """_losses _surfaces/margin_program _seeding/experts metrics/_scorers
+    datasets/_polynomial_system""",
+    # 4: what a relaxation is; what a margin certifies; the search for starts
+    "relaxations/_base _surfaces/margins _seeding/search metrics/__init__ datasets/_trajectories",
+    # 5: one relaxation a file; the three steps of the alternation; the classifier; seeding
+    """relaxations/_exact relaxations/_simplex relaxations/_moment _problem _classifier
+    _seeding/seeding plotting/_style datasets/_generated""",
+    # 6: the alternation; the number of modes; the terms a mode needs; one display a file
+    """_alternation _selection _sparsity relaxations/__init__ datasets/__init__
+    plotting/_convergence plotting/_residual plotting/_rollout plotting/_surface
+    plotting/_timeline""",
     # 7 to 9: from the data to the estimator
-    "_identification plotting/__init__",
-    "_setup",
+    "_identification _certificates plotting/__init__",
+    "_setup _warnings",
     "_regressor",
     # 10 to 12: the public names, the main job, the command line
-    "__init__ _job",
-    "_job_text",
+    "__init__ _command/job",
+    "_command/job_text",
     "__main__",
 )
 LAYERS = {name: layer for layer, names in enumerate(GROUPS) for name in names.split()}

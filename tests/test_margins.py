@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._conic import linear_program
-from swsysid._margins import certify_margin, max_margin
 from swsysid._results import Status
-from swsysid._surfaces import fit_surface
+from swsysid._solvers.conic import linear_program
+from swsysid._surfaces.margin_program import fit_surface
+from swsysid._surfaces.margins import certify_margin, max_margin
 
 
 def circle(n_samples, seed=0, gap=0.2):

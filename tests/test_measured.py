@@ -5,9 +5,9 @@ import hashlib
 import numpy as np
 import pytest
 
-from swsysid._job import JobOptions, run_job
-from swsysid._samples import Measurement
-from swsysid._tables import Table
+from swsysid._command.job import JobOptions, run_job
+from swsysid._command.samples import Measurement
+from swsysid._command.tables import Table
 from swsysid.datasets import _measured, _sources
 from swsysid.datasets._sources import MeasuredDataError, Source, locate
 from swsysid.differentiation import differentiate

@@ -5,9 +5,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from swsysid._conic import linear_program
 from swsysid._mip import solve_mip
 from swsysid._results import Status
+from swsysid._solvers.conic import linear_program
 
 
 def draw(n_samples, n_modes, n_states, noise, seed):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swsysid._mode_books import candidate_books, check_book, decisions, disagreement
+from swsysid._surfaces.mode_books import candidate_books, check_book, decisions, disagreement
 
 
 def partitions(book):

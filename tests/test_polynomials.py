@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures
 
-from swsysid._polynomials import LibraryBasis, PolynomialBasis, shifted_monomials
+from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, shifted_monomials
 
 
 def sample(n_features=2, seed=0):

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
 
-from swsysid import _designs
-from swsysid._designs import WhitenedRows, monomials, weighted_quantile, whiten
-from swsysid._experts import Noise, em, initial_experts, single_model
-from swsysid._gate import gate_degree_within, log_softmax, newton_step
-from swsysid._search import same_partition
-from swsysid._seeding import held_out_log_likelihood, seed_modes
-from swsysid._starts import some_rows
+from swsysid._seeding import designs
+from swsysid._seeding.designs import WhitenedRows, monomials, weighted_quantile, whiten
+from swsysid._seeding.experts import Noise, em, initial_experts, single_model
+from swsysid._seeding.gate import gate_degree_within, log_softmax, newton_step
+from swsysid._seeding.search import same_partition
+from swsysid._seeding.seeding import held_out_log_likelihood, seed_modes
+from swsysid._seeding.starts import some_rows
 
 # number of modes, degree of the gate, region of each mode
 CASES = {
@@ -294,7 +294,7 @@ class TestWeightedAlgebra:
 
     @pytest.mark.parametrize("limit", [0, 10**9])
     def test_gram_matrices_with_and_without_the_table(self, limit, monkeypatch):
-        monkeypatch.setattr(_designs, "_MAX_PRODUCTS", limit)
+        monkeypatch.setattr(designs, "_MAX_PRODUCTS", limit)
         rng = np.random.default_rng(9)
         rows, weights = WhitenedRows(rng.standard_normal((4, 30))), rng.random((2, 3, 30))
         expected = np.einsum("an,bn,rmn->rmab", rows.values, rows.values, weights)

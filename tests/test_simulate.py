@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from switched import SwitchedWithValues, both_kinds
 
 from swsysid._results import Status
-from swsysid._simulate import simulate
+from swsysid._simulation.simulate import simulate
 
 DAMPING = (0.1, 0.5)  # right and left of x = 0: the paper's linear example
 

@@ -5,7 +5,7 @@ import pytest
 from switched import Switched, SwitchedWithValues, both_kinds
 
 from swsysid._results import Status
-from swsysid._simulate import simulate
+from swsysid._simulation.simulate import simulate
 
 UNSWITCHED = [lambda x, u: -1.0]
 

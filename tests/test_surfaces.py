@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._conic import linear_program
-from swsysid._hinge import MarginProgram, approach, best_multiple
 from swsysid._results import SolverError, Status
-from swsysid._surfaces import fit_mode_book, fit_surface, worst_status
+from swsysid._solvers.conic import linear_program
+from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
+from swsysid._surfaces.margin_program import fit_mode_book, fit_surface, worst_status
 
 MARGIN, BETA, BOUND = 1e-2, 1e-5, 10.0
 
@@ -179,7 +179,7 @@ def test_a_start_changes_nothing_but_the_time(kind):
 
 def test_a_hundred_thousand_rows_need_a_small_program(monkeypatch):
     """The point of the working set: HiGHS sees a few rows for each coefficient."""
-    import swsysid._surfaces as surfaces
+    import swsysid._surfaces.margin_program as surfaces
 
     columns = []
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array, Trajectory
-from swsysid._simulate import simulate
+from swsysid._simulation.simulate import simulate
 
 __all__ = ["PolynomialSwitchingSystem", "monomials"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _MARKERS = ("o", "^", "s", "D", "v", "P")
 
 # Sizes that survive a projector and a two-column page.
-_STYLE = {
+_STYLE: dict[str, Any] = {
     "font.size": 13,
     "axes.labelsize": 14,
     "axes.titlesize": 14,
@@ -77,7 +78,8 @@ def canvas(ax=None, n_panels: int = 1, panel_size=(5.6, 4.4)):
     """
     import matplotlib.pyplot as plt
 
-    with plt.rc_context({**_STYLE, "axes.prop_cycle": plt.cycler(color=PALETTE)}):
+    settings: Any = _STYLE | {"axes.prop_cycle": plt.cycler(color=PALETTE)}
+    with plt.rc_context(settings):
         if ax is None:
             width, height = panel_size
             _, ax = plt.subplots(

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swsysid._conic import HAS_VALUES, modelling, solve
 from swsysid._results import Array, Assignment, Status
+from swsysid._solvers.conic import HAS_VALUES, modelling, solve
 from swsysid.relaxations._base import Relaxation, on_simplex
 
 __all__ = ["MomentRelaxation"]

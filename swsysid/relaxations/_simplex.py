@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import bsr_array
 
-from swsysid._conic import HAS_VALUES, linear_program, modelling, solve
 from swsysid._results import Array, Assignment, Status
+from swsysid._solvers.conic import HAS_VALUES, linear_program, modelling, solve
 from swsysid.relaxations._base import Relaxation, on_simplex, one_hot
 
 __all__ = ["SimplexRelaxation"]

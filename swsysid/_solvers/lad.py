@@ -2,9 +2,9 @@
 
 One regression takes four ideas, each in its own place:
 
-- `_row_space` writes the problem in coordinates of full rank;
-- `_interior_point` comes near the optimum in about ten weighted Gram matrices;
-- `_vertex` goes the last step exactly and proves it by a dual certificate;
+- `row_space` writes the problem in coordinates of full rank;
+- `interior_point` comes near the optimum in about ten weighted Gram matrices;
+- `vertex` goes the last step exactly and proves it by a dual certificate;
 - here, rows whose residual surely keeps its sign are merged beforehand (Portnoy and Koenker,
   Statistical Science 12, 1997), so that the first two see only some (n p)^(2/3) of n rows.
 
@@ -22,11 +22,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swsysid._interior_point import interior_point
 from swsysid._results import Array, Status
-from swsysid._row_space import RowSpace, rounding
 from swsysid._rows import spread_rows
-from swsysid._vertex import Certified, certify, to_vertex
+from swsysid._solvers.interior_point import interior_point
+from swsysid._solvers.row_space import RowSpace, rounding
+from swsysid._solvers.vertex import Certified, certify, to_vertex
 
 __all__ = ["LadFit", "least_absolute_deviations"]
 
@@ -126,7 +126,7 @@ def least_absolute_deviations(
     The median:
 
     >>> import numpy as np
-    >>> from swsysid._lad import least_absolute_deviations
+    >>> from swsysid._solvers.lad import least_absolute_deviations
     >>> fit = least_absolute_deviations(np.ones((3, 1)), np.array([[1.0], [2.0], [10.0]]))
     >>> float(fit.coef[0, 0]), float(fit.objective[0]), float(fit.lower_bound[0])
     (2.0, 9.0, 9.0)

@@ -58,7 +58,7 @@ def least_euclidean_norms(
     The geometric median of the corners of a square and a point inside is that point:
 
     >>> import numpy as np
-    >>> from swsysid._euclidean import least_euclidean_norms
+    >>> from swsysid._solvers.euclidean import least_euclidean_norms
     >>> points = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0], [2.0, 2.0]])
     >>> free = np.ones((2, 1), dtype=bool)
     >>> fit = least_euclidean_norms(np.ones((5, 1)), points, np.zeros((2, 1)), free)

@@ -103,7 +103,7 @@ def linear_program(
     --------
     The least x with x >= 2:
 
-    >>> from swsysid._conic import linear_program
+    >>> from swsysid._solvers.conic import linear_program
     >>> solution = linear_program([1.0], A_ub=[[-1.0]], b_ub=[-2.0])
     >>> solution.x, solution.dual_ub
     (array([2.]), array([1.]))

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._conic import LinearSolution, linear_program
-from swsysid._hinge import MarginProgram, approach, best_multiple
-from swsysid._mode_books import decisions
 from swsysid._results import Array, SolverError, Status
+from swsysid._solvers.conic import LinearSolution, linear_program
+from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
+from swsysid._surfaces.mode_books import decisions
 
 __all__ = [
     "SurfaceFit",

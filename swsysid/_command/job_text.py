@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swsysid._job import JobResult
+from swsysid._command.job import JobResult
 from swsysid._printing import linear_combination
 
 __all__ = ["render"]

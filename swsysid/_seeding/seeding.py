@@ -1,7 +1,7 @@
 """Seeds: partitions of the samples from which the alternation finds the right answer.
 
 1. Scale the targets robustly, whiten the features, cap the degree of the gate.
-2. Search with soft EM from random level sets (`_search`).
+2. Search with soft EM from random level sets (`search`).
 3. Fit the best distinct partitions again with Gaussian noise and an outlier class, and rank
    them by their joint likelihood.
 """
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
-from swsysid._designs import Basis, centre_and_scale, weighted_quantile, whiten
-from swsysid._experts import Experts, Samples
-from swsysid._gate import GateFeatures, fit_gate_features, gate_degree_within, log_softmax
 from swsysid._results import Array
-from swsysid._search import GAUSSIAN, refine, same_partition, search
-from swsysid._starts import some_rows
+from swsysid._seeding.designs import Basis, centre_and_scale, weighted_quantile, whiten
+from swsysid._seeding.experts import Experts, Samples
+from swsysid._seeding.gate import GateFeatures, fit_gate_features, gate_degree_within, log_softmax
+from swsysid._seeding.search import GAUSSIAN, refine, same_partition, search
+from swsysid._seeding.starts import some_rows
 
 __all__ = ["Preparation", "Seed", "held_out_log_likelihood", "seed_modes"]
 
@@ -159,7 +159,7 @@ def seed_modes(
     Examples
     --------
     >>> import numpy as np
-    >>> from swsysid._seeding import seed_modes
+    >>> from swsysid._seeding.seeding import seed_modes
     >>> x = np.linspace(-1, 1, 200)[:, None]
     >>> seeds = seed_modes(x, np.abs(x), x, n_modes=2, gate_degree=1, random_state=0)
     >>> bool((seeds[0].labels[x[:, 0] > 0] == seeds[0].labels[-1]).all())

@@ -10,8 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import DOP853, RK45, Radau
 
-from swsysid._events import GuardedSystem, Piece, SimulationEnded, SlidingSurface, first_switch
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
+from swsysid._simulation.events import (
+    GuardedSystem,
+    Piece,
+    SimulationEnded,
+    SlidingSurface,
+    first_switch,
+)
 
 __all__ = ["SwitchingSystem", "simulate"]
 

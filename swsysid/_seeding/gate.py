@@ -8,8 +8,8 @@ from math import comb
 
 import numpy as np
 
-from swsysid._designs import Basis, WhitenedRows, centre_and_scale, monomials, whiten
 from swsysid._results import Array
+from swsysid._seeding.designs import Basis, WhitenedRows, centre_and_scale, monomials, whiten
 
 __all__ = [
     "GateFeatures",

@@ -15,9 +15,9 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._command.samples import Measurement, Samples, measure
+from swsysid._command.tables import Table, TableError
 from swsysid._regressor import SwitchingSystemRegressor
-from swsysid._samples import Measurement, Samples, measure
-from swsysid._tables import Table, TableError
 
 __all__ = ["JobOptions", "JobResult", "run_job"]
 
@@ -136,7 +136,7 @@ def run_job(table: Table, options: JobOptions) -> JobResult:
         spread=spread,
         single=np.sqrt(np.mean(errors[0] ** 2, axis=0)),
         switching=np.sqrt(np.mean(errors[1] ** 2, axis=0)),
-        gain=_gain(*errors, spread),
+        gain=_gain(errors[0], errors[1], spread),
         position_gain=position_gain,
         stability=switching.stability_,
     )

@@ -1,6 +1,6 @@
 """The row space of a design: rank, equilibration, least squares, and the minimum-norm lift.
 
-Regressions with few columns and many rows (`_lad`, `_euclidean`, `_losses`) want a design of
+Regressions with few columns and many rows (`lad`, `euclidean`, `_losses`) want a design of
 full column rank whose columns are far from parallel. Most designs are so already and are used
 as they are; the others are replaced by an orthonormal basis of their column space, in which
 the same residuals can be written, and the answer is lifted back.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._command.tables import Table, TableError, rate_unit
 from swsysid._results import Array
-from swsysid._tables import Table, TableError, rate_unit
 from swsysid.differentiation import differentiate
 
 __all__ = ["Measurement", "Samples", "measure"]

@@ -11,7 +11,7 @@ from scipy.linalg import qr
 from scipy.optimize import lsq_linear
 
 from swsysid._results import Array
-from swsysid._row_space import RowSpace
+from swsysid._solvers.row_space import RowSpace
 
 __all__ = ["DynamicsProgram", "boxed_least_squares"]
 

@@ -5,7 +5,7 @@ r"""The margin LP as a function of its coefficients, and a quick descent to near
 
 F is piecewise linear in a few coefficients and has as many kinks as there are rows. The descent
 smooths the kinks over a width that shrinks, and follows the minimum by Newton's method. It ends
-so near that hardly any row is still on the wrong side of its kink; `_surfaces` then solves an
+so near that hardly any row is still on the wrong side of its kink; `margin_program` then solves an
 LP for the rows near their kinks and proves the result optimal.
 """
 

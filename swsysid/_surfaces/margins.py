@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from swsysid._conic import linear_program
-from swsysid._hinge import least_squares
 from swsysid._results import Array, MarginCertificate, Status
-from swsysid._surfaces import fit_surface, require_answer, worst_status
+from swsysid._solvers.conic import linear_program
+from swsysid._surfaces.hinge import least_squares
+from swsysid._surfaces.margin_program import fit_surface, require_answer, worst_status
 
 __all__ = ["certify_margin", "max_margin"]
 

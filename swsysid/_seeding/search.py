@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from swsysid._designs import weighted_quantile
-from swsysid._experts import (
+from swsysid._results import Array
+from swsysid._seeding.designs import weighted_quantile
+from swsysid._seeding.experts import (
     VARIANCE_FLOOR,
     Experts,
     Noise,
@@ -18,8 +19,7 @@ from swsysid._experts import (
     initial_experts,
     single_model,
 )
-from swsysid._results import Array
-from swsysid._starts import Scene, draw_labels, some_rows
+from swsysid._seeding.starts import Scene, draw_labels, some_rows
 
 __all__ = ["GAUSSIAN", "Pool", "refine", "same_partition", "search"]
 

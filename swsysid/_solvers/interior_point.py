@@ -56,7 +56,7 @@ def interior_point(
     targets : ndarray of shape (n,)
     start : ndarray of shape (p,)
     n_heavy : int
-        The last rows stand for many (see `_lad`) and do not count in the scale of `tol`.
+        The last rows stand for many (see `lad`) and do not count in the scale of `tol`.
     tol : float
         Duality gap to reach, relative to the sum of absolute residuals of the other rows.
         Where rounding forbids it the last iterate is returned.

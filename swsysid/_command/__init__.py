@@ -1,0 +1,1 @@
+"""The main job from a recording: tables, samples, the identification and its text."""

@@ -1,0 +1,1 @@
+"""Starts: a gated mixture of linear experts, fitted by expectation maximisation."""

@@ -1,0 +1,1 @@
+"""Rollouts of switching systems with located events."""

@@ -1,0 +1,1 @@
+"""Polynomial surfaces between modes: their bases, the margin program and what it certifies."""
