@@ -37,7 +37,7 @@ examples: $(VENV)/.installed-test
 	$(BIN)/python -m pytest tests/test_examples.py
 
 docs: $(VENV)/.installed-docs
-	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build/html
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
 	@echo "Open docs/_build/html/index.html ."
 
 bench: $(VENV)/.installed-bench
