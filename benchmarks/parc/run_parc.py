@@ -1,0 +1,52 @@
+"""Fit PARC to the samples of one npz file and answer in another; runs in PARC's environment.
+
+    python run_parc.py GIVEN.npz ANSWERED.npz
+
+Given: X and Xdot to fit (X are monomials already), X_test, n_modes, seed. Answered: velocities
+and modes at X_test, and the seconds of one fit. Features and velocities are standardised. Of
+several separations and weights of separability the one with the smallest error on the training
+samples is taken; the seconds are those of the chosen fit alone.
+"""
+
+import sys
+from time import perf_counter
+
+import numpy as np
+from pyparc.parc import PARC
+from sklearn.preprocessing import StandardScaler
+
+SETTINGS = [
+    (separation, sigma) for separation in ("Softmax", "Voronoi") for sigma in (0.1, 1.0, 10.0)
+]
+
+
+def main() -> None:
+    """Read, fit with every setting, write the best."""
+    given, answered = sys.argv[1:]
+    with np.load(given) as file:
+        data = dict(file)
+    inputs, outputs = StandardScaler().fit(data["X"]), StandardScaler().fit(data["Xdot"])
+    X, Xdot = inputs.transform(data["X"]), outputs.transform(data["Xdot"])
+    fits = [fit(X, Xdot, int(data["n_modes"]), int(data["seed"]), *setting) for setting in SETTINGS]
+    _, seconds, model = min(fits, key=lambda fitted: fitted[0])
+    velocities, modes = model.predict(inputs.transform(data["X_test"]))
+    np.savez(
+        answered,
+        velocities=outputs.inverse_transform(velocities),
+        modes=np.asarray(modes, dtype=int).ravel(),
+        seconds=seconds,
+    )
+
+
+def fit(X, Xdot, n_modes: int, seed: int, separation: str, sigma: float):
+    """Error on the training samples, seconds and model of one setting."""
+    np.random.seed(seed)  # PARC draws from numpy's global state
+    model = PARC(K=n_modes, separation=separation, sigma=sigma, verbose=0)
+    started = perf_counter()
+    model.fit(X, Xdot)
+    seconds = perf_counter() - started
+    return np.square(Xdot - model.predict(X)[0]).mean(), seconds, model
+
+
+if __name__ == "__main__":
+    main()

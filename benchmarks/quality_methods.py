@@ -1,0 +1,203 @@
+"""The methods of the quality benchmark: ours, an oracle, and what others would use.
+
+Each is a function of the data that returns an `Answer`. All are told the number of modes and the
+degrees of the library and of the surface; only the oracle sees the modes.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from quality_cases import Data
+from sklearn.linear_model import LogisticRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import PolynomialFeatures, StandardScaler
+
+from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid.metrics import balanced_mode_accuracy, mode_accuracy, velocity_rmse
+
+__all__ = ["METHODS", "Answer", "figures", "methods_with_parc"]
+
+N_RESTARTS = 20
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method says about the held-out samples, and what it wants to add."""
+
+    velocities: np.ndarray
+    modes: np.ndarray
+    seconds: float
+    notes: dict = field(default_factory=dict)
+
+
+def figures(data: Data, answer: Answer) -> dict:
+    """The columns of the table."""
+    truth, away = data.modes_test, data.away
+    n_away = int(away.sum())
+    return {
+        "balanced": balanced_mode_accuracy(truth, answer.modes),
+        "rmse": velocity_rmse(data.Xdot_test, answer.velocities),
+        "rmse_away": velocity_rmse(data.Xdot_test[away], answer.velocities[away]),
+        "wrong": round(len(truth) * (1 - mode_accuracy(truth, answer.modes))),
+        "wrong_away": round(n_away * (1 - mode_accuracy(truth[away], answer.modes[away]))),
+        "seconds": answer.seconds,
+        **answer.notes,
+    }
+
+
+def ours(data: Data, seed: int) -> Answer:
+    """The package with its defaults."""
+    started = perf_counter()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model = _regressor(data, data.case.n_modes, seed).fit(data.X, data.Xdot)
+    notes = {
+        "training": balanced_mode_accuracy(data.modes, model.modes_),
+        "objective": model.objective_,
+        "stability": model.stability_,
+        "warnings": sorted({warning.category.__name__ for warning in caught}),
+    }
+    return _of_model(model, data, perf_counter() - started, notes)
+
+
+def count(data: Data, seed: int) -> Answer:
+    """The package without being told the number of modes."""
+    started = perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = _regressor(data, "auto", seed).fit(data.X, data.Xdot)
+    return _of_model(model, data, perf_counter() - started, {"n_modes": model.n_modes_})
+
+
+def oracle(data: Data, seed: int) -> Answer:
+    """True modes of the training samples: l1 fit of each mode, best surface on these labels.
+
+    The best of four surfaces is chosen by the held-out samples, which flatters the oracle.
+    """
+    started = perf_counter()
+    laws = []
+    for mode in range(data.case.n_modes):
+        rows = data.modes == mode
+        laws.append(_regressor(data, 1, seed).fit(data.X[rows], data.Xdot[rows]))
+    margin = PolynomialSurfaceClassifier(degree=data.case.surface)
+    surfaces = [margin, *(_logistic(data, strength) for strength in (1e1, 1e3, 1e5))]
+    guesses = [surface.fit(data.X, data.modes).predict(data.X_test) for surface in surfaces]
+    scores = [np.mean(guess == data.modes_test) for guess in guesses]
+    modes = guesses[int(np.argmax(scores))]
+    velocities = np.array([law.predict(data.X_test) for law in laws])
+    notes = {"margin_surface": balanced_mode_accuracy(data.modes_test, guesses[0])}
+    return Answer(velocities[modes, np.arange(len(modes))], modes, perf_counter() - started, notes)
+
+
+def k_plane(data: Data, seed: int) -> Answer:
+    """Smallest residual and least squares in turn from random starts, then logistic surfaces."""
+    started = perf_counter()
+    library = _library(data)
+    features, rng = library.fit_transform(data.X), np.random.default_rng(seed)
+    runs = [_k_plane_run(features, data, rng) for _ in range(N_RESTARTS)]
+    _, coef, modes = min(runs, key=lambda run: run[0])
+    surface = _logistic(data, 1e3) if len(np.unique(modes)) > 1 else None
+    found = np.zeros(len(data.X_test), dtype=int) + modes[0]
+    if surface is not None:
+        found = surface.fit(data.X, modes).predict(data.X_test)
+    every = library.transform(data.X_test) @ coef
+    return Answer(every[found, np.arange(len(found))], found, perf_counter() - started)
+
+
+def _k_plane_run(features, data: Data, rng):
+    modes = rng.integers(data.case.n_modes, size=len(features))
+    for _ in range(100):
+        coef = np.array(
+            [
+                np.linalg.lstsq(features[modes == mode], data.Xdot[modes == mode], rcond=None)[0]
+                for mode in range(data.case.n_modes)
+            ]
+        )
+        losses = np.square(data.Xdot - features @ coef).sum(axis=2)
+        previous, modes = modes, losses.argmin(axis=0)
+        if np.array_equal(modes, previous):
+            break
+    return losses.min(axis=0).sum(), coef, modes
+
+
+def single(data: Data, seed: int) -> Answer:
+    """One law for all states."""
+    started = perf_counter()
+    library = _library(data)
+    coef = np.linalg.lstsq(library.fit_transform(data.X), data.Xdot, rcond=None)[0]
+    velocities = library.transform(data.X_test) @ coef
+    modes = np.zeros(len(velocities), dtype=int)
+    return Answer(velocities, modes, perf_counter() - started)
+
+
+def methods_with_parc(python: str | None) -> dict[str, Callable]:
+    """All methods; PARC is among them if an interpreter that has it is named."""
+    if not python:
+        return METHODS
+
+    def parc(data: Data, seed: int) -> Answer:
+        return _parc(data, seed, python)
+
+    return METHODS | {"parc": parc}
+
+
+def _parc(data: Data, seed: int, python: str) -> Answer:
+    """PARC on monomials up to the larger of both degrees, in its own environment."""
+    lift = PolynomialFeatures(max(data.case.library or 1, data.case.surface), include_bias=False)
+    script = Path(__file__).parent / "parc" / "run_parc.py"
+    with tempfile.TemporaryDirectory() as folder:
+        given, answered = Path(folder, "given.npz"), Path(folder, "answered.npz")
+        np.savez(
+            given,
+            X=lift.fit_transform(data.X),
+            Xdot=data.Xdot,
+            X_test=lift.transform(data.X_test),
+            n_modes=data.case.n_modes,
+            seed=seed,
+        )
+        done = subprocess.run(
+            [python, script, given, answered], capture_output=True, text=True, timeout=600
+        )
+        if done.returncode:
+            raise RuntimeError(f"PARC failed: {done.stderr.strip().splitlines()[-1]}")
+        with np.load(answered) as answer:
+            return Answer(answer["velocities"], answer["modes"], float(answer["seconds"]))
+
+
+def _regressor(data: Data, n_modes, seed: int) -> SwitchingSystemRegressor:
+    return SwitchingSystemRegressor(
+        n_modes,
+        feature_library=data.case.library,
+        surface=PolynomialSurfaceClassifier(degree=data.case.surface),
+        random_state=seed,
+    )
+
+
+def _of_model(model, data: Data, seconds: float, notes: dict) -> Answer:
+    return Answer(model.predict(data.X_test), model.predict_modes(data.X_test), seconds, notes)
+
+
+def _library(data: Data) -> PolynomialFeatures:
+    """The library as a transformer; Phi(x) = x is degree one without constant."""
+    constant = data.case.library is not None
+    return PolynomialFeatures(data.case.library or 1, include_bias=constant)
+
+
+def _logistic(data: Data, strength: float):
+    return make_pipeline(
+        StandardScaler(),
+        PolynomialFeatures(data.case.surface, include_bias=False),
+        StandardScaler(),
+        LogisticRegression(C=strength, max_iter=3000),
+    )
+
+
+METHODS = {"oracle": oracle, "ours": ours, "k_plane": k_plane, "single": single}
