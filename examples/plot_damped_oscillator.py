@@ -49,7 +49,12 @@ def compare(relaxations, rows):
         accuracy = mode_accuracy(test.modes, model.predict_modes(test.X))
         print(f"{label}: {model.n_iter_} iterations, test mode accuracy {accuracy:.4f}")
         axes = ConvergenceDisplay.from_estimator(
-            model, ax=axes, label=label, marker=style[0], linestyle=style[1:]
+            model,
+            modes=data.modes[rows],
+            ax=axes,
+            label=label,
+            marker=style[0],
+            linestyle=style[1:],
         ).ax_
 
 
@@ -57,7 +62,7 @@ compare({"simplex": "simplex", "exact": "exact"}, slice(None))
 
 # %%
 # The moment relaxation of order 1 is the paper's semidefinite program. It has the value of the
-# simplex relaxation, so the two curves agree as long as the minimisers are unique, and takes far
+# simplex relaxation, so the curves agree as long as the minimisers are unique, and takes far
 # longer: 150 samples are enough to see it.
 
 few = slice(None, 150)

@@ -53,7 +53,12 @@ def compare(relaxations, rows):
         accuracy = mode_accuracy(test.modes, model.predict_modes(test.X))
         print(f"{label}: {model.n_iter_} iterations, test mode accuracy {accuracy:.4f}")
         axes = ConvergenceDisplay.from_estimator(
-            model, ax=axes, label=label, marker=style[0], linestyle=style[1:]
+            model,
+            modes=data.modes[rows],
+            ax=axes,
+            label=label,
+            marker=style[0],
+            linestyle=style[1:],
         ).ax_
 
 

@@ -78,6 +78,7 @@ def _record(problem, iteration, coef, assignment: Assignment, previous: Modes, s
         mode_changes=int(np.sum(modes != previous)),
         tightness=float(np.average(assignment.tightness, weights=problem.weight)),
         seconds=seconds,
+        modes=modes.astype(np.int8),
     )
 
 
@@ -115,11 +116,12 @@ def _settle(problem, coef, membership, surface, history, converged) -> Alternati
 
 def relabel(result: Alternation, order: Modes) -> Alternation:
     """The same result with its modes in another order, or without some of them."""
-    rank = np.full(result.coef.shape[0], -1)
+    rank = np.full(result.coef.shape[0], -1, dtype=np.int8)
     rank[order] = np.arange(len(order))
     return replace(
         result,
         coef=result.coef[order],
         membership=result.membership[:, order],
-        modes=rank[result.modes],
+        modes=rank[result.modes].astype(np.intp),
+        history=tuple(replace(record, modes=rank[record.modes]) for record in result.history),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
 from sklearn.utils import check_random_state
@@ -13,7 +15,7 @@ from swsysid._features import FeatureMap
 from swsysid._identification import Identification, identify
 from swsysid._model import SwitchingModel
 from swsysid._problem import fit_weighted, one_hot
-from swsysid._rows import canonical_rows, check_sample_weight
+from swsysid._rows import CanonicalRows, canonical_rows, check_sample_weight
 from swsysid._setup import (
     build_problem,
     build_search,
@@ -207,7 +209,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             build_search(self, rows),
             check_random_state(self.random_state),
         )
-        self._store(found)
+        self._store(found, rows)
         self._store_rows(X, targets, weight, rows, found)
         warn_about(self, found, len(rows.weight))
         return self
@@ -336,11 +338,13 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     # -- parts of fit ------------------------------------------------------------------------
 
-    def _store(self, found: Identification) -> None:
+    def _store(self, found: Identification, rows: CanonicalRows) -> None:
         best = found.best
         self.coef_ = best.coef
         self.objective_ = found.problem.hard_loss(best.coef, best.modes)
-        self.history_ = list(best.history)
+        self.history_ = [
+            replace(record, modes=rows.restore(record.modes, -1)) for record in best.history
+        ]
         self.n_iter_ = len(best.history)
         self.converged_ = best.converged
         self.n_modes_ = len(best.coef)

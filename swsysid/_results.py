@@ -134,6 +134,8 @@ class IterationRecord:
     tightness : float
         Fraction of samples at which the relaxation was one-hot.
     seconds : float
+    modes : ndarray of shape (n_samples,), int8
+        Hardened labels; -1 for samples of weight zero and for modes that were dropped later.
     """
 
     iteration: int
@@ -143,6 +145,7 @@ class IterationRecord:
     mode_changes: int
     tightness: float
     seconds: float
+    modes: NDArray[np.int8]
 
 
 @dataclass(frozen=True)

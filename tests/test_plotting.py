@@ -39,7 +39,17 @@ class _Switching(BaseEstimator):
         self.surface_ = _Surface()
         self.coef_ = np.stack([-np.eye(n_states), -2.0 * np.eye(n_states)])
         self.history_ = [
-            IterationRecord(i, 10.0**-i, 0.0, 0.0, 50 - 10 * i, 0.2 * i, 0.1) for i in range(1, 6)
+            IterationRecord(
+                iteration=i,
+                objective=10.0**-i,
+                loss=0.0,
+                lower_bound=0.0,
+                mode_changes=50 - 10 * i,
+                tightness=0.2 * i,
+                seconds=0.1,
+                modes=(np.arange(10) < i).astype(np.int8),
+            )
+            for i in range(1, 6)
         ]
         return self
 
@@ -168,6 +178,14 @@ def test_convergence_draws_the_history(model):
     np.testing.assert_array_equal(changes[0].get_ydata(), [40, 30, 20, 10, 0])
     np.testing.assert_array_equal(tightness[0].get_ydata(), [r.tightness for r in model.history_])
     assert display.ax_[0].get_yscale() == "log"
+
+
+def test_convergence_counts_mismatches_whatever_the_names_of_the_modes(model):
+    # iteration i has the first i of ten samples in mode 1; in truth it is the first four
+    truth = np.where(np.arange(10) < 4, "a", "b")
+    display = ConvergenceDisplay.from_estimator(model, modes=truth)
+    np.testing.assert_array_equal(display.ax_[1].get_lines()[0].get_ydata(), [3, 2, 1, 0, 1])
+    assert display.ax_[1].get_ylabel() == "mode mismatch"
 
 
 def test_convergence_needs_three_axes(model):

@@ -159,6 +159,17 @@ def test_never_better_than_the_mixed_integer_optimum_and_reaches_it():
     assert model.objective_ == pytest.approx(exact.objective, rel=1e-6)
 
 
+def test_history_keeps_the_labels_in_the_order_of_the_answer():
+    X, Xdot, _ = oscillator(noise=0.1)
+    weight = np.ones(len(X))
+    weight[3] = 0
+    model = SwitchingSystemRegressor(random_state=0, coupling=0).fit(X, Xdot, sample_weight=weight)
+    last = model.history_[-1]
+    assert last.mode_changes == 0  # so its labels are the answer
+    assert np.array_equal(last.modes[weight > 0], model.modes_[weight > 0])
+    assert last.modes[3] == -1
+
+
 @pytest.mark.parametrize("coupling", [0, "auto"])
 def test_objective_never_increases(coupling):
     X, Xdot, _ = oscillator(noise=0.3)

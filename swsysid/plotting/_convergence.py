@@ -1,10 +1,11 @@
-"""How the alternation converged: objective, mode changes and tightness by iteration."""
+"""How the alternation converged: objective, modes and tightness by iteration."""
 
 from __future__ import annotations
 
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
+from swsysid.metrics import mode_accuracy
 from swsysid.plotting._style import canvas
 
 __all__ = ["ConvergenceDisplay"]
@@ -25,9 +26,11 @@ class ConvergenceDisplay:
     objective : ndarray of shape (n_iterations,)
         The joint objective J.
     mode_changes : ndarray of shape (n_iterations,)
-        Samples whose label differs from the previous iteration's.
+        Samples whose label differs from the previous iteration's, or from the truth.
     tightness : ndarray of shape (n_iterations,)
         Fraction of samples at which the relaxation itself was one-hot.
+    mode_label : str, default="mode changes"
+        What `mode_changes` counts.
 
     Attributes
     ----------
@@ -45,19 +48,25 @@ class ConvergenceDisplay:
     'log'
     """
 
-    def __init__(self, *, iterations, objective, mode_changes, tightness):
+    def __init__(
+        self, *, iterations, objective, mode_changes, tightness, mode_label="mode changes"
+    ):
         self.iterations = iterations
         self.objective = objective
         self.mode_changes = mode_changes
         self.tightness = tightness
+        self.mode_label = mode_label
 
     @classmethod
-    def from_estimator(cls, estimator, *, ax=None, **kwargs):
+    def from_estimator(cls, estimator, *, modes=None, ax=None, **kwargs):
         """Read ``history_`` of a fitted estimator and draw it.
 
         Parameters
         ----------
         estimator : SwitchingSystemRegressor
+        modes : array-like of shape (n_samples,), default=None
+            True modes of the training samples: the second panel then counts the samples in the
+            wrong mode (matched to the identified ones as well as possible) after each iteration.
         ax : array of 3 matplotlib Axes, default=None
         **kwargs
             Passed to ``ax.plot``; ``label`` names the curve in the legend.
@@ -67,13 +76,20 @@ class ConvergenceDisplay:
         ConvergenceDisplay
         """
         check_is_fitted(estimator, "history_")
-        fields = ("objective", "mode_changes", "tightness")
-        columns = {
-            field: np.array([getattr(record, field) for record in estimator.history_])
-            for field in fields
-        }
-        iterations = np.array([record.iteration for record in estimator.history_])
-        return cls(iterations=iterations, **columns).plot(ax=ax, **kwargs)
+        history = estimator.history_
+        label, changes = "mode changes", [record.mode_changes for record in history]
+        if modes is not None:
+            label = "mode mismatch"
+            changes = [
+                round(len(modes) * (1.0 - mode_accuracy(modes, record.modes))) for record in history
+            ]
+        return cls(
+            iterations=np.array([record.iteration for record in history]),
+            objective=np.array([record.objective for record in history]),
+            mode_changes=np.array(changes),
+            tightness=np.array([record.tightness for record in history]),
+            mode_label=label,
+        ).plot(ax=ax, **kwargs)
 
     def plot(self, ax=None, **kwargs):
         """Draw.
@@ -91,7 +107,7 @@ class ConvergenceDisplay:
         """
         panels = {
             "objective": self.objective,
-            "mode changes": self.mode_changes,
+            self.mode_label: self.mode_changes,
             "tightness ratio": self.tightness,
         }
         style = {"marker": "o", "markersize": 5, **kwargs}
