@@ -12,7 +12,13 @@ from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._features import FunctionLibrary
 from swsysid._mip import solve_mip
 from swsysid._regressor import SwitchingSystemRegressor
-from swsysid._results import IdentificationWarning, SolverError, Status
+from swsysid._results import (
+    Assignment,
+    IdentificationWarning,
+    SolverError,
+    Status,
+    Trajectory,
+)
 from swsysid.relaxations import (
     ExactRelaxation,
     MomentRelaxation,
@@ -23,6 +29,7 @@ from swsysid.relaxations import (
 __version__ = "0.1.0"
 
 __all__ = [
+    "Assignment",
     "ExactRelaxation",
     "FunctionLibrary",
     "IdentificationWarning",
@@ -33,6 +40,7 @@ __all__ = [
     "SolverError",
     "Status",
     "SwitchingSystemRegressor",
+    "Trajectory",
     "__version__",
     "solve_mip",
 ]

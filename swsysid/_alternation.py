@@ -25,8 +25,8 @@ class Alternation:
         Of the last assignment, which was made for `coef`.
     modes : ndarray of shape (n_samples,), int
         The hardened membership.
-    surface : classifier
-        Fitted to `modes`.
+    surface : classifier or None
+        The one the last assignment was coupled to, None if it was not coupled.
     objective : float
         Joint objective of `coef`, `modes` and `surface`.
     history : tuple of IterationRecord
@@ -102,7 +102,6 @@ def _settle(problem, coef, membership, surface, history, converged) -> Alternati
         coef = problem.estimate(one_hot(membership.argmax(axis=1), problem.n_modes), coef)
         membership = problem.assign(coef, surface).membership
     modes = membership.argmax(axis=1)
-    surface = problem.fit_surface(modes) if surface is None else surface
     return Alternation(
         coef=coef,
         membership=membership,
