@@ -15,10 +15,14 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from swsysid._printing import check_format, linear_combination, symbol
 from swsysid._results import IdentificationWarning, MarginCertificate
 from swsysid._rows import canonical_rows, check_sample_weight, spread_rows
-from swsysid._surfaces.hinge import least_squares
-from swsysid._surfaces.margin_program import fit_mode_book, surface_scale, worst_status
-from swsysid._surfaces.margins import certify_margin, max_margin
-from swsysid._surfaces.mode_books import candidate_books, check_book, decisions, disagreement
+from swsysid._surfaces.margin_program import (
+    choose_mode_book,
+    fit_mode_book,
+    surface_scale,
+    worst_status,
+)
+from swsysid._surfaces.margins import certify_margin, nonzero_margin
+from swsysid._surfaces.mode_books import check_book, decisions
 from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis
 from swsysid._surfaces.probability import SaturatedSoftmax
 
@@ -46,8 +50,9 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
 
     The program is solved exactly, on a working set of rows that is checked against all. A
     sample is given to the class of the largest
-    :math:`\min_\ell s_{j\ell} f_\ell(x) / m_\ell`, where :math:`m_\ell` is the weighted mean of
-    :math:`|f_\ell|` over the training data; this also decides sign regions that no class owns.
+    :math:`\min_\ell s_{j\ell} f_\ell(x) / m_\ell` over its surfaces, where
+    :math:`m_\ell` is the weighted mean of :math:`|f_\ell|` over the training data; this also
+    decides sign regions that no class owns.
 
     Parameters
     ----------
@@ -66,7 +71,10 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     mode_book : "auto" or array-like of shape (n_classes, n_surfaces), default="auto"
         Signs in {-1, +1}, a row for each of the sorted classes. ``"auto"`` tries all books up to
         four classes, the most promising ones beyond, and keeps the one of largest weighted
-        training accuracy, then of smallest objective.
+        training accuracy, then of smallest objective. Where ceil(log2 M) surfaces of this degree
+        cannot separate the classes and a surface for each pair of classes can (half a percent
+        more accurate), it is these M (M - 1) / 2 surfaces, each of which has the entry 0 for the
+        classes that it says nothing about.
     standardize : bool, default=True
         Margin, beta and the box apply to polynomials of the centred and scaled columns of `X`
         (or to the scaled columns of `feature_library`, centred too if it has a constant column),
@@ -83,6 +91,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     coef_ : ndarray of shape (n_surfaces, n_surface_features)
         Coefficients in the user's units: ``surface_values(X)`` is the features of `X` times them.
     mode_book_ : ndarray of shape (n_classes, n_surfaces), -1 or +1
+        Or 0, where surfaces belong to pairs of classes.
     classes_ : ndarray of shape (n_classes,)
         Classes of positive weight.
     slack_ : ndarray of shape (n_samples, n_surfaces)
@@ -179,13 +188,16 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
 
         self._basis = self._make_basis(rows.arrays[0], rows.weight)
         features, labels = self._basis(rows.arrays[0]), rows.arrays[1]
-        books = self._books(features, labels, rows.weight)
         default_beta = _BETA_STANDARDIZED if self.standardize else _BETA_RAW
         self.beta_ = default_beta if _is_auto(self.beta) else float(self.beta)
         self.margin_ = _DEFAULT_MARGIN if _is_auto(self.margin) else float(self.margin)
-        book, fits = self._fit_books(features, labels, rows.weight, books)
+        book = self._book(features, labels, rows.weight)
+        book, fits = self._fit_books(features, labels, rows.weight, [book])
         if _is_auto(self.margin):
-            self.margin_ = self._certified_margin(features, book[labels], rows.weight, fits)
+            self.margin_ = (
+                nonzero_margin(features, book[labels], rows.weight, fits, *self._program()[1:])
+                or _DEFAULT_MARGIN
+            )
             book, fits = self._fit_books(features, labels, rows.weight, [book])
         self._store(features, labels, rows, book, fits)
         return self
@@ -234,11 +246,12 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     def mode_penalty(self, X):
         """Slack that each class would cost each sample, shape (n_samples, n_classes).
 
-        ``sum_l max(0, margin - s_jl f_l(x))``: with weights and `complexity_` this is the
-        objective of the linear program for any labels.
+        ``sum_l max(0, margin - s_jl f_l(x))`` over the surfaces of the class: with weights and
+        `complexity_` this is the objective of the linear program for any labels.
         """
         agreement = self.surface_values(X)[:, None, :] * self.mode_book_
-        return np.maximum(0.0, self.margin_ - agreement).sum(axis=2)
+        slack = np.maximum(0.0, self.margin_ - agreement)
+        return np.where(self.mode_book_ == 0, 0.0, slack).sum(axis=2)
 
     def margin_certificate(self, X, y):
         """What can be promised about the margin on labelled data.
@@ -305,25 +318,12 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     def _program(self):
         return self.margin_, self.beta_, float(self.coef_bound), self.solver
 
-    def _books(self, features, labels, weight):
+    def _book(self, features, labels, weight):
         n_classes = len(self.classes_)
         if not _is_auto(self.mode_book):
-            return [check_book(self.mode_book, n_classes)]
-        one_hot = np.eye(n_classes)[labels]
-        residuals = one_hot - features @ least_squares(features, one_hot, weight)
-        misfit = disagreement(one_hot, residuals, weight)
-        return candidate_books(n_classes, misfit, check_random_state(self.random_state))
-
-    def _certified_margin(self, features, signs, weight, fits):
-        """Middle of the margins that certify all surfaces nonzero; the default if none does."""
-        least, largest = 0.0, np.inf
-        for sign, fit in zip(signs.T.astype(float), fits, strict=True):
-            margin, coef, _ = max_margin(
-                features, sign, float(self.coef_bound), self.solver, fit.coef
-            )
-            least = max(least, self.beta_ * np.abs(coef).sum() / weight.sum())
-            largest = min(largest, margin)
-        return 0.5 * (least + largest) if least < largest < np.inf else _DEFAULT_MARGIN
+            return check_book(self.mode_book, n_classes)
+        rng = check_random_state(self.random_state)
+        return choose_mode_book(features, labels, weight, n_classes, rng, *self._program())
 
     def _store(self, features, labels, rows, book, fits):
         n_features = features.shape[1]
@@ -335,7 +335,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         self._calibration = self._class_decisions(values[some]), labels[some], rows.weight[some]
         self.coef_ = self._basis.to_user(self._fitted_coef)
         self.feature_names_out_ = self._basis.names(self._input_names())
-        self.slack_ = rows.restore(np.maximum(0.0, self.margin_ - book[labels] * values))
+        slack = np.maximum(0.0, self.margin_ - book[labels] * values)
+        self.slack_ = rows.restore(np.where(book[labels] == 0, 0.0, slack))
         self.objective_ = float(sum(fit.objective for fit in fits))
         self.complexity_ = float(self.beta_ * np.abs(self._fitted_coef).sum())
         self.status_ = worst_status(fit.status for fit in fits)

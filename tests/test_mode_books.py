@@ -3,7 +3,26 @@
 import numpy as np
 import pytest
 
-from swsysid._surfaces.mode_books import candidate_books, check_book, decisions, disagreement
+from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._surfaces.mode_books import (
+    candidate_books,
+    check_book,
+    decisions,
+    disagreement,
+    pairwise_book,
+)
+
+
+def square(n_samples, seed=0):
+    return np.random.default_rng(seed).uniform(-2.0, 2.0, size=(n_samples, 2))
+
+
+def sectors(X):
+    return np.digitize(np.arctan2(X[:, 1], X[:, 0]), [-np.pi / 3, np.pi / 3])
+
+
+def nested_rings(X):
+    return np.digitize(np.linalg.norm(X, axis=1), [0.7, 1.1, 1.5, 1.9])
 
 
 def partitions(book):
@@ -72,6 +91,49 @@ def test_decisions_by_hand():
     expected = [[1.0, -1.0, -2.0], [-3.0, 2.0, -2.0], [-3.0, -1.0, 1.0], [-3.0, -3.0, -1.0]]
     np.testing.assert_array_equal(decisions(values, book), expected)
     np.testing.assert_array_equal(decisions(np.empty((2, 0)), np.empty((1, 0))), np.zeros((2, 1)))
+
+
+def test_surfaces_of_pairs_decide_like_the_largest_score():
+    """With f = score_second - score_first the active mode is that of the largest score."""
+    scores = np.random.default_rng(0).normal(size=(200, 4))
+    book = pairwise_book(4)
+    values = scores @ book
+    decided = decisions(values, book)
+    np.testing.assert_array_equal(decided.argmax(axis=1), scores.argmax(axis=1))
+    assert ((decided > 0).sum(axis=1) == 1).all()
+    # a mode's decision is its lead over the best of the others
+    others = np.sort(scores, axis=1)
+    np.testing.assert_allclose(decided.max(axis=1), others[:, -1] - others[:, -2], atol=1e-12)
+
+
+@pytest.mark.parametrize(("labels", "degree"), [(sectors, 1), (nested_rings, 2)])
+def test_classes_that_few_surfaces_cannot_separate_get_one_for_each_pair(labels, degree):
+    X, test = square(1500), square(5000, seed=1)
+    y = labels(X)
+    classifier = PolynomialSurfaceClassifier(degree=degree, random_state=0).fit(X, y)
+    n_classes = len(np.unique(y))
+    assert classifier.mode_book_.shape == (n_classes, n_classes * (n_classes - 1) // 2)
+    assert classifier.score(X, y) > 0.999
+    assert classifier.score(test, labels(test)) > 0.985
+    # the penalty of the labels is the linear program's, and no surface speaks of other classes
+    penalty = classifier.mode_penalty(X)[np.arange(len(X)), y]
+    np.testing.assert_allclose(penalty, classifier.slack_.sum(axis=1), atol=1e-12)
+    assert penalty.sum() + classifier.complexity_ == pytest.approx(classifier.objective_, rel=1e-9)
+    certificate = classifier.margin_certificate(X, y)
+    for surface, (coef, signs) in enumerate(
+        zip(certificate.coef, classifier.mode_book_.T, strict=True)
+    ):
+        rows = signs[y] != 0
+        values = classifier._basis(X[rows]) @ coef * signs[y][rows]
+        assert values.min() == pytest.approx(certificate.margin[surface], rel=1e-6, abs=1e-9)
+
+
+def test_a_margin_is_certified_for_surfaces_of_pairs():
+    X = square(600)
+    classifier = PolynomialSurfaceClassifier(degree=1, margin="auto").fit(X, sectors(X))
+    assert classifier.mode_book_.shape == (3, 3)
+    low, high = classifier.margin_certificate(X, sectors(X)).nonzero_interval.T
+    assert (low < classifier.margin_).all() and (classifier.margin_ <= high * (1 + 1e-9)).all()
 
 
 @pytest.mark.parametrize(

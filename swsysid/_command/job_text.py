@@ -118,7 +118,7 @@ def _surface(result: JobResult) -> str:
     equations = surface.equations(precision=PRECISION, input_features=samples.names)
     lines = ["switching surface", *(f"    {equation}" for equation in equations)]
     for mode, signs in zip(surface.classes_, surface.mode_book_, strict=True):
-        sides = (f"f{k} {'>' if sign > 0 else '<'} 0" for k, sign in enumerate(signs))
+        sides = (f"f{k} {'>' if sign > 0 else '<'} 0" for k, sign in enumerate(signs) if sign)
         lines.append(f"    mode {mode} where {' and '.join(sides)}")
     return "\n".join(lines + _thresholds(surface, samples))
 

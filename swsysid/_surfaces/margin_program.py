@@ -19,12 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array, SolverError, Status
+from swsysid._rows import spread_rows
 from swsysid._solvers.conic import LinearSolution, linear_program
-from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
-from swsysid._surfaces.mode_books import decisions
+from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple, least_squares
+from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement, pairwise_book
 
 __all__ = [
     "SurfaceFit",
+    "choose_mode_book",
     "fit_mode_book",
     "fit_surface",
     "require_answer",
@@ -38,6 +40,9 @@ _MAX_ROUNDS = 100
 # Relative duality gaps: below the first nothing is left to do, above the second is a warning.
 _TIGHT = 1e-9
 _ACCEPTED = 1e-6
+# Rows that decide about the mode-book, and the accuracy that many surfaces must gain over few.
+_DECIDING = 1000
+_WORTH = 5e-3
 
 
 @dataclass(frozen=True)
@@ -246,7 +251,8 @@ def fit_mode_book(
     """Fit the surfaces of several mode-books and keep the best.
 
     The best has the largest weighted training accuracy; the objective decides between equals.
-    Books share surfaces (a column of signs), and each is fitted once.
+    Books share surfaces (a column of signs), and each is fitted once, to the rows of the modes
+    that it separates.
 
     Parameters
     ----------
@@ -268,12 +274,57 @@ def fit_mode_book(
         for column in map(tuple, book.T):
             if column not in fitted:
                 signs = np.array(column, dtype=float)[labels]
-                fitted[column] = fit_surface(features, signs, weight, margin, beta, bound, solver)
+                rows = signs != 0.0
+                fitted[column] = fit_surface(
+                    features[rows], signs[rows], weight[rows], margin, beta, bound, solver
+                )
         fits = [fitted[column] for column in map(tuple, book.T)]
         merit = _merit(features, labels, weight, book, fits)
         if not best or merit > best[0]:
             best = (merit, book, fits)
     return best[1], best[2]
+
+
+def choose_mode_book(
+    features: Array,
+    labels: NDArray[np.intp],
+    weight: Array,
+    n_modes: int,
+    rng: np.random.RandomState,
+    *program,
+) -> NDArray[np.int64]:
+    """The best book of few surfaces, or a surface for each pair of modes where few do not do.
+
+    Decided on some rows of every mode: programs of surfaces that do not separate have slack on
+    many rows and are slow. `program` is margin, beta, bound and solver of `fit_surface`.
+    """
+    one_hot = np.eye(n_modes)[labels]
+    residuals = one_hot - features @ least_squares(features, one_hot, weight)
+    books = candidate_books(n_modes, disagreement(one_hot, residuals, weight), rng)
+    if n_modes <= 2:
+        return books[0]
+    rows, share = _some_of_each(labels)
+    some = features[rows], labels[rows], weight[rows] * share
+    few, fits = fit_mode_book(*some, books, *program)
+    accuracy = _merit(*some, few, fits)[0]
+    if accuracy > 1.0 - _WORTH:
+        return few
+    many, fits = fit_mode_book(*some, [pairwise_book(n_modes)], *program)
+    return many if _merit(*some, many, fits)[0] > accuracy + _WORTH else few
+
+
+def _some_of_each(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+    """Rows spread over every mode, and the number of rows that each stands for."""
+    members = [np.flatnonzero(labels == mode) for mode in np.unique(labels)]
+    if len(labels) <= _DECIDING:
+        return np.arange(len(labels)), np.ones(len(labels))
+    quota = _DECIDING // len(members)
+    chosen = [rows[spread_rows(len(rows), min(quota, len(rows)))] for rows in members]
+    share = [
+        np.full(len(some), len(rows) / len(some))
+        for some, rows in zip(chosen, members, strict=True)
+    ]
+    return np.concatenate(chosen), np.concatenate(share)
 
 
 def _merit(features, labels, weight, book, fits) -> tuple[float, float]:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from swsysid._results import Array, MarginCertificate, Status
 from swsysid._solvers.conic import linear_program
 from swsysid._surfaces.hinge import least_squares
-from swsysid._surfaces.margin_program import fit_surface, require_answer, worst_status
+from swsysid._surfaces.margin_program import (
+    SurfaceFit,
+    fit_surface,
+    require_answer,
+    worst_status,
+)
 
-__all__ = ["certify_margin", "max_margin"]
+__all__ = ["certify_margin", "max_margin", "nonzero_margin"]
 
 _MAX_ROUNDS = 100
 # Relative duality gaps: below the first nothing is left to do, above the second is a warning.
@@ -112,6 +119,7 @@ def certify_margin(
     ----------
     features : ndarray of shape (n_samples, n_surface_features)
     signs : ndarray of shape (n_samples, n_surfaces)
+        0 for rows of which a surface says nothing.
     weight, margin, beta, bound, solver
         As in `fit_surface`.
 
@@ -123,14 +131,14 @@ def certify_margin(
     margins, coef, interval = np.zeros(n_surfaces), np.zeros((n_surfaces, n_features)), []
     zero_slack, statuses = np.zeros(n_surfaces, dtype=bool), []
     for surface, sign in enumerate(signs.T):
+        rows = sign != 0.0
+        some = features[rows], sign[rows]
         single, double = (
-            fit_surface(features, sign, factor * weight, margin, beta, bound, solver)
+            fit_surface(*some, factor * weight[rows], margin, beta, bound, solver)
             for factor in (1.0, 2.0)
         )
-        margins[surface], coef[surface], status = max_margin(
-            features, sign, bound, solver, single.coef
-        )
-        least = beta * np.abs(coef[surface]).sum() / weight.sum()
+        margins[surface], coef[surface], status = max_margin(*some, bound, solver, single.coef)
+        least = beta * np.abs(coef[surface]).sum() / weight[rows].sum()
         interval.append((least, margins[surface]))
         doubt = single.objective - single.lower_bound + double.objective - double.lower_bound
         zero_slack[surface] = (
@@ -145,3 +153,25 @@ def certify_margin(
         zero_slack=zero_slack,
         status=worst_status(statuses),
     )
+
+
+def nonzero_margin(
+    features: Array,
+    signs: Array,
+    weight: Array,
+    fits: Sequence[SurfaceFit],
+    beta: float,
+    bound: float,
+    solver: str = "auto",
+) -> float | None:
+    """Middle of the margins that certify all surfaces nonzero, None if there are none.
+
+    `fits` are surfaces near those of largest margin; the rest is as in `certify_margin`.
+    """
+    least, largest = 0.0, np.inf
+    for sign, fit in zip(signs.T.astype(float), fits, strict=True):
+        rows = sign != 0.0
+        margin, coef, _ = max_margin(features[rows], sign[rows], bound, solver, fit.coef)
+        least = max(least, beta * np.abs(coef).sum() / weight[rows].sum())
+        largest = min(largest, margin)
+    return 0.5 * (least + largest) if least < largest < np.inf else None

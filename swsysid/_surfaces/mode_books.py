@@ -4,18 +4,22 @@ A mode-book gives each of M modes a distinct code in {-1, +1}^L, one sign for ea
 L = ceil(log2 M) (paper, "Recovery of Switching Surfaces"). Flipping a surface's sign for all
 modes, or exchanging two surfaces, changes nothing; of all these equal books the canonical one
 gives the first mode -1 everywhere and has its columns in lexicographic order.
+
+So few surfaces must each separate *all* modes. Where they cannot (three sectors of the plane and
+straight lines, nested rings), a surface for each pair of modes does: it has no say about the
+others, which is an entry 0 in the book.
 """
 
 from __future__ import annotations
 
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swsysid._results import Array
 
-__all__ = ["candidate_books", "check_book", "decisions", "disagreement"]
+__all__ = ["candidate_books", "check_book", "decisions", "disagreement", "pairwise_book"]
 
 Book = NDArray[np.int64]
 
@@ -47,14 +51,16 @@ def check_book(book: ArrayLike, n_modes: int) -> Book:
 
 
 def decisions(values: Array, book: Book) -> Array:
-    """Decision of every mode, min over surfaces of s_jl f_l, shape (n_samples, n_modes).
+    """Decision of every mode, min over its surfaces of s_jl f_l, shape (n_samples, n_modes).
 
     Inside the region of a mode its decision is the only positive one; in a sign region that no
     mode owns, the largest decision belongs to the mode whose worst violation is smallest.
     """
     decided = np.full((len(values), len(book)), np.inf)
-    for surface in range(book.shape[1]):
-        decided = np.minimum(decided, values[:, surface, None] * book[:, surface])
+    for surface, signs in enumerate(book.T):
+        sides = np.flatnonzero(signs)
+        signed = values[:, surface, None] * signs[sides]
+        decided[:, sides] = np.minimum(decided[:, sides], signed)
     return decided if book.shape[1] else np.zeros_like(decided)
 
 
@@ -81,6 +87,15 @@ def candidate_books(n_modes: int, misfit: Array, rng: np.random.RandomState) -> 
         found[tuple(book.ravel())] = (_cost(book, misfit), book)
     ranked = sorted(found.items(), key=lambda item: (item[1][0], item[0]))
     return [book for _, (_, book) in ranked[:_N_SCREENED]]
+
+
+def pairwise_book(n_modes: int) -> Book:
+    """A surface for each pair of modes: -1 for the first, +1 for the second, 0 for the others."""
+    pairs = list(combinations(range(n_modes), 2))
+    book = np.zeros((n_modes, len(pairs)), dtype=np.int64)
+    for surface, (first, second) in enumerate(pairs):
+        book[[first, second], surface] = -1, 1
+    return book
 
 
 def _codes(n_modes: int) -> Book:

@@ -203,7 +203,9 @@ def _plane(X, columns, grid):
 
 def _level_functions(estimator, points, regions):
     surface = getattr(estimator, "surface_", estimator)
-    if hasattr(surface, "surface_values"):
+    # a surface between two of several modes is an edge only where no third mode is active
+    of_pairs = not np.all(getattr(surface, "mode_book_", True))
+    if hasattr(surface, "surface_values") and not of_pairs:
         values = surface.surface_values(in_fitted_form(surface, points))
         return _as_levels(values, regions.shape)
     # no formula to draw: the edges of each predicted region but one
