@@ -94,6 +94,11 @@ def certify(
     features, targets = np.asarray(features, dtype=float), np.asarray(targets, dtype=float)
     coef = np.asarray(coef, dtype=float)
     weights = np.ones(len(targets)) if sample_weight is None else np.asarray(sample_weight)
+    if targets.shape[1] != coef.shape[1]:
+        raise ValueError(
+            f"y has {targets.shape[1]} columns; the model has {coef.shape[1]} velocities, give one "
+            "column for each."
+        )
     candidates = features @ coef.transpose(0, 2, 1)
     relaxation = get_relaxation("simplex")
     relaxation.loss, relaxation.solver = loss, solver

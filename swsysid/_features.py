@@ -124,7 +124,9 @@ class FeatureMap:
     def __init__(self, library, X, names: Sequence[str]):
         self.library = _as_transformer(library).fit(X)
         self.names_in = list(names)
-        self.n_features_out = self(X[:1]).shape[1]
+        features = self(X)
+        self.n_features_out = features.shape[1]
+        self.sizes = np.abs(features).max(axis=0)  # what a coefficient of each can amount to
         self._powers = getattr(self.library, "powers_", None)  # of a polynomial library
 
     def at(self, point: np.ndarray) -> np.ndarray:

@@ -50,10 +50,10 @@ class SwitchingModel:
     def equations(self, precision: int, style: str) -> list[str]:
         """One equation for every mode and state."""
         check_format(style)
-        names = self.feature_map.names_out
+        names, sizes = self.feature_map.names_out, self.feature_map.sizes
         return [
             f"{self._left_side(state, style, mode)} = "
-            + linear_combination(row, names, precision=precision, style=style)
+            + linear_combination(row, names, precision=precision, style=style, sizes=sizes)
             for mode, fields in enumerate(self.coef)
             for state, row in enumerate(fields)
         ]
@@ -68,6 +68,16 @@ class SwitchingModel:
         return where + (f"{name}[k+1]" if self.discrete_time else f"{name}'")
 
     # -- what a simulation asks --------------------------------------------------------------
+
+    @property
+    def n_states(self) -> int:
+        """Number of velocities, which is that of the states."""
+        return self.coef.shape[1]
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of columns of X after the states."""
+        return len(self.feature_map.names_in) - self.n_states
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity (or next state) at one point in one mode."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from numbers import Integral
 
 __all__ = ["check_format", "linear_combination", "symbol"]
 
@@ -15,12 +16,19 @@ def check_format(style: str) -> None:
 
 
 def linear_combination(
-    coef: Sequence[float], names: Iterable[str], *, precision: int = 3, style: str = "text"
+    coef: Sequence[float],
+    names: Iterable[str],
+    *,
+    precision: int = 3,
+    style: str = "text",
+    sizes: Sequence[float] | None = None,
 ) -> str:
     """The sum of `coef` times `names`, without the terms that round to zero.
 
     `precision` counts the decimals of coefficients of order one; small ones keep as many
-    significant digits, so that nothing but an exact or negligible zero disappears.
+    significant digits, so that nothing but an exact or negligible zero disappears. Negligible
+    is a term 1e-10 times smaller than the largest one, where every feature is as large as
+    `sizes` says, 1 by default.
 
     Examples
     --------
@@ -29,11 +37,17 @@ def linear_combination(
     >>> linear_combination([0.5], ["x0^2 x1"], style="latex")
     '0.500 x_{0}^{2} x_{1}'
     """
-    largest = max((abs(value) for value in coef), default=0.0)
+    if not isinstance(precision, Integral) or precision < 0:
+        raise ValueError(f"precision={precision!r} must be an integer, at least 0.")
+    amounts = [
+        abs(value * size)
+        for value, size in zip(coef, [1.0] * len(coef) if sizes is None else sizes, strict=True)
+    ]
+    largest = max(amounts, default=0.0)
     terms = [
         (value, name)
-        for value, name in zip(coef, names, strict=True)
-        if abs(value) > 1e-10 * largest and value != 0.0
+        for value, name, amount in zip(coef, names, amounts, strict=True)
+        if amount > 1e-10 * largest and value != 0.0
     ]
     text = ""
     for value, name in terms:

@@ -47,7 +47,12 @@ class ModeCandidate:
 
 
 def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, ...]:
-    """Held-out likelihoods of 1, 2, ... modes, until two more have not helped."""
+    """Held-out likelihoods of 1, 2, ... modes, until two more have not helped.
+
+    A single sample leaves nothing to compare on.
+    """
+    if len(problem.weight) < 2:
+        return ()
     held_out = _hold_out(search.trajectory, problem.weight, random_state)
     train, test = np.flatnonzero(~held_out), np.flatnonzero(held_out)
     scores: list[Array] = []
@@ -76,8 +81,8 @@ def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, .
 
 
 def smallest_sufficient(candidates: tuple[ModeCandidate, ...]) -> int:
-    """The smallest number of modes that is not shown to be worse than the best."""
-    return min(candidate.n_modes for candidate in candidates if candidate.sufficient)
+    """The smallest number of modes that is not shown to be worse than the best; 1 of none."""
+    return min((candidate.n_modes for candidate in candidates if candidate.sufficient), default=1)
 
 
 def _candidates(scores: list[Array], weight: Array):

@@ -39,6 +39,11 @@ def check_parameters(estimator: Any) -> None:
     _check_number(estimator, "coef_bound", allow=None)
     _check_number(estimator, "sparsity", allow=(None, "auto"), zero=True)
     _check_number(estimator, "coupling", allow="auto", zero=True)
+    if not isinstance(estimator.solver, str):
+        raise ValueError(
+            f"solver={estimator.solver!r} must be 'auto' or the name of a solver, such as "
+            "'clarabel'."
+        )
     get_loss(estimator.loss)
     get_relaxation(estimator.relaxation)
     if isinstance(estimator.init, str) and estimator.init not in ("auto", "random"):

@@ -94,6 +94,19 @@ def test_small_and_large_coefficients_keep_their_digits():
     assert linear_combination([1e-4], ["x"], style="latex") == r"1.000 \cdot 10^{-4} x"
 
 
+def test_small_coefficients_of_large_features_are_printed():
+    # x near 1e-9: the law x' = v beside a cubic term that amounts to a thousandth of it
+    text = linear_combination([1.0, 1e15], ["v", "x^3"], sizes=[1e-9, 1e-27])
+    assert text == "1.000 v + 1.000e15 x^3"
+    assert linear_combination([1.0, 1e-13], ["v", "x"], sizes=[1.0, 1e9]) == "1.000 v + 1.000e-13 x"
+
+
+@pytest.mark.parametrize("precision", [-1, 2.5, "3"])
+def test_precision_is_checked(precision):
+    with pytest.raises(ValueError, match="must be an integer, at least 0"):
+        linear_combination([1.0], ["x"], precision=precision)
+
+
 def test_round_off_is_not_printed():
     assert linear_combination([1.0, 1e-13], ["x", "v"]) == "1.000 x"
     assert linear_combination([0.0, 0.0], ["x", "v"]) == "0"

@@ -23,6 +23,9 @@ from swsysid.relaxations import ExactRelaxation, Relaxation
 
 A = np.array([[[0.0, 1.0], [-1.0, -0.1]], [[0.0, 1.0], [-1.0, -0.5]]])  # x > 0, x <= 0
 
+# Searches of a few random starts, and systems without an answer, find their best only once.
+pytestmark = pytest.mark.filterwarnings("ignore:The best answer was found by only")
+
 
 def oscillator(n_samples=400, noise=0.0, seed=0):
     """Uniform states of the paper's damped oscillator, and which mode each is in."""
@@ -490,6 +493,45 @@ def test_surface_and_solver_that_are_none_get_a_sentence():
 
 def test_simulate_needs_states():
     X, Xdot, _ = oscillator()
-    model = fitted(X[:, :1], Xdot)
+    with pytest.warns(IdentificationWarning, match="not a function of the state"):
+        model = fitted(X[:, :1], Xdot)  # the other state is missing
     with pytest.raises(ValueError, match="2 velocities but only 1 columns"):
         model.simulate([1.0], [0, 1])
+
+
+def test_simulate_refuses_missing_and_surplus_inputs():
+    X = np.random.default_rng(0).uniform(-1, 1, (60, 3))
+    driven = fitted(X, X[:, :2] @ A[0].T + X[:, 2:], n_modes=1)
+    with pytest.raises(ValueError, match="inputs hold 0 columns; give 2 and 1"):
+        driven.simulate([1.0, 0.0], [0.0, 1.0])
+    free = fitted(X[:, :2], X[:, :2] @ A[0].T, n_modes=1)
+    with pytest.raises(ValueError, match="inputs hold 1 columns; give 2 and 0"):
+        free.simulate([1.0, 0.0], [0.0, 1.0], np.ones(2))
+    with pytest.raises(ValueError, match="x0 holds 3 states"):
+        free.simulate([1.0, 0.0, 0.0], [0.0, 1.0])
+
+
+def test_no_term_of_a_law_vanishes_from_the_text_in_small_units():
+    X, Xdot, _ = oscillator(60)
+    model = fitted(1e-9 * X, 1e-9 * (X @ A[0].T + 0.1 * X**3), n_modes=1, feature_library=3)
+    assert "1.000 x1" in model.equations()[0]
+
+
+def test_automatic_number_of_modes_of_one_sample():
+    X, Xdot, _ = oscillator(1)
+    with pytest.warns(IdentificationWarning, match="smallest norm"):
+        assert fitted(X, Xdot, n_modes="auto").n_modes_ == 1
+
+
+def test_certificate_needs_the_velocities_of_the_model():
+    X, Xdot, _ = oscillator(40)
+    model = fitted(X, Xdot, n_modes=1)
+    with pytest.raises(ValueError, match="y has 1 columns; the model has 2 velocities"):
+        model.certificate(X, Xdot[:, :1])
+
+
+@pytest.mark.parametrize("solver", [None, 3])
+def test_a_solver_is_a_name(solver):
+    X, Xdot, _ = oscillator(20)
+    with pytest.raises(ValueError, match="must be 'auto' or the name of a solver"):
+        fitted(X, Xdot, n_modes=1, solver=solver)

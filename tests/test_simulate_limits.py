@@ -176,6 +176,22 @@ def test_bad_arguments_get_a_sentence(arguments, sentence):
         simulate(LAG, **arguments)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (dict(x0=[1.0], inputs=[1, 1]), "x0 holds 1 states .* give 2 and 1"),
+        (dict(x0=[1.0, 0.0]), "inputs hold 0 columns; give 2 and 1"),
+        (dict(x0=[1.0, 0.0], inputs=np.ones((2, 3))), "inputs hold 3 columns; give 2 and 1"),
+    ],
+)
+def test_states_and_inputs_are_held_to_the_sizes_of_the_system(arguments, sentence):
+    # monomials of a point broadcast: without the check a missing input gives a wrong rollout
+    system = Switched(lambda x, u, mode: -x, UNSWITCHED)
+    system.n_states, system.n_inputs = 2, 1
+    with pytest.raises(ValueError, match=sentence):
+        simulate(system, t=[0, 1], **arguments)
+
+
 def test_a_velocity_of_the_wrong_length_gets_a_sentence():
     with pytest.raises(ValueError, match="one value for each state"):
         simulate(Switched(lambda x, u, mode: [1.0], UNSWITCHED), [0.0, 0.0], [0.0, 1.0])

@@ -31,6 +31,7 @@ class SwitchingSystem(Protocol):
 
     It may also have ``surface_values(x, u)``, shape (n_surfaces,), and ``decode(values)``, the
     mode for given values; events are then located on the values and not on the mode alone.
+    Where it has ``n_states`` and ``n_inputs``, `x0` and `inputs` are held to them.
     """
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
@@ -124,11 +125,13 @@ def simulate(
     """
     start, times = _checked(x0, t, input_hold, method)
     samples = None if inputs is None else _checked_inputs(inputs, times)
+    _check_sizes(system, len(start), 0 if samples is None else samples.shape[1])
     guarded = GuardedSystem(system, state_bound)
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
         if not guarded.within(start):
-            nothing = np.empty((0, len(start)))
-            return Trajectory(times[:0], nothing, np.empty(0, np.intp), (), Status.STATE_LIMIT)
+            return Trajectory(
+                times[:0], start[None][:0], np.empty(0, np.intp), (), Status.STATE_LIMIT
+            )
         _probe(system, start, np.empty(0) if samples is None else samples[0])
         if discrete_time:
             return _iterate(guarded, start, times, samples)
@@ -162,6 +165,14 @@ def _checked_inputs(inputs, t):
     if not np.isfinite(inputs).all():
         raise ValueError("inputs contain NaN or infinity; fill the gaps before simulating.")
     return inputs
+
+
+def _check_sizes(system, *given):
+    """Hold the numbers of states and inputs to those of the system, where it tells them."""
+    wanted = (getattr(system, "n_states", given[0]), getattr(system, "n_inputs", given[1]))
+    if given != wanted:
+        sentence = "x0 holds {} states and inputs hold {} columns; give {} and {}."
+        raise ValueError(sentence.format(*given, *wanted))
 
 
 def _probe(system, x0, u):
