@@ -30,8 +30,8 @@ class SwitchingSystem(Protocol):
     """What `simulate` asks of a system.
 
     It may also have ``surface_values(x, u)``, shape (n_surfaces,), and ``decode(values)``, the
-    mode for given values; events are then located on the values and not on the mode alone.
-    Where it has ``n_states`` and ``n_inputs``, `x0` and `inputs` are held to them.
+    mode for given values, so that events are located on the values and not on the mode alone;
+    and ``n_states`` and ``n_inputs``, to which `x0` and `inputs` are then held.
     """
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
@@ -129,9 +129,8 @@ def simulate(
     guarded = GuardedSystem(system, state_bound)
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
         if not guarded.within(start):
-            return Trajectory(
-                times[:0], start[None][:0], np.empty(0, np.intp), (), Status.STATE_LIMIT
-            )
+            nothing = np.empty((0, len(start)))
+            return Trajectory(times[:0], nothing, np.empty(0, np.intp), (), Status.STATE_LIMIT)
         _probe(system, start, np.empty(0) if samples is None else samples[0])
         if discrete_time:
             return _iterate(guarded, start, times, samples)
@@ -168,7 +167,6 @@ def _checked_inputs(inputs, t):
 
 
 def _check_sizes(system, *given):
-    """Hold the numbers of states and inputs to those of the system, where it tells them."""
     wanted = (getattr(system, "n_states", given[0]), getattr(system, "n_inputs", given[1]))
     if given != wanted:
         sentence = "x0 holds {} states and inputs hold {} columns; give {} and {}."
