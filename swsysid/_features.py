@@ -27,7 +27,8 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
         Each takes one or more 1-d arrays and returns one.
     names : sequence of str, default=None
         A format string for each function, such as ``"sin({})"`` or ``"{} |{}|"``, filled with
-        the names of the columns. By default the function's own name is used.
+        the names of the columns. By default the function's own name is used; several lambdas
+        are f0, f1, ... by their places in the list.
 
     Examples
     --------
@@ -47,6 +48,7 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
     def fit(self, X, y=None):
         """Check `X` and remember its columns."""
         validate_data(self, X)
+        _check_functions(self.functions, self.n_features_in_)
         if self.names is not None and len(self.names) != len(self.functions):
             raise ValueError(
                 f"names has {len(self.names)} entries for {len(self.functions)} functions; "
@@ -59,8 +61,8 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
         check_is_fitted(self, "n_features_in_")
         X = validate_data(self, X, reset=False)
         columns = [
-            np.broadcast_to(np.asarray(function(*X[:, list(group)].T), dtype=float), len(X))
-            for function, _, group in self._terms()
+            _values(function, pattern, X[:, list(group)].T)
+            for function, pattern, group in self._terms()
         ]
         return np.column_stack(columns)
 
@@ -79,7 +81,7 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
 
     def _terms(self):
         """Every function with its format and the columns it is applied to."""
-        patterns = self.names or [_default_format(function) for function in self.functions]
+        patterns = self.names or _default_formats(self.functions)
         return [
             (function, pattern, group)
             for function, pattern in zip(self.functions, patterns, strict=True)
@@ -97,10 +99,39 @@ def _arity(function) -> int:
     )
 
 
-def _default_format(function) -> str:
-    name = getattr(function, "__name__", type(function).__name__)
-    name = "f" if name == "<lambda>" else name
-    return f"{name}({', '.join(['{}'] * _arity(function))})"
+def _check_functions(functions, n_columns: int) -> None:
+    if not isinstance(functions, Sequence) or not all(callable(f) for f in functions):
+        raise TypeError(f"functions={functions!r} must be a list of functions of columns.")
+    if not functions:
+        raise ValueError("functions is empty; give at least one function of columns.")
+    for place, function in enumerate(functions):
+        if not 1 <= _arity(function) <= n_columns:
+            raise ValueError(
+                f"functions[{place}] takes {_arity(function)} columns and X has {n_columns}; give "
+                f"a function of 1 to {n_columns} columns."
+            )
+
+
+def _values(function, pattern: str, columns) -> np.ndarray:
+    """Values of one function, shape (n_samples,); a scalar is a constant column."""
+    values, n_samples = np.asarray(function(*columns), dtype=float), len(columns[0])
+    if values.shape not in ((), (n_samples,)):
+        raise ValueError(
+            f"the function {pattern!r} returned an array of shape {values.shape} for {n_samples} "
+            "samples; it must return one value for each sample."
+        )
+    return np.broadcast_to(values, n_samples)
+
+
+def _default_formats(functions) -> list[str]:
+    """The functions' own names; lambdas have none and are told apart by their places."""
+    names = [getattr(function, "__name__", type(function).__name__) for function in functions]
+    numbered = names.count("<lambda>") > 1
+    return [
+        f"{name.replace('<lambda>', f'f{place}' if numbered else 'f')}"
+        f"({', '.join(['{}'] * _arity(function))})"
+        for place, (name, function) in enumerate(zip(names, functions, strict=True))
+    ]
 
 
 def monomials_at(point: np.ndarray, powers: np.ndarray) -> np.ndarray:

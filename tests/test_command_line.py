@@ -164,6 +164,7 @@ def test_the_same_seed_gives_the_same_text(recording, tmp_path, capsys):
         (["FILE", "--states", "x", *NAMES, "--test-fraction", "1"], "not between 0 and 1"),
         (["FILE", "--states", "x", *NAMES, "--window", "4"], "window=4 must be odd"),
         (["FILE", "--states", "x", "--time", "t"], "goes back in time"),
+        (["FILE", "--states", "x", "v", "--inputs", "x", *NAMES], "Column 'x' is named twice"),
         (["FILE", "--states", "x", *NAMES, "--output", "FILE"], "cannot be written"),
     ],
 )
@@ -172,6 +173,15 @@ def test_bad_input_gets_one_sentence_and_exit_code_2(arguments, sentence, tmp_pa
     assert main([path if word == "FILE" else word for word in arguments]) == 2
     error = capsys.readouterr().err
     assert re.search(sentence, error) and error.startswith("swsysid: ") and error.count("\n") == 1
+
+
+def test_a_missing_cell_is_named_by_column_and_row(tmp_path, capsys):
+    columns = oscillator(n_runs=1, duration=2.0)
+    columns["v"][4] = np.nan
+    path = write_csv(tmp_path / "runs.csv", columns)
+    assert main([path, "--states", "x", "v", "--time", "t"]) == 2
+    assert "Column 'v' of runs.csv has 1 missing" in (error := capsys.readouterr().err)
+    assert "the first in row 5" in error
 
 
 def test_help_shows_two_examples(capsys):

@@ -94,6 +94,26 @@ def test_small_and_large_coefficients_keep_their_digits():
     assert linear_combination([1e-4], ["x"], style="latex") == r"1.000 \cdot 10^{-4} x"
 
 
+@pytest.mark.parametrize(
+    ("functions", "error", "sentence"),
+    [
+        (np.sin, TypeError, "must be a list of functions"),
+        ([], ValueError, "give at least one function"),
+        ([np.sin, lambda a, b, c: a], ValueError, r"functions\[1\] takes 3 columns and X has 2"),
+        ([lambda: 1.0], ValueError, "takes 0 columns"),
+        ([lambda x: x[:1]], ValueError, r"'f\({}\)' returned an array of shape \(1,\)"),
+    ],
+)
+def test_functions_that_do_not_fit_the_columns_get_a_sentence(functions, error, sentence):
+    with pytest.raises(error, match=sentence):
+        FunctionLibrary(functions).fit(X).transform(X)
+
+
+def test_several_lambdas_are_told_apart():
+    library = FunctionLibrary([lambda x: x, np.sin, lambda x: x**2]).fit(X[:, :1])
+    assert list(library.get_feature_names_out(["x"])) == ["f0(x)", "sin(x)", "f2(x)"]
+
+
 def test_small_coefficients_of_large_features_are_printed():
     # x near 1e-9: the law x' = v beside a cubic term that amounts to a thousandth of it
     text = linear_combination([1.0, 1e15], ["v", "x^3"], sizes=[1e-9, 1e-27])

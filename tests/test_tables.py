@@ -89,6 +89,12 @@ def test_units_given_win_and_brackets_need_not_be_typed(written):
     assert table.numbers(["force"])[:, 0].tolist() == [1.0, 3.0]
 
 
+def test_a_title_leaves_the_unit_out_unless_two_columns_share_it(written):
+    table = read_table(written("x [m],v [m/s],v [ft/s]\n1,2,3\n"))
+    assert [table.title(name) for name in ("x", "x [m]")] == ["x", "x"]
+    assert len({table.title(name) for name in ("v [m/s]", "v [ft/s]")}) == 2
+
+
 def test_rate_units():
     assert [rate_unit(u, "s") for u in ("m", "m/s", "m/s^2", "N", "")] == [
         "m/s",

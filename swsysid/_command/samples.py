@@ -91,7 +91,10 @@ def measure(table: Table, what: Measurement) -> Samples:
     _check(what)
     names = [*what.states, *what.inputs]
     times = [what.time] if what.time else []
-    numbers = table.numbers([*names, *what.derivatives, *times])
+    chosen = [*names, *what.derivatives, *times]
+    _check_distinct(table, chosen)
+    numbers = table.numbers(chosen)
+    _check_complete(table, numbers, chosen)
     groups = np.zeros(len(numbers)) if what.groups is None else table.labels(what.groups)
     if len(groups) != len(numbers):
         raise TableError(
@@ -132,10 +135,30 @@ def _check(what: Measurement) -> None:
         )
 
 
+def _check_distinct(table: Table, names) -> None:
+    """Refuse a column with two roles, by either of its names."""
+    columns = [table.resolve(name) for name in names]
+    twice = [column for column in columns if columns.count(column) > 1]
+    if twice:
+        raise TableError(
+            f"Column {twice[0]!r} is named twice; give each column one role: state, input, "
+            "derivative or time."
+        )
+
+
+def _check_complete(table: Table, numbers, names) -> None:
+    """Refuse empty cells, naming the first."""
+    for name, column in zip(names, numbers.T, strict=True):
+        bad = ~np.isfinite(column)
+        if bad.any():
+            raise TableError(
+                f"Column {name!r} of {table.source} has {bad.sum()} missing or infinite values, "
+                f"the first in row {bad.argmax() + 1}; remove these rows or fill them."
+            )
+
+
 def _with_derivatives(numbers, what: Measurement, groups, decimate):
     n_states, n_inputs = len(what.states), len(what.inputs)
-    if not np.isfinite(numbers).all():
-        raise TableError("The chosen columns have missing values; remove these rows first.")
     states, inputs, rates, _ = np.split(
         numbers, np.cumsum([n_states, n_inputs, len(what.derivatives)]), axis=1
     )
@@ -146,20 +169,21 @@ def _with_derivatives(numbers, what: Measurement, groups, decimate):
 
 def _described(table: Table, what: Measurement) -> dict:
     """Names and units; x' is the first and x'' the second derivative of x."""
-    ladder = [list(what.states)]
+    ladder = [[table.title(name) for name in what.states]]
     steps = [[table.unit(table.resolve(name)) for name in what.states]]
     time_unit = table.unit(table.resolve(what.time)) if what.time else ""
     for level in range(1, what.order + 1):
-        ladder.append([name + "'" * level for name in what.states])
+        ladder.append([name + "'" * level for name in ladder[0]])
         steps.append([rate_unit(unit, time_unit) for unit in steps[-1]])
     rate_units = _flat(steps[1:])
     if what.derivatives:
         measured = [table.unit(table.resolve(name)) for name in what.derivatives]
         rate_units = [own or derived for own, derived in zip(measured, rate_units, strict=True)]
-    inputs = list(what.inputs)
+    inputs = [table.title(name) for name in what.inputs]
+    input_units = [table.unit(table.resolve(name)) for name in what.inputs]
     return {
         "names": tuple(_flat(ladder[:-1]) + inputs),
-        "units": tuple(_flat(steps[:-1]) + [table.unit(table.resolve(name)) for name in inputs]),
+        "units": tuple(_flat(steps[:-1]) + input_units),
         "rate_names": tuple(_flat(ladder[1:])),
         "rate_units": tuple(rate_units),
         "n_known": len(what.states) * (what.order - 1),

@@ -59,6 +59,12 @@ class Table:
             f"{self.source} has no column {name!r}.{hint} Its columns are: {self.listing()}."
         )
 
+    def title(self, name: str) -> str:
+        """A column's name without its bracketed unit, where that still means this column."""
+        column = self.resolve(name)
+        bare = _BRACKET.sub("", column)
+        return bare if bare and self.resolve(bare) == column else column
+
     def listing(self) -> str:
         """The names of all columns, for messages."""
         return ", ".join(self.columns) or "none"
