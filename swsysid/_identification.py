@@ -12,20 +12,15 @@ from tqdm import tqdm
 from swsysid._alternation import Alternation, alternate, relabel
 from swsysid._problem import Modes, SwitchingProblem, one_hot
 from swsysid._results import Array
+from swsysid._scale import calibrate
 from swsysid._seeding.seeding import seed_modes
 from swsysid._selection import ModeCandidate, compare_mode_counts, smallest_sufficient
 from swsysid._sparsity import sparse_support
 
 __all__ = ["Identification", "Search", "identify"]
 
-# Residuals beyond this many scales belong to no mode ...
-_OUTLYING = 10.0
-# ... unless that would discard more than this fraction of a mode: then it is the mode that fits
-# badly, not the rows.
-_MOST_OUTLYING = 0.3
-# Smallest scale of a residual, relative to the spread of the velocity: below it the data are
-# clean, and differences are round-off.
-_SCALE_FLOOR = 1e-9
+# An answer that fewer than one start in this many finds again is no more than the best so far.
+_SELDOM = 32
 
 
 @dataclass(frozen=True)
@@ -69,8 +64,12 @@ class Identification:
         With its modes in canonical order, the most populated first, and none empty.
     problem : SwitchingProblem
         What `best` solves, scale and outlying rows included.
+    hits : int
+        How many starts ended in the winner.
     stability : float
-        Fraction of the starts that ended in the winner.
+        Their share among the starts that were not thrown out early.
+    n_starts : int
+        How many starts were drawn.
     n_modes_asked : int
         Before empty modes were dropped.
     candidates : tuple of ModeCandidate
@@ -79,9 +78,16 @@ class Identification:
 
     best: Alternation
     problem: SwitchingProblem
+    hits: int
     stability: float
+    n_starts: int
     n_modes_asked: int
     candidates: tuple[ModeCandidate, ...]
+
+    @property
+    def seldom_found(self) -> bool:
+        """True if the winner was found once among several starts, or by one in 32 of them."""
+        return 1 < self.n_starts and self.hits <= max(1, self.n_starts // _SELDOM)
 
 
 def identify(problem: SwitchingProblem, search: Search, random_state) -> Identification:
@@ -90,9 +96,11 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
     if problem.n_modes == "auto":
         candidates = compare_mode_counts(problem, search, random_state)
         problem = replace(problem, n_modes=smallest_sufficient(candidates))
-    starts, counts = _starts(problem, search, random_state)
+    starts, counts, drawn = _starts(problem, search, random_state)
     if problem.coupling:
-        problem = _calibrate(problem, starts[0])
+        # The scale is fixed once, from the best start: objectives of all starts must compare.
+        first = replace(problem, coupling=0.0).estimate(starts[0])
+        problem = calibrate(problem, first, starts[0].argmax(axis=1))
     runs = Parallel(n_jobs=search.n_jobs)(
         delayed(alternate)(problem, start, max_iter=search.max_iter, tol=search.tol)
         for start in tqdm(starts, desc="starts", disable=not search.verbose)
@@ -108,24 +116,29 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
     return Identification(
         best=relabel(best, order),
         problem=replace(problem, n_modes=len(order)),
+        hits=agreeing,
         stability=agreeing / sum(counts),
+        n_starts=drawn,
         n_modes_asked=problem.n_modes,
         candidates=candidates,
     )
 
 
-def _starts(problem, search: Search, random_state) -> tuple[list[Array], list[int]]:
-    """Memberships to start from, the most promising first, and how often each was found."""
+def _starts(problem, search: Search, random_state) -> tuple[list[Array], list[int], int]:
+    """Memberships to start from, the most promising first, how often each was found, of how many.
+
+    Most starts of the seeding are thrown out early and count for no membership.
+    """
     if isinstance(search.init, np.ndarray):
-        return [_given_start(problem, search.init)], [1]
+        return [_given_start(problem, search.init)], [1], 1
     if problem.n_modes == 1:
-        return [np.ones((len(problem.targets), 1))], [1]
+        return [np.ones((len(problem.targets), 1))], [1], 1
     if search.init == "random":
         starts = [
             one_hot(_random_cells(problem, random_state), problem.n_modes)
             for _ in range(search.n_init or 10)
         ]
-        return starts, [1] * len(starts)
+        return starts, [1] * len(starts), len(starts)
     seeds = seed_modes(
         problem.features,
         problem.targets,
@@ -137,7 +150,7 @@ def _starts(problem, search: Search, random_state) -> tuple[list[Array], list[in
         random_state=random_state,
     )
     starts = [one_hot(seed.labels, problem.n_modes) for seed in seeds]
-    return starts, [max(seed.hits, 1) for seed in seeds]
+    return starts, [max(seed.hits, 1) for seed in seeds], seeds[0].n_starts
 
 
 def _given_start(problem: SwitchingProblem, init: Array) -> Array:
@@ -159,36 +172,6 @@ def _random_cells(problem: SwitchingProblem, random_state) -> Modes:
     points = problem.coordinates / np.where(spread > 0, spread, 1.0)
     centres = points[random_state.choice(len(points), problem.n_modes, p=probability)]
     return np.square(points[:, None, :] - centres).sum(axis=2).argmin(axis=1)
-
-
-def _calibrate(problem: SwitchingProblem, start: Array) -> SwitchingProblem:
-    """Fix the scale of the residuals and the outlying rows, once, from the best start.
-
-    The scale is that of a Laplace distribution with the residuals' median size, so that a
-    scaled l1 loss is a negative log-likelihood in nats.
-    """
-    modes = start.argmax(axis=1)
-    coef = replace(problem, coupling=0.0).estimate(start)
-    size = np.abs(problem.residuals(coef, modes))
-    if not problem.loss.separable:
-        size = np.repeat(size.mean(axis=1, keepdims=True), size.shape[1], axis=1)
-    spread = np.abs(problem.targets - _weighted_median(problem.targets, problem.weight)).max(axis=0)
-    floor = _SCALE_FLOOR * np.where(spread > 0, spread, 1.0)
-    scale = np.maximum(_weighted_median(size, problem.weight) / np.log(2.0), floor)
-    outlying = (size / scale).max(axis=1) > _OUTLYING
-    for mode in range(problem.n_modes):
-        rows = modes == mode
-        if problem.weight[rows & outlying].sum() > _MOST_OUTLYING * problem.weight[rows].sum():
-            outlying[rows] = False
-    return replace(problem, scale=scale, outlying=outlying)
-
-
-def _weighted_median(values: Array, weight: Array) -> Array:
-    """Smallest value with at least half of the weight at or below it, column by column."""
-    order = values.argsort(axis=0, kind="stable")
-    reached = np.cumsum(weight[order], axis=0) >= 0.5 * weight.sum()
-    rows = np.take_along_axis(order, reached.argmax(axis=0)[None, :], axis=0)[0]
-    return values[rows, np.arange(values.shape[1])]
 
 
 def _same_answer(run: Alternation, best: Alternation, problem: SwitchingProblem) -> bool:

@@ -12,6 +12,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from swsysid._certificates import certify
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._features import FeatureMap
+from swsysid._guard import check_guard
 from swsysid._identification import Identification, identify
 from swsysid._model import SwitchingModel
 from swsysid._problem import fit_weighted, one_hot
@@ -104,6 +105,10 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     n_modes_ : int
     stability_ : float
         Fraction of the starts that found the winner.
+    guard_score_ : float
+        Balanced accuracy of the surface on the samples whose residuals decide their mode by
+        themselves: close to 1 if the switching is a function of the state, else down to
+        1 / `n_modes_`. NaN where too few decide, or for one mode.
     mode_selection_ : list of ModeCandidate
         The candidates of ``n_modes="auto"``, empty otherwise.
     n_iter_ : int
@@ -211,7 +216,9 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         )
         self._store(found, rows)
         self._store_rows(X, targets, weight, rows, found)
-        warn_about(self, found, len(rows.weight))
+        guard = check_guard(found.problem, found.best.coef, found.best.modes, self.surface_)
+        self.guard_score_ = guard.score
+        warn_about(self, found, guard, len(rows.weight))
         return self
 
     def predict(self, X):

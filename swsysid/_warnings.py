@@ -7,6 +7,7 @@ from typing import Any
 
 from sklearn.exceptions import ConvergenceWarning
 
+from swsysid._guard import GuardCheck
 from swsysid._identification import Identification
 from swsysid._results import IdentificationWarning, Status
 
@@ -16,8 +17,8 @@ __all__ = ["warn_about"]
 _STACK_LEVEL = 4
 
 
-def warn_about(estimator: Any, found: Identification, n_rows: int) -> None:
-    """Warn if the data do not determine the answer, or if it is not converged."""
+def warn_about(estimator: Any, found: Identification, guard: GuardCheck, n_rows: int) -> None:
+    """Warn if the data do not determine the answer, or if it is not converged or not stable."""
     n_unknowns = found.n_modes_asked * estimator.coef_.shape[2]
     if n_rows < n_unknowns:
         _warn(
@@ -37,6 +38,20 @@ def warn_about(estimator: Any, found: Identification, n_rows: int) -> None:
             f"The alternation stopped after max_iter={estimator.max_iter} iterations. "
             f"{Status.ITERATION_LIMIT.advice}",
             ConvergenceWarning,
+        )
+    if found.seldom_found:
+        _warn(
+            f"The best answer was found by only {found.hits} of {found.n_starts} starts: a better "
+            "one may exist; increase n_init, measure more, or use a smaller feature_library.",
+            ConvergenceWarning,
+        )
+    if guard.missing:
+        _warn(
+            f"Of {guard.n_decided} samples whose residuals decide their mode, "
+            f"{guard.contradicted:.1%} are where the surface and the neighbouring samples are in "
+            "another mode: the switching is not a function of the state. Add what drives it (a "
+            "time, an input) to X; if the state does drive it, raise the degree of the surface.",
+            IdentificationWarning,
         )
 
 

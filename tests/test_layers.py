@@ -35,14 +35,14 @@ GROUPS = (
     """relaxations/_exact relaxations/_simplex relaxations/_moment _problem _classifier
     _seeding/seeding plotting/_style datasets/_generated""",
     # 6: the alternation; the number of modes; the terms a mode needs; one display a file
-    """_alternation _selection _sparsity relaxations/__init__ datasets/__init__
+    """_alternation _scale _selection _sparsity relaxations/__init__ datasets/__init__
     plotting/_convergence plotting/_residual plotting/_rollout plotting/_surface
     plotting/_timeline""",
-    # 7 to 9: from the data to the estimator
-    "_identification _certificates plotting/__init__",
+    # 7 to 10: from the data to the estimator, and how sure it is
+    "_identification _guard _certificates plotting/__init__",
     "_setup _warnings",
     "_regressor",
-    # 10 to 12: the public names, the main job, the command line
+    # 11 to 13: the public names, the main job, the command line
     "__init__ _command/job",
     "_command/job_text",
     "__main__",

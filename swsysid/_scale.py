@@ -1,0 +1,49 @@
+"""The size of a typical residual, and the rows that no mode explains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from swsysid._problem import Modes, SwitchingProblem
+from swsysid._results import Array
+
+__all__ = ["calibrate"]
+
+# Residuals beyond this many scales belong to no mode ...
+_OUTLYING = 10.0
+# ... unless that would discard more than this fraction of a mode: then it is the mode that fits
+# badly, not the rows.
+_MOST_OUTLYING = 0.3
+# Smallest scale of a residual, relative to the spread of the velocity: below it the data are
+# clean, and differences are round-off.
+_SCALE_FLOOR = 1e-9
+
+
+def calibrate(problem: SwitchingProblem, coef: Array, modes: Modes) -> SwitchingProblem:
+    """The problem with the scale of the residuals and the outlying rows of some vector fields.
+
+    The scale is that of a Laplace distribution with the residuals' median size, so that a
+    scaled l1 loss is a negative log-likelihood in nats.
+    """
+    size = np.abs(problem.residuals(coef, modes))
+    if not problem.loss.separable:
+        size = np.repeat(size.mean(axis=1, keepdims=True), size.shape[1], axis=1)
+    spread = np.abs(problem.targets - _weighted_median(problem.targets, problem.weight)).max(axis=0)
+    floor = _SCALE_FLOOR * np.where(spread > 0, spread, 1.0)
+    scale = np.maximum(_weighted_median(size, problem.weight) / np.log(2.0), floor)
+    outlying = (size / scale).max(axis=1) > _OUTLYING
+    for mode in range(problem.n_modes):
+        rows = modes == mode
+        if problem.weight[rows & outlying].sum() > _MOST_OUTLYING * problem.weight[rows].sum():
+            outlying[rows] = False
+    return replace(problem, scale=scale, outlying=outlying)
+
+
+def _weighted_median(values: Array, weight: Array) -> Array:
+    """Smallest value with at least half of the weight at or below it, column by column."""
+    order = values.argsort(axis=0, kind="stable")
+    reached = np.cumsum(weight[order], axis=0) >= 0.5 * weight.sum()
+    rows = np.take_along_axis(order, reached.argmax(axis=0)[None, :], axis=0)[0]
+    return values[rows, np.arange(values.shape[1])]
