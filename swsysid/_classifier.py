@@ -305,9 +305,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         arguments = ", ".join(symbol(name, format) for name in inputs)
         head = "f_{{{}}}({}) = {}" if format == "latex" else "f{}({}) = {}"
         names = list(self._basis.names(inputs))
-        sums = (
-            linear_combination(row, names, precision=precision, style=format) for row in self.coef_
-        )
+        options = {"precision": precision, "style": format, "sizes": self._basis.sizes}
+        sums = (linear_combination(row, names, **options) for row in self.coef_)
         return [head.format(k, arguments, terms) for k, terms in enumerate(sums)]
 
     # -- parts of fit ----------------------------------------------------------------------

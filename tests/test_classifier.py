@@ -116,6 +116,13 @@ def test_the_papers_program_to_the_letter():
     assert classifier.objective_ == pytest.approx(expected, rel=1e-9)
 
 
+def test_no_term_of_a_surface_vanishes_from_the_text_in_small_units():
+    X = square(400)
+    classifier = PolynomialSurfaceClassifier(degree=3).fit(1e-9 * X, X[:, 1] > 0.3 * X[:, 0] ** 3)
+    (equation,) = classifier.equations()
+    assert " x1 " in equation and " x0^3" in equation
+
+
 def test_values_are_those_of_the_users_monomials():
     X = square(300) * [10.0, 0.1] + [50.0, -1.0]
     classifier = PolynomialSurfaceClassifier(degree=3).fit(X, X[:, 0] > 50.0)

@@ -255,3 +255,18 @@ def test_residual_against_time(model):
     np.testing.assert_array_equal(display.coordinate, t)
     with pytest.raises(ValueError, match="against has 299 entries for 300 samples"):
         ResidualDisplay.from_estimator(model, X, X, against=t[1:])
+
+
+def test_arrays_of_another_length_get_a_sentence(model):
+    X = _samples()
+    with pytest.raises(ValueError, match="give one for each of 300 rows"):
+        ModeTimelineDisplay.from_estimator(model, X, np.arange(3.0))
+    with pytest.raises(ValueError, match="give one for each of 300 rows"):
+        RolloutDisplay.from_estimator(model, X, np.arange(3.0))
+    with pytest.raises(ValueError, match="the model predicts 2 velocities of 300 samples"):
+        ResidualDisplay.from_estimator(model, X, X[:, :1])
+
+
+def test_a_column_that_is_not_there_gets_a_sentence(model):
+    with pytest.raises(ValueError, match="no column 9; the columns are x0, x1"):
+        SwitchingSurfaceDisplay.from_estimator(model, _samples(), features=(0, 9))

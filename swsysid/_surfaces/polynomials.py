@@ -38,6 +38,7 @@ class PolynomialBasis:
             self.centre, self.scale = _centre_and_scale(X, weight)
         self.monomials = PolynomialFeatures(degree).fit(X[:1])
         self.powers = self.monomials.powers_  # recomputed by scikit-learn at every access
+        self.reach = np.abs(X).max(axis=0)
 
     def __call__(self, X: Array) -> Array:
         """Features in fitting coordinates, shape (n_samples, n_features_out)."""
@@ -56,6 +57,12 @@ class PolynomialBasis:
     def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
         """Names of the user's monomials, for given names of the columns of X."""
         return self.monomials.get_feature_names_out(np.asarray(inputs, dtype=object))
+
+    @property
+    def sizes(self) -> Array:
+        """How large the user's monomials are on the data at most, shape (n_features_out,)."""
+        with np.errstate(over="ignore"):
+            return monomials_at(self.reach, self.powers)
 
     def to_user(self, coef: Array) -> Array:
         """Coefficients of the user's monomials, from those in fitting coordinates."""
@@ -92,6 +99,11 @@ class LibraryBasis:
     def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
         """Names of the library's columns, for given names of the columns of X."""
         return self.map.names(inputs)
+
+    @property
+    def sizes(self) -> Array:
+        """How large the library's columns are on the data at most, shape (n_features_out,)."""
+        return self.map.sizes
 
     def to_user(self, coef: Array) -> Array:
         """Coefficients of the library's own columns."""

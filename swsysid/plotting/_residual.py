@@ -103,7 +103,13 @@ class ResidualDisplay:
         names = column_names(estimator, np.shape(X)[1], names)
         frame = in_fitted_form(estimator, X)
         X = np.asarray(X, dtype=float)
-        residuals = _as_columns(y) - _as_columns(estimator.predict(frame))
+        predicted = _as_columns(estimator.predict(frame))
+        if _as_columns(y).shape != predicted.shape:
+            raise ValueError(
+                f"y has shape {np.shape(y)}; the model predicts {predicted.shape[1]} velocities of "
+                f"{len(X)} samples, give one each."
+            )
+        residuals = _as_columns(y) - predicted
         state = _state_index(state, names, residuals)
         coordinate, label = _coordinate(against, X, names, units)
         modes = (

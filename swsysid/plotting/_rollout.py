@@ -9,6 +9,7 @@ from swsysid.plotting._style import (
     PALETTE,
     axis_label,
     canvas,
+    check_length,
     column_names,
     resolve_column,
     trajectories,
@@ -104,6 +105,7 @@ class RolloutDisplay:
         check_is_fitted(estimator, "coef_")
         names = column_names(estimator, np.shape(X)[1], names)
         X, t = np.asarray(X, dtype=float), np.asarray(t, dtype=float)
+        check_length("t", t, len(X))
         n_states = estimator.coef_.shape[1]
         features = range(min(n_states, 2)) if features is None else features
         columns = [resolve_column(feature, names) for feature in features]

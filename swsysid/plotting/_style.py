@@ -117,7 +117,9 @@ def resolve_column(column, names) -> int:
         if column not in names:
             raise ValueError(f"{column!r} is none of the columns {', '.join(names)}.")
         return names.index(column)
-    return int(column)
+    if not -len(names) <= column < len(names):
+        raise ValueError(f"there is no column {column}; the columns are {', '.join(names)}.")
+    return int(column) % len(names)
 
 
 def in_fitted_form(estimator, X):
@@ -128,6 +130,14 @@ def in_fitted_form(estimator, X):
     import pandas as pd
 
     return pd.DataFrame(np.asarray(X, dtype=float), columns=names)
+
+
+def check_length(name: str, values, n_samples: int) -> None:
+    """Refuse an array that has not one entry for each sample."""
+    if np.shape(values)[:1] != (n_samples,):
+        raise ValueError(
+            f"{name} has shape {np.shape(values)}; give one for each of {n_samples} rows."
+        )
 
 
 def trajectories(groups, n_samples: int, limit: int):

@@ -7,6 +7,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from swsysid.plotting._style import (
     canvas,
+    check_length,
     in_fitted_form,
     mode_colour,
     mode_names,
@@ -88,6 +89,7 @@ class ModeTimelineDisplay:
         t = np.asarray(t, dtype=float)
         predict = getattr(estimator, "predict_modes", None) or estimator.predict
         predicted = np.asarray(predict(in_fitted_form(estimator, X)))
+        check_length("t", t, len(predicted))
         chosen = trajectories(groups, len(t), max_trajectories)
         named = named_as_predicted(modes, predicted)
         display = cls(
