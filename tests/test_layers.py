@@ -42,6 +42,7 @@ GROUPS = (
     "_identification _guard _certificates plotting/__init__",
     "_setup _warnings",
     "_regressor",
+    "uncertainty",
     # 11 to 13: the public names, the main job, the command line
     "__init__ _command/job",
     "_command/job_text",
