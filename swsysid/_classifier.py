@@ -22,7 +22,7 @@ from swsysid._surfaces.margin_program import (
     worst_status,
 )
 from swsysid._surfaces.margins import certify_margin, nonzero_margin
-from swsysid._surfaces.mode_books import check_book, decisions
+from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
 from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis
 from swsysid._surfaces.probability import SaturatedSoftmax
 
@@ -68,13 +68,13 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         of samples: each sample can then afford to keep its slack zero however many there are.
     coef_bound : float, default=10.0
         The paper's eta: bound on the absolute value of every coefficient.
-    mode_book : "auto" or array-like of shape (n_classes, n_surfaces), default="auto"
+    mode_book : "auto", "pairwise" or array-like of shape (n_classes, n_surfaces), default="auto"
         Signs in {-1, +1}, a row for each of the sorted classes. ``"auto"`` tries all books up to
         four classes, the most promising ones beyond, and keeps the one of largest weighted
-        training accuracy, then of smallest objective. Where ceil(log2 M) surfaces of this degree
-        cannot separate the classes and a surface for each pair of classes can (half a percent
-        more accurate), it is these M (M - 1) / 2 surfaces, each of which has the entry 0 for the
-        classes that it says nothing about.
+        training accuracy, then of smallest objective. ``"pairwise"`` is a surface for each of the
+        M (M - 1) / 2 pairs of classes, with the entry 0 for the classes that it says nothing
+        about: use it where signs of few surfaces of this degree cannot separate the classes, such
+        as three sectors that meet in a point.
     standardize : bool, default=True
         Margin, beta and the box apply to polynomials of the centred and scaled columns of `X`
         (or to the scaled columns of `feature_library`, centred too if it has a constant column),
@@ -90,8 +90,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     ----------
     coef_ : ndarray of shape (n_surfaces, n_surface_features)
         Coefficients in the user's units: ``surface_values(X)`` is the features of `X` times them.
-    mode_book_ : ndarray of shape (n_classes, n_surfaces), -1 or +1
-        Or 0, where surfaces belong to pairs of classes.
+    mode_book_ : ndarray of shape (n_classes, n_surfaces), -1 or +1, also 0 if pairwise
     classes_ : ndarray of shape (n_classes,)
         Classes of positive weight.
     slack_ : ndarray of shape (n_samples, n_surfaces)
@@ -319,8 +318,10 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
 
     def _book(self, features, labels, weight):
         n_classes = len(self.classes_)
-        if not _is_auto(self.mode_book):
+        if not isinstance(self.mode_book, str):
             return check_book(self.mode_book, n_classes)
+        if self.mode_book == "pairwise":
+            return pairwise_book(n_classes)
         rng = check_random_state(self.random_state)
         return choose_mode_book(features, labels, weight, n_classes, rng, *self._program())
 
@@ -378,9 +379,10 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             raise ValueError(f"beta={self.beta!r}; it must be a number not below 0, or 'auto'.")
         if not _is_positive(self.coef_bound):
             raise ValueError(f"coef_bound={self.coef_bound!r}; it must be a positive number.")
-        if isinstance(self.mode_book, str) and self.mode_book != "auto":
+        if isinstance(self.mode_book, str) and self.mode_book not in ("auto", "pairwise"):
             raise ValueError(
-                f"mode_book={self.mode_book!r} is unknown; choose 'auto' or an array of signs."
+                f"mode_book={self.mode_book!r} is unknown; choose 'auto', 'pairwise' or an array "
+                "of signs."
             )
         if not isinstance(self.standardize, (bool, np.bool_)):
             raise ValueError(f"standardize={self.standardize!r}; it must be True or False.")

@@ -107,11 +107,15 @@ def test_surfaces_of_pairs_decide_like_the_largest_score():
 
 
 @pytest.mark.parametrize(("labels", "degree"), [(sectors, 1), (nested_rings, 2)])
-def test_classes_that_few_surfaces_cannot_separate_get_one_for_each_pair(labels, degree):
+def test_surfaces_of_pairs_separate_what_few_surfaces_cannot(labels, degree):
     X, test = square(1500), square(5000, seed=1)
     y = labels(X)
-    classifier = PolynomialSurfaceClassifier(degree=degree, random_state=0).fit(X, y)
+    few = PolynomialSurfaceClassifier(degree=degree, random_state=0).fit(X, y)
+    classifier = PolynomialSurfaceClassifier(degree=degree, mode_book="pairwise").fit(X, y)
     n_classes = len(np.unique(y))
+    assert few.mode_book_.shape == (n_classes, int(np.ceil(np.log2(n_classes))))
+    assert set(np.unique(few.mode_book_)) == {-1, 1}
+    assert few.score(X, y) < 0.995
     assert classifier.mode_book_.shape == (n_classes, n_classes * (n_classes - 1) // 2)
     assert classifier.score(X, y) > 0.999
     assert classifier.score(test, labels(test)) > 0.985
@@ -130,7 +134,8 @@ def test_classes_that_few_surfaces_cannot_separate_get_one_for_each_pair(labels,
 
 def test_a_margin_is_certified_for_surfaces_of_pairs():
     X = square(600)
-    classifier = PolynomialSurfaceClassifier(degree=1, margin="auto").fit(X, sectors(X))
+    classifier = PolynomialSurfaceClassifier(degree=1, margin="auto", mode_book="pairwise")
+    classifier.fit(X, sectors(X))
     assert classifier.mode_book_.shape == (3, 3)
     low, high = classifier.margin_certificate(X, sectors(X)).nonzero_interval.T
     assert (low < classifier.margin_).all() and (classifier.margin_ <= high * (1 + 1e-9)).all()

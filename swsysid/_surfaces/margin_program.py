@@ -22,7 +22,7 @@ from swsysid._results import Array, SolverError, Status
 from swsysid._rows import spread_rows
 from swsysid._solvers.conic import LinearSolution, linear_program
 from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple, least_squares
-from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement, pairwise_book
+from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement
 
 __all__ = [
     "SurfaceFit",
@@ -40,9 +40,8 @@ _MAX_ROUNDS = 100
 # Relative duality gaps: below the first nothing is left to do, above the second is a warning.
 _TIGHT = 1e-9
 _ACCEPTED = 1e-6
-# Rows that decide about the mode-book, and the accuracy that many surfaces must gain over few.
+# Rows that decide about the mode-book.
 _DECIDING = 1000
-_WORTH = 5e-3
 
 
 @dataclass(frozen=True)
@@ -293,7 +292,7 @@ def choose_mode_book(
     rng: np.random.RandomState,
     *program,
 ) -> NDArray[np.int64]:
-    """The best book of few surfaces, or a surface for each pair of modes where few do not do.
+    """The best book of ceil(log2 M) surfaces.
 
     Decided on some rows of every mode: programs of surfaces that do not separate have slack on
     many rows and are slow. `program` is margin, beta, bound and solver of `fit_surface`.
@@ -305,12 +304,8 @@ def choose_mode_book(
         return books[0]
     rows, share = _some_of_each(labels)
     some = features[rows], labels[rows], weight[rows] * share
-    few, fits = fit_mode_book(*some, books, *program)
-    accuracy = _merit(*some, few, fits)[0]
-    if accuracy > 1.0 - _WORTH:
-        return few
-    many, fits = fit_mode_book(*some, [pairwise_book(n_modes)], *program)
-    return many if _merit(*some, many, fits)[0] > accuracy + _WORTH else few
+    book, _ = fit_mode_book(*some, books, *program)
+    return book
 
 
 def _some_of_each(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
