@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 from joblib import Parallel, delayed
@@ -71,29 +72,17 @@ def methods(options: argparse.Namespace) -> dict:
 def wanted_cells(options: argparse.Namespace) -> list[tuple]:
     """(case, scenario, seed, names of methods) to run, seed by seed so that all cases begin."""
     names = list(methods(options))
-    main_cells = [
-        (case, scenario, seed, names)
-        for seed in range(options.seeds)
-        for case in options.cases
-        for scenario in MAIN
-    ]
-    stress_cells = [
-        (case, scenario, seed, [name for name in names if name != "count"])
-        for seed in range(options.seeds)
-        for case in options.cases
-        for scenario in STRESS
-    ]
-    large_cells = [
-        (case, replace(scenario, name=f"N = {LARGE}, {scenario.name}", n_samples=LARGE), 0,
-         ["oracle", "ours"])
-        for case in SCALING_CASES
+    told = [name for name in names if name != "count"]
+    large = [
+        replace(scenario, name=f"N = {LARGE}, {scenario.name}", n_samples=LARGE)
         for scenario in MAIN[:2]
-    ]  # fmt: skip
-    return (
-        main_cells
-        + (stress_cells if options.stress else [])
-        + (large_cells if options.scaling else [])
-    )
+    ]
+    cells = list(product(range(options.seeds), options.cases, MAIN, [names]))
+    if options.stress:
+        cells += product(range(options.seeds), options.cases, STRESS, [told])
+    if options.scaling:
+        cells += product(range(1), SCALING_CASES, large, [["oracle", "ours"]])
+    return [(case, scenario, seed, chosen) for seed, case, scenario, chosen in cells]
 
 
 def complete(cells: list[tuple], chosen: dict, file: Path, options) -> list[dict]:
