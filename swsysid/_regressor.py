@@ -267,6 +267,11 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def surface_equations(self, precision=3, format="text"):
         """The surfaces as text, with the names of the columns of `X`; see `equations`."""
         check_is_fitted(self)
+        if not hasattr(self.surface_, "equations"):
+            raise TypeError(
+                f"{type(self.surface_).__name__} is a surface without equations; use "
+                "PolynomialSurfaceClassifier as surface to have them."
+            )
         return self.surface_.equations(precision, format, self._feature_map.names_in)
 
     def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options):

@@ -1,13 +1,15 @@
 """The command line: planted systems come back in words, bad input in one sentence."""
 
 import re
+from types import SimpleNamespace
 
 import joblib
 import numpy as np
 import pytest
 
 from swsysid.__main__ import main
-from swsysid._command.job_text import rename
+from swsysid._command.job import JobResult
+from swsysid._command.job_text import _verdict, rename
 
 
 def oscillator(n_runs=8, duration=6.0, step=0.02, noise=0.0, seed=0):
@@ -69,7 +71,7 @@ def test_a_csv_becomes_equations_surface_error_model_and_picture(recording, tmp_
     assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.01)
     assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=0.01)
     assert "[m/s^2]" in text and "x [m], v [m/s]" in text
-    assert "whole trajectories" in text and "clearly better than one mode" in text
+    assert "whole trajectories" in text and "Switching predicts the held-out samples" in text
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "identification.txt",
         "model.joblib",
@@ -206,3 +208,17 @@ def test_modes_that_no_state_separates_are_called_so(tmp_path, capsys):
     text = capsys.readouterr().out
     assert "does not predict the held-out samples clearly better" in text
     assert "these columns do not tell the modes apart" in text
+
+
+@pytest.mark.parametrize(
+    ("improvement", "gain", "verdict"),
+    [(0.9, 5.0, "clearly better"), (0.9, 1.7, "may be chance"), (0.01, 5.0, "Do not trust")],
+)
+def test_a_large_gain_on_few_blocks_is_not_called_no_gain(improvement, gain, verdict):
+    result = SimpleNamespace(
+        model=SimpleNamespace(n_modes_=2), improvement=improvement, gain=gain, stability=1.0
+    )
+    result.switches = JobResult.switches.fget(result)
+    text = _verdict(result)
+    sayings = ("predicts the held-out samples clearly", "may be chance", "Do not trust")
+    assert sum(saying in text for saying in sayings) == 1 and verdict in text

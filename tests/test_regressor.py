@@ -534,3 +534,10 @@ def test_a_solver_is_a_name(solver):
     X, Xdot, _ = oscillator(20)
     with pytest.raises(ValueError, match="must be 'auto' or the name of a solver"):
         fitted(X, Xdot, n_modes=1, solver=solver)
+
+
+def test_a_surface_without_equations_says_so():
+    X, Xdot, _ = oscillator(100)
+    model = fitted(X, Xdot, surface=LogisticRegression())
+    with pytest.raises(TypeError, match="LogisticRegression is a surface without equations"):
+        model.surface_equations()

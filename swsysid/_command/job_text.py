@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swsysid._command.job import JobResult
+from swsysid._command.job import WORTH, JobResult
 from swsysid._printing import linear_combination
 
 __all__ = ["render"]
@@ -187,6 +187,11 @@ def _verdict(result: JobResult) -> str:
     )
     if result.switches:
         text = f"Switching predicts the held-out samples clearly better than one mode {gain}"
+    elif result.improvement > WORTH:
+        text = (
+            f"Switching predicts the held-out samples better than one mode, which may be chance "
+            f"{gain} Record more trajectories, or hold out more of them (--test-fraction)."
+        )
     else:
         text = (
             f"Switching does not predict the held-out samples clearly better than one mode {gain} "
