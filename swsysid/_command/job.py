@@ -24,6 +24,7 @@ __all__ = ["JobOptions", "JobResult", "run_job"]
 WHOLE_GROUPS = 5  # from so many trajectories on, whole ones are held out
 BLOCKS = 10  # contiguous stretches on which two models are compared
 WORTH = 0.05  # positions and modes must lower the error by this fraction to be worth having
+EXACT = 1e-12  # squared errors below this fraction of the largest are round-off
 CERTAIN = 2.0  # standard errors from which on a gain is called certain
 
 
@@ -207,14 +208,19 @@ def _residuals(model, samples: Samples, rows):
 
 
 def _gain(single, switching, spread) -> float:
-    """Mean reduction of the squared error over its standard error, blocks being independent."""
+    """Mean log ratio of the squared errors over its standard error, blocks being independent.
+
+    Ratios, because the errors of a decaying trajectory differ by decades between its blocks.
+    """
     scale = np.where(spread > 0, spread, 1.0)
-    gains = np.sum((single / scale) ** 2 - (switching / scale) ** 2, axis=1)
-    means = np.array([block.mean() for block in np.array_split(gains, min(BLOCKS, len(gains)))])
-    if len(means) < 2:
+    size = np.array([np.sum((error / scale) ** 2, axis=1) for error in (single, switching)])
+    blocks = np.array_split(size, min(BLOCKS, size.shape[1]), axis=1)
+    if len(blocks) < 2:
         return 0.0
-    error = means.std(ddof=1) / np.sqrt(len(means))
-    return float(means.mean() / error) if error > 0 else 0.0
+    means = np.array([block.mean(axis=1) for block in blocks])
+    ratios = np.diff(np.log(means + EXACT * means.max()), axis=1)[:, 0]
+    error = ratios.std(ddof=1) / np.sqrt(len(ratios))
+    return float(-ratios.mean() / error) if error > 0 else 0.0
 
 
 def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> float:
