@@ -96,6 +96,9 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
     if problem.n_modes == "auto":
         candidates = compare_mode_counts(problem, search, random_state)
         problem = replace(problem, n_modes=smallest_sufficient(candidates))
+    asked = problem.n_modes
+    if isinstance(search.init, str):  # more modes than distinct rows would only be dropped again
+        problem = replace(problem, n_modes=min(asked, len(problem.weight)))
     starts, counts, drawn = _starts(problem, search, random_state)
     if problem.coupling:
         # The scale is fixed once, from the best start: objectives of all starts must compare.
@@ -119,7 +122,7 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
         hits=agreeing,
         stability=agreeing / sum(counts),
         n_starts=drawn,
-        n_modes_asked=problem.n_modes,
+        n_modes_asked=asked,
         candidates=candidates,
     )
 

@@ -270,6 +270,13 @@ def test_empty_mode_is_dropped_with_a_warning():
     assert np.isfinite(model.coef_).all()
 
 
+@pytest.mark.filterwarnings("ignore::swsysid.IdentificationWarning")
+def test_more_modes_than_samples_are_dropped():
+    model = fitted(np.array([[1.0], [2.0], [3.0]]), np.array([2.0, -1.0, 5.0]), n_modes=10**6)
+    assert model.n_modes_ <= 3
+    assert np.isfinite(model.coef_).all()
+
+
 def test_too_few_samples_is_a_warning_and_a_finite_answer():
     X, Xdot, _ = oscillator(n_samples=5)
     with warnings.catch_warnings(record=True) as caught:
