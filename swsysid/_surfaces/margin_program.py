@@ -22,7 +22,7 @@ from swsysid._results import Array, SolverError, Status
 from swsysid._rows import spread_rows
 from swsysid._solvers.conic import LinearSolution, linear_program
 from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple, least_squares
-from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement
+from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement, pairwise_book
 
 __all__ = [
     "SurfaceFit",
@@ -40,8 +40,9 @@ _MAX_ROUNDS = 100
 # Relative duality gaps: below the first nothing is left to do, above the second is a warning.
 _TIGHT = 1e-9
 _ACCEPTED = 1e-6
-# Rows that decide about the mode-book.
+# Rows that decide about the mode-book, and the accuracy that many surfaces must gain over few.
 _DECIDING = 1000
+_WORTH = 0.02
 
 
 @dataclass(frozen=True)
@@ -292,7 +293,7 @@ def choose_mode_book(
     rng: np.random.RandomState,
     *program,
 ) -> NDArray[np.int64]:
-    """The best book of ceil(log2 M) surfaces.
+    """The best book of ceil(log2 M) surfaces, or pairwise surfaces where these cannot do.
 
     Decided on some rows of every mode: programs of surfaces that do not separate have slack on
     many rows and are slow. `program` is margin, beta, bound and solver of `fit_surface`.
@@ -304,8 +305,12 @@ def choose_mode_book(
         return books[0]
     rows, share = _some_of_each(labels)
     some = features[rows], labels[rows], weight[rows] * share
-    book, _ = fit_mode_book(*some, books, *program)
-    return book
+    few, fits = fit_mode_book(*some, books, *program)
+    accuracy = _merit(*some, few, fits)[0]
+    if accuracy > 1.0 - _WORTH:
+        return few
+    many, fits = fit_mode_book(*some, [pairwise_book(n_modes)], *program)
+    return many if _merit(*some, many, fits)[0] > accuracy + _WORTH else few
 
 
 def _some_of_each(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
