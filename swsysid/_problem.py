@@ -114,12 +114,12 @@ class SwitchingProblem:
         """
         candidates, targets = self.velocities(coef) / self.scale, self.targets / self.scale
         if self.coupling == 0.0:
-            return self.relaxation.assign(candidates, targets)
+            return self._relax(candidates, targets)
         candidates = np.where(self.outlying[:, None], targets, candidates)
         losses = self.loss.values(targets - candidates)
         penalty = self.coupling * self.penalty(surface).T
         extra = self.loss.extra_coordinate(losses, penalty)
-        return self.relaxation.assign(
+        return self._relax(
             np.concatenate([candidates, extra[..., None]], axis=2),
             np.concatenate([targets, np.zeros((len(targets), 1))], axis=1),
         )
@@ -198,6 +198,17 @@ class SwitchingProblem:
             weight=np.ones(n_samples),
             outlying=np.zeros(n_samples, dtype=bool),
         )
+
+    def _relax(self, candidates: Array, targets: Array) -> Assignment:
+        """Ask the relaxation, which may be a user's, and look at what it answers."""
+        assignment = self.relaxation.assign(candidates, targets)
+        expected = (len(targets), len(candidates))
+        if np.shape(getattr(assignment, "membership", None)) != expected:
+            raise TypeError(
+                f"{type(self.relaxation).__name__}.assign must return a swsysid.Assignment whose "
+                f"membership has the shape (n_samples, n_modes) = {expected}."
+            )
+        return assignment
 
     def _estimate_each(self, modes: Modes, start: Array | None) -> Array:
         shape = (self.n_modes, self.targets.shape[1], self.features.shape[1])

@@ -425,6 +425,17 @@ def test_relaxation_of_the_user():
     )
 
 
+@pytest.mark.parametrize("answer", [None, np.zeros(3)])
+def test_relaxation_that_answers_something_else_gets_a_sentence(answer):
+    class Careless(Relaxation):
+        def assign(self, candidates, targets):
+            return answer
+
+    X, Xdot, _ = oscillator(n_samples=20)
+    with pytest.raises(TypeError, match="Careless.assign must return a swsysid.Assignment"):
+        fitted(X, Xdot, relaxation=Careless())
+
+
 def test_nested_parameters_of_defaults():
     model = SwitchingSystemRegressor(relaxation="moment")
     model.set_params(surface__degree=3, surface__beta=1e-4, relaxation__order=2)
