@@ -203,7 +203,7 @@ class SwitchingProblem:
         """Ask the relaxation, which may be a user's, and look at what it answers."""
         assignment = self.relaxation.assign(candidates, targets)
         expected = (len(targets), len(candidates))
-        if np.shape(getattr(assignment, "membership", None)) != expected:
+        if np.shape(getattr(assignment, "membership", ())) != expected:
             raise TypeError(
                 f"{type(self.relaxation).__name__}.assign must return a swsysid.Assignment whose "
                 f"membership has the shape (n_samples, n_modes) = {expected}."
