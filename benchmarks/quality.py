@@ -1,15 +1,16 @@
 """Who finds the right modes in clean, noisy and dirty data: ours, an oracle, and other methods.
 
     python benchmarks/quality.py [--output FOLDER] [--seeds 10] [--fast] [--stress] [--jobs 2]
-                                 [--cases SLS SPS ...] [--parc PYTHON] [--count] [--scaling]
+                                 [--cases SLS SPS ...] [--methods ours oracle ...]
+                                 [--parc PYTHON] [--count] [--scaling]
 
 Every cell (case, corruption, seed, method) is one line of FOLDER/quality.jsonl; a cell that is
 there is not run again, so an interrupted run resumes (``--again ours`` forgets a method). The
 tables go to FOLDER/quality.md, the picture to FOLDER/quality.png. Systems and corruptions are in
 `quality_cases.py`, methods in `quality_methods.py`, tables in `quality_tables.py`.
 
-``--parc`` names the interpreter that ``benchmarks/parc/build.sh`` builds. Set OMP_NUM_THREADS=1
-for fair times.
+``--parc`` names the interpreter that ``benchmarks/parc/build.sh`` builds. Seconds are CPU seconds,
+which a loaded machine hardly changes; set OMP_NUM_THREADS=1, or they add up over the cores.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--count", action="store_true", help="choose the number of modes as well")
     parser.add_argument("--scaling", action="store_true", help=f"time at N = {LARGE:,} as well")
     parser.add_argument("--parc", metavar="PYTHON", help="interpreter that has pyparc")
+    parser.add_argument("--methods", nargs="+", metavar="METHOD", help="all by default")
     parser.add_argument("--again", nargs="+", default=[], metavar="METHOD", help="run anew")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args()
@@ -65,8 +67,10 @@ def parse() -> argparse.Namespace:
 
 def methods(options: argparse.Namespace) -> dict:
     """The methods asked for, by name."""
-    chosen = methods_with_parc(options.parc)
-    return chosen | {"count": count} if options.count else chosen
+    known = methods_with_parc(options.parc)
+    if options.count:
+        known = known | {"count": count}
+    return {name: known[name] for name in options.methods or known}
 
 
 def wanted_cells(options: argparse.Namespace) -> list[tuple]:
