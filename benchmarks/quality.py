@@ -2,15 +2,18 @@
 
     python benchmarks/quality.py [--output FOLDER] [--seeds 10] [--fast] [--stress] [--jobs 2]
                                  [--cases SLS SPS ...] [--methods ours oracle ...]
-                                 [--parc PYTHON] [--count] [--scaling]
+                                 [--parc PYTHON] [--timing [SEEDS]] [--count] [--scaling]
+                                 [--docs docs]
 
 Every cell (case, corruption, seed, method) is one line of FOLDER/quality.jsonl; a cell that is
 there is not run again, so an interrupted run resumes (``--again ours`` forgets a method). The
-tables go to FOLDER/quality.md, the picture to FOLDER/quality.png. Systems and corruptions are in
-`quality_cases.py`, methods in `quality_methods.py`, tables in `quality_tables.py`.
+tables go to FOLDER/quality.md, the pictures beside them; ``--docs`` also writes them into the
+documentation. Systems and corruptions are in `quality_cases.py`, methods in
+`quality_methods.py`, what is asked of ours in `quality_goals.py`.
 
 ``--parc`` names the interpreter that ``benchmarks/parc/build.sh`` builds. Seconds are CPU seconds,
 which a loaded machine hardly changes; set OMP_NUM_THREADS=1, or they add up over the cores.
+``--timing`` runs ours and PARC once more, in turn and in one process, only for their seconds.
 """
 
 from __future__ import annotations
@@ -24,27 +27,31 @@ from pathlib import Path
 from joblib import Parallel, delayed
 from quality_cases import CASES, MAIN, STRESS, make_data
 from quality_methods import count, figures, methods_with_parc
-from quality_tables import draw, report
+from quality_picture import draw_errors, draw_reliability
+from quality_tables import summary, tables
 
 FAST_CASES = ["SLS", "hopper", "lv_sphere", "sectors", "pwarx_band"]
 SCALING_CASES = ["SLS", "SPS", "quadrants"]
 LARGE = 100_000
+# PARC takes half a minute a cell: under the harder corruptions it runs these seeds only.
+PARC_STRESS_SEEDS = 2
 
 
-def main() -> None:
-    """Run the missing cells, then write tables and picture."""
-    options = parse()
+def main(arguments: list[str] | None = None) -> None:
+    """Run the missing cells, then write tables and pictures."""
+    options = parse(arguments)
     folder = Path(options.output)
     folder.mkdir(parents=True, exist_ok=True)
-    cells = wanted_cells(options)
-    records = complete(cells, methods(options), folder / "quality.jsonl", options)
-    text = report(records)
-    (folder / "quality.md").write_text(text, encoding="utf-8")
-    draw(records, folder / "quality.png")
-    print(text)
+    known = methods(options)
+    records = complete(wanted_cells(options, known), known, folder / "quality.jsonl", options)
+    options.jobs = 1  # seconds are compared where nothing runs beside them
+    timings = complete(timed_cells(options, known), known, folder / "timing.jsonl", options)
+    write(records, timings, folder)
+    if options.docs:
+        write_docs(records, timings, Path(options.docs))
 
 
-def parse() -> argparse.Namespace:
+def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", default="output/quality", help="folder of the results")
@@ -54,15 +61,20 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--stress", action="store_true", help="harder corruptions as well")
     parser.add_argument("--count", action="store_true", help="choose the number of modes as well")
     parser.add_argument("--scaling", action="store_true", help=f"time at N = {LARGE:,} as well")
+    parser.add_argument("--timing", nargs="?", type=int, const=2, default=0, metavar="SEEDS")
     parser.add_argument("--parc", metavar="PYTHON", help="interpreter that has pyparc")
     parser.add_argument("--methods", nargs="+", metavar="METHOD", help="all by default")
     parser.add_argument("--again", nargs="+", default=[], metavar="METHOD", help="run anew")
+    parser.add_argument("--docs", metavar="FOLDER", help="write the pages' tables and pictures")
     parser.add_argument("--jobs", type=int, default=1)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     if options.fast:
         options.seeds = min(options.seeds, 2)
     options.cases = options.cases or (FAST_CASES if options.fast else list(CASES))
     return options
+
+
+# -- cells -----------------------------------------------------------------------------------
 
 
 def methods(options: argparse.Namespace) -> dict:
@@ -70,27 +82,45 @@ def methods(options: argparse.Namespace) -> dict:
     known = methods_with_parc(options.parc)
     if options.count:
         known = known | {"count": count}
+    unknown = set(options.methods or ()) - set(known)
+    if unknown:
+        raise SystemExit(
+            f"--methods does not know {sorted(unknown)}; it has {sorted(known)}, parc with "
+            "--parc PYTHON, count with --count."
+        )
     return {name: known[name] for name in options.methods or known}
 
 
-def wanted_cells(options: argparse.Namespace) -> list[tuple]:
+def wanted_cells(options: argparse.Namespace, known: dict) -> list[tuple]:
     """(case, scenario, seed, names of methods) to run, seed by seed so that all cases begin."""
-    names = list(methods(options))
-    told = [name for name in names if name != "count"]
+    names = list(known)
     large = [
         replace(scenario, name=f"N = {LARGE}, {scenario.name}", n_samples=LARGE)
         for scenario in MAIN[:2]
     ]
     cells = list(product(range(options.seeds), options.cases, MAIN, [names]))
     if options.stress:
-        cells += product(range(options.seeds), options.cases, STRESS, [told])
+        for seed in range(options.seeds):
+            skipped = {"count", "parc"} if seed >= PARC_STRESS_SEEDS else {"count"}
+            told = [name for name in names if name not in skipped]
+            cells += product([seed], options.cases, STRESS, [told])
     if options.scaling:
-        cells += product(range(1), SCALING_CASES, large, [["oracle", "ours"]])
+        compared = [name for name in ("oracle", "ours") if name in names]
+        cells += product(range(1), SCALING_CASES, large, [compared])
     return [(case, scenario, seed, chosen) for seed, case, scenario, chosen in cells]
+
+
+def timed_cells(options: argparse.Namespace, known: dict) -> list[tuple]:
+    """Cells in which ours and PARC run in turn."""
+    names = [name for name in ("ours", "parc") if name in known]
+    cells = product(range(options.timing), options.cases, MAIN)
+    return [(case, scenario, seed, names) for seed, case, scenario in cells]
 
 
 def complete(cells: list[tuple], chosen: dict, file: Path, options) -> list[dict]:
     """All records of the cells; those missing in the file are computed and appended."""
+    if not cells:
+        return []
     known = [record for record in read(file) if record["method"] not in options.again]
     file.write_text("".join(json.dumps(record) + "\n" for record in known), encoding="utf-8")
     done = {key(record) for record in known}
@@ -135,6 +165,37 @@ def read(file: Path) -> list[dict]:
     if not file.exists():
         return []
     return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line]
+
+
+# -- results ---------------------------------------------------------------------------------
+
+
+def write(records: list[dict], timings: list[dict], folder: Path) -> None:
+    """Everything into one file, which is printed as well, and the pictures beside it."""
+    text = f"# Who finds the right modes\n\n{summary(records, timings)}\n{tables(records, timings)}"
+    (folder / "quality.md").write_text(text, encoding="utf-8")
+    pictures(records, folder)
+    print(text)
+
+
+def write_docs(records: list[dict], timings: list[dict], docs: Path) -> None:
+    """The part that ``docs/quality.md`` includes, the page of all tables, the pictures."""
+    told = "<!-- written by: make bench-quality -->\n\n"
+    (docs / "quality_summary.md").write_text(told + summary(records, timings), encoding="utf-8")
+    page = f"{told}# Quality benchmark: all tables\n\n{tables(records, timings)}"
+    (docs / "quality_tables.md").write_text(page, encoding="utf-8")
+    pictures(records, docs / "_static")
+
+
+def pictures(records: list[dict], folder: Path) -> None:
+    """Errors under the usual and under the harder corruptions, and honesty of probabilities."""
+    folder.mkdir(parents=True, exist_ok=True)
+    draw_errors(records, [scenario.name for scenario in MAIN], folder / "quality.png")
+    if any(record["scenario"] in {scenario.name for scenario in STRESS} for record in records):
+        draw_errors(records, [scenario.name for scenario in STRESS], folder / "quality_stress.png")
+    if any("reliability" in record for record in records):
+        names = [scenario.name for scenario in MAIN + STRESS]
+        draw_reliability(records, names, folder / "quality_reliability.png")
 
 
 if __name__ == "__main__":

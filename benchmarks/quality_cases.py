@@ -60,7 +60,8 @@ class Case:
 class Scenario:
     """How the training data are spoilt, and how close to the oracle an answer must come.
 
-    `median` and `worst` bound the loss of balanced mode accuracy against the oracle.
+    `median` and `worst` bound the loss of balanced mode accuracy against the oracle; `told` says
+    in a title what `name`, the key of the records, may leave out.
     """
 
     name: str
@@ -70,6 +71,12 @@ class Scenario:
     extra_surface: int = 0
     median: float = 0.005
     worst: float = 0.015
+    title: str = ""
+
+    @property
+    def told(self) -> str:
+        """What is done to the data, in a few words."""
+        return self.title or self.name
 
 
 @dataclass(frozen=True)
@@ -353,20 +360,28 @@ def _one_sided(clean, rng):
 
 
 def _uneven(clean, rng):
+    """Ten times the noise in the first column; a single column has the larger one."""
     level = np.where(np.arange(clean.shape[1]) == 0, 0.1, 0.01)
     return clean + level * clean.std(axis=0) * rng.standard_normal(clean.shape)
 
 
 MAIN = (
     Scenario("clean"),
-    Scenario("noise 5 %", _noise(0.05)),
-    Scenario("outliers 5 %", _outliers),
+    Scenario("noise 5 %", _noise(0.05), title="5 % Gaussian noise"),
+    Scenario("outliers 5 %", _outliers, title="5 % of the rows outliers"),
 )
 _HARD = {"median": 0.02, "worst": np.inf}
 STRESS = (
-    Scenario("noise 15 %", _noise(0.15), **_HARD),
-    Scenario("one-sided 20 %", _one_sided, **_HARD),
-    Scenario("N = 400", _noise(0.05), n_samples=400, **_HARD),
-    Scenario("degrees too high", _noise(0.05), extra_library=1, extra_surface=2, **_HARD),
-    Scenario("uneven noise", _uneven, **_HARD),
+    Scenario("noise 15 %", _noise(0.15), title="15 % Gaussian noise", **_HARD),
+    Scenario("one-sided 20 %", _one_sided, title="20 % one-sided outliers of 50 std", **_HARD),
+    Scenario("N = 400", _noise(0.05), n_samples=400, title="N = 400, 5 % noise", **_HARD),
+    Scenario(
+        "degrees too high",
+        _noise(0.05),
+        extra_library=1,
+        extra_surface=2,
+        title="degrees + 1 and + 2, 5 % noise",
+        **_HARD,
+    ),
+    Scenario("uneven noise", _uneven, title="noise 10 % and 1 %", **_HARD),
 )

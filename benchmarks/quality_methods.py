@@ -21,9 +21,12 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid.metrics import balanced_mode_accuracy, mode_accuracy, velocity_rmse
+from swsysid.metrics import balanced_mode_accuracy, match_modes, mode_accuracy, velocity_rmse
 
-__all__ = ["METHODS", "Answer", "figures", "methods_with_parc"]
+__all__ = ["CONFIDENCES", "METHODS", "Answer", "figures", "methods_with_parc"]
+
+# Edges of the bins in which claimed probabilities are compared with how often they are right.
+CONFIDENCES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99)
 
 N_RESTARTS = 20
 
@@ -59,13 +62,38 @@ def ours(data: Data, seed: int) -> Answer:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model = _regressor(data, data.case.n_modes, seed).fit(data.X, data.Xdot)
+    seconds = process_time() - started
     notes = {
         "training": balanced_mode_accuracy(data.modes, model.modes_),
         "objective": model.objective_,
         "stability": model.stability_,
         "warnings": sorted({warning.category.__name__ for warning in caught}),
     }
-    return _of_model(model, data, process_time() - started, notes)
+    notes |= _reliability(model, data)
+    return _of_model(model, data, seconds, notes)
+
+
+def _reliability(model, data: Data) -> dict:
+    """Claimed probability of the predicted mode against how often it is right.
+
+    Of the tenth of the held-out samples of which the model is least sure, and as (number, sum of
+    claims, number right) in bins, which add up over runs.
+    """
+    found, claims = model.predict_modes(data.X_test), model.predict_mode_proba(data.X_test)
+    partner = match_modes(data.modes_test, found)
+    right = np.array([partner.get(mode, -1) for mode in found.tolist()]) == data.modes_test
+    claimed = claims[np.arange(len(found)), found]
+    least = np.argsort(claimed, kind="stable")[: len(found) // 10]
+    rows = np.digitize(claimed, CONFIDENCES)
+    bins = [
+        np.bincount(rows, weights, minlength=len(CONFIDENCES) + 1)
+        for weights in (np.ones(len(found)), claimed, right)
+    ]
+    return {
+        "least_claimed": float(claimed[least].mean()),
+        "least_right": float(right[least].mean()),
+        "reliability": np.transpose(bins).tolist(),
+    }
 
 
 def count(data: Data, seed: int) -> Answer:

@@ -1,294 +1,267 @@
-"""Tables, figures to reach, and the picture of the quality benchmark, from its records."""
+"""The tables of the quality benchmark in Markdown, from its records."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterable
 
 import numpy as np
-from quality_cases import CASES, MAIN, STRESS
+from quality_goals import goals, is_close
+from quality_records import SCENARIOS, TITLES, Cell, Records
 
-__all__ = ["draw", "report"]
+__all__ = ["summary", "tables"]
 
-TITLES = {
-    "oracle": "oracle",
-    "ours": "swsysid",
-    "k_plane": "k-plane + logistic",
-    "parc": "PARC",
-    "single": "single model",
-}
-# Five nested modes must meet the figure of the hard corruptions whatever spoils them.
-HARD_CASES = {"rings5"}
-LIMITS = {scenario.name: (scenario.median, scenario.worst) for scenario in MAIN + STRESS}
-HARD_LIMITS = (STRESS[0].median, STRESS[0].worst)
-LEGEND = (
-    "Balanced accuracy of the modes at 2000 noise-free held-out samples: median of the seeds, in "
-    "brackets the worst. Gap: oracle minus swsysid, seed by seed. Away: more than 2 % of the "
-    "states' spread from the guard."
-)
+# What one test sample of a small mode weighs; less is no difference between methods.
+TIE = 0.002
 
 
-class Records:
-    """The cells of one run, looked up by case, corruption and method."""
-
-    def __init__(self, records: list[dict]):
-        self._records = records
-        self.scenarios = _in_order(records, "scenario", LIMITS)
-        self.cases = _in_order(records, "case", CASES)
-        self.methods = [name for name in TITLES if any(r["method"] == name for r in records)]
-        self.cells = [
-            (case, scenario)
-            for scenario in self.scenarios
-            for case in self.cases
-            if len(self.values(case, scenario, "ours", "balanced"))
-        ]
-
-    def values(self, case: str, scenario: str, method: str, column: str) -> np.ndarray:
-        """One column over the seeds, in their order."""
-        chosen = [
-            (record["seed"], record[column])
-            for record in self._records
-            if (record["case"], record["scenario"], record["method"]) == (case, scenario, method)
-        ]
-        return np.array([value for _, value in sorted(chosen, key=lambda pair: pair[0])])
-
-    def median(self, cell: tuple[str, str], method: str, column: str) -> float:
-        """Median over the seeds, nan where the method was not run."""
-        values = self.values(*cell, method, column)
-        return float(np.median(values)) if len(values) else np.nan
-
-    def gaps(self, cell: tuple[str, str]) -> np.ndarray:
-        """What ours loses against the oracle, seed by seed."""
-        balanced = [self.values(*cell, method, "balanced") for method in ("oracle", "ours")]
-        return balanced[0] - balanced[1]
-
-    def with_method(self, method: str) -> list[dict]:
-        """All records of one method."""
-        return [record for record in self._records if record["method"] == method]
+def summary(records: list[dict], timings: list[dict]) -> str:
+    """All cells together; seconds are compared in `timings` where there are any."""
+    found, timed = Records(records), Records(timings or records)
+    return _sections(
+        ("Summary", _summary(found)),
+        ("Where another method is ahead", _defeats(found)),
+        ("Figures to reach", [f"- {line}" for line in goals(found, timed)]),
+        ("How far the probabilities can be trusted", _reliability(found)),
+        ("Time", _times(timed, is_apart=bool(timings))),
+    )
 
 
-def report(records: list[dict]) -> str:
-    """The tables in Markdown, and each figure with whether it is reached."""
+def tables(records: list[dict], timings: list[dict]) -> str:
+    """Every method in every case, a section for each corruption; then seconds beside PARC's."""
     found = Records(records)
-    seeds = len({record["seed"] for record in records})
-    parts = [f"# Who finds the right modes\n\n{seeds} seeds. {LEGEND}\n"]
-    parts += [_table(found, scenario) for scenario in found.scenarios]
-    parts.append("## Figures to reach\n")
-    parts += [f"- {line}" for figure in FIGURES for line in figure(found)]
-    return "\n".join(parts) + "\n"
+    return _sections(
+        *((_title(name), _details(found, name)) for name in found.scenarios),
+        ("Seconds beside PARC's", _all_times(Records(timings or records))),
+    )
 
 
-# -- tables ----------------------------------------------------------------------------------
+def _sections(*sections: tuple[str, list[str]]) -> str:
+    shown = [(title, "\n".join(lines)) for title, lines in sections if lines]
+    return "\n".join(f"## {title}\n\n{text}\n" for title, text in shown)
 
 
-def _table(found: Records, scenario: str) -> str:
-    head = [
-        "case",
-        *(TITLES[name] for name in found.methods),
-        "gap",
-        "RMSE (oracle)",
-        "away (oracle)",
-        "wrong (oracle)",
-        "s",
-        "reached",
-    ]
-    lines = [f"## {scenario}\n", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    for cell in found.cells:
-        if cell[1] == scenario:
-            lines.append("| " + " | ".join(_row(found, cell)) + " |")
-    return "\n".join(lines) + "\n"
+def _table(head: list[str], rows: Iterable[list[str]]) -> list[str]:
+    """A Markdown table, the first column left, the others right."""
+    lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
+    return lines + ["| " + " | ".join(row) + " |" for row in rows]
 
 
-def _row(found: Records, cell: tuple[str, str]) -> list[str]:
-    gaps = found.gaps(cell)
+def _title(scenario: str) -> str:
+    return SCENARIOS[scenario].told if scenario in SCENARIOS else scenario
 
-    def pair(column: str, form: str) -> str:
-        ours, oracle = (found.median(cell, method, column) for method in ("ours", "oracle"))
-        return f"{ours:{form}} ({oracle:{form}})"
+
+def _number(value: float, form: str) -> str:
+    return f"{value:{form}}" if np.isfinite(value) else "-"
+
+
+# -- all cells together ------------------------------------------------------------------------
+
+
+def _summary(found: Records) -> list[str]:
+    """Methods beside each other, a row for each corruption: typical case, and farthest one."""
+    scenarios = [name for name in found.scenarios if name in SCENARIOS]
+    head = ["corruption", *(TITLES[name] for name in found.methods)]
+
+    def pivot(entry: Callable[[Records, list[Cell], str], str]) -> list[str]:
+        rows = []
+        for scenario in scenarios:
+            row = [_title(scenario)]
+            for method in found.methods:
+                cells = [c for c in found.cells_with("oracle", method) if c[1] == scenario]
+                row.append(entry(found, cells, method) if cells else "-")
+            rows.append(row)
+        return _table(head, rows)
 
     return [
-        cell[0],
-        *(_accuracy(found.values(*cell, method, "balanced")) for method in found.methods),
-        f"{np.median(gaps):+.4f} ({gaps.max():+.4f})",
-        pair("rmse", ".2g"),
-        pair("rmse_away", ".2g"),
-        pair("wrong", ".0f"),
-        f"{found.median(cell, 'ours', 'seconds'):.2f}",
-        "yes" if _is_close(found, cell) else "**no**",
+        "Balanced accuracy of the modes, mean of the cases' medians over the seeds; in brackets "
+        "the number of cases whose median loss against the oracle is at most 0.005.\n",
+        *pivot(_typical),
+        "\nThe case with the largest median loss of balanced accuracy against the oracle.\n",
+        *pivot(_farthest),
+        "\nSeeds: " + ", ".join(_seeds(found, method) for method in found.methods) + ".",
     ]
+
+
+def _losses(found: Records, cells: list[Cell], method: str) -> np.ndarray:
+    return np.array([np.median(found.differences(cell, method)) for cell in cells])
+
+
+def _typical(found: Records, cells: list[Cell], method: str) -> str:
+    mean = np.mean([found.median(cell, method, "balanced") for cell in cells])
+    near = np.sum(_losses(found, cells, method) <= SCENARIOS["clean"].median)
+    return f"{mean:.4f} ({near} of {len(cells)})"
+
+
+def _farthest(found: Records, cells: list[Cell], method: str) -> str:
+    losses = _losses(found, cells, method)
+    worst = int(np.argmax(losses))
+    return f"{losses[worst]:.4f} ({cells[worst][0]})" if method != "oracle" else ""
+
+
+def _seeds(found: Records, method: str) -> str:
+    counts = [
+        len(found.rows(cell, method)) for cell in found.cells_with(method) if cell[1] in SCENARIOS
+    ]
+    low, high = min(counts), max(counts)
+    return f"{TITLES[method]} {low}" + (f" to {high}" if high > low else "")
+
+
+def _defeats(found: Records) -> list[str]:
+    """The cells in which k-plane or PARC has the better median, the largest difference first."""
+    rows = []
+    for method in ("k_plane", "parc"):
+        for cell in found.cells_with("ours", method):
+            theirs, ours = (found.median(cell, name, "balanced") for name in (method, "ours"))
+            if theirs > ours + TIE:
+                row = [cell[0], _title(cell[1]), TITLES[method], f"{theirs:.4f}", f"{ours:.4f}"]
+                rows.append((ours - theirs, row))
+    if not found.cells_with("ours"):
+        return []
+    told = f"Cells where the median is more than {TIE} above that of swsysid"
+    if not rows:
+        return [f"{told}: none."]
+    rows.sort(key=lambda pair: pair[0])
+    head = ["case", "corruption", "method", "its median", "swsysid"]
+    return [f"{told}.\n", *_table(head, [row for _, row in rows])]
+
+
+def _reliability(found: Records) -> list[str]:
+    """Claimed probability of the predicted mode against how often it is right."""
+    rows = []
+    for scenario in found.scenarios:
+        chosen = [
+            row
+            for row in found.with_method("ours")
+            if row["scenario"] == scenario and "reliability" in row
+        ]
+        if chosen:
+            rows.append([_title(scenario), *_claims(chosen)])
+    head = ["corruption", "least sure 10 %: claimed", "right", "p < 0.99: share of all"]
+    head += ["claimed", "right", "calibration error", "p >= 0.99: right"]
+    return [] if not rows else [
+        "`predict_mode_proba` at the held-out samples, all cases and seeds of a corruption "
+        "together: the tenth of each run of which the model is least sure, the samples with "
+        "p < 0.99, and the others. Claimed: mean probability of the predicted mode; right: share "
+        "of these samples whose mode is the predicted one. Calibration error: the mean distance "
+        "of the two over eight bins of p below 0.99, weighted by their numbers of samples.\n",
+        *_table(head, rows),
+    ]  # fmt: skip
+
+
+def _claims(chosen: list[dict]) -> list[str]:
+    bins = np.sum([row["reliability"] for row in chosen], axis=0)
+    number, claimed, right = bins[:-1].T  # the last bin holds the samples it is sure of
+    total = max(number.sum(), 1)
+    shares = [
+        np.mean([row["least_claimed"] for row in chosen]),
+        np.mean([row["least_right"] for row in chosen]),
+        number.sum() / bins[:, 0].sum(),
+        claimed.sum() / total,
+        right.sum() / total,
+        np.abs(claimed - right).sum() / total,
+        bins[-1, 2] / max(bins[-1, 0], 1),
+    ]
+    return [f"{share:.4f}" for share in shares]
+
+
+def _times(timed: Records, is_apart: bool) -> list[str]:
+    """CPU seconds of ours and of PARC, a row for each corruption."""
+    rows = []
+    for scenario in timed.scenarios:
+        cells = [cell for cell in timed.cells_with("ours", "parc") if cell[1] == scenario]
+        if cells:
+            seconds = np.array([_seconds_beside_parc(timed, cell) for cell in cells])
+            ratios = seconds[:, :1] / seconds[:, 1:]
+            numbers = [*np.median(seconds, axis=0), *np.median(ratios, axis=0), ratios[:, 0].max()]
+            rows.append([_title(scenario), *(f"{number:.2f}" for number in numbers)])
+    source = (
+        "Both in turn in one process on one core (`--timing`)."
+        if is_apart
+        else "From the runs of the tables, which may have shared the machine with others."
+    )
+    head = ["corruption", "swsysid, s", "PARC, kept fit, s", "PARC, all fits, s"]
+    head += ["ratio to kept", "ratio to all", "largest ratio to kept"]
+    return [] if not rows else [
+        f"CPU seconds of the fit. {source} PARC is fitted with six settings and the fit with the "
+        "smallest training error is kept: seconds of that fit alone, and of all six. Medians over "
+        "the cases of their medians over the seeds; starting Python, reading and predicting are "
+        "not timed.\n",
+        *_table(head, rows),
+    ]  # fmt: skip
+
+
+def _seconds_beside_parc(timed: Records, cell: Cell) -> list[float]:
+    columns = (("ours", "seconds"), ("parc", "seconds"), ("parc", "seconds_all"))
+    return [timed.median(cell, *column) for column in columns]
+
+
+def _all_times(timed: Records) -> list[str]:
+    """A row for each cell that has both."""
+    rows = []
+    for cell in timed.cells_with("ours", "parc"):
+        ours, kept, every = seconds = _seconds_beside_parc(timed, cell)
+        numbers = (*seconds, ours / kept, ours / every)
+        rows.append([cell[0], _title(cell[1]), *(f"{number:.2f}" for number in numbers)])
+    head = ["case", "corruption", "swsysid, s", "PARC, kept fit, s", "PARC, all fits, s"]
+    head += ["ratio to kept", "ratio to all"]
+    return _table(head, rows) if rows else []
+
+
+# -- one corruption ----------------------------------------------------------------------------
+
+
+def _details(found: Records, scenario: str) -> list[str]:
+    cells = found.cells_of(scenario)
+    return [
+        "Balanced accuracy of the modes, median of the seeds (worst seed).\n",
+        *_accuracies(found, cells),
+        "\nVelocity RMSE at all held-out samples / away from the guard, and misclassified samples "
+        "of 2000; medians.\n",
+        *_errors(found, cells),
+        "\nCPU seconds, medians.\n",
+        *_seconds(found, cells),
+    ]
+
+
+def _accuracies(found: Records, cells: list[Cell]) -> list[str]:
+    head = ["case", *(TITLES[name] for name in found.methods)]
+    has_gap = bool(found.cells_with("oracle", "ours"))
+    rows = []
+    for cell in cells:
+        row = [cell[0], *(_accuracy(found.values(cell, m, "balanced")) for m in found.methods)]
+        rows.append(row + _gap(found, cell) * has_gap)
+    return _table(head + ["loss of swsysid", "reached"] * has_gap, rows)
 
 
 def _accuracy(values: np.ndarray) -> str:
     return f"{np.median(values):.4f} ({values.min():.4f})" if len(values) else "-"
 
 
-# -- figures to reach ------------------------------------------------------------------------
+def _gap(found: Records, cell: Cell) -> list[str]:
+    gaps = found.differences(cell, "ours") if found.rows(cell, "ours") else np.array([])
+    if not len(gaps):
+        return ["-", "-"]
+    verdict = "yes" if is_close(found, cell) else "**no**"
+    return [f"{np.median(gaps):+.4f} ({gaps.max():+.4f})", verdict]
 
 
-def _is_hard(cell: tuple[str, str]) -> bool:
-    return cell[0] in HARD_CASES or LIMITS.get(cell[1]) == HARD_LIMITS
+def _errors(found: Records, cells: list[Cell]) -> list[str]:
+    def entry(cell: Cell, method: str) -> str:
+        rmse, away, wrong = (
+            found.median(cell, method, column) for column in ("rmse", "rmse_away", "wrong")
+        )
+        return f"{rmse:.2g} / {away:.2g}, {wrong:.0f}" if np.isfinite(rmse) else "-"
+
+    return _by_method(found, cells, entry)
 
 
-def _is_close(found: Records, cell: tuple[str, str]) -> bool:
-    """Balanced accuracy close enough to the oracle's, or a warning where that may do."""
-    gaps = found.gaps(cell)
-    median, worst = HARD_LIMITS if _is_hard(cell) else LIMITS.get(cell[1], LIMITS["clean"])
-    if np.median(gaps) <= median and gaps.max() <= worst:
-        return True
-    warned = ["ConvergenceWarning" in names for names in _warnings(found, cell)]
-    return _is_hard(cell) and all(np.array(warned)[gaps > median])
+def _seconds(found: Records, cells: list[Cell]) -> list[str]:
+    def entry(cell: Cell, method: str) -> str:
+        return _number(found.median(cell, method, "seconds"), ".2f")
+
+    return _by_method(found, cells, entry)
 
 
-def _warnings(found: Records, cell: tuple[str, str]) -> list[list[str]]:
-    rows = found.with_method("ours")
-    chosen = [row for row in rows if (row["case"], row["scenario"]) == cell]
-    return [row["warnings"] for row in sorted(chosen, key=lambda row: row["seed"])]
-
-
-def _verdict(text: str, failed: list, total: int) -> list[str]:
-    """One line, with the cells that fail."""
-    if not total:
-        return [f"{text}: not run"]
-    missed = ", ".join(" / ".join(cell) for cell in failed)
-    verdict = f"not reached in {len(failed)} of {total} cells: {missed}" if failed else "reached"
-    return [f"{text}: {verdict}" + ("" if failed else f" in all {total} cells")]
-
-
-def _accuracy_figure(found: Records) -> list[str]:
-    lines = []
-    for hard, text in (
-        (False, "Balanced accuracy within 0.005 of the oracle (median), 0.015 (worst seed)"),
-        (True, "Hard corruptions and five nested modes: within 0.02 (median), or a warning"),
-    ):
-        cells = [cell for cell in found.cells if _is_hard(cell) == hard]
-        lines += _verdict(text, [cell for cell in cells if not _is_close(found, cell)], len(cells))
-    return lines
-
-
-def _velocity_figure(found: Records) -> list[str]:
-    cells = [cell for cell in found.cells if not _is_hard(cell)]
-
-    def exceeds(cell) -> bool:
-        ours, oracle = (found.median(cell, name, "rmse_away") for name in ("ours", "oracle"))
-        return ours > 1.2 * oracle + 1e-6
-
-    text = "Velocity RMSE away from the guard at most 1.2 times the oracle's plus 1e-6"
-    return _verdict(text, [cell for cell in cells if exceeds(cell)], len(cells))
-
-
-def _wrong_figure(found: Records) -> list[str]:
-    cells = [cell for cell in found.cells if not _is_hard(cell)]
-
-    def exceeds(cell) -> bool:
-        ours, oracle = (found.values(*cell, name, "wrong") for name in ("ours", "oracle"))
-        return np.median(ours - oracle) > 2
-
-    text = "At most two more misclassified test samples than the oracle"
-    return _verdict(text, [cell for cell in cells if exceeds(cell)], len(cells))
-
-
-def _time_figure(found: Records) -> list[str]:
-    text = "At most a third of PARC's time (median of the cells)"
-    ratios = [
-        found.median(cell, "ours", "seconds") / found.median(cell, "parc", "seconds")
-        for cell in found.cells
-        if not _is_hard(cell)
-    ]
-    ratios = [ratio for ratio in ratios if np.isfinite(ratio)]
-    if not ratios:
-        return [f"{text}: not run"]
-    return [f"{text}: {np.median(ratios):.2f}, {_reached(np.median(ratios) <= 1 / 3)}"]
-
-
-def _scaling_figure(found: Records) -> list[str]:
-    """Cells named after a corruption and a number of samples, against those of 2000."""
-    text = "Time at N = 100,000 at most 8 times that at N = 2000"
-    lines = []
-    for case, scenario in found.cells:
-        if ", " in scenario:
-            usual = case, scenario.split(", ")[1]
-            ratio = found.median((case, scenario), "ours", "seconds")
-            ratio /= found.median(usual, "ours", "seconds")
-            gap = np.median(found.gaps((case, scenario)))
-            lines.append(
-                f"{text}: {case} / {usual[1]}: {ratio:.1f} times (gap {gap:+.4f}), "
-                + _reached(ratio <= 8 and gap <= LIMITS[usual[1]][0])
-            )
-    return lines or [f"{text}: not run"]
-
-
-def _count_figure(found: Records) -> list[str]:
-    text = "n_modes='auto' right in at least 95 % of the cells"
-    rows = found.with_method("count")
-    if not rows:
-        return [f"{text}: not run"]
-    wrong = [row for row in rows if row["n_modes"] != row["n_modes_true"]]
-    missed = ", ".join(
-        f"{row['case']} / {row['scenario']} / seed {row['seed']}: {row['n_modes']}" for row in wrong
-    )
-    share = 1 - len(wrong) / len(rows)
-    return [f"{text}: {share:.1%} of {len(rows)}, {_reached(share >= 0.95)}. {missed}".strip()]
-
-
-def _reached(is_reached: bool) -> str:
-    return "reached" if is_reached else "not reached"
-
-
-FIGURES: tuple[Callable[[Records], list[str]], ...] = (
-    _accuracy_figure,
-    _velocity_figure,
-    _wrong_figure,
-    _time_figure,
-    _scaling_figure,
-    _count_figure,
-)
-
-
-# -- picture ---------------------------------------------------------------------------------
-
-
-def draw(records: list[dict], file: Path) -> None:
-    """Error of the modes of every method, a panel for each corruption, a row for each case."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    found = Records(records)
-    size = (2.6 * len(found.scenarios) + 1.5, 0.32 * len(found.cases) + 1.6)
-    figure, axes = plt.subplots(
-        1, len(found.scenarios), figsize=size, sharey=True, squeeze=False, layout="constrained"
-    )
-    methods = [name for name in found.methods if name != "single"]
-    for panel, scenario in zip(axes[0], found.scenarios, strict=True):
-        for marker, method in zip("|osD", methods, strict=False):
-            _strip(panel, found, scenario, method, marker)
-        panel.set(xscale="log", title=scenario, xlabel="1 - balanced accuracy", xlim=(3e-5, 1))
-        panel.grid(axis="x", alpha=0.3)
-    axes[0, 0].set_yticks(range(len(found.cases)), found.cases)
-    axes[0, 0].invert_yaxis()
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    figure.savefig(file, dpi=150)
-    plt.close(figure)
-
-
-def _strip(panel, found: Records, scenario: str, method: str, marker: str) -> None:
-    """Median of every case as a marker, from the best to the worst seed as a line."""
-    rows, low, middle, high = [], [], [], []
-    for row, case in enumerate(found.cases):
-        errors = 1 - found.values(case, scenario, method, "balanced")
-        if len(errors):
-            shown = np.maximum(errors, 5e-5)  # no error at all has no place on a log axis
-            rows.append(row)
-            low.append(shown.min())
-            middle.append(np.median(shown))
-            high.append(shown.max())
-    colour = {"oracle": "black", "ours": "C0", "k_plane": "C1", "parc": "C2"}[method]
-    panel.hlines(rows, low, high, color=colour, alpha=0.4)
-    panel.plot(middle, rows, marker, color=colour, label=TITLES[method], markersize=7, alpha=0.8)
-
-
-def _in_order(records: list[dict], column: str, known) -> list[str]:
-    """Names in the order of the benchmark, others after them."""
-    names = dict.fromkeys(record[column] for record in records)
-    return [name for name in known if name in names] + [n for n in names if n not in known]
+def _by_method(found: Records, cells: list[Cell], entry: Callable[[Cell, str], str]) -> list[str]:
+    head = ["case", *(TITLES[name] for name in found.methods)]
+    return _table(head, [[cell[0], *(entry(cell, m) for m in found.methods)] for cell in cells])
