@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from numbers import Integral, Real
 
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
@@ -23,7 +22,8 @@ from swsysid._surfaces.margin_program import (
 )
 from swsysid._surfaces.margins import certify_margin, nonzero_margin
 from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
-from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis
+from swsysid._surfaces.parameters import check_parameters, check_relevance
+from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis
 from swsysid._surfaces.probability import SaturatedSoftmax
 
 __all__ = ["PolynomialSurfaceClassifier"]
@@ -81,6 +81,11 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         so that predictions do not depend on units. False is the paper's program to the letter.
     feature_library : transformer, PySINDy library or int, default=None
         Replaces the monomials: its columns are the surface features.
+    relevance : array-like of shape (n_surface_features,), default=None
+        How much the surfaces are expected to need each monomial, between 0 and 1: its coefficient
+        then pays beta / relevance, and monomials of relevance 0 are left out. The monomials are
+        the user's own, scaled but not centred. `SwitchingSystemRegressor` finds a relevance
+        where none is given; here None is all monomials.
     solver : str, default="auto"
         ``"auto"`` is HiGHS; any other name is a solver of cvxpy.
     random_state : int, RandomState instance or None, default=None
@@ -141,6 +146,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         mode_book="auto",
         standardize=True,
         feature_library=None,
+        relevance=None,
         solver="auto",
         random_state=None,
     ):
@@ -151,6 +157,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         self.mode_book = mode_book
         self.standardize = standardize
         self.feature_library = feature_library
+        self.relevance = relevance
         self.solver = solver
         self.random_state = random_state
 
@@ -176,7 +183,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         SolverError
             If the solver is not installed or returns nothing.
         """
-        self._check_parameters()
+        check_parameters(self)
         X, y = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(y)
         weight = check_sample_weight(sample_weight, len(X))
@@ -188,11 +195,11 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         self._basis = self._make_basis(rows.arrays[0], rows.weight)
         features, labels = self._basis(rows.arrays[0]), rows.arrays[1]
         default_beta = _BETA_STANDARDIZED if self.standardize else _BETA_RAW
-        self.beta_ = default_beta if _is_auto(self.beta) else float(self.beta)
-        self.margin_ = _DEFAULT_MARGIN if _is_auto(self.margin) else float(self.margin)
+        self.beta_ = default_beta if self.beta == "auto" else float(self.beta)
+        self.margin_ = _DEFAULT_MARGIN if self.margin == "auto" else float(self.margin)
         book = self._book(features, labels, rows.weight)
         book, fits = self._fit_books(features, labels, rows.weight, [book])
-        if _is_auto(self.margin):
+        if self.margin == "auto":
             self.margin_ = (
                 nonzero_margin(features, book[labels], rows.weight, fits, *self._program()[1:])
                 or _DEFAULT_MARGIN
@@ -237,6 +244,12 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         X = validate_data(self, X, dtype=np.float64, reset=False)
         # In fitting coordinates: the user's monomials of data far from zero cancel.
         return self._basis(X) @ self._fitted_coef.T
+
+    def surface_features(self, X):
+        """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
+        check_is_fitted(self)
+        X = validate_data(self, X, dtype=np.float64, reset=False)
+        return self._basis.of_user(X)
 
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
@@ -368,33 +381,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             if self.feature_library is None
             else (LibraryBasis, self.feature_library)
         )
-        return kind(features, X, weight, self.standardize)
-
-    def _check_parameters(self):
-        if not _is_a(self.degree, Integral) or self.degree < 0:
-            raise ValueError(f"degree={self.degree!r}; it must be an integer, at least 0.")
-        if not _is_auto(self.margin) and not _is_positive(self.margin):
-            raise ValueError(f"margin={self.margin!r}; it must be a positive number or 'auto'.")
-        if not _is_auto(self.beta) and not (_is_positive(self.beta) or self.beta == 0.0):
-            raise ValueError(f"beta={self.beta!r}; it must be a number not below 0, or 'auto'.")
-        if not _is_positive(self.coef_bound):
-            raise ValueError(f"coef_bound={self.coef_bound!r}; it must be a positive number.")
-        if isinstance(self.mode_book, str) and self.mode_book not in ("auto", "pairwise"):
-            raise ValueError(
-                f"mode_book={self.mode_book!r} is unknown; choose 'auto', 'pairwise' or an array "
-                "of signs."
-            )
-        if not isinstance(self.standardize, (bool, np.bool_)):
-            raise ValueError(f"standardize={self.standardize!r}; it must be True or False.")
-
-
-def _is_auto(value) -> bool:
-    return isinstance(value, str) and value == "auto"
-
-
-def _is_a(value, kind) -> bool:
-    return isinstance(value, kind) and not isinstance(value, (bool, np.bool_))
-
-
-def _is_positive(value) -> bool:
-    return _is_a(value, Real) and 0.0 < value < np.inf
+        if self.relevance is None:
+            return kind(features, X, weight, self.standardize)
+        basis = kind(features, X, weight, standardize=False)
+        return RelevantBasis(basis, check_relevance(self.relevance, len(basis.sizes)), X, weight)

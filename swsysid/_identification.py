@@ -10,6 +10,7 @@ from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from swsysid._alternation import Alternation, alternate, relabel
+from swsysid._monomials import SurfaceChoice, choose_monomials
 from swsysid._problem import Modes, SwitchingProblem, one_hot
 from swsysid._results import Array
 from swsysid._scale import calibrate
@@ -74,6 +75,8 @@ class Identification:
         Before empty modes were dropped.
     candidates : tuple of ModeCandidate
         Numbers of modes that were compared.
+    monomials : SurfaceChoice or None
+        Surfaces of few monomials against those of all.
     """
 
     best: Alternation
@@ -83,6 +86,7 @@ class Identification:
     n_starts: int
     n_modes_asked: int
     candidates: tuple[ModeCandidate, ...]
+    monomials: SurfaceChoice | None
 
     @property
     def seldom_found(self) -> bool:
@@ -113,6 +117,9 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
     agreeing = sum(
         count for run, count in zip(runs, counts, strict=True) if _same_answer(run, best, problem)
     )
+    problem, best, choice = choose_monomials(
+        problem, best, max_iter=search.max_iter, tol=search.tol
+    )
     if search.sparsity is not None:
         problem, best = _sparsify(problem, best, search)
     order = _canonical_order(problem, best)
@@ -124,6 +131,7 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
         n_starts=drawn,
         n_modes_asked=asked,
         candidates=candidates,
+        monomials=choice,
     )
 
 

@@ -31,7 +31,14 @@ from swsysid._losses import Loss
 from swsysid._results import Array, Assignment
 from swsysid.relaxations._base import Relaxation, one_hot
 
-__all__ = ["Modes", "SwitchingProblem", "fit_weighted", "offers_penalty", "one_hot"]
+__all__ = [
+    "Modes",
+    "SwitchingProblem",
+    "fit_weighted",
+    "offers_penalty",
+    "offers_relevance",
+    "one_hot",
+]
 
 Modes = NDArray[np.intp]
 
@@ -39,6 +46,11 @@ Modes = NDArray[np.intp]
 def offers_penalty(surface: Any) -> bool:
     """True if a classifier can say what disagreeing with it costs."""
     return hasattr(surface, "mode_penalty")
+
+
+def offers_relevance(surface: Any) -> bool:
+    """True if a classifier can be told which features matter, and was not told."""
+    return getattr(surface, "relevance", ()) is None
 
 
 def fit_weighted(classifier: Any, X: Array, modes: Modes, weight: Array) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 from swsysid._problem import Modes, SwitchingProblem
 from swsysid._results import Array
 
-__all__ = ["calibrate"]
+__all__ = ["calibrate", "weighted_median"]
 
 # Residuals beyond this many scales belong to no mode ...
 _OUTLYING = 10.0
@@ -30,9 +30,9 @@ def calibrate(problem: SwitchingProblem, coef: Array, modes: Modes) -> Switching
     size = np.abs(problem.residuals(coef, modes))
     if not problem.loss.separable:
         size = np.repeat(size.mean(axis=1, keepdims=True), size.shape[1], axis=1)
-    spread = np.abs(problem.targets - _weighted_median(problem.targets, problem.weight)).max(axis=0)
+    spread = np.abs(problem.targets - weighted_median(problem.targets, problem.weight)).max(axis=0)
     floor = _SCALE_FLOOR * np.where(spread > 0, spread, 1.0)
-    scale = np.maximum(_weighted_median(size, problem.weight) / np.log(2.0), floor)
+    scale = np.maximum(weighted_median(size, problem.weight) / np.log(2.0), floor)
     outlying = (size / scale).max(axis=1) > _OUTLYING
     for mode in range(problem.n_modes):
         rows = modes == mode
@@ -41,7 +41,7 @@ def calibrate(problem: SwitchingProblem, coef: Array, modes: Modes) -> Switching
     return replace(problem, scale=scale, outlying=outlying)
 
 
-def _weighted_median(values: Array, weight: Array) -> Array:
+def weighted_median(values: Array, weight: Array) -> Array:
     """Smallest value with at least half of the weight at or below it, column by column."""
     order = values.argsort(axis=0, kind="stable")
     reached = np.cumsum(weight[order], axis=0) >= 0.5 * weight.sum()

@@ -1,7 +1,7 @@
 r"""The features of a surface, in the coordinates in which it is fitted and in the user's.
 
 A surface :math:`f(x) = a^\top \phi(x)` is one function; its coefficients depend on the
-coordinates. Both bases of this file evaluate features in fitting coordinates, in which the
+coordinates. The bases of this file evaluate features in fitting coordinates, in which the
 margin LP is well scaled, and convert coefficients into the user's units exactly.
 """
 
@@ -17,7 +17,7 @@ from sklearn.preprocessing import PolynomialFeatures
 from swsysid._features import FeatureMap, monomials_at
 from swsysid._results import Array
 
-__all__ = ["LibraryBasis", "PolynomialBasis", "shifted_monomials"]
+__all__ = ["LibraryBasis", "PolynomialBasis", "RelevantBasis", "shifted_monomials"]
 
 
 class PolynomialBasis:
@@ -49,6 +49,11 @@ class PolynomialBasis:
                 "the monomials of X overflow; rescale X to order one or lower the degree."
             )
         return features
+
+    def of_user(self, X: Array) -> Array:
+        """The user's own monomials, shape (n_samples, n_features_out)."""
+        monomials: Array = self.monomials.transform(X)
+        return monomials
 
     def at(self, point: Array) -> Array:
         """Features at one point, shape (n_features_out,), without checks."""
@@ -92,6 +97,10 @@ class LibraryBasis:
         """Features in fitting coordinates, shape (n_samples, n_features_out)."""
         return (self.map(X) - self.centre) / self.scale
 
+    def of_user(self, X: Array) -> Array:
+        """The library's own columns, shape (n_samples, n_features_out)."""
+        return self.map(X)
+
     def at(self, point: Array) -> Array:
         """Features at one point, shape (n_features_out,), without checks."""
         return (self.map.at(point) - self.centre) / self.scale
@@ -125,6 +134,53 @@ class LibraryBasis:
             return
         size = np.sqrt(np.average(features**2, axis=0, weights=weight))
         self.scale = np.where(size > 0.0, size, 1.0)
+
+
+class RelevantBasis:
+    """Some columns of another basis in the user's units, scaled by their relevance.
+
+    Parameters
+    ----------
+    basis : PolynomialBasis or LibraryBasis
+        Not standardised.
+    relevance : ndarray of shape (n_features_out,)
+        Root mean square that each column gets; columns of relevance 0 are left out.
+    X, weight
+        As in `PolynomialBasis`.
+    """
+
+    def __init__(self, basis, relevance: Array, X: Array, weight: Array):
+        self.basis, self.n_columns = basis, len(relevance)
+        self.kept = np.flatnonzero(relevance > 0.0)
+        size = np.sqrt(np.average(basis(X)[:, self.kept] ** 2, axis=0, weights=weight))
+        self.scale = relevance[self.kept] / np.where(size > 0.0, size, 1.0)
+
+    def __call__(self, X: Array) -> Array:
+        """Features in fitting coordinates, shape (n_samples, n_kept)."""
+        return self.basis(X)[:, self.kept] * self.scale
+
+    def of_user(self, X: Array) -> Array:
+        """All columns of the other basis, shape (n_samples, n_features_out)."""
+        return self.basis.of_user(X)
+
+    def at(self, point: Array) -> Array:
+        """Features at one point, shape (n_kept,), without checks."""
+        return self.basis.at(point)[self.kept] * self.scale
+
+    def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
+        """Names of all columns, those left out included."""
+        return self.basis.names(inputs)
+
+    @property
+    def sizes(self) -> Array:
+        """How large the columns are on the data at most, shape (n_features_out,)."""
+        return self.basis.sizes
+
+    def to_user(self, coef: Array) -> Array:
+        """Coefficients of all columns, 0 for those left out."""
+        user = np.zeros((*coef.shape[:-1], self.n_columns))
+        user[..., self.kept] = coef * self.scale
+        return user
 
 
 def shifted_monomials(powers: Array, centre: Array, scale: Array) -> Array:

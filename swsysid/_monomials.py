@@ -1,0 +1,127 @@
+"""The monomials that a surface needs, and the alternation with these alone.
+
+Labels next to a surface of many monomials follow the surface, and the surface then follows them.
+A surface of few monomials leaves less room for that, if they are the right ones. They are chosen
+by what the velocities say, not by labels: `feature_relevance` gets log ratios of densities, which
+are zero where modes cannot be told apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from sklearn.base import clone
+
+from swsysid._alternation import Alternation, alternate
+from swsysid._problem import Modes, SwitchingProblem, offers_relevance, one_hot
+from swsysid._results import Array
+from swsysid._scale import weighted_median
+from swsysid._surfaces.relevance import Relevance, feature_relevance
+
+__all__ = ["SurfaceChoice", "choose_monomials"]
+
+# A share of the samples may be outliers, whose density is this many times as broad as the data.
+_OUTLIERS, _BREADTH = 0.02, 5.0
+# Median of |r| for a Gaussian of deviation one; for a Laplacian of scale one it is log 2.
+_GAUSSIAN_MEDIAN = 0.6745
+
+
+@dataclass(frozen=True)
+class SurfaceChoice:
+    """Surfaces of few monomials against those of all.
+
+    Attributes
+    ----------
+    advantage : float
+        Log evidence of the best few monomials minus that of all, in nats, over all surfaces.
+    relevance : ndarray of shape (n_surface_features,)
+        Posterior probability that a surface needs the monomial; the largest of the surfaces.
+    """
+
+    advantage: float
+    relevance: Array
+
+
+def choose_monomials(
+    problem: SwitchingProblem, best: Alternation, *, max_iter: int, tol: float
+) -> tuple[SwitchingProblem, Alternation, SurfaceChoice | None]:
+    """Alternate again with the relevant monomials if they explain the velocities better.
+
+    Nothing is chosen without coupling (the paper's method), for one mode, or for a surface that
+    knows no relevance or was given one.
+    """
+    surface = best.surface
+    if surface is None or len(surface.classes_) < 2 or not offers_relevance(problem.surface):
+        return problem, best, None
+    density = log_densities(problem, best.coef)
+    features = surface.surface_features(problem.coordinates)
+    found = [
+        feature_relevance(features, *_sides(problem, surface, density, column))
+        for column in range(surface.mode_book_.shape[1])
+    ]
+    choice = SurfaceChoice(
+        advantage=sum(each.advantage for each in found),
+        relevance=np.max([each.share for each in found], axis=0),
+    )
+    if choice.advantage <= 0.0 or not choice.relevance.any():
+        return problem, best, choice
+    sparse = clone(problem.surface).set_params(relevance=choice.relevance)
+    problem = replace(problem, surface=sparse)
+    start = one_hot(_gated_modes(surface, density, features, found), problem.n_modes)
+    return problem, alternate(problem, start, max_iter=max_iter, tol=tol), choice
+
+
+def log_densities(problem: SwitchingProblem, coef: Array) -> Array:
+    """Log density of every sample's velocity in every mode, (n_samples, n_modes).
+
+    A Gaussian with the scale of the residuals and a broad one for outliers, which bounds what a
+    single sample can say.
+    """
+    deviation = problem.scale * np.log(2.0) / _GAUSSIAN_MEDIAN
+    middle = weighted_median(problem.targets, problem.weight)
+    typical = weighted_median(np.abs(problem.targets - middle), problem.weight)
+    breadth = np.maximum(_BREADTH * typical / _GAUSSIAN_MEDIAN, deviation)
+    inside = np.stack(
+        [_gaussian(problem.targets - velocity, deviation) for velocity in problem.velocities(coef)],
+        axis=1,
+    )
+    outside = _gaussian(problem.targets - middle, breadth)[:, None]
+    return np.logaddexp(np.log1p(-_OUTLIERS) + inside, np.log(_OUTLIERS) + outside)
+
+
+def _gaussian(residuals: Array, deviation: Array) -> Array:
+    scaled = residuals / deviation
+    return -0.5 * np.square(scaled).sum(axis=1) - np.log(np.sqrt(2 * np.pi) * deviation).sum()
+
+
+def _sides(problem: SwitchingProblem, surface, density: Array, column: int) -> tuple[Array, Array]:
+    """Log ratio of the two sides of one surface, and the weight of the samples it separates.
+
+    With two modes that is the ratio of their densities. With more, the modes of a side count as
+    far as the other surfaces allow them, at a nat for each margin of violation.
+    """
+    book = surface.mode_book_
+    agreement = surface.surface_values(problem.coordinates)[:, None, :] * book
+    violation = np.maximum(0.0, surface.margin_ - agreement) / surface.margin_
+    violation[:, book == 0] = 0.0
+    violation[:, :, column] = 0.0
+    allowed = density[:, surface.classes_] - violation.sum(axis=2)
+    signs = book[:, column]
+    ratio = _log_sum(allowed[:, signs > 0]) - _log_sum(allowed[:, signs < 0])
+    concerned = _log_sum(allowed[:, signs != 0]) - _log_sum(allowed)
+    return ratio, problem.weight * np.exp(concerned)
+
+
+def _log_sum(values: Array) -> Array:
+    total: Array = np.logaddexp.reduce(values, axis=1)
+    return total
+
+
+def _gated_modes(surface, density: Array, features: Array, found: list[Relevance]) -> Modes:
+    """Most probable modes by the densities and the averaged gates."""
+    gates = features @ np.array([each.gate for each in found]).T
+    agreement = gates[:, None, :] * surface.mode_book_
+    refused = np.where(surface.mode_book_ == 0, 0.0, np.logaddexp(0.0, -agreement)).sum(axis=2)
+    modes: Modes = surface.classes_[(density[:, surface.classes_] - refused).argmax(axis=1)]
+    return modes
