@@ -9,20 +9,23 @@ are zero where modes cannot be told apart.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from sklearn.base import clone
 
 from swsysid._alternation import Alternation, alternate
-from swsysid._problem import Modes, SwitchingProblem, offers_relevance, one_hot
+from swsysid._problem import Modes, SwitchingProblem, fit_weighted, offers_relevance, one_hot
 from swsysid._results import Array
 from swsysid._scale import weighted_median
 from swsysid._surfaces.relevance import Relevance, feature_relevance
 
-__all__ = ["SurfaceChoice", "choose_monomials"]
+__all__ = ["SurfaceCandidate", "SurfaceChoice", "choose_monomials", "surface_candidates"]
 
 # A share of the samples may be outliers, whose density is this many times as broad as the data.
 _OUTLIERS, _BREADTH = 0.02, 5.0
+# Log evidences this close leave both surfaces in the race.
+_NEARLY_TIED = 5.0
 # Median of |r| for a Gaussian of deviation one; for a Laplacian of scale one it is log 2.
 _GAUSSIAN_MEDIAN = 0.6745
 
@@ -41,6 +44,26 @@ class SurfaceChoice:
 
     advantage: float
     relevance: Array
+
+
+@dataclass(frozen=True)
+class SurfaceCandidate:
+    """One of the surfaces between which the samples (nearly) leave the choice.
+
+    Attributes
+    ----------
+    surface : PolynomialSurfaceClassifier or other classifier
+        Fitted to the modes of the training samples.
+    n_monomials : int or None
+        How many monomials it has, in all its surfaces; None if it does not say.
+    shortfall : float
+        By how much the other candidate's log evidence is larger, in nats; not positive for the
+        one that was chosen.
+    """
+
+    surface: Any
+    n_monomials: int | None
+    shortfall: float
 
 
 def choose_monomials(
@@ -70,6 +93,29 @@ def choose_monomials(
     problem = replace(problem, surface=sparse)
     start = one_hot(_gated_modes(surface, density, features, found), problem.n_modes)
     return problem, alternate(problem, start, max_iter=max_iter, tol=tol), choice
+
+
+def surface_candidates(
+    problem: SwitchingProblem, choice: SurfaceChoice | None, chosen: Any, modes: Modes
+) -> list[SurfaceCandidate]:
+    """The chosen surface, and the other one where all monomials and few nearly tie.
+
+    The other is fitted to the same modes; two surfaces that nearly tie differ on few of them.
+    """
+    if choice is None or not choice.relevance.any():
+        return [SurfaceCandidate(chosen, _n_monomials(chosen), 0.0)]
+    lead = abs(choice.advantage)
+    candidates = [SurfaceCandidate(chosen, _n_monomials(chosen), -lead)]
+    if lead < _NEARLY_TIED:
+        relevance = choice.relevance if problem.surface.relevance is None else None
+        other = clone(problem.surface).set_params(relevance=relevance)
+        fit_weighted(other, problem.coordinates, modes, problem.weight)
+        candidates.append(SurfaceCandidate(other, _n_monomials(other), lead))
+    return candidates
+
+
+def _n_monomials(surface: Any) -> int | None:
+    return int(np.count_nonzero(surface.coef_)) if hasattr(surface, "mode_book_") else None
 
 
 def log_densities(problem: SwitchingProblem, coef: Array) -> Array:

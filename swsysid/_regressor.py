@@ -15,6 +15,7 @@ from swsysid._features import FeatureMap
 from swsysid._guard import check_guard
 from swsysid._identification import Identification, identify
 from swsysid._model import SwitchingModel
+from swsysid._monomials import surface_candidates
 from swsysid._problem import fit_weighted, one_hot
 from swsysid._rows import CanonicalRows, canonical_rows, check_sample_weight
 from swsysid._setup import (
@@ -97,7 +98,11 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     membership_ : ndarray of shape (n_samples, n_modes_)
         Membership before hardening.
     surface_ : classifier
-        Fitted to the modes of the training samples.
+        Fitted to the modes of the training samples. A `PolynomialSurfaceClassifier` whose
+        `relevance` is None is given the monomials that the samples ask for, if these explain the
+        velocities better than all do (not with ``coupling=0``).
+    surface_candidates_ : list of SurfaceCandidate
+        `surface_`; after it, where few monomials and all nearly tie, the other of the two.
     objective_ : float
         Weighted sum of the losses of the hard modes, in the user's units.
     history_ : list of IterationRecord
@@ -371,6 +376,9 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         best, problem = found.best, found.problem
         modes = rows.restore(best.modes)
         self.surface_ = fit_weighted(clone(problem.surface), X, modes, weight)
+        self.surface_candidates_ = surface_candidates(
+            problem, found.monomials, self.surface_, best.modes
+        )
         membership = rows.restore(best.membership)
         dropped = rows.inverse < 0
         if dropped.any():
