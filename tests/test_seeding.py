@@ -9,8 +9,8 @@ from swsysid._seeding.designs import WhitenedRows, monomials, weighted_quantile,
 from swsysid._seeding.experts import Noise, em, initial_experts, single_model
 from swsysid._seeding.gate import gate_degree_within, log_softmax, newton_step
 from swsysid._seeding.search import same_partition
-from swsysid._seeding.seeding import held_out_log_likelihood, seed_modes
-from swsysid._seeding.starts import some_rows
+from swsysid._seeding.seeding import held_out_residuals, seed_modes
+from swsysid._seeding.starts import some_rows, split_labels
 
 # number of modes, degree of the gate, region of each mode
 CASES = {
@@ -176,7 +176,7 @@ class TestDegenerate:
         for seed in seeds:
             np.testing.assert_allclose(seed.responsibilities.sum(axis=1), 1.0, atol=1e-12)
             assert seed.responsibilities.shape == (n_samples, n_modes)
-            assert np.isfinite(held_out_log_likelihood(seed, x, targets, x)).all()
+            assert np.isfinite(held_out_residuals(seed, x, targets, x)).all()
 
     @pytest.mark.parametrize("n_coordinates", [1, 15])
     def test_one_and_many_coordinates(self, n_coordinates):
@@ -196,29 +196,60 @@ class TestDegenerate:
 
 
 class TestHeldOut:
-    def test_is_a_density_in_the_users_units(self):
-        features, targets, x, _, _, _ = affine_modes("half", "noise", 300)
-        seed = seed_modes(features, 40 * targets[:, :1], x, n_modes=2, random_state=0)[0]
-        grid = np.linspace(-3000, 3000, 60_001)
-        at_one_sample = [np.repeat(part[:1], len(grid), axis=0) for part in (features, x)]
-        density = np.exp(
-            held_out_log_likelihood(seed, at_one_sample[0], grid[:, None], at_one_sample[1])
-        )
-        # the noise is about 2 wide: steps of 0.1 resolve it
-        assert np.trapezoid(density, grid) == pytest.approx(1.0, abs=1e-3)
+    def test_residuals_are_those_of_the_mode_that_the_coordinates_say(self):
+        features, targets, x, _, _, _ = affine_modes("half")
+        seed = seed_modes(features, targets, x, n_modes=2, gate_degree=1, random_state=0)[0]
+        features, targets, x, modes, _, _ = affine_modes("half", seed=1)
+        residuals = held_out_residuals(seed, features, targets, x)
+        assert residuals.shape == targets.shape
+        right = np.abs(residuals).max(axis=1) < 1e-6  # exact data
+        assert right.mean() > 0.98
+        # where the gate is wrong, by the difference of the two fields
+        affine = features @ np.array([[2, 1.5, -1], [-1, 1, 2]]).T * np.where(modes, -1, 1)[:, None]
+        expected = affine[~right] / seed.preparation.scale
+        np.testing.assert_allclose(residuals[~right], expected, atol=1e-6)
 
-    def test_prefers_the_true_number_of_modes(self):
-        features, targets, x, _, _, _ = affine_modes("circle", "noise", 800)
-        train, test = slice(0, 600), slice(600, 800)
-        totals = []
-        for n_modes in (1, 2, 3):
-            seed = seed_modes(
-                features[train], targets[train], x[train], n_modes=n_modes, random_state=0
-            )[0]
-            held_out = held_out_log_likelihood(seed, features[test], targets[test], x[test])
-            totals.append(held_out.sum())
-        assert totals[1] > totals[0] + 50
-        assert totals[2] < totals[1] + 10
+    def test_residuals_have_no_units(self):
+        features, targets, x, _, _, _ = affine_modes("half", "noise", 300)
+        plain = seed_modes(features, targets, x, n_modes=2, random_state=0)[0]
+        scaled = seed_modes(features, 1e3 * targets, x, n_modes=2, random_state=0)[0]
+        np.testing.assert_allclose(
+            held_out_residuals(scaled, features, 1e3 * targets, x),
+            held_out_residuals(plain, features, targets, x),
+            atol=1e-8,
+        )
+
+
+class TestGivenStarts:
+    def test_given_labels_join_the_random_starts(self):
+        features, targets, x, modes, _, _ = affine_modes("circle", "noise", 300)
+        wrong = np.random.default_rng(8).integers(0, 2, 300)
+        given = np.array([modes, wrong])
+        seed = seed_modes(
+            features, targets, x, n_modes=2, n_starts=1, first_labels=given, random_state=0
+        )[0]
+        assert seed.n_starts == 3
+        assert same_partition(seed.labels, modes, np.ones(300), tolerance=0.02)
+
+    def test_number_of_random_starts_is_limited(self):
+        rng = np.random.default_rng(9)
+        x, noise = rng.standard_normal((400, 2)), rng.standard_normal((400, 2))
+        seed = seed_modes(x, noise, x, n_modes=4, most_starts=16, random_state=0)[0]
+        assert seed.n_starts == 16
+
+    def test_splits_cut_one_mode_each(self):
+        rng = np.random.RandomState(10)
+        points, weights = rng.standard_normal((200, 2)), rng.uniform(0.5, 2, 200)
+        labels = (points[:, 0] > 0).astype(int)
+        splits = split_labels(labels, points, weights, 2, rng)
+        assert splits.shape == (4, 200)
+        for split, mode in zip(splits, [0, 1, 0, 1], strict=True):
+            new = split == 2
+            assert (split[~new] == labels[~new]).all()
+            assert (labels[new] == mode).all()
+            # a share between a fifth and four fifths, one row aside
+            share = weights[new].sum() / weights[labels == mode].sum()
+            assert 0.18 < share < 0.82
 
 
 class TestExpectationMaximisation:

@@ -21,13 +21,13 @@ from swsysid._seeding.experts import (
 )
 from swsysid._seeding.starts import Scene, draw_labels, some_rows
 
-__all__ = ["GAUSSIAN", "Pool", "refine", "same_partition", "search"]
+__all__ = ["GAUSSIAN", "MOST_STARTS", "Pool", "refine", "same_partition", "search"]
 
 STUDENT = Noise(3.0)
 GAUSSIAN = Noise(np.inf)
 
 _BATCH = 16
-_MAX_BATCHES = 6
+MOST_STARTS = 6 * _BATCH
 _SAMPLES_A_BATCH = 100  # small problems are searched with fewer batches
 _HALVING = ((10, 10), (20, 6))  # iterations, and how many starts are kept after them
 _LAST_ITERATIONS = 40
@@ -74,6 +74,8 @@ def search(
     *,
     n_modes: int,
     n_starts: int | str,
+    most_starts: int,
+    first_labels: NDArray[np.intp],
     n_coarse: int,
     random_state,
 ) -> tuple[Pool, int]:
@@ -87,7 +89,11 @@ def search(
     n_modes : int
     n_starts : int or "auto"
         An int is that many starts. ``"auto"`` draws batches of sixteen until the best partition
-        was found four times in the first or three times in several, at most six batches.
+        was found four times in the first or three times in several.
+    most_starts : int
+        Limit of ``"auto"``.
+    first_labels : ndarray of shape (n_given, n_samples), int
+        Starts that join the first batch.
     n_coarse : int
         How many gate features span the polynomials up to degree two; the first stages use
         only those.
@@ -111,12 +117,14 @@ def search(
     scene = Scene(points[rows], (residuals / typical[:, None]).T, weights)
     size = np.minimum(np.abs(least_squares), 1.0) @ weights / weights.sum()
     floor = np.maximum(np.square(_COARSE_NOISE * size), VARIANCE_FLOOR)
-    limit = _most_starts(n_starts, len(rows))
+    limit = _limit(n_starts, most_starts, len(rows))
     pools: list[Pool] = []
     drawn = 0
     while drawn < limit:
         indices = range(drawn, min(drawn + _BATCH, limit))
         labels = [draw_labels(scene, n_modes, index, random_state) for index in indices]
+        if not drawn:
+            labels += list(first_labels[:, rows])
         soft_labels = _soften(np.array(labels), n_modes)
         pools.append(_run_batch(samples, soft_labels, single, n_coarse, floor))
         drawn = indices.stop
@@ -124,7 +132,7 @@ def search(
         needed = _HITS_AT_ONCE if len(pools) == 1 else _HITS
         if n_starts == "auto" and pool.hits[0] >= needed:
             break
-    return Pool(pool.experts.take(slice(_KEPT)), pool.hits[:_KEPT]), drawn
+    return Pool(pool.experts.take(slice(_KEPT)), pool.hits[:_KEPT]), drawn + len(first_labels)
 
 
 def refine(samples: Samples, experts: Experts, n_coarse: int) -> Experts:
@@ -153,10 +161,10 @@ def same_partition(
     return bool(joint[names].sum() >= (1 - tolerance) * weights.sum())
 
 
-def _most_starts(n_starts, n_samples) -> int:
+def _limit(n_starts, most_starts, n_samples) -> int:
     if n_starts != "auto":
         return int(n_starts)
-    return _BATCH * min(max(n_samples // _SAMPLES_A_BATCH, 1), _MAX_BATCHES)
+    return min(_BATCH * max(n_samples // _SAMPLES_A_BATCH, 1), most_starts)
 
 
 def _soften(labels, n_modes) -> Array:

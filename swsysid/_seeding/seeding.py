@@ -18,16 +18,15 @@ from swsysid._results import Array
 from swsysid._seeding.designs import Basis, centre_and_scale, weighted_quantile, whiten
 from swsysid._seeding.experts import Experts, Samples
 from swsysid._seeding.gate import GateFeatures, fit_gate_features, gate_degree_within, log_softmax
-from swsysid._seeding.search import GAUSSIAN, refine, same_partition, search
+from swsysid._seeding.search import GAUSSIAN, MOST_STARTS, refine, same_partition, search
 from swsysid._seeding.starts import some_rows
 
-__all__ = ["Preparation", "Seed", "held_out_log_likelihood", "seed_modes"]
+__all__ = ["Preparation", "Seed", "held_out_residuals", "seed_modes"]
 
 _MAX_ROWS = 20_000
 _COARSE_DEGREE = 2
 _OUTLIER_SPREAD = 5.0
 _EXACT = 1e-7
-_HELD_OUT_VARIANCE_FLOOR = 1e-8
 
 
 @dataclass(frozen=True)
@@ -115,6 +114,8 @@ def seed_modes(
     gate_degree: int = 2,
     sample_weight: Array | None = None,
     n_starts: int | str = "auto",
+    most_starts: int = MOST_STARTS,
+    first_labels: NDArray[np.intp] | None = None,
     random_state=None,
 ) -> list[Seed]:
     r"""Partitions of the samples into modes, the most likely first.
@@ -143,6 +144,10 @@ def seed_modes(
         Repetitions of the rows.
     n_starts : int or "auto", default="auto"
         Number of random starts; ``"auto"`` stops when the best partition repeats.
+    most_starts : int, default=96
+        Limit of ``n_starts="auto"``.
+    first_labels : ndarray of shape (n_given, n_samples), default=None
+        Labels to start from besides the random ones.
     random_state : int, RandomState or None, default=None
 
     Returns
@@ -173,11 +178,14 @@ def seed_modes(
     preparation = _prepare(*fitted_rows, gate_degree=gate_degree, n_modes=n_modes)
     samples = preparation(*fitted_rows)
     n_coarse = preparation.gate_features.count(_COARSE_DEGREE)
+    given = np.empty((0, len(weights)), dtype=np.intp) if first_labels is None else first_labels
     pool, drawn = search(
         samples,
         points[rows],
         n_modes=n_modes,
         n_starts=n_starts,
+        most_starts=most_starts,
+        first_labels=given[:, rows],
         n_coarse=n_coarse,
         random_state=random_state,
     )
@@ -190,21 +198,15 @@ def seed_modes(
     return _distinct(sorted(seeds, key=lambda seed: -seed.log_likelihood), weights)
 
 
-def held_out_log_likelihood(
-    seed: Seed, features: Array, targets: Array, coordinates: Array
-) -> Array:
-    """Log density of every held-out target under a seed's mixture, (n_samples,).
+def held_out_residuals(seed: Seed, features: Array, targets: Array, coordinates: Array) -> Array:
+    """Residuals of held-out samples in the mode that their coordinates alone say.
 
-    In the user's units and over the seed's informative outputs. Scales are at least 1e-4 of the
-    typical deviation, so that on exact data the comparison of two numbers of modes is not about
-    rounding errors.
+    Shape (n_samples, n_informative), each output in units of its typical deviation.
     """
-    preparation = seed.preparation
-    samples = preparation(features, targets, coordinates, np.ones(len(features)))
-    variance = np.maximum(seed.experts.variance, _HELD_OUT_VARIANCE_FLOOR)
-    experts = replace(seed.experts, variance=variance).at(samples)
-    density = experts.posterior(samples, GAUSSIAN).log_density[0]
-    return density - np.log(preparation.scale).sum()
+    samples = seed.preparation(features, targets, coordinates, np.ones(len(features)))
+    experts = seed.experts.at(samples)
+    modes = experts.log_gate[0].argmax(axis=0)
+    return experts.residuals[0, modes, :, np.arange(len(modes))]
 
 
 def _standardised(coordinates, weights) -> Array:

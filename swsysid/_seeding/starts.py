@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from swsysid._results import Array
 from swsysid._seeding.designs import weighted_quantile
 
-__all__ = ["Scene", "draw_labels", "some_rows"]
+__all__ = ["Scene", "draw_labels", "some_rows", "split_labels"]
 
 # Which score the level sets of start number i are taken of, in turn. "centre" and "ball" are
 # the ones that find small enclosed modes; Voronoi cells lead where there are many modes.
@@ -85,6 +85,26 @@ def draw_labels(scene: Scene, n_modes: int, index: int, random_state) -> NDArray
     """Labels 0..n_modes-1 of start number `index`, (n_samples,)."""
     kinds = _TWO_MODE_KINDS if n_modes == 2 else _MANY_MODE_KINDS
     return _DRAWS[kinds[index % len(kinds)]](scene, n_modes, random_state)
+
+
+def split_labels(
+    labels: NDArray[np.intp], points: Array, weights: Array, n_splits: int, random_state
+) -> NDArray[np.intp]:
+    """Partitions with one mode more: every mode cut in two, in `n_splits` random directions.
+
+    Returns
+    -------
+    ndarray of shape (n_splits * n_modes, n_samples), int
+    """
+    n_modes = int(labels.max()) + 1
+    splits = np.repeat(labels[None], n_splits * n_modes, axis=0)
+    for number, split in enumerate(splits):
+        rows = np.flatnonzero(labels == number % n_modes)
+        share = random_state.uniform(0.2, 0.8, 1)
+        along = points[rows] @ random_state.standard_normal(points.shape[1])
+        if len(rows):
+            split[rows[along > weighted_quantile(along, weights[rows], share)]] = n_modes
+    return splits
 
 
 def _rows_at(points, weights, positions, random_state):
