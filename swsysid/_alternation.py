@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from swsysid._problem import Modes, SwitchingProblem, one_hot
+from swsysid._problem import CoupledSurface, Modes, SwitchingProblem, one_hot
 from swsysid._results import Array, Assignment, IterationRecord
 
 __all__ = ["Alternation", "alternate"]
@@ -51,20 +51,23 @@ def alternate(
     nor the relaxed loss by more than `tol`, relatively.
     """
     modes = membership.argmax(axis=1)
-    surface = problem.fit_surface(modes) if problem.coupling else None
+    surface = problem.fit_surface(modes)
     coef, history, converged = None, [], False
     for iteration in range(1, max_iter + 1):
         started = perf_counter()
         coef = problem.estimate(membership, coef)
-        assignment = problem.assign(coef, surface)
-        if problem.coupling and not np.array_equal(assignment.modes, modes):
+        assignment = problem.assign(coef, _penalty(surface))
+        if surface is not None and not np.array_equal(assignment.modes, modes):
             surface = problem.refit_surface(assignment.modes, surface)
         history.append(
             _record(problem, iteration, coef, assignment, modes, surface, perf_counter() - started)
         )
         membership, modes = assignment.membership, assignment.modes
         if converged := _has_converged(history, tol):
-            break
+            renewed = None if surface is None else problem.renew_book(modes, surface)
+            if renewed is surface:
+                break
+            surface, converged = renewed, False
     return _settle(problem, coef, membership, surface, history, converged)
 
 
@@ -80,6 +83,10 @@ def _record(problem, iteration, coef, assignment: Assignment, previous: Modes, s
         seconds=seconds,
         modes=modes.astype(np.int8),
     )
+
+
+def _penalty(surface: CoupledSurface | None) -> Array | None:
+    return None if surface is None else surface.penalty
 
 
 def _has_converged(history: list[IterationRecord], tol: float) -> bool:
@@ -100,13 +107,13 @@ def _settle(problem, coef, membership, surface, history, converged) -> Alternati
     """
     if not (converged and history[-1].mode_changes == 0 and history[-1].tightness == 1.0):
         coef = problem.estimate(one_hot(membership.argmax(axis=1), problem.n_modes), coef)
-        membership = problem.assign(coef, surface).membership
+        membership = problem.assign(coef, _penalty(surface)).membership
     modes = membership.argmax(axis=1)
     return Alternation(
         coef=coef,
         membership=membership,
         modes=modes,
-        surface=surface,
+        surface=None if surface is None else surface.classifier,
         objective=problem.joint_objective(coef, modes, surface),
         history=tuple(history),
         converged=converged,

@@ -14,12 +14,8 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from swsysid._printing import check_format, linear_combination, symbol
 from swsysid._results import IdentificationWarning, MarginCertificate
 from swsysid._rows import canonical_rows, check_sample_weight, spread_rows
-from swsysid._surfaces.margin_program import (
-    choose_mode_book,
-    fit_mode_book,
-    surface_scale,
-    worst_status,
-)
+from swsysid._surfaces.book_program import choose_mode_book, fit_mode_book, surface_scale
+from swsysid._surfaces.margin_program import worst_status
 from swsysid._surfaces.margins import certify_margin, nonzero_margin
 from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
 from swsysid._surfaces.parameters import check_parameters, check_relevance
@@ -161,7 +157,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         self.solver = solver
         self.random_state = random_state
 
-    def fit(self, X, y, sample_weight=None):
+    def fit(self, X, y, sample_weight=None, *, start=None):
         """Fit the surfaces.
 
         Parameters
@@ -171,6 +167,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             Class labels.
         sample_weight : array-like of shape (n_samples,), default=None
             Repetitions: a row of weight 2 is the same as two rows, of weight 0 as none.
+        start : PolynomialSurfaceClassifier, default=None
+            Fitted with these parameters to similar labels: saves time.
 
         Returns
         -------
@@ -198,7 +196,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         self.beta_ = default_beta if self.beta == "auto" else float(self.beta)
         self.margin_ = _DEFAULT_MARGIN if self.margin == "auto" else float(self.margin)
         book = self._book(features, labels, rows.weight)
-        book, fits = self._fit_books(features, labels, rows.weight, [book])
+        starts = () if start is None else start._fitted_coef
+        book, fits = self._fit_books(features, labels, rows.weight, [book], starts)
         if self.margin == "auto":
             self.margin_ = (
                 nonzero_margin(features, book[labels], rows.weight, fits, *self._program()[1:])
@@ -323,8 +322,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
 
     # -- parts of fit ----------------------------------------------------------------------
 
-    def _fit_books(self, features, labels, weight, books):
-        return fit_mode_book(features, labels, weight, books, *self._program())
+    def _fit_books(self, features, labels, weight, books, starts=()):
+        return fit_mode_book(features, labels, weight, books, *self._program(), starts=starts)
 
     def _program(self):
         return self.margin_, self.beta_, float(self.coef_bound), self.solver

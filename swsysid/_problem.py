@@ -32,6 +32,7 @@ from swsysid._results import Array, Assignment
 from swsysid.relaxations._base import Relaxation, one_hot
 
 __all__ = [
+    "CoupledSurface",
     "Modes",
     "SwitchingProblem",
     "fit_weighted",
@@ -41,6 +42,10 @@ __all__ = [
 ]
 
 Modes = NDArray[np.intp]
+
+# The mode-book is chosen anew when more than this share of the weight has changed its mode.
+# Another book must gain more than rounding errors.
+_ANOTHER_BOOK, _GAIN = 0.02, 1e-9
 
 
 def offers_penalty(surface: Any) -> bool:
@@ -53,11 +58,30 @@ def offers_relevance(surface: Any) -> bool:
     return getattr(surface, "relevance", ()) is None
 
 
-def fit_weighted(classifier: Any, X: Array, modes: Modes, weight: Array) -> Any:
-    """Fit a classifier with weights if it takes them."""
-    if has_fit_parameter(classifier, "sample_weight"):
-        return classifier.fit(X, modes, sample_weight=weight)
-    return classifier.fit(X, modes)
+def fit_weighted(classifier: Any, X: Array, modes: Modes, weight: Array, start: Any = None) -> Any:
+    """Fit a classifier, with weights if it takes them, from a fitted one if it can start there."""
+    options = {"sample_weight": weight} if has_fit_parameter(classifier, "sample_weight") else {}
+    if start is not None and has_fit_parameter(classifier, "start"):
+        options["start"] = start
+    return classifier.fit(X, modes, **options)
+
+
+@dataclass(frozen=True)
+class CoupledSurface:
+    """A surface fitted to some modes, and what it asks of every sample.
+
+    Attributes
+    ----------
+    classifier : fitted classifier
+    penalty : ndarray of shape (n_samples, n_modes)
+        Slack of every sample in every mode.
+    book_modes : ndarray of shape (n_samples,), int
+        The modes for which its mode-book was chosen.
+    """
+
+    classifier: Any
+    penalty: Array
+    book_modes: Modes
 
 
 @dataclass(frozen=True)
@@ -118,52 +142,72 @@ class SwitchingProblem:
             return self._estimate_each(membership.argmax(axis=1), start)
         return self._estimate_jointly(membership)
 
-    def assign(self, coef: Array, surface: Any = None) -> Assignment:
+    def assign(self, coef: Array, penalty: Array | None = None) -> Assignment:
         """Memberships for given vector fields, and for a given surface if they are coupled.
+
+        `penalty` is that of the surface, (n_samples, n_modes), None if they are not coupled.
 
         The penalty for disagreeing with the surface enters as one more coordinate of the
         residual (`Loss.extra_coordinate`), so that a relaxation sees an ordinary assignment.
         """
         candidates, targets = self.velocities(coef) / self.scale, self.targets / self.scale
-        if self.coupling == 0.0:
+        if penalty is None:
             return self._relax(candidates, targets)
         candidates = np.where(self.outlying[:, None], targets, candidates)
         losses = self.loss.values(targets - candidates)
-        penalty = self.coupling * self.penalty(surface).T
-        extra = self.loss.extra_coordinate(losses, penalty)
+        extra = self.loss.extra_coordinate(losses, self.coupling * penalty.T)
         return self._relax(
             np.concatenate([candidates, extra[..., None]], axis=2),
             np.concatenate([targets, np.zeros((len(targets), 1))], axis=1),
         )
 
-    def fit_surface(self, modes: Modes) -> Any:
-        """A surface fitted to the modes."""
-        return fit_weighted(clone(self.surface), self.coordinates, modes, self.weight)
+    def fit_surface(self, modes: Modes) -> CoupledSurface | None:
+        """A surface fitted to the modes, None if the two are not coupled."""
+        return self._fit_surface(clone(self.surface), modes, modes) if self.coupling else None
 
-    def refit_surface(self, modes: Modes, previous: Any) -> Any:
-        """A surface at least as good for the modes as the previous one.
+    def refit_surface(self, modes: Modes, previous: CoupledSurface) -> CoupledSurface:
+        """A surface at least as good for the modes as the previous one, with its mode-book.
 
-        The margin LP is convex only for a given mode-book; another book can be worse.
+        To choose a mode-book takes longer than to fit its surfaces.
         """
-        surface = self.fit_surface(modes)
-        if self.coupling and self.surface_cost(previous, modes) < self.surface_cost(surface, modes):
+        surface, book_modes = clone(self.surface), modes
+        book = getattr(previous.classifier, "mode_book_", None)
+        if book is not None and np.array_equal(np.unique(modes), previous.classifier.classes_):
+            surface.set_params(mode_book="pairwise" if (book == 0).any() else book)
+            book_modes = previous.book_modes
+        fitted = self._fit_surface(surface, modes, book_modes, previous.classifier)
+        # The margin LP is convex only for a given mode-book; another book can be worse.
+        worse = self.surface_cost(previous, modes) < self.surface_cost(fitted, modes)
+        return previous if worse else fitted
+
+    def renew_book(self, modes: Modes, previous: CoupledSurface) -> CoupledSurface:
+        """A better surface with a new mode-book; the previous one if there is none.
+
+        It is looked for if the modes are no longer those for which the book was chosen.
+        """
+        changed = self.weight @ (modes != previous.book_modes)
+        if changed <= _ANOTHER_BOOK * self.weight.sum():
             return previous
-        return surface
+        fitted = self._fit_surface(clone(self.surface), modes, modes)
+        gains = self.surface_cost(fitted, modes) < (1.0 - _GAIN) * self.surface_cost(
+            previous, modes
+        )
+        return fitted if gains else previous
 
     # -- what the steps decrease -----------------------------------------------------------
 
-    def joint_objective(self, coef: Array, modes: Modes, surface: Any) -> float:
+    def joint_objective(self, coef: Array, modes: Modes, surface: CoupledSurface | None) -> float:
         """The joint objective J."""
         residuals = self.residuals(coef, modes) / self.scale
         loss = float(self.informative_weight @ self.loss.values(residuals))
-        if self.coupling == 0.0:
+        if surface is None:
             return loss
         return loss + self.coupling * self.surface_cost(surface, modes)
 
-    def surface_cost(self, surface: Any, modes: Modes) -> float:
+    def surface_cost(self, surface: CoupledSurface, modes: Modes) -> float:
         """Objective of the margin LP: sum of weighted slacks plus beta ||a||_1."""
-        slack = np.take_along_axis(self.penalty(surface), modes[:, None], axis=1)[:, 0]
-        return float(self.weight @ slack) + surface.complexity_
+        slack = np.take_along_axis(surface.penalty, modes[:, None], axis=1)[:, 0]
+        return float(self.weight @ slack) + surface.classifier.complexity_
 
     def relaxed_loss(self, coef: Array, membership: Array) -> float:
         """Loss of a soft membership, in the user's units."""
@@ -210,6 +254,10 @@ class SwitchingProblem:
             weight=np.ones(n_samples),
             outlying=np.zeros(n_samples, dtype=bool),
         )
+
+    def _fit_surface(self, surface, modes, book_modes, start=None) -> CoupledSurface:
+        fitted = fit_weighted(surface, self.coordinates, modes, self.weight, start)
+        return CoupledSurface(fitted, self.penalty(fitted), book_modes)
 
     def _relax(self, candidates: Array, targets: Array) -> Assignment:
         """Ask the relaxation, which may be a user's, and look at what it answers."""

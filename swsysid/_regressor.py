@@ -382,11 +382,10 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         membership = rows.restore(best.membership)
         dropped = rows.inverse < 0
         if dropped.any():
-            membership[dropped] = (
-                problem.on_rows(self._model.feature_map(X[dropped]), targets[dropped], X[dropped])
-                .assign(best.coef, self.surface_)
-                .membership
-            )
+            features = self._model.feature_map(X[dropped])
+            rest = problem.on_rows(features, targets[dropped], X[dropped])
+            penalty = rest.penalty(self.surface_) if rest.coupling else None
+            membership[dropped] = rest.assign(best.coef, penalty).membership
         self.membership_, self.modes_ = membership, membership.argmax(axis=1)
 
     @property

@@ -31,7 +31,8 @@ GROUPS = (
     """_losses _surfaces/margin_program _seeding/experts metrics/_scorers
     datasets/_polynomial_system""",
     # 4: what a relaxation is; what a margin certifies; the search for starts
-    "relaxations/_base _surfaces/margins _seeding/search metrics/__init__ datasets/_trajectories",
+    """relaxations/_base _surfaces/margins _surfaces/book_program _seeding/search
+    metrics/__init__ datasets/_trajectories""",
     # 5: one relaxation a file; the three steps of the alternation; the classifier; seeding
     """relaxations/_exact relaxations/_simplex relaxations/_moment _problem _classifier
     _seeding/seeding plotting/_style datasets/_generated""",

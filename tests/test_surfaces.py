@@ -6,8 +6,9 @@ from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._results import SolverError, Status
 from swsysid._solvers.conic import linear_program
+from swsysid._surfaces.book_program import fit_mode_book
 from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
-from swsysid._surfaces.margin_program import fit_mode_book, fit_surface, worst_status
+from swsysid._surfaces.margin_program import fit_programs, fit_surface, worst_status
 
 MARGIN, BETA, BOUND = 1e-2, 1e-5, 10.0
 
@@ -191,6 +192,42 @@ def test_a_hundred_thousand_rows_need_a_small_program(monkeypatch):
     fit = fit_surface(*problem("noisy", 100_000, 2), MARGIN, BETA, BOUND)
     assert fit.status is Status.OPTIMAL
     assert max(columns) < 1000
+
+
+def test_surfaces_fitted_together_are_those_fitted_alone():
+    """Small and large programs, of one and of several rounds, from any starts."""
+    kinds = [(kind, n_samples) for kind in KINDS for n_samples in (32, 152, 2500)]
+    programs, alone = [], []
+    for kind, n_samples in kinds:
+        features, signs, weight = problem(kind, n_samples, 3)
+        programs.append(MarginProgram(features * signs[:, None], weight, MARGIN, BETA, BOUND))
+        alone.append(fit_surface(features, signs, weight, MARGIN, BETA, BOUND))
+    for starts in ((), [fit.coef for fit in alone[::7]]):
+        for program, fit, other in zip(
+            programs, fit_programs(programs, starts=starts), alone, strict=True
+        ):
+            assert fit.status is Status.OPTIMAL
+            assert fit.objective == pytest.approx(other.objective, rel=1e-8, abs=1e-12)
+            value = program.objective(fit.coef, program.signed @ fit.coef)
+            assert value == pytest.approx(fit.objective, rel=1e-12)
+            assert program.dual_value(fit.multipliers) == pytest.approx(fit.lower_bound, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["separable", "noisy", "weighted"])
+def test_a_program_of_the_nearest_rows_is_the_whole_one_around_a_point(kind):
+    features, signs, weight = problem(kind, 4000, 2)
+    program = MarginProgram(features * signs[:, None], weight, MARGIN, BETA, BOUND)
+    coef = approach(program)
+    near = program.near(coef, 500)
+    assert len(near.weight) <= 502
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        other = coef * (1 + 1e-3 * rng.standard_normal(len(coef)))
+        whole = program.objective(other, program.signed @ other)
+        assert near.objective(other, near.signed @ other) == pytest.approx(whole, rel=1e-9)
+        far = rng.standard_normal(len(coef))  # anywhere else it is a lower bound
+        bound = program.objective(far, program.signed @ far) * (1 + 1e-12)
+        assert near.objective(far, near.signed @ far) <= bound
 
 
 def test_another_solver_gives_the_same_value():

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
-from scipy.sparse import csr_array
+from scipy.sparse import issparse
 
 from swsysid._results import Array, SolverError, Status
 
@@ -111,9 +111,9 @@ def linear_program(
     cost = np.asarray(cost, dtype=float)
     bounds = _full_bounds(bounds, cost.size)
     rows = {
-        "A_ub": None if A_ub is None else csr_array(A_ub),
+        "A_ub": A_ub if A_ub is None or issparse(A_ub) else np.asarray(A_ub, dtype=float),
         "b_ub": None if b_ub is None else np.asarray(b_ub, dtype=float),
-        "A_eq": None if A_eq is None else csr_array(A_eq),
+        "A_eq": A_eq if A_eq is None or issparse(A_eq) else np.asarray(A_eq, dtype=float),
         "b_eq": None if b_eq is None else np.asarray(b_eq, dtype=float),
     }
     if solver.lower() in ("auto", "highs"):

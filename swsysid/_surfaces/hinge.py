@@ -12,7 +12,7 @@ LP for the rows near their kinks and proves the result optimal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,25 @@ class MarginProgram:
         weight = self.weight[rows] * (self.weight.sum() / self.weight[rows].sum())
         return MarginProgram(self.signed[rows], weight, self.margin, self.beta, self.bound)
 
+    def near(self, coef: Array, n_rows: int) -> MarginProgram:
+        """A program that has the same objective around `coef`, with few more than `n_rows` rows.
+
+        A row far beyond its margin costs nothing there. Rows with much slack are affine there,
+        and so is their sum: one row at their mean with the weight of them all.
+        """
+        shortfall = self.margin - self.signed @ coef
+        distance = np.abs(shortfall)
+        far = distance > np.partition(distance, n_rows)[n_rows]
+        slack = np.where(far & (shortfall > 0.0), self.weight, 0.0)
+        total = slack.sum()
+        if total == 0.0:
+            return replace(self, signed=self.signed[~far], weight=self.weight[~far])
+        return replace(
+            self,
+            signed=np.vstack([self.signed[~far], slack @ self.signed / total]),
+            weight=np.append(self.weight[~far], total),
+        )
+
 
 def least_squares(features: Array, targets: Array, weight: Array) -> Array:
     """Weighted least squares with a ridge that only rounding errors notice."""
@@ -78,21 +97,36 @@ def least_squares(features: Array, targets: Array, weight: Array) -> Array:
 def approach(program: MarginProgram, start: Array | None = None) -> Array:
     """Coefficients in the box near the optimum, from `start` or from least squares.
 
-    Large programs without a start take one from an eighth of their rows.
+    Large programs without a start take one from an eighth of their rows. Where it is good, most
+    rows stay on their side of the kink from then on, and a program of the nearest ones will do.
+    """
+    n_samples = len(program.weight)
+    if n_samples <= _LARGE:
+        if start is not None:
+            return _descend(program, start, n_samples // 16)
+        start = least_squares(program.signed, np.ones(n_samples), program.weight)[:, 0]
+        return _descend(program, start, n_samples // 4)
+    n_some = n_samples // _COARSENING
+    if start is None:
+        start = approach(program.subset(spread_rows(n_samples, n_some)))
+    near = program.near(start, n_some)
+    coef = _descend(near, start, n_some // 16)
+    value = program.objective(coef, program.signed @ coef)
+    if value - near.objective(coef, near.signed @ coef) <= _SETTLED * value:
+        return coef
+    return _descend(program, start, n_samples // 16)
 
-    The width of the smoothing is the distance of the n-th nearest row from its kink. It starts
-    at a quarter of all rows, at fewer where there is a start, and shrinks to a few rows
-    for each coefficient.
+
+def _descend(program: MarginProgram, start: Array, n_near: int) -> Array:
+    """Newton's method on smoothed programs.
+
+    The width of the smoothing is the distance of the n-th nearest row from its kink, and shrinks
+    to a few rows for each coefficient.
     """
     n_samples, n_features = program.signed.shape
-    if start is None and n_samples > _LARGE:
-        start = approach(program.subset(spread_rows(n_samples, n_samples // _COARSENING)))
-    share = 4 if start is None else 16
-    if start is None:
-        start = least_squares(program.signed, np.ones(n_samples), program.weight)[:, 0]
     coef = np.clip(best_multiple(program, start), -program.bound, program.bound)
     fewest = min(max(4 * n_features, 30), n_samples - 1)
-    n_near = max(n_samples // share, fewest)
+    n_near = max(n_near, fewest)
     while True:
         distance = np.abs(program.margin - program.signed @ coef)
         width = max(np.partition(distance, n_near)[n_near], 1e-9 * program.margin)

@@ -1,4 +1,4 @@
-r"""The margin LP of one surface and of a mode-book: pure functions of plain arrays.
+r"""The margin LP of one surface: pure functions of plain arrays.
 
 A surface is the zero set of :math:`f(x) = a^\top \phi(x)`. For signs :math:`\sigma_i = \pm 1`,
 weights :math:`w_i`, margin :math:`\varepsilon`, sparsity :math:`\beta` and box :math:`\eta` it is
@@ -6,8 +6,6 @@ fitted by (paper, "Recovery of Switching Surfaces")
 
 .. math:: \min_{|a| \le \eta} \; \sum_i w_i \max(0, \varepsilon - \sigma_i a^\top \phi_i)
           + \beta \|a\|_1 .
-
-Given the mode-book the surfaces of several modes share nothing: each is one such program.
 """
 
 from __future__ import annotations
@@ -17,32 +15,30 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import block_diag
 
 from swsysid._results import Array, SolverError, Status
 from swsysid._rows import spread_rows
 from swsysid._solvers.conic import LinearSolution, linear_program
-from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple, least_squares
-from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement, pairwise_book
+from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
 
 __all__ = [
     "SurfaceFit",
-    "choose_mode_book",
-    "fit_mode_book",
+    "fit_programs",
     "fit_surface",
     "require_answer",
-    "surface_scale",
     "worst_status",
 ]
 
 # Programs up to this many rows are solved whole: HiGHS then needs less time than a start.
 _SMALL = 200
 _MAX_ROUNDS = 100
+# Small programs that are solved together, and rows that decide which start is the best.
+_TOGETHER = 50
+_DECIDING = 500
 # Relative duality gaps: below the first nothing is left to do, above the second is a warning.
 _TIGHT = 1e-9
 _ACCEPTED = 1e-6
-# Rows that decide about the mode-book, and the accuracy that many surfaces must gain over few.
-_DECIDING = 1000
-_WORTH = 0.02
 
 
 @dataclass(frozen=True)
@@ -68,14 +64,13 @@ class SurfaceFit:
     status: Status
 
 
-def _solve_restricted(
-    program: MarginProgram, rows: NDArray[np.intp], multipliers: Array, scale: float, solver: str
-) -> tuple[Array, Array]:
-    r"""Coefficients and multipliers of `rows`; all other rows keep their multipliers.
+@dataclass(frozen=True)
+class _Restricted:
+    r"""The dual for some rows of a program; all other rows keep their multipliers.
 
-    The dual has one equality for each *coefficient* and one bounded column for each row, so
-    its bases stay small however many rows there are. With r = G'alpha summed over all rows,
-    c the part of it that stays fixed, b = a / margin and everything divided by `scale`:
+    It has one equality for each *coefficient* and one bounded column for each row, so that its
+    bases stay small however many rows there are. With r = G'alpha summed over all rows, c the
+    part of it that stays fixed, b = a / margin and everything divided by `scale`:
 
         min  -1'alpha + (bound / margin) 1'(t+ + t-)
         s.t. G_rows' alpha - u - t+ + t- = -c / scale         (multipliers: b)
@@ -84,32 +79,53 @@ def _solve_restricted(
     The division brings margins and multipliers to order one, where a solver's absolute
     tolerances mean something.
     """
-    signed, weight = program.signed[rows], program.weight[rows]
-    n_rows, n_features = signed.shape
-    fixed = multipliers.copy()
-    fixed[rows] = 0.0
-    identity = np.eye(n_features)
-    cost = np.concatenate(
-        [
-            -np.ones(n_rows),
-            np.zeros(n_features),
-            np.full(2 * n_features, program.bound / program.margin),
-        ]
-    )
-    bounds = np.zeros((len(cost), 2))
-    bounds[:n_rows, 1] = weight / scale
-    bounds[n_rows : n_rows + n_features] = [-program.beta / scale, program.beta / scale]
-    bounds[n_rows + n_features :, 1] = np.inf
+
+    program: MarginProgram
+    rows: NDArray[np.intp]
+    multipliers: Array
+    scale: float
+
+    def linear_program(self) -> tuple[Array, Array, Array, Array]:
+        """Cost, equalities with their right-hand side, and bounds."""
+        program, scale = self.program, self.scale
+        signed, weight = program.signed[self.rows], program.weight[self.rows]
+        n_rows, n_features = signed.shape
+        fixed = self.multipliers.copy()
+        fixed[self.rows] = 0.0
+        identity = np.eye(n_features)
+        price = np.full(2 * n_features, program.bound / program.margin)
+        cost = np.concatenate([-np.ones(n_rows), np.zeros(n_features), price])
+        bounds = np.zeros((len(cost), 2))
+        bounds[:n_rows, 1] = weight / scale
+        bounds[n_rows : n_rows + n_features] = [-program.beta / scale, program.beta / scale]
+        bounds[n_rows + n_features :, 1] = np.inf
+        matrix = np.hstack([signed.T, -identity, -identity, identity])
+        return cost, matrix, -(fixed @ program.signed) / scale, bounds
+
+    def read(self, x: Array, dual: Array) -> tuple[Array, Array]:
+        """Coefficients, and the multipliers of `rows`."""
+        program, weight = self.program, self.program.weight[self.rows]
+        coef = np.clip(program.margin * dual, -program.bound, program.bound)
+        return coef, np.clip(self.scale * x[: len(weight)], 0.0, weight)
+
+
+def _solve_together(parts: list[_Restricted], solver: str) -> list[tuple[Array, Array]]:
+    """Solve independent programs as one: a small program takes less time than to pose it."""
+    cost, matrix, right, bounds = zip(*(part.linear_program() for part in parts), strict=True)
     solution = linear_program(
-        cost,
-        A_eq=np.hstack([signed.T, -identity, -identity, identity]),
-        b_eq=-(fixed @ program.signed) / scale,
-        bounds=bounds,
+        np.concatenate(cost),
+        A_eq=matrix[0] if len(parts) == 1 else block_diag(matrix, format="csr"),
+        b_eq=np.concatenate(right),
+        bounds=np.concatenate(bounds),
         solver=solver,
     )
     require_answer(solution)
-    coef = np.clip(program.margin * solution.dual_eq, -program.bound, program.bound)
-    return coef, np.clip(scale * solution.x[:n_rows], 0.0, weight)
+    columns = np.cumsum([len(one) for one in cost])[:-1]
+    equalities = np.cumsum([len(one) for one in right])[:-1]
+    answers = zip(
+        parts, np.split(solution.x, columns), np.split(solution.dual_eq, equalities), strict=True
+    )
+    return [part.read(x, dual) for part, x, dual in answers]
 
 
 def fit_surface(
@@ -163,51 +179,115 @@ def fit_surface(
     (array([1.]), 0.1, 'OPTIMAL')
     """
     program = MarginProgram(features * signs[:, None], weight, margin, beta, bound)
-    return _fit(program, solver, start)
+    return fit_programs([program], solver, () if start is None else [start])[0]
 
 
-def _fit(program: MarginProgram, solver: str, start: Array | None) -> SurfaceFit:
-    n_samples, n_features = program.signed.shape
-    if n_samples <= _SMALL:
-        return _grow(program, np.zeros(n_features), np.arange(n_samples), solver)
-    near = approach(program, start)
-    distance = np.abs(program.signed @ near - program.margin)
-    size = min(n_samples, 6 * n_features + 30)
-    return _grow(program, near, np.argpartition(distance, size - 1)[:size], solver)
+def fit_programs(
+    programs: Iterable[MarginProgram], solver: str = "auto", starts: Sequence[Array] | Array = ()
+) -> list[SurfaceFit]:
+    """Solve independent margin LPs exactly, the small ones together.
 
+    Parameters
+    ----------
+    programs : iterable of MarginProgram
+    solver : str
+    starts : sequence of ndarray of shape (n_surface_features,)
+        Surfaces one of which, or its negative, may be near a wanted one.
 
-def _grow(
-    program: MarginProgram, start: Array, working: NDArray[np.intp], solver: str
-) -> SurfaceFit:
-    """Solve restricted programs on a growing working set until the duality gap closes."""
-    margins = program.signed @ start
-    multipliers = np.where(margins < program.margin, program.weight, 0.0)
-    is_free = np.zeros(len(margins), dtype=bool)
-    largest = float(program.weight.max())
-    scale = _scale(program.objective(start, margins) / program.margin, largest)
-    negligible = 1e-12 * program.margin * largest
+    Returns
+    -------
+    list of SurfaceFit
+    """
+    growing = [_WorkingSet(program, _nearest(program, starts)) for program in programs]
+    pending = growing
     for _ in range(_MAX_ROUNDS):
-        is_free[working] = True
-        rows = np.flatnonzero(is_free)
-        coef, multipliers[rows] = _solve_restricted(program, rows, multipliers, scale, solver)
-        margins = program.signed @ coef
-        objective = program.objective(coef, margins)
-        lower_bound = program.dual_value(multipliers)
-        gap = objective - lower_bound
-        if gap <= _TIGHT * objective + negligible:
+        for first in range(0, len(pending), _TOGETHER):
+            some = pending[first : first + _TOGETHER]
+            answers = _solve_together([one.restricted() for one in some], solver)
+            for one, answer in zip(some, answers, strict=True):
+                one.grow(*answer)
+        pending = [one for one in pending if not one.finished]
+        if not pending:
             break
-        working = _wrong_side(program, margins, multipliers, is_free)
-        finer = _scale(lower_bound / program.margin, largest)
-        if not working.size and finer > 0.1 * scale:
-            break  # nothing left to refine: the gap is the solver's own inaccuracy
-        scale = finer
-    if gap > _TIGHT * objective + negligible:
-        coef, objective = _polished(program, coef, objective)
-    # Where the optimum is 0 there is no relative gap: a billionth of one sample's margin is none.
-    accepted = objective - lower_bound <= _ACCEPTED * objective + 1e-9 * program.margin * largest
-    return SurfaceFit(
-        coef, objective, lower_bound, multipliers, Status.OPTIMAL if accepted else Status.INACCURATE
-    )
+    return [one.fit() for one in growing]
+
+
+def _nearest(program: MarginProgram, starts: Sequence[Array] | Array) -> Array | None:
+    """The best of some surfaces and their negatives, None if the zero surface is better."""
+    n_samples = len(program.weight)
+    if n_samples > _DECIDING:
+        program = program.subset(spread_rows(n_samples, _DECIDING))
+    best, lowest = None, program.margin * float(program.weight.sum())
+    for start in (sign * start for start in starts for sign in (1.0, -1.0)):
+        value = program.objective(start, program.signed @ start)
+        if value < lowest:
+            best, lowest = start, value
+    return best
+
+
+def _tight(program: MarginProgram, objective: float) -> float:
+    """The duality gap with which nothing is left to do."""
+    return _TIGHT * objective + 1e-12 * program.margin * float(program.weight.max())
+
+
+class _WorkingSet:
+    """Restricted programs on a growing working set, until the duality gap closes."""
+
+    def __init__(self, program: MarginProgram, start: Array | None):
+        n_samples, n_features = program.signed.shape
+        self.program, self.finished = program, False
+        self.is_free = np.zeros(n_samples, dtype=bool)
+        if n_samples <= _SMALL:
+            self.coef = np.zeros(n_features)
+            self.is_free[:] = True
+        else:
+            self.coef = approach(program, start)
+        margins = program.signed @ self.coef
+        if n_samples > _SMALL:
+            size = min(n_samples, 6 * n_features + 30)
+            self.is_free[np.argpartition(np.abs(margins - program.margin), size - 1)[:size]] = True
+        self.multipliers = np.where(margins < program.margin, program.weight, 0.0)
+        self.largest = float(program.weight.max())
+        self.objective, self.lower_bound = program.objective(self.coef, margins), 0.0
+        self.scale = _scale(self.objective / program.margin, self.largest)
+
+    @property
+    def is_tight(self) -> bool:
+        """True if there is nothing left to do."""
+        negligible = 1e-12 * self.program.margin * self.largest
+        return self.objective - self.lower_bound <= _TIGHT * self.objective + negligible
+
+    def restricted(self) -> _Restricted:
+        rows = np.flatnonzero(self.is_free)
+        return _Restricted(self.program, rows, self.multipliers, self.scale)
+
+    def grow(self, coef: Array, multipliers: Array) -> None:
+        """Take the answer of the restricted program, and add the rows that it has wrong."""
+        program = self.program
+        self.coef, self.multipliers[self.is_free] = coef, multipliers
+        margins = program.signed @ coef
+        self.objective = program.objective(coef, margins)
+        self.lower_bound = program.dual_value(self.multipliers)
+        self.finished = self.is_tight
+        if self.finished:
+            return
+        wrong = _wrong_side(program, margins, self.multipliers, self.is_free)
+        finer = _scale(self.lower_bound / program.margin, self.largest)
+        # Nothing left to refine: the gap is the solver's own inaccuracy.
+        self.finished = not wrong.size and finer > 0.1 * self.scale
+        self.is_free[wrong] = True
+        self.scale = finer
+
+    def fit(self) -> SurfaceFit:
+        """The surface found."""
+        coef, objective = self.coef, self.objective
+        if not self.is_tight:
+            coef, objective = _polished(self.program, coef, objective)
+        gap = objective - self.lower_bound
+        # Where the optimum is 0 there is no relative gap: a billionth of a margin is none.
+        accepted = gap <= _ACCEPTED * objective + 1e-9 * self.program.margin * self.largest
+        status = Status.OPTIMAL if accepted else Status.INACCURATE
+        return SurfaceFit(coef, objective, self.lower_bound, self.multipliers, status)
 
 
 def _polished(program: MarginProgram, coef: Array, objective: float) -> tuple[Array, float]:
@@ -236,109 +316,6 @@ def _wrong_side(program, margins, multipliers, is_free) -> NDArray[np.intp]:
     if len(wrong) > limit:
         wrong = wrong[np.argpartition(-cost[wrong], limit - 1)[:limit]]
     return wrong
-
-
-def fit_mode_book(
-    features: Array,
-    labels: NDArray[np.intp],
-    weight: Array,
-    books: Sequence[NDArray[np.int64]],
-    margin: float,
-    beta: float,
-    bound: float,
-    solver: str = "auto",
-) -> tuple[NDArray[np.int64], list[SurfaceFit]]:
-    """Fit the surfaces of several mode-books and keep the best.
-
-    The best has the largest weighted training accuracy; the objective decides between equals.
-    Books share surfaces (a column of signs), and each is fitted once, to the rows of the modes
-    that it separates.
-
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_surface_features)
-    labels : ndarray of shape (n_samples,), int in 0 .. n_modes - 1
-    weight : ndarray of shape (n_samples,)
-    books : sequence of ndarray of shape (n_modes, n_surfaces)
-    margin, beta, bound, solver
-        As in `fit_surface`.
-
-    Returns
-    -------
-    book : ndarray of shape (n_modes, n_surfaces)
-    fits : list of SurfaceFit
-    """
-    fitted: dict[tuple, SurfaceFit] = {}
-    best: tuple = ()
-    for book in books:
-        for column in map(tuple, book.T):
-            if column not in fitted:
-                signs = np.array(column, dtype=float)[labels]
-                rows = signs != 0.0
-                fitted[column] = fit_surface(
-                    features[rows], signs[rows], weight[rows], margin, beta, bound, solver
-                )
-        fits = [fitted[column] for column in map(tuple, book.T)]
-        merit = _merit(features, labels, weight, book, fits)
-        if not best or merit > best[0]:
-            best = (merit, book, fits)
-    return best[1], best[2]
-
-
-def choose_mode_book(
-    features: Array,
-    labels: NDArray[np.intp],
-    weight: Array,
-    n_modes: int,
-    rng: np.random.RandomState,
-    *program,
-) -> NDArray[np.int64]:
-    """The best book of ceil(log2 M) surfaces, or pairwise surfaces where these cannot do.
-
-    Decided on some rows of every mode: programs of surfaces that do not separate have slack on
-    many rows and are slow. `program` is margin, beta, bound and solver of `fit_surface`.
-    """
-    one_hot = np.eye(n_modes)[labels]
-    residuals = one_hot - features @ least_squares(features, one_hot, weight)
-    books = candidate_books(n_modes, disagreement(one_hot, residuals, weight), rng)
-    if n_modes <= 2:
-        return books[0]
-    rows, share = _some_of_each(labels)
-    some = features[rows], labels[rows], weight[rows] * share
-    few, fits = fit_mode_book(*some, books, *program)
-    accuracy = _merit(*some, few, fits)[0]
-    if accuracy > 1.0 - _WORTH:
-        return few
-    many, fits = fit_mode_book(*some, [pairwise_book(n_modes)], *program)
-    return many if _merit(*some, many, fits)[0] > accuracy + _WORTH else few
-
-
-def _some_of_each(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
-    """Rows spread over every mode, and the number of rows that each stands for."""
-    members = [np.flatnonzero(labels == mode) for mode in np.unique(labels)]
-    if len(labels) <= _DECIDING:
-        return np.arange(len(labels)), np.ones(len(labels))
-    quota = _DECIDING // len(members)
-    chosen = [rows[spread_rows(len(rows), min(quota, len(rows)))] for rows in members]
-    share = [
-        np.full(len(some), len(rows) / len(some))
-        for some, rows in zip(chosen, members, strict=True)
-    ]
-    return np.concatenate(chosen), np.concatenate(share)
-
-
-def _merit(features, labels, weight, book, fits) -> tuple[float, float]:
-    """Accuracy, rounded to where it is no rounding error, and minus the objective."""
-    values = features @ np.array([fit.coef for fit in fits]).reshape(-1, features.shape[1]).T
-    chosen = decisions(values / surface_scale(values, weight), book).argmax(axis=1)
-    accuracy = np.average(chosen == labels, weights=weight)
-    return round(float(accuracy), 12), -sum(fit.objective for fit in fits)
-
-
-def surface_scale(values: Array, weight: Array) -> Array:
-    """Weighted mean of |f| of every surface, which makes surfaces comparable; 1 where f is 0."""
-    size = weight @ np.abs(values) / weight.sum()
-    return np.where(size > 0.0, size, 1.0)
 
 
 def worst_status(statuses: Iterable[Status]) -> Status:

@@ -1,0 +1,136 @@
+"""The margin LPs of a mode-book, and the choice of the mode-book."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+from swsysid._rows import spread_rows
+from swsysid._surfaces.hinge import MarginProgram, least_squares
+from swsysid._surfaces.margin_program import SurfaceFit, fit_programs
+from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement, pairwise_book
+
+__all__ = ["choose_mode_book", "fit_mode_book", "surface_scale"]
+
+# Rows that decide about the mode-book, and the accuracy that many surfaces must gain over few.
+_DECIDING = 1000
+_WORTH = 0.02
+
+
+def fit_mode_book(
+    features: Array,
+    labels: NDArray[np.intp],
+    weight: Array,
+    books: Sequence[NDArray[np.int64]],
+    margin: float,
+    beta: float,
+    bound: float,
+    solver: str = "auto",
+    starts: Sequence[Array] | Array = (),
+) -> tuple[NDArray[np.int64], list[SurfaceFit]]:
+    """Fit the surfaces of several mode-books and keep the best.
+
+    The best has the largest weighted training accuracy; the objective decides between equals.
+    Books share surfaces (a column of signs), and each is fitted once, to the rows of the modes
+    that it separates.
+
+    Parameters
+    ----------
+    features : ndarray of shape (n_samples, n_surface_features)
+    labels : ndarray of shape (n_samples,), int in 0 .. n_modes - 1
+    weight : ndarray of shape (n_samples,)
+    books : sequence of ndarray of shape (n_modes, n_surfaces)
+    margin, beta, bound, solver
+        As in `fit_surface`.
+    starts : sequence of ndarray of shape (n_surface_features,)
+        As in `fit_programs`.
+
+    Returns
+    -------
+    book : ndarray of shape (n_modes, n_surfaces)
+    fits : list of SurfaceFit
+    """
+    if len(starts) and np.shape(starts)[1] != features.shape[1]:
+        raise ValueError(
+            "start was fitted to other surface features; give one of the same parameters."
+        )
+    columns = list(dict.fromkeys(column for book in books for column in map(tuple, book.T)))
+    programs = (
+        _separating(features, labels, weight, column, margin, beta, bound) for column in columns
+    )
+    fitted = dict(zip(columns, fit_programs(programs, solver, starts), strict=True))
+    best: tuple = ()
+    for book in books:
+        fits = [fitted[column] for column in map(tuple, book.T)]
+        merit = _merit(features, labels, weight, book, fits)
+        if not best or merit > best[0]:
+            best = (merit, book, fits)
+    return best[1], best[2]
+
+
+def _separating(features, labels, weight, column, margin, beta, bound) -> MarginProgram:
+    """The program of the modes that a column of a mode-book separates."""
+    signs = np.array(column, dtype=float)[labels]
+    rows = np.flatnonzero(signs)
+    if len(rows) < len(signs):
+        features, signs, weight = features[rows], signs[rows], weight[rows]
+    return MarginProgram(features * signs[:, None], weight, margin, beta, bound)
+
+
+def choose_mode_book(
+    features: Array,
+    labels: NDArray[np.intp],
+    weight: Array,
+    n_modes: int,
+    rng: np.random.RandomState,
+    *program,
+) -> NDArray[np.int64]:
+    """The best book of ceil(log2 M) surfaces, or pairwise surfaces where these cannot do.
+
+    Decided on some rows of every mode: programs of surfaces that do not separate have slack on
+    many rows and are slow. `program` is margin, beta, bound and solver of `fit_surface`.
+    """
+    one_hot = np.eye(n_modes)[labels]
+    residuals = one_hot - features @ least_squares(features, one_hot, weight)
+    books = candidate_books(n_modes, disagreement(one_hot, residuals, weight), rng)
+    if n_modes <= 2:
+        return books[0]
+    rows, share = _some_of_each(labels)
+    some = features[rows], labels[rows], weight[rows] * share
+    few, fits = fit_mode_book(*some, books, *program)
+    accuracy = _merit(*some, few, fits)[0]
+    if accuracy > 1.0 - _WORTH:
+        return few
+    many, fits = fit_mode_book(*some, [pairwise_book(n_modes)], *program)
+    return many if _merit(*some, many, fits)[0] > accuracy + _WORTH else few
+
+
+def _some_of_each(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+    """Rows spread over every mode, and the number of rows that each stands for."""
+    members = [np.flatnonzero(labels == mode) for mode in np.unique(labels)]
+    if len(labels) <= _DECIDING:
+        return np.arange(len(labels)), np.ones(len(labels))
+    quota = _DECIDING // len(members)
+    chosen = [rows[spread_rows(len(rows), min(quota, len(rows)))] for rows in members]
+    share = [
+        np.full(len(some), len(rows) / len(some))
+        for some, rows in zip(chosen, members, strict=True)
+    ]
+    return np.concatenate(chosen), np.concatenate(share)
+
+
+def _merit(features, labels, weight, book, fits) -> tuple[float, float]:
+    """Accuracy, rounded to where it is no rounding error, and minus the objective."""
+    values = features @ np.array([fit.coef for fit in fits]).reshape(-1, features.shape[1]).T
+    chosen = decisions(values / surface_scale(values, weight), book).argmax(axis=1)
+    accuracy = np.average(chosen == labels, weights=weight)
+    return round(float(accuracy), 12), -sum(fit.objective for fit in fits)
+
+
+def surface_scale(values: Array, weight: Array) -> Array:
+    """Weighted mean of |f| of every surface, which makes surfaces comparable; 1 where f is 0."""
+    size = weight @ np.abs(values) / weight.sum()
+    return np.where(size > 0.0, size, 1.0)
