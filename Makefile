@@ -2,6 +2,9 @@
 PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= 2
+# The quality benchmark: PARC's interpreter, built if it is not there, and the folder of the runs.
+PARC ?= build/parc/bin/python
+QUALITY ?= output/quality
 BIN := $(VENV)/bin
 
 # Solvers and workers share the cores: one BLAS thread each is faster than two that fight.
@@ -9,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: help demo test lint examples docs bench figures clean
+.PHONY: help demo test lint examples docs bench bench-quality figures clean
 
 help:
 	@echo "make demo      identify the built-in example and draw it"
@@ -18,6 +21,7 @@ help:
 	@echo "make examples  run every example, headless"
 	@echo "make docs      build the documentation, warnings as errors"
 	@echo "make bench     the paper's tables beside ours"
+	@echo "make bench-quality  many systems and methods, into the documentation (hours)"
 	@echo "make figures   draw the README's figure and print its numbers"
 
 
@@ -42,6 +46,13 @@ docs: $(VENV)/.installed-docs
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/paper.py
+
+bench-quality: $(VENV)/.installed-bench $(PARC)
+	$(BIN)/python -W ignore benchmarks/quality.py --jobs $(WORKERS) --parc $(PARC) \
+		--stress --count --scaling --timing --output $(QUALITY) --docs docs
+
+$(PARC):
+	PYTHON=$(PYTHON) benchmarks/parc/build.sh $(PARC:/bin/python=)
 
 figures: $(VENV)/.installed-plot
 	$(BIN)/python docs/readme_figure.py

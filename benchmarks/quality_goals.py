@@ -114,7 +114,7 @@ def _count_goal(found: Records) -> list[str]:
 
 
 def _time_goal(timed: Records) -> list[str]:
-    """Against the fit that PARC keeps, and against the six fits it is chosen from."""
+    """Against the fit that PARC keeps, and against all the fits it is chosen from."""
     lines = []
     for column, whole in (("seconds", "its kept fit alone"), ("seconds_all", "all its fits")):
         text = f"At most a third of PARC's time, median of the cells, {whole}"

@@ -19,27 +19,34 @@ STYLES = {
 }
 # No error at all has no place on a logarithmic axis: it is drawn here, labelled 0.
 NOTHING = 1e-4
+N_COLUMNS = 3
 
 
 def draw_errors(records: list[dict], scenarios: list[str], file: Path) -> None:
     """Error of the modes of every method, a panel for each corruption, a row for each case."""
     plt = _pyplot()
     found = Records([record for record in records if record["scenario"] in scenarios])
-    size = (3.4 * len(found.scenarios) + 1.4, 0.36 * len(found.cases) + 1.5)
+    n_rows = -(-len(found.scenarios) // N_COLUMNS)
+    n_columns = min(len(found.scenarios), N_COLUMNS)
+    size = (3.6 * n_columns + 1.2, n_rows * (0.34 * len(found.cases) + 0.8) + 0.6)
     figure, axes = plt.subplots(
-        1, len(found.scenarios), figsize=size, sharey=True, squeeze=False, layout="constrained"
+        n_rows, n_columns, figsize=size, sharey=True, squeeze=False, layout="constrained"
     )
-    for panel, scenario in zip(axes[0], found.scenarios, strict=True):
+    for panel, scenario in zip(axes.flat, found.scenarios, strict=False):
         for method in STYLES:
             if method in found.methods:
                 _strip(panel, found, scenario, method)
         _finish(panel, found, scenario)
+    for panel in axes.flat[len(found.scenarios) :]:
+        panel.axis("off")
     axes[0, 0].set_yticks(range(len(found.cases)), found.cases)
     axes[0, 0].set_ylim(len(found.cases) - 0.5, -0.5)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+    handles = {}
+    for panel in axes.flat:
+        handles.update(dict(zip(*panel.get_legend_handles_labels()[::-1], strict=True)))
+    figure.legend(handles.values(), handles, loc="outside upper center", ncols=4, frameon=False)
     figure.supxlabel("1 - balanced accuracy of the modes (smaller is better)", fontsize="medium")
-    figure.savefig(file, dpi=130)
+    figure.savefig(file, dpi=120)
     plt.close(figure)
 
 
@@ -62,6 +69,7 @@ def _finish(panel, found: Records, scenario: str) -> None:
     """Axis with a place for no error at all, and a stripe behind every other case."""
     panel.set(xscale="log", title=SCENARIOS[scenario].told, xlim=(0.7 * NOTHING, 1.0))
     panel.set_xticks([NOTHING, 1e-3, 1e-2, 1e-1, 1], ["0", "0.001", "0.01", "0.1", "1"])
+    panel.minorticks_off()
     panel.grid(axis="x", alpha=0.3)
     panel.tick_params(axis="y", length=0)
     for row in range(0, len(found.cases), 2):
@@ -72,7 +80,7 @@ def draw_reliability(records: list[dict], scenarios: list[str], file: Path) -> N
     """How often the predicted mode is right against its claimed probability."""
     plt = _pyplot()
     found = Records(records)
-    figure, panel = plt.subplots(figsize=(5.2, 4.8), layout="constrained")
+    figure, panel = plt.subplots(figsize=(7.6, 4.6), layout="constrained")
     panel.plot([0.3, 1], [0.3, 1], color="0.6", linewidth=1, zorder=1)
     colours = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "black", "#F0E442")
     for colour, scenario in zip(colours, scenarios, strict=False):
@@ -86,8 +94,8 @@ def draw_reliability(records: list[dict], scenarios: list[str], file: Path) -> N
     panel.set(xlabel="claimed probability of the predicted mode", ylabel="share that is right")
     panel.set(xlim=(CONFIDENCES[0] - 0.1, 1.02), ylim=(0.3, 1.02), aspect="equal")
     panel.grid(alpha=0.3)
-    panel.legend(frameon=False, loc="lower right")
-    figure.savefig(file, dpi=130)
+    figure.legend(frameon=False, loc="outside right upper")
+    figure.savefig(file, dpi=120)
     plt.close(figure)
 
 

@@ -183,9 +183,9 @@ def _times(timed: Records, is_apart: bool) -> list[str]:
     head += ["ratio to kept", "ratio to all", "largest ratio to kept"]
     return [] if not rows else [
         f"CPU seconds of the fit. {source} PARC is fitted from eight starts and the fit with the "
-        "smallest training error is kept: seconds of that fit alone, and of all eight. Medians over "
-        "the cases of their medians over the seeds; starting Python, reading and predicting are "
-        "not timed.\n",
+        "smallest training error is kept: seconds of that fit alone, and of all eight. Medians "
+        "over the cases of their medians over the seeds; starting Python, reading and predicting "
+        "are not timed.\n",
         *_table(head, rows),
     ]  # fmt: skip
 
@@ -216,7 +216,7 @@ def _details(found: Records, scenario: str) -> list[str]:
         "Balanced accuracy of the modes, median of the seeds (worst seed).\n",
         *_accuracies(found, cells),
         "\nVelocity RMSE at all held-out samples / away from the guard, and misclassified samples "
-        "of 2000; medians.\n",
+        "of 2000; medians of the seeds.\n",
         *_errors(found, cells),
         "\nCPU seconds, medians.\n",
         *_seconds(found, cells),

@@ -16,9 +16,9 @@ import numpy as np
 from pyparc.parc import PARC
 from sklearn.preprocessing import StandardScaler
 
-# Its defaults (softmax, k-means of the features, sigma 1), then random starts, each another: k-means
-# of monomials is no better than a coin where modes are not clusters, and of six random starts two
-# found the modes of SLS, whatever sigma.
+# Its defaults (softmax, k-means of the features, sigma 1), then random starts, each another:
+# k-means of monomials is no better than a coin where modes are not clusters, and of six random
+# starts two found the modes of SLS, whatever sigma.
 SIGMAS_OF_RANDOM_STARTS = (1.0, 1.0, 1.0, 1.0, 0.1, 0.1, 10.0)
 SETTINGS = [(("kmeans", 10), 1.0), *((("random", 0), sigma) for sigma in SIGMAS_OF_RANDOM_STARTS)]
 
