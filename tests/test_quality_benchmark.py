@@ -22,16 +22,6 @@ def quality(monkeypatch):
 
 
 ARGUMENTS = "--fast --cases pwarx_band --seeds 1 --methods oracle ours single".split()
-    "--fast",
-    "--cases",
-    "pwarx_band",
-    "--seeds",
-    "1",
-    "--methods",
-    "oracle",
-    "ours",
-    "single",
-]
 
 
 def test_tables_and_pictures_are_written(quality, tmp_path, capsys):
