@@ -24,6 +24,8 @@ __all__ = ["SurfaceCandidate", "SurfaceChoice", "choose_monomials", "surface_can
 
 # A share of the samples may be outliers, whose density is this many times as broad as the data.
 _OUTLIERS, _BREADTH = 0.02, 5.0
+# Below this a difference of log evidences is a rounding error.
+_NO_ADVANTAGE = 1e-6
 # Log evidences this close leave both surfaces in the race.
 _NEARLY_TIED = 5.0
 # Median of |r| for a Gaussian of deviation one; for a Laplacian of scale one it is log 2.
@@ -87,7 +89,7 @@ def choose_monomials(
         advantage=sum(each.advantage for each in found),
         relevance=np.max([each.share for each in found], axis=0),
     )
-    if choice.advantage <= 0.0 or not choice.relevance.any():
+    if choice.advantage < _NO_ADVANTAGE:
         return problem, best, choice
     sparse = clone(problem.surface).set_params(relevance=choice.relevance)
     problem = replace(problem, surface=sparse)
@@ -102,7 +104,7 @@ def surface_candidates(
 
     The other is fitted to the same modes; two surfaces that nearly tie differ on few of them.
     """
-    if choice is None or not choice.relevance.any():
+    if choice is None:
         return [SurfaceCandidate(chosen, _n_monomials(chosen), 0.0)]
     lead = abs(choice.advantage)
     candidates = [SurfaceCandidate(chosen, _n_monomials(chosen), -lead)]
