@@ -13,14 +13,14 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._printing import check_format, linear_combination, symbol
 from swsysid._results import IdentificationWarning, MarginCertificate
-from swsysid._rows import canonical_rows, check_sample_weight, spread_rows
+from swsysid._rows import canonical_rows, check_sample_weight
 from swsysid._surfaces.book_program import choose_mode_book, fit_mode_book, surface_scale
 from swsysid._surfaces.margin_program import worst_status
 from swsysid._surfaces.margins import certify_margin, nonzero_margin
 from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
 from swsysid._surfaces.parameters import check_parameters, check_relevance
 from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis
-from swsysid._surfaces.probability import SaturatedSoftmax
+from swsysid._surfaces.probability import ModePosterior
 
 __all__ = ["PolynomialSurfaceClassifier"]
 
@@ -28,8 +28,6 @@ _DEFAULT_MARGIN = 1e-2
 # The paper's beta in raw coordinates. In standardised ones half of it still separates what can be
 # separated; smaller values keep terms that only a few samples next to the surface ask for.
 _BETA_RAW, _BETA_STANDARDIZED = 1e-2, 5e-3
-# Enough to fit the temperature of the class probabilities.
-_CALIBRATION_ROWS = 2000
 
 
 class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
@@ -230,12 +228,24 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X):
         """Probability of every class, shape (n_samples, n_classes).
 
-        A softmax of the decisions, saturated a few margins from the surface; its temperature is
-        fitted to (some of) the training data.
+        Votes of surfaces that the training data allow, and training errors as near to them.
         """
-        decided = self._class_decisions(self.surface_values(X))
-        unit = self.margin_ / self._surface_scale.min(initial=np.inf) or self.margin_
-        return SaturatedSoftmax.fit(*self._calibration, unit)(decided)
+        check_is_fitted(self)
+        X = validate_data(self, X, dtype=np.float64, reset=False)
+        return self._posterior(self._basis(X))
+
+    def use_likelihood(self, X, log_likelihood, sample_weight=None):
+        """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
+
+        `log_likelihood` of every class, (n_samples, n_classes), counts up to a constant for each
+        sample: equal entries say nothing. Returns the classifier.
+        """
+        check_is_fitted(self)
+        X = validate_data(self, X, dtype=np.float64, reset=False)
+        rows = canonical_rows(X, log_likelihood, sample_weight=sample_weight)
+        features = self._basis(rows.arrays[0])
+        self._posterior = self._posterior.with_likelihood(features, rows.arrays[1], rows.weight)
+        return self
 
     def surface_values(self, X):
         """Values f_l(x) of all surfaces, not normalised, shape (n_samples, n_surfaces)."""
@@ -343,8 +353,9 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         values = features @ self._fitted_coef.T
         self._surface_scale = surface_scale(values, rows.weight)
         self.mode_book_ = book
-        some = spread_rows(len(values), _CALIBRATION_ROWS)
-        self._calibration = self._class_decisions(values[some]), labels[some], rows.weight[some]
+        self._posterior = ModePosterior.of_labels(
+            features, labels, rows.weight, self._fitted_coef, book, self._surface_scale
+        )
         self.coef_ = self._basis.to_user(self._fitted_coef)
         self.feature_names_out_ = self._basis.names(self._input_names())
         slack = np.maximum(0.0, self.margin_ - book[labels] * values)

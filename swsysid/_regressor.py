@@ -11,6 +11,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._certificates import certify
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._evidence import tell_likelihood
 from swsysid._features import FeatureMap
 from swsysid._guard import check_guard
 from swsysid._identification import Identification, identify
@@ -376,6 +377,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         best, problem = found.best, found.problem
         modes = rows.restore(best.modes)
         self.surface_ = fit_weighted(clone(problem.surface), X, modes, weight)
+        tell_likelihood(self.surface_, problem, best.coef, best.modes)
         self.surface_candidates_ = surface_candidates(
             problem, found.monomials, self.surface_, best.modes
         )

@@ -22,13 +22,12 @@ GROUPS = (
     # 1: one tool each
     """_rows _model differentiation _solvers/conic _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/polynomials _surfaces/mode_books
-    _surfaces/probability
     _seeding/designs _simulation/events metrics/_surfaces datasets/_measured""",
     # 2: programs and rollouts
-    """_mip _solvers/lad _surfaces/hinge _surfaces/relevance _seeding/gate _seeding/starts
-    _simulation/simulate _command/samples metrics/_errors metrics/_modes""",
+    """_mip _solvers/lad _surfaces/hinge _surfaces/relevance _surfaces/posterior _seeding/gate
+    _seeding/starts _simulation/simulate _command/samples metrics/_errors metrics/_modes""",
     # 3: the losses; the margin program; mixtures of experts
-    """_losses _surfaces/margin_program _seeding/experts metrics/_scorers
+    """_losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
     datasets/_polynomial_system""",
     # 4: what a relaxation is; what a margin certifies; the search for starts
     """relaxations/_base _surfaces/margins _surfaces/book_program _seeding/search
@@ -40,8 +39,9 @@ GROUPS = (
     """_alternation _scale _selection _sparsity relaxations/__init__ datasets/__init__
     plotting/_convergence plotting/_residual plotting/_rollout plotting/_surface
     plotting/_timeline""",
-    # 7: the monomials of the surface; 8 to 11: from the data to the estimator, and how sure it is
-    "_monomials",
+    # 7: monomials and labels of the surface; 8 to 11: from the data to the estimator, and how
+    # sure it is
+    "_monomials _evidence",
     "_identification _guard _certificates plotting/__init__",
     "_setup _warnings",
     "_regressor",
