@@ -28,7 +28,7 @@ GROUPS = (
     _seeding/starts _simulation/simulate _command/samples metrics/_errors metrics/_modes""",
     # 3: the losses; the margin program; mixtures of experts
     """_losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
-    datasets/_polynomial_system""",
+    metrics/_reliability datasets/_polynomial_system""",
     # 4: what a relaxation is; what a margin certifies; the search for starts
     """relaxations/_base _surfaces/margins _surfaces/book_program _seeding/search
     metrics/__init__ datasets/_trajectories""",

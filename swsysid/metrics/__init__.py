@@ -2,10 +2,12 @@
 
 from swsysid.metrics._errors import RolloutErrors, rollout_errors, velocity_rmse
 from swsysid.metrics._modes import balanced_mode_accuracy, match_modes, mode_accuracy, mode_iou
+from swsysid.metrics._reliability import ModeReliability, mode_reliability
 from swsysid.metrics._scorers import mode_accuracy_scorer, mode_consistency_scorer
 from swsysid.metrics._surfaces import surface_distance
 
 __all__ = [
+    "ModeReliability",
     "RolloutErrors",
     "balanced_mode_accuracy",
     "match_modes",
@@ -13,6 +15,7 @@ __all__ = [
     "mode_accuracy_scorer",
     "mode_consistency_scorer",
     "mode_iou",
+    "mode_reliability",
     "rollout_errors",
     "surface_distance",
     "velocity_rmse",
