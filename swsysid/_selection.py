@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._seeding.designs import centre_and_scale, weighted_quantile
-from swsysid._seeding.seeding import held_out_residuals, seed_modes
+from swsysid._seeding.seeding import Seed, held_out_residuals, seed_modes
 from swsysid._seeding.starts import some_rows, split_labels
 
 __all__ = ["ModeCandidate", "compare_mode_counts", "smallest_sufficient"]
@@ -75,7 +75,7 @@ class _Part:
 
 
 def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, ...]:
-    r"""Held-out costs of 1, 2, ... modes, until two more have not helped.
+    r"""Held-out costs of 1, 2, ... modes, until two more neither cost less nor fit better.
 
     A candidate predicts the velocity of a held-out sample from its coordinates alone: they say
     which mode it is in. With residuals :math:`r_{ik}` in units of the noise :math:`s_k`, the
@@ -89,12 +89,16 @@ def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, .
     better prediction. And the bound keeps a few samples beside a guard, or a few outliers, from
     deciding.
 
+    Too few modes may all predict badly, and one more be no better: the search for the best
+    number goes on while the likelihood still rises by more than its parameters explain.
+
     A single sample leaves nothing to compare on.
     """
     if len(problem.weight) < 2:
         return ()
     train, test = _split(problem, search.trajectory, random_state)
     residuals: list[Array] = []
+    criteria: list[float] = []
     labels = np.zeros(len(train.weight), dtype=np.intp)
     for n_modes in range(1, search.max_modes + 1):
         seed = seed_modes(
@@ -112,8 +116,9 @@ def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, .
         )[0]
         labels = seed.labels
         residuals.append(held_out_residuals(seed, test.features, test.targets, test.coordinates))
+        criteria.append(_information_criterion(seed, train.weight.sum()))
         totals = [test.weight @ cost for cost in _costs(residuals, test.weight)]
-        if len(totals) - 1 - int(np.argmin(totals)) >= _PATIENCE:
+        if _exhausted(totals, criteria):
             break
     return tuple(_candidates(_costs(residuals, test.weight), test))
 
@@ -121,6 +126,18 @@ def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, .
 def smallest_sufficient(candidates: tuple[ModeCandidate, ...]) -> int:
     """The smallest number of modes that is not shown to be worse than the best; 1 of none."""
     return min((candidate.n_modes for candidate in candidates if candidate.sufficient), default=1)
+
+
+def _exhausted(*criteria: list[float]) -> bool:
+    """True if the last counts are worse than an earlier one by each of some criteria."""
+    latest_best = max(int(np.argmin(values)) for values in criteria)
+    return len(criteria[0]) - 1 - latest_best >= _PATIENCE
+
+
+def _information_criterion(seed: Seed, n_samples: float) -> float:
+    """Half of the Bayesian one: negative log-likelihood, and the price of the parameters."""
+    n_parameters = seed.experts.coef.size + seed.experts.gate[0, 1:].size
+    return 0.5 * n_parameters * float(np.log(n_samples)) - seed.log_likelihood
 
 
 def _costs(residuals: list[Array], weight: Array) -> list[Array]:

@@ -9,6 +9,7 @@ from swsysid import SwitchingSystemRegressor
 from swsysid._selection import (
     ModeCandidate,
     _costs,
+    _exhausted,
     _Part,
     _split,
     _standard_error,
@@ -142,6 +143,13 @@ class TestByHand:
     def test_standard_error_of_rows_and_of_trajectories(self, trajectory, expected):
         part = _Part(*[None] * 4, weight=np.ones(4), trajectory=np.array(trajectory))
         assert _standard_error(np.array([3.0, 3, 1, 1]), part) == pytest.approx(expected)
+
+    def test_search_ends_when_neither_cost_nor_likelihood_gains(self):
+        # one to three laws may predict badly, and three no better than one
+        assert not _exhausted([5.0, 6.0, 7.0], [9.0, 8.0, 7.0])
+        assert not _exhausted([5.0, 6.0], [5.0, 6.0])
+        assert _exhausted([5.0, 6.0, 7.0], [5.0, 6.0, 7.0])
+        assert _exhausted([5.0, 6.0, 7.0, 4.0, 8.0, 9.0], [9.0, 8.0, 7.0, 6.0, 7.0, 6.5])
 
     def test_smallest_sufficient(self):
         shares = [(1, 9.0, 3.0), (2, 8.0, 3.5), (3, 0.0, 0.0)]
