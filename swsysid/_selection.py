@@ -117,7 +117,7 @@ def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, .
         labels = seed.labels
         residuals.append(held_out_residuals(seed, test.features, test.targets, test.coordinates))
         criteria.append(_information_criterion(seed, train.weight.sum()))
-        totals = [test.weight @ cost for cost in _costs(residuals, test.weight)]
+        totals = [float(test.weight @ cost) for cost in _costs(residuals, test.weight)]
         if _exhausted(totals, criteria):
             break
     return tuple(_candidates(_costs(residuals, test.weight), test))
