@@ -182,8 +182,8 @@ def _times(timed: Records, is_apart: bool) -> list[str]:
     head = ["corruption", "swsysid, s", "PARC, kept fit, s", "PARC, all fits, s"]
     head += ["ratio to kept", "ratio to all", "largest ratio to kept"]
     return [] if not rows else [
-        f"CPU seconds of the fit. {source} PARC is fitted from eight starts and the fit with the "
-        "smallest training error is kept: seconds of that fit alone, and of all eight. Medians "
+        f"CPU seconds of the fit. {source} PARC is fitted ten times and the fit with the "
+        "smallest training error is kept: seconds of that fit alone, and of all ten. Medians "
         "over the cases of their medians over the seeds; starting Python, reading and predicting "
         "are not timed.\n",
         *_table(head, rows),
