@@ -21,7 +21,13 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid.metrics import balanced_mode_accuracy, match_modes, mode_accuracy, velocity_rmse
+from swsysid.metrics import (
+    balanced_mode_accuracy,
+    match_modes,
+    mode_accuracy,
+    mode_reliability,
+    velocity_rmse,
+)
 
 __all__ = ["CONFIDENCES", "METHODS", "Answer", "figures", "methods_with_parc"]
 
@@ -100,6 +106,7 @@ def _reliability(model, data: Data) -> dict:
         for weights in (np.ones(len(found)), claimed, right)
     ]
     return {
+        "calibration": mode_reliability(data.modes_test, claims).error,
         "least_claimed": float(claimed[least].mean()),
         "least_right": float(right[least].mean()),
         "reliability": np.transpose(bins).tolist(),
