@@ -13,6 +13,7 @@ from swsysid._alternation import Alternation, alternate, relabel
 from swsysid._monomials import SurfaceChoice, choose_monomials
 from swsysid._problem import Modes, SwitchingProblem, one_hot
 from swsysid._results import Array
+from swsysid._rows import spread_rows
 from swsysid._scale import calibrate
 from swsysid._seeding.seeding import seed_modes
 from swsysid._selection import ModeCandidate, compare_mode_counts, smallest_sufficient
@@ -22,6 +23,8 @@ __all__ = ["Identification", "Search", "identify"]
 
 # An answer that fewer than one start in this many finds again is no more than the best so far.
 _SELDOM = 32
+# As many rows as this decide between starts as well as all rows do.
+_DECIDING = 20_000
 
 
 @dataclass(frozen=True)
@@ -108,18 +111,27 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
         # The scale is fixed once, from the best start: objectives of all starts must compare.
         first = replace(problem, coupling=0.0).estimate(starts[0])
         problem = calibrate(problem, first, starts[0].argmax(axis=1))
+    rows = _deciding_rows(problem)
+    few = problem if rows is None else problem.some(rows)
     runs = Parallel(n_jobs=search.n_jobs)(
-        delayed(alternate)(problem, start, max_iter=search.max_iter, tol=search.tol)
+        delayed(alternate)(
+            few,
+            start if rows is None else start[rows],
+            max_iter=search.max_iter,
+            tol=search.tol,
+        )
         for start in tqdm(starts, desc="starts", disable=not search.verbose)
     )
     winner = min(range(len(runs)), key=lambda run: runs[run].objective)
-    best = runs[winner]
+    first = best = runs[winner]
     agreeing = sum(
-        count for run, count in zip(runs, counts, strict=True) if _same_answer(run, best, problem)
+        count for run, count in zip(runs, counts, strict=True) if _same_answer(run, best, few)
     )
     problem, best, choice = choose_monomials(
-        problem, best, max_iter=search.max_iter, tol=search.tol
+        problem, first, max_iter=search.max_iter, tol=search.tol
     )
+    if rows is not None and best is first:
+        best = alternate(problem, starts[winner], max_iter=search.max_iter, tol=search.tol)
     if search.sparsity is not None:
         problem, best = _sparsify(problem, best, search)
     order = _canonical_order(problem, best)
@@ -133,6 +145,17 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
         candidates=candidates,
         monomials=choice,
     )
+
+
+def _deciding_rows(problem: SwitchingProblem) -> Modes | None:
+    """Rows on which starts are compared before the best of them goes on with all; None for all.
+
+    Without coupling it is the paper's method, and every iteration is on all rows.
+    """
+    n_rows = len(problem.weight)
+    if problem.coupling == 0.0 or n_rows <= 2 * _DECIDING:
+        return None
+    return spread_rows(n_rows, _DECIDING)
 
 
 def _starts(problem, search: Search, random_state) -> tuple[list[Array], list[int], int]:

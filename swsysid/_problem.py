@@ -163,19 +163,14 @@ class SwitchingProblem:
 
     def fit_surface(self, modes: Modes) -> CoupledSurface | None:
         """A surface fitted to the modes, None if the two are not coupled."""
-        return self._fit_surface(clone(self.surface), modes, modes) if self.coupling else None
+        return self._fit_surface(modes, modes) if self.coupling else None
 
     def refit_surface(self, modes: Modes, previous: CoupledSurface) -> CoupledSurface:
         """A surface at least as good for the modes as the previous one, with its mode-book.
 
         To choose a mode-book takes longer than to fit its surfaces.
         """
-        surface, book_modes = clone(self.surface), modes
-        book = getattr(previous.classifier, "mode_book_", None)
-        if book is not None and np.array_equal(np.unique(modes), previous.classifier.classes_):
-            surface.set_params(mode_book="pairwise" if (book == 0).any() else book)
-            book_modes = previous.book_modes
-        fitted = self._fit_surface(surface, modes, book_modes, previous.classifier)
+        fitted = self._fit_surface(modes, previous.book_modes, previous.classifier)
         # The margin LP is convex only for a given mode-book; another book can be worse.
         worse = self.surface_cost(previous, modes) < self.surface_cost(fitted, modes)
         return previous if worse else fitted
@@ -188,11 +183,9 @@ class SwitchingProblem:
         changed = self.weight @ (modes != previous.book_modes)
         if changed <= _ANOTHER_BOOK * self.weight.sum():
             return previous
-        fitted = self._fit_surface(clone(self.surface), modes, modes)
-        gains = self.surface_cost(fitted, modes) < (1.0 - _GAIN) * self.surface_cost(
-            previous, modes
-        )
-        return fitted if gains else previous
+        fitted = self._fit_surface(modes, modes)
+        limit = (1.0 - _GAIN) * self.surface_cost(previous, modes)
+        return fitted if self.surface_cost(fitted, modes) < limit else previous
 
     # -- what the steps decrease -----------------------------------------------------------
 
@@ -243,6 +236,18 @@ class SwitchingProblem:
         penalty[:, surface.classes_] = known
         return penalty
 
+    def some(self, rows: NDArray[np.intp]) -> SwitchingProblem:
+        """The problem on some of its rows, which carry the weight of all."""
+        weight = self.weight[rows] * (self.weight.sum() / self.weight[rows].sum())
+        return replace(
+            self,
+            features=self.features[rows],
+            targets=self.targets[rows],
+            coordinates=self.coordinates[rows],
+            weight=weight,
+            outlying=self.outlying[rows],
+        )
+
     def on_rows(self, features: Array, targets: Array, coordinates: Array) -> SwitchingProblem:
         """The same choices on other rows, each of weight one and none of them outlying."""
         n_samples = len(targets)
@@ -255,7 +260,13 @@ class SwitchingProblem:
             outlying=np.zeros(n_samples, dtype=bool),
         )
 
-    def _fit_surface(self, surface, modes, book_modes, start=None) -> CoupledSurface:
+    def _fit_surface(self, modes, book_modes, start=None) -> CoupledSurface:
+        """A surface fitted to the modes with the book of `start`, or one chosen for the modes."""
+        surface, book = clone(self.surface), getattr(start, "mode_book_", None)
+        if book is None or not np.array_equal(np.unique(modes), start.classes_):
+            book_modes = modes
+        else:
+            surface.set_params(mode_book="pairwise" if (book == 0).any() else book)
         fitted = fit_weighted(surface, self.coordinates, modes, self.weight, start)
         return CoupledSurface(fitted, self.penalty(fitted), book_modes)
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
 import swsysid._classifier
+import swsysid._identification
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid._losses import get_loss
 from swsysid._problem import SwitchingProblem
@@ -109,3 +111,25 @@ def test_the_objective_never_increases_with_several_modes(seed):
 def test_uncoupled_modes_have_no_surface():
     X, modes = sectors()
     assert problem(X, coupling=0.0, surface=LogisticRegression()).fit_surface(modes) is None
+
+
+def test_starts_compared_on_some_rows_lead_to_the_same_answer(monkeypatch):
+    """The best start goes on with all rows: same answer, whatever the order of the rows."""
+    X, modes = sectors(900)
+    rng = np.random.default_rng(1)
+    fields = rng.standard_normal((3, 2, 2))
+    Xdot = np.einsum("ikl,il->ik", fields[modes], X) + 0.01 * rng.standard_normal(X.shape)
+    surface = PolynomialSurfaceClassifier(degree=1)
+    model = SwitchingSystemRegressor(3, surface=surface, random_state=0)
+    whole = clone(model).fit(X, Xdot)
+    monkeypatch.setattr(swsysid._identification, "_DECIDING", 400)
+    few = clone(model).fit(X, Xdot)
+    np.testing.assert_array_equal(few.modes_, whole.modes_)
+    np.testing.assert_allclose(few.coef_, whole.coef_, rtol=1e-9, atol=1e-12)
+    assert len(few.history_[-1].modes) == len(X)
+    objective = np.array([record.objective for record in few.history_])
+    assert (np.diff(objective) <= 1e-9 * objective[:-1]).all()
+    order = rng.permutation(len(X))
+    shuffled = clone(model).fit(X[order], Xdot[order])
+    np.testing.assert_array_equal(shuffled.coef_, few.coef_)
+    np.testing.assert_array_equal(shuffled.modes_, few.modes_[order])
