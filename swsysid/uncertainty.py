@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linear_sum_assignment
+from numpy.typing import ArrayLike
+from scipy.stats import norm as normal
+from scipy.stats import t as student
 from sklearn.base import clone
 from sklearn.utils import check_random_state
-from sklearn.utils.validation import check_is_fitted
+from sklearn.utils.validation import check_is_fitted, validate_data
 from tqdm import tqdm
 
+from swsysid._alternation import alternate
+from swsysid._problem import fit_weighted, one_hot
 from swsysid._results import Array
-from swsysid._setup import trajectory_codes
+from swsysid._rows import CanonicalRows
+from swsysid._scale import calibrate
+from swsysid._setup import build_problem, trajectory_codes
 
 __all__ = ["BootstrapResult", "bootstrap"]
 
@@ -37,7 +42,7 @@ class BootstrapResult:
         of the modes.
     standard_error : ndarray like `estimate`
     low, high : ndarray like `estimate`
-        Percentile interval: quantiles of `samples`.
+        Percentile interval: quantiles of `samples`, a little further out if blocks are few.
     surface_low, surface_high : ndarray of shape (n_points, n_surfaces) or None
         Percentile interval of the surface values at the points asked for, each surface scaled
         to mean absolute value one at these points.
@@ -114,8 +119,10 @@ def bootstrap(
     times gets weight k in a refit. Samples of one trajectory stay together because their errors
     are alike: drawn one by one they would pretend to be independent, and the intervals would be
     too narrow. Without `groups` single samples are drawn, which is right only if their errors
-    are independent. Every refit starts from the fitted coefficients: the intervals are about
+    are independent. Every refit starts from the fitted modes and keeps what the fit has chosen
+    (number of modes, monomials of the surface, terms of a sparse model): the intervals are about
     noise in the answer found, not about the chance of another answer (see ``stability_``).
+    ``benchmarks/coverage.py`` prints how often they hold the truth.
 
     Parameters
     ----------
@@ -125,8 +132,8 @@ def bootstrap(
     y : array-like of shape (n_samples,) or (n_samples, n_states)
         Xdot, the measured velocities.
     groups : array-like of shape (n_samples,), default=None
-        Trajectory of each sample. A handful of trajectories is too few: intervals are then too
-        narrow.
+        Trajectory of each sample. Few of them make the intervals wide: they are corrected for
+        their number, but a handful remains too few for an honest 95 %.
     surface_points : array-like of shape (n_points, n_states + n_inputs), default=None
         Where intervals of the surface values are wanted.
     n_resamples : int, default=200
@@ -151,6 +158,8 @@ def bootstrap(
     References
     ----------
     B. Efron and R. J. Tibshirani, An Introduction to the Bootstrap, 1993, sections 8.6 and 13.
+    T. C. Hesterberg, What Teachers Should Know About the Bootstrap, The American Statistician,
+    2015 (the expanded percentile interval).
 
     Examples
     --------
@@ -170,17 +179,13 @@ def bootstrap(
     """
     check_is_fitted(estimator)
     _check(n_resamples, confidence)
-    X, y = np.asarray(X), np.asarray(y)
-    random_state = check_random_state(random_state)
-    weights = _draw_weights(groups, len(X), n_resamples, random_state)
-    # An array is a start that needs no search, and the seed of the refits decides nothing else.
-    refit = clone(estimator).set_params(
-        n_modes=estimator.n_modes_, init=estimator.coef_, n_init="auto", n_jobs=None,
-        random_state=0, verbose=0,
-    )  # fmt: skip
+    problem, weights, n_blocks = _resamples(
+        estimator, X, y, groups, n_resamples, check_random_state(random_state)
+    )
     points = None if surface_points is None else np.asarray(surface_points, dtype=float)
+    settle = {"max_iter": estimator.max_iter, "tol": estimator.tol}
     answers = Parallel(n_jobs=n_jobs)(
-        delayed(_refit)(refit, estimator, X, y, weight, points)
+        delayed(_refit)(*problem, weight, points, settle)
         for weight in tqdm(weights, desc="resamples", disable=not verbose)
     )
     kept = [answer for answer in answers if answer is not None]
@@ -190,17 +195,17 @@ def bootstrap(
             "determine all modes; measure more or use a smaller n_modes."
         )
     samples = np.array([coef for coef, _ in kept])
-    tails = [0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)]
-    low, high = np.quantile(samples, tails, axis=0)
+    tails, factor = _corrections(confidence, n_blocks)
+    low, high = np.quantile(samples, tails, axis=0, method="weibull")
     surface_low, surface_high = (
         (None, None)
         if points is None
-        else np.quantile(np.array([values for _, values in kept]), tails, axis=0)
+        else np.quantile(np.array([values for _, values in kept]), tails, axis=0, method="weibull")
     )
     return BootstrapResult(
         estimate=estimator.coef_.copy(),
         samples=samples,
-        standard_error=samples.std(axis=0, ddof=1),
+        standard_error=factor * samples.std(axis=0, ddof=1),
         low=low,
         high=high,
         surface_low=surface_low,
@@ -222,49 +227,90 @@ def _check(n_resamples, confidence) -> None:
         raise ValueError(f"confidence={confidence}; it is a fraction between 0 and 1, as 0.95.")
 
 
-def _draw_weights(groups, n_samples, n_resamples, random_state) -> NDArray[np.float64]:
-    """How often every sample occurs in every resample, shape (n_resamples, n_samples)."""
-    blocks = np.arange(n_samples) if groups is None else trajectory_codes(groups, n_samples)
+def _resamples(estimator, X, y, groups, n_resamples, random_state):
+    """The fitted problem with its modes, and how often each of its rows is drawn.
+
+    What the fit has chosen stays as it is: number of modes, monomials and mode-book of the
+    surface, terms that a sparse fit has kept. Rows are sorted, so that their order means nothing.
+    """
+    X, y = validate_data(
+        estimator, X, y, reset=False, multi_output=True, y_numeric=True, dtype=np.float64
+    )
+    targets = y.reshape(len(y), -1).astype(float)
+    if len(X) != len(estimator.modes_):
+        raise ValueError(
+            f"X has {len(X)} samples but the estimator was fitted to {len(estimator.modes_)}; "
+            "give the samples that it was fitted to."
+        )
+    blocks = np.arange(len(X)) if groups is None else trajectory_codes(groups, len(X))
+    order = np.lexsort(np.column_stack([X, targets, blocks]).T[::-1])
+    if groups is not None:
+        blocks = blocks[order]
+    rows = CanonicalRows((X[order], targets[order], blocks), np.ones(len(X)), order)
+    fitted = build_problem(estimator, rows, estimator._feature_map)
+    problem = replace(
+        fitted,
+        n_modes=estimator.n_modes_,
+        surface=_with_its_choices(estimator.surface_),
+        support=None if estimator.sparsity is None else estimator.coef_ != 0.0,
+    )
     n_blocks = int(blocks.max()) + 1
     if n_blocks < 2:
         raise ValueError(
             "groups names a single trajectory, which cannot be resampled; name more, or leave "
             "groups out if the errors of the samples are independent."
         )
-    shares = np.full(n_blocks, 1.0 / n_blocks)
-    weights: NDArray[np.float64] = random_state.multinomial(n_blocks, shares, size=n_resamples)
-    return weights[:, blocks].astype(float)
+    # How often every block, and so each of its samples, occurs in every resample.
+    drawn = random_state.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), n_resamples)
+    return (problem, estimator.modes_[order]), drawn[:, blocks].astype(float), n_blocks
 
 
-def _refit(refit, estimator, X, y, weight, points) -> tuple[Array, Array | None] | None:
+def _with_its_choices(surface: Any) -> Any:
+    """An unfitted copy with the mode-book of the fitted surface."""
+    book = getattr(surface, "mode_book_", None)
+    if book is None:
+        return clone(surface)
+    # A book with zeros cannot be given; that of pairs is the only one.
+    return clone(surface).set_params(mode_book="pairwise" if (book == 0).any() else book)
+
+
+def _corrections(confidence: float, n_blocks: int) -> tuple[Array, float]:
+    """Tails of the percentile interval, and factor of the standard error, for few blocks.
+
+    The mean of G blocks varies over resamples by (1 - 1 / G)^(1/2) of its standard error, and its
+    interval has the quantiles of Student's t with G - 1 degrees of freedom, not normal ones. The
+    tails are those that are right for a mean.
+    """
+    factor = np.sqrt(n_blocks / (n_blocks - 1.0))
+    reach = factor * student.ppf(0.5 * (1.0 + confidence), n_blocks - 1)
+    return normal.cdf([-reach, reach]), float(factor)
+
+
+def _refit(problem, modes, weight, points, settle) -> tuple[Array, Array | None] | None:
     """Coefficients and surface values of one resample; None if a mode is lost."""
+    drawn = np.flatnonzero(weight)
+    problem = replace(
+        problem,
+        features=problem.features[drawn],
+        targets=problem.targets[drawn],
+        coordinates=problem.coordinates[drawn],
+        weight=weight[drawn],
+        outlying=problem.outlying[drawn],
+    )
+    start = one_hot(modes[drawn], problem.n_modes)
     # What a resample has to complain about is counted, or was said when the data were fitted.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = clone(refit).fit(X, y, sample_weight=weight)
-    if model.n_modes_ < estimator.n_modes_:
-        return None
-    order = _matching(estimator.modes_, model.modes_, weight, estimator.n_modes_)
-    values = None if points is None else _surface_values(model.surface_, estimator, points, order)
-    return model.coef_[order], values
-
-
-def _matching(modes, found, weight, n_modes) -> NDArray[np.intp]:
-    """For each original mode the one of the refit that shares the most samples with it."""
-    shared = np.bincount(modes * n_modes + found, weight, n_modes**2).reshape(n_modes, n_modes)
-    order: NDArray[np.intp] = linear_sum_assignment(shared, maximize=True)[1]
-    return order
-
-
-def _surface_values(surface, estimator, points, order) -> Array:
-    """Surface values in the original book's signs, of mean absolute value one.
-
-    A refit may name the modes, order the surfaces and choose their signs differently: its
-    surfaces are matched to the original ones by their sign patterns over the modes.
-    """
-    book = surface.mode_book_[order]
-    agreement = estimator.surface_.mode_book_.T @ book
-    matched = linear_sum_assignment(np.abs(agreement), maximize=True)
-    signs = np.where(agreement[matched] < 0, -1.0, 1.0)
-    values = surface.surface_values(points)[:, matched[1]] * signs
-    return values / np.abs(values).mean(axis=0)
+        if problem.coupling:
+            first = replace(problem, coupling=0.0).estimate(start)
+            problem = calibrate(problem, first, modes[drawn])
+        found = alternate(problem, start, **settle)
+        if len(np.unique(found.modes)) < problem.n_modes:
+            return None
+        if points is None:
+            return found.coef, None
+        surface = fit_weighted(
+            clone(problem.surface), problem.coordinates, found.modes, problem.weight
+        )
+        values = surface.surface_values(points)
+    return found.coef, values / np.abs(values).mean(axis=0)

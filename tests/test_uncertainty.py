@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
+from sklearn.base import clone
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid.uncertainty import bootstrap
@@ -74,6 +76,41 @@ def test_errors_alike_within_trajectories_widen_the_intervals():
     # twenty equal errors count as one: the standard error grows by up to sqrt(20) = 4.5
     assert whole.standard_error.item() > 2.5 * single.standard_error.item()
     assert whole.blocks == "trajectories"
+
+
+def test_few_trajectories_are_corrected_for():
+    # Eight trajectories, each with an error of its own: what is known of a constant velocity is
+    # what Student's t says of the mean of eight numbers.
+    groups, ratios, errors = np.repeat(np.arange(8), 2), [], []
+    for seed in range(4):
+        xdot = np.random.default_rng(seed).standard_normal(8)[groups]
+        model = SwitchingSystemRegressor(n_modes=1, loss="squared").fit(np.ones((16, 1)), xdot)
+        result = bootstrap(
+            model, np.ones((16, 1)), xdot, groups=groups, n_resamples=400, random_state=seed
+        )
+        expected = xdot[::2].std(ddof=1) / np.sqrt(8)
+        errors.append(result.standard_error.item() / expected)
+        ratios.append((result.high - result.low).item() / (2 * student.ppf(0.975, 7) * expected))
+    # 400 draws know a standard deviation to 1 / sqrt(800) = 3.5 %, four of them to 1.8 %; the
+    # tails are extremes among them, of a distribution that is bounded; uncorrected: 0.94, 0.78
+    assert np.mean(errors) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.12)
+
+
+def test_order_of_the_rows_does_not_matter():
+    model, X, Xdot = two_modes(0)
+    groups, order = np.arange(120) // 6, np.random.default_rng(1).permutation(120)
+    shuffled = clone(model).set_params(init=model.modes_[order])
+    shuffled.fit(X[order], Xdot[order])
+    options = dict(n_resamples=20, random_state=0)
+    one = bootstrap(model, X, Xdot, groups=groups, **options)
+    other = bootstrap(shuffled, X[order], Xdot[order], groups=groups[order], **options)
+    assert np.array_equal(one.samples, other.samples)
+
+
+def test_other_samples_are_refused(single):
+    with pytest.raises(ValueError, match="was fitted to 400"):
+        bootstrap(single[0], single[1][:50], single[2][:50])
 
 
 def test_modes_and_surfaces_come_in_the_order_of_the_estimator():
