@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from quality_methods import CONFIDENCES
 from quality_records import SCENARIOS, TITLES, Records
 
 __all__ = ["draw_errors", "draw_reliability"]
@@ -81,18 +80,18 @@ def draw_reliability(records: list[dict], scenarios: list[str], file: Path) -> N
     plt = _pyplot()
     found = Records(records)
     figure, panel = plt.subplots(figsize=(7.6, 4.6), layout="constrained")
-    panel.plot([0.3, 1], [0.3, 1], color="0.6", linewidth=1, zorder=1)
+    panel.plot([0.2, 1], [0.2, 1], color="0.6", linewidth=1, zorder=1)
     colours = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "black", "#F0E442")
     for colour, scenario in zip(colours, scenarios, strict=False):
         rows = [row for row in found.with_method("ours") if row["scenario"] == scenario]
         bins = [row["reliability"] for row in rows if "reliability" in row]
         if bins:
             number, claimed, right = np.sum(bins, axis=0).T
-            seen = number >= 20
+            seen = number >= 50  # fewer say nothing
             share = (claimed[seen] / number[seen], right[seen] / number[seen])
             panel.plot(*share, "o-", color=colour, ms=5, label=SCENARIOS[scenario].told)
     panel.set(xlabel="claimed probability of the predicted mode", ylabel="share that is right")
-    panel.set(xlim=(CONFIDENCES[0] - 0.1, 1.02), ylim=(0.3, 1.02), aspect="equal")
+    panel.set(xlim=(0.2, 1.02), ylim=(0.2, 1.02), aspect="equal")
     panel.grid(alpha=0.3)
     figure.legend(frameon=False, loc="outside right upper")
     figure.savefig(file, dpi=120)

@@ -20,7 +20,13 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "auto_examples/*.ipynb", "auto_examples/*.py.md5"]
+# a part of quality.md that its benchmark writes is no page
+exclude_patterns = [
+    "_build",
+    "auto_examples/*.ipynb",
+    "auto_examples/*.py.md5",
+    "quality_summary.md",
+]
 html_theme = "pydata_sphinx_theme"
 html_static_path = ["_static"]
 html_title = "swsysid"
