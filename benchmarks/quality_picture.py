@@ -91,7 +91,7 @@ def draw_reliability(records: list[dict], scenarios: list[str], file: Path) -> N
             share = (claimed[seen] / number[seen], right[seen] / number[seen])
             panel.plot(*share, "o-", color=colour, ms=5, label=SCENARIOS[scenario].told)
     panel.set(xlabel="claimed probability of the predicted mode", ylabel="share that is right")
-    panel.set(xlim=(0.2, 1.02), ylim=(0.2, 1.02), aspect="equal")
+    panel.set(xlim=(0.2, 1.02), ylim=(0.2, 1.02))
     panel.grid(alpha=0.3)
     figure.legend(frameon=False, loc="outside right upper")
     figure.savefig(file, dpi=120)
