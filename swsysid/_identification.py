@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from swsysid._alternation import Alternation, alternate, relabel
@@ -15,12 +16,17 @@ from swsysid._problem import Modes, SwitchingProblem, one_hot
 from swsysid._results import Array
 from swsysid._rows import spread_rows
 from swsysid._scale import calibrate
-from swsysid._seeding.seeding import seed_modes
+from swsysid._seeding.search import same_partition
+from swsysid._seeding.seeding import Seed, seed_modes
 from swsysid._selection import ModeCandidate, compare_mode_counts, smallest_sufficient
 from swsysid._sparsity import sparse_support
 
 __all__ = ["Identification", "Search", "identify"]
 
+# Partitions that differ on more than this share of the samples are different answers, and log
+# likelihoods within this many nats leave the choice between them open: dense gates on thousands
+# of samples differ by hundreds where the samples decide.
+_DIFFERENT, _OPEN = 0.02, 20.0
 # An answer that fewer than one start in this many finds again is no more than the best so far.
 _SELDOM = 32
 # As many rows as this decide between starts as well as all rows do.
@@ -80,6 +86,9 @@ class Identification:
         Numbers of modes that were compared.
     monomials : SurfaceChoice or None
         Surfaces of few monomials against those of all.
+    rival : float
+        By how much the best partition of the seeding is more likely than the next that differs
+        on more than two per cent of the samples, in nats; infinite without one.
     """
 
     best: Alternation
@@ -90,11 +99,41 @@ class Identification:
     n_modes_asked: int
     candidates: tuple[ModeCandidate, ...]
     monomials: SurfaceChoice | None
+    rival: float
+
+    @property
+    def has_rival(self) -> bool:
+        """True if another partition explains the samples as well."""
+        return self.rival < _OPEN
 
     @property
     def seldom_found(self) -> bool:
         """True if the winner was found once among several starts, or by one in 32 of them."""
         return 1 < self.n_starts and self.hits <= max(1, self.n_starts // _SELDOM)
+
+
+@dataclass(frozen=True)
+class _Starts:
+    """Memberships to start from, the most promising first, and what is known of them.
+
+    Attributes
+    ----------
+    memberships : list of ndarray of shape (n_samples, n_modes)
+    hits : list of int
+        How often each was found; most starts of the seeding are thrown out early and count for
+        none.
+    n_drawn : int
+    suspected : ndarray of shape (n_samples,), bool
+        Samples that the best start takes for outliers.
+    rival : float
+        As in `Identification`.
+    """
+
+    memberships: list[Array]
+    hits: list[int]
+    n_drawn: int
+    suspected: NDArray[np.bool_]
+    rival: float = np.inf
 
 
 def identify(problem: SwitchingProblem, search: Search, random_state) -> Identification:
@@ -106,11 +145,42 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
     asked = problem.n_modes
     if isinstance(search.init, str):  # more modes than distinct rows would only be dropped again
         problem = replace(problem, n_modes=min(asked, len(problem.weight)))
-    starts, counts, drawn = _starts(problem, search, random_state)
+    starts = _starts(problem, search, random_state)
     if problem.coupling:
         # The scale is fixed once, from the best start: objectives of all starts must compare.
-        first = replace(problem, coupling=0.0).estimate(starts[0])
-        problem = calibrate(problem, first, starts[0].argmax(axis=1))
+        first = starts.memberships[0]
+        suspected = replace(problem, coupling=0.0, outlying=starts.suspected)
+        problem = calibrate(problem, suspected.estimate(first), first.argmax(axis=1))
+    best, hits, decided_on_all = _best_of(problem, starts, search)
+    problem, sparse, choice = choose_monomials(
+        problem, best, max_iter=search.max_iter, tol=search.tol
+    )
+    if sparse is best and not decided_on_all:
+        start = one_hot(
+            problem.assign(best.coef, problem.penalty(best.surface)).modes, problem.n_modes
+        )
+        sparse = alternate(problem, start, max_iter=search.max_iter, tol=search.tol)
+    best = sparse
+    if search.sparsity is not None:
+        problem, best = _sparsify(problem, best, search)
+    order = _canonical_order(problem, best)
+    return Identification(
+        best=relabel(best, order),
+        problem=replace(problem, n_modes=len(order)),
+        hits=hits,
+        stability=hits / sum(starts.hits),
+        n_starts=starts.n_drawn,
+        n_modes_asked=asked,
+        candidates=candidates,
+        monomials=choice,
+        rival=starts.rival,
+    )
+
+
+def _best_of(
+    problem: SwitchingProblem, starts: _Starts, search: Search
+) -> tuple[Alternation, int, bool]:
+    """The best alternation, how many starts ended in it, and if it has seen all rows."""
     rows = _deciding_rows(problem)
     few = problem if rows is None else problem.some(rows)
     runs = Parallel(n_jobs=search.n_jobs)(
@@ -120,31 +190,13 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
             max_iter=search.max_iter,
             tol=search.tol,
         )
-        for start in tqdm(starts, desc="starts", disable=not search.verbose)
+        for start in tqdm(starts.memberships, desc="starts", disable=not search.verbose)
     )
-    winner = min(range(len(runs)), key=lambda run: runs[run].objective)
-    first = best = runs[winner]
-    agreeing = sum(
-        count for run, count in zip(runs, counts, strict=True) if _same_answer(run, best, few)
+    best = min(runs, key=lambda run: run.objective)
+    hits = sum(
+        count for run, count in zip(runs, starts.hits, strict=True) if _same_answer(run, best, few)
     )
-    problem, best, choice = choose_monomials(
-        problem, first, max_iter=search.max_iter, tol=search.tol
-    )
-    if rows is not None and best is first:
-        best = alternate(problem, starts[winner], max_iter=search.max_iter, tol=search.tol)
-    if search.sparsity is not None:
-        problem, best = _sparsify(problem, best, search)
-    order = _canonical_order(problem, best)
-    return Identification(
-        best=relabel(best, order),
-        problem=replace(problem, n_modes=len(order)),
-        hits=agreeing,
-        stability=agreeing / sum(counts),
-        n_starts=drawn,
-        n_modes_asked=asked,
-        candidates=candidates,
-        monomials=choice,
-    )
+    return best, hits, rows is None
 
 
 def _deciding_rows(problem: SwitchingProblem) -> Modes | None:
@@ -158,21 +210,18 @@ def _deciding_rows(problem: SwitchingProblem) -> Modes | None:
     return spread_rows(n_rows, _DECIDING)
 
 
-def _starts(problem, search: Search, random_state) -> tuple[list[Array], list[int], int]:
-    """Memberships to start from, the most promising first, how often each was found, of how many.
-
-    Most starts of the seeding are thrown out early and count for no membership.
-    """
+def _starts(problem, search: Search, random_state) -> _Starts:
+    nobody = np.zeros(len(problem.targets), dtype=bool)
     if isinstance(search.init, np.ndarray):
-        return [_given_start(problem, search.init)], [1], 1
+        return _Starts([_given_start(problem, search.init)], [1], 1, nobody)
     if problem.n_modes == 1:
-        return [np.ones((len(problem.targets), 1))], [1], 1
+        return _Starts([np.ones((len(problem.targets), 1))], [1], 1, nobody)
     if search.init == "random":
         starts = [
             one_hot(_random_cells(problem, random_state), problem.n_modes)
             for _ in range(search.n_init or 10)
         ]
-        return starts, [1] * len(starts), len(starts)
+        return _Starts(starts, [1] * len(starts), len(starts), nobody)
     seeds = seed_modes(
         problem.features,
         problem.targets,
@@ -183,8 +232,26 @@ def _starts(problem, search: Search, random_state) -> tuple[list[Array], list[in
         n_starts=search.n_init or "auto",
         random_state=random_state,
     )
-    starts = [one_hot(seed.labels, problem.n_modes) for seed in seeds]
-    return starts, [max(seed.hits, 1) for seed in seeds], seeds[0].n_starts
+    return _Starts(
+        [one_hot(seed.labels, problem.n_modes) for seed in seeds],
+        [max(seed.hits, 1) for seed in seeds],
+        seeds[0].n_starts,
+        seeds[0].inlier < 0.5,
+        _rival(seeds, problem.weight),
+    )
+
+
+def _rival(seeds: list[Seed], weight: Array) -> float:
+    """How far the likelihood of the next really different partition is behind, in nats."""
+    first = seeds[0]
+    return min(
+        (
+            first.log_likelihood - seed.log_likelihood
+            for seed in seeds[1:]
+            if not same_partition(first.labels, seed.labels, weight, _DIFFERENT)
+        ),
+        default=np.inf,
+    )
 
 
 def _given_start(problem: SwitchingProblem, init: Array) -> Array:

@@ -15,7 +15,7 @@ __all__ = ["calibrate", "weighted_median"]
 _OUTLYING = 10.0
 # ... unless that would discard more than this fraction of a mode: then it is the mode that fits
 # badly, not the rows.
-_MOST_OUTLYING = 0.3
+_MOST_OUTLYING = 0.5
 # Smallest scale of a residual, relative to the spread of the velocity: below it the data are
 # clean, and differences are round-off.
 _SCALE_FLOOR = 1e-9

@@ -45,6 +45,13 @@ def warn_about(estimator: Any, found: Identification, guard: GuardCheck, n_rows:
             "one may exist; increase n_init, measure more, or use a smaller feature_library.",
             ConvergenceWarning,
         )
+    if found.has_rival:
+        _warn(
+            "The answer is not stable: another partition of the samples into modes explains them "
+            f"as well (log likelihood {found.rival:.1f} lower); measure more, above all of the "
+            "rarer mode, with less noise, or use a smaller feature_library or degree.",
+            ConvergenceWarning,
+        )
     if guard.missing:
         _warn(
             f"Of {guard.n_decided} samples whose residuals decide their mode, "

@@ -302,6 +302,8 @@ def pysindy_libraries():
     return [polynomial, fourier, polynomial + fourier]
 
 
+# Sines and cosines do not span the laws: several partitions explain them equally badly.
+@pytest.mark.filterwarnings("ignore:The answer is not stable")
 @pytest.mark.parametrize("index", range(3))
 def test_pysindy_libraries(index):
     library = pysindy_libraries()[index]

@@ -79,6 +79,8 @@ class Seed:
         Most probable mode of every sample, given its coordinates and its target.
     responsibilities : ndarray of shape (n_samples, n_modes)
         Their probabilities; those of an outlier come from the gate alone.
+    inlier : ndarray of shape (n_samples,)
+        Probability that a sample is no outlier.
     log_likelihood : float
         Weighted sum of the log densities of the targets in the user's units, given the
         coordinates, over the informative outputs.
@@ -93,6 +95,7 @@ class Seed:
 
     labels: NDArray[np.intp]
     responsibilities: Array
+    inlier: Array
     log_likelihood: float
     hits: int
     n_starts: int
@@ -237,7 +240,7 @@ def _prepare(features, targets, coordinates, weights, *, gate_degree, n_modes) -
 
 def _describe(preparation, experts, all_rows, hits, n_starts) -> Seed:
     weights = all_rows[-1]
-    parts = []
+    parts, inliers = [], []
     log_likelihood = -weights.sum() * np.log(preparation.scale).sum()
     for start in range(0, len(weights), _MAX_ROWS):
         samples = preparation(*(part[start : start + _MAX_ROWS] for part in all_rows))
@@ -245,12 +248,14 @@ def _describe(preparation, experts, all_rows, hits, n_starts) -> Seed:
         posterior = moved.posterior(samples, GAUSSIAN)
         # An outlier's target says nothing about its mode: Bayes leaves the gate.
         inlier = posterior.inlier[0]
+        inliers.append(inlier)
         parts.append(inlier * posterior.modes[0] + (1 - inlier) * np.exp(moved.log_gate[0]))
         log_likelihood += posterior.log_density[0] @ samples.weights
     responsibilities = np.concatenate(parts, axis=1).T
     return Seed(
         labels=responsibilities.argmax(axis=1),
         responsibilities=responsibilities,
+        inlier=np.concatenate(inliers),
         log_likelihood=float(log_likelihood),
         hits=hits,
         n_starts=n_starts,
