@@ -213,21 +213,20 @@ def fit_programs(
 
 
 def _nearest(program: MarginProgram, starts: Sequence[Array] | Array) -> Array | None:
-    """The best of some surfaces and their negatives, None if the zero surface is better."""
+    """The best of some surfaces and their negatives.
+
+    None if the zero surface is better, and for small programs, which need no start.
+    """
     n_samples = len(program.weight)
+    if n_samples <= _SMALL or len(starts) == 0:
+        return None
     if n_samples > _DECIDING:
         program = program.subset(spread_rows(n_samples, _DECIDING))
-    best, lowest = None, program.margin * float(program.weight.sum())
-    for start in (sign * start for start in starts for sign in (1.0, -1.0)):
-        value = program.objective(start, program.signed @ start)
-        if value < lowest:
-            best, lowest = start, value
-    return best
-
-
-def _tight(program: MarginProgram, objective: float) -> float:
-    """The duality gap with which nothing is left to do."""
-    return _TIGHT * objective + 1e-12 * program.margin * float(program.weight.max())
+    both = np.concatenate([starts, np.negative(starts)])
+    slack = np.maximum(0.0, program.margin - program.signed @ both.T)
+    values = program.weight @ slack + program.beta * np.abs(both).sum(axis=1)
+    best = int(values.argmin())
+    return both[best] if values[best] < program.margin * program.weight.sum() else None
 
 
 class _WorkingSet:
