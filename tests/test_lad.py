@@ -349,3 +349,22 @@ def test_row_space_of_a_large_design_with_a_rare_feature():
     assert RowSpace(design).rank == 3
     design[:, 2] = design[:, 0]
     assert RowSpace(design).rank == 2
+
+
+def test_kept_rows_do_not_lead_to_each_other_for_ever(monkeypatch):
+    """On these rows two sets of kept rows each called for the other."""
+    import swsysid._solvers.lad as solver
+
+    merge, merged = solver._merge, []
+
+    def counted(*args):
+        merged.append(args)
+        assert len(merged) < 60
+        return merge(*args)
+
+    monkeypatch.setattr(solver, "_merge", counted)
+    rng = np.random.default_rng(117)
+    design = rng.standard_normal((20_000, 2))
+    targets = design @ np.array([[1.0], [-0.5]]) + 0.1 * rng.standard_normal((20_000, 1))
+    fit = least_absolute_deviations(design, targets)
+    assert fit.objective[0] - fit.lower_bound[0] <= 1e-9 * fit.objective[0]

@@ -229,7 +229,8 @@ def _solve(rows: _Rows, start: Array, *, near: bool = False) -> Certified:
         if shortfall <= total + ROUNDING * objective:
             return Certified(fit.coef, fit.gap + float(shortfall))
         wrong = np.flatnonzero(missed)
-        near = len(wrong) < WRONG * size
+        # Two sets of kept rows may lead to each other for ever: only progress keeps their number.
+        near = len(wrong) < WRONG * size and objective < previous
         if not near:
             size, wrong = 2 * size, wrong[:0]
         if objective < previous:
