@@ -1,4 +1,4 @@
-"""How sure the labels of a surface are: what the residuals say about the modes."""
+"""What the velocities say about the modes, whatever the surface says."""
 
 from __future__ import annotations
 
@@ -8,9 +8,37 @@ import numpy as np
 
 from swsysid._problem import Modes, SwitchingProblem
 from swsysid._results import Array
-from swsysid._scale import calibrate
+from swsysid._scale import calibrate, weighted_median
 
-__all__ = ["tell_likelihood"]
+__all__ = ["log_densities", "tell_likelihood"]
+
+# A share of the samples may be outliers, whose density is this many times as broad as the data.
+_OUTLIERS, _BREADTH = 0.02, 5.0
+# Median of |r| for a Gaussian of deviation one; for a Laplacian of scale one it is log 2.
+_GAUSSIAN_MEDIAN = 0.6745
+
+
+def log_densities(problem: SwitchingProblem, coef: Array) -> Array:
+    """Log density of every sample's velocity in every mode, (n_samples, n_modes).
+
+    A Gaussian with the scale of the residuals and a broad one for outliers, which bounds what a
+    single sample can say.
+    """
+    deviation = problem.scale * np.log(2.0) / _GAUSSIAN_MEDIAN
+    middle = weighted_median(problem.targets, problem.weight)
+    typical = weighted_median(np.abs(problem.targets - middle), problem.weight)
+    breadth = np.maximum(_BREADTH * typical / _GAUSSIAN_MEDIAN, deviation)
+    inside = np.stack(
+        [_gaussian(problem.targets - velocity, deviation) for velocity in problem.velocities(coef)],
+        axis=1,
+    )
+    outside = _gaussian(problem.targets - middle, breadth)[:, None]
+    return np.logaddexp(np.log1p(-_OUTLIERS) + inside, np.log(_OUTLIERS) + outside)
+
+
+def _gaussian(residuals: Array, deviation: Array) -> Array:
+    scaled = residuals / deviation
+    return -0.5 * np.square(scaled).sum(axis=1) - np.log(np.sqrt(2 * np.pi) * deviation).sum()
 
 
 def tell_likelihood(surface: Any, problem: SwitchingProblem, coef: Array, modes: Modes) -> None:
@@ -18,14 +46,8 @@ def tell_likelihood(surface: Any, problem: SwitchingProblem, coef: Array, modes:
 
     Where the vector fields differ by less than the noise, as they do near a guard that they meet
     continuously, a sample has the mode that the surface gave it: it is no evidence for this
-    surface. Rows that no mode explains say nothing.
+    surface.
     """
     if problem.n_modes > 1 and hasattr(surface, "use_likelihood"):
-        likelihood = _log_likelihood(calibrate(problem, coef, modes), coef)
-        surface.use_likelihood(problem.coordinates, likelihood, problem.weight)
-
-
-def _log_likelihood(problem: SwitchingProblem, coef: Array) -> Array:
-    """Of every mode at every sample, (n_samples, n_modes): Laplace residuals of known scale."""
-    misfit = np.abs(problem.targets - problem.velocities(coef)) / problem.scale
-    return np.where(problem.outlying[:, None], 0.0, -misfit.sum(axis=2).T)
+        problem = calibrate(problem, coef, modes)
+        surface.use_likelihood(problem.coordinates, log_densities(problem, coef), problem.weight)

@@ -15,21 +15,17 @@ import numpy as np
 from sklearn.base import clone
 
 from swsysid._alternation import Alternation, alternate
+from swsysid._evidence import log_densities
 from swsysid._problem import Modes, SwitchingProblem, fit_weighted, offers_relevance, one_hot
 from swsysid._results import Array
-from swsysid._scale import weighted_median
 from swsysid._surfaces.relevance import Relevance, feature_relevance
 
 __all__ = ["SurfaceCandidate", "SurfaceChoice", "choose_monomials", "surface_candidates"]
 
-# A share of the samples may be outliers, whose density is this many times as broad as the data.
-_OUTLIERS, _BREADTH = 0.02, 5.0
 # Below this a difference of log evidences is a rounding error.
 _NO_ADVANTAGE = 1e-6
 # Log evidences this close leave both surfaces in the race.
 _NEARLY_TIED = 5.0
-# Median of |r| for a Gaussian of deviation one; for a Laplacian of scale one it is log 2.
-_GAUSSIAN_MEDIAN = 0.6745
 
 
 @dataclass(frozen=True)
@@ -118,29 +114,6 @@ def surface_candidates(
 
 def _n_monomials(surface: Any) -> int | None:
     return int(np.count_nonzero(surface.coef_)) if hasattr(surface, "mode_book_") else None
-
-
-def log_densities(problem: SwitchingProblem, coef: Array) -> Array:
-    """Log density of every sample's velocity in every mode, (n_samples, n_modes).
-
-    A Gaussian with the scale of the residuals and a broad one for outliers, which bounds what a
-    single sample can say.
-    """
-    deviation = problem.scale * np.log(2.0) / _GAUSSIAN_MEDIAN
-    middle = weighted_median(problem.targets, problem.weight)
-    typical = weighted_median(np.abs(problem.targets - middle), problem.weight)
-    breadth = np.maximum(_BREADTH * typical / _GAUSSIAN_MEDIAN, deviation)
-    inside = np.stack(
-        [_gaussian(problem.targets - velocity, deviation) for velocity in problem.velocities(coef)],
-        axis=1,
-    )
-    outside = _gaussian(problem.targets - middle, breadth)[:, None]
-    return np.logaddexp(np.log1p(-_OUTLIERS) + inside, np.log(_OUTLIERS) + outside)
-
-
-def _gaussian(residuals: Array, deviation: Array) -> Array:
-    scaled = residuals / deviation
-    return -0.5 * np.square(scaled).sum(axis=1) - np.log(np.sqrt(2 * np.pi) * deviation).sum()
 
 
 def _sides(problem: SwitchingProblem, surface, density: Array, column: int) -> tuple[Array, Array]:

@@ -41,12 +41,13 @@ GROUPS = (
     plotting/_timeline""",
     # 7: monomials and labels of the surface; 8 to 11: from the data to the estimator, and how
     # sure it is
-    "_monomials _evidence",
+    "_evidence",
+    "_monomials",
     "_identification _guard _certificates plotting/__init__",
     "_setup _warnings",
     "_regressor",
     "uncertainty",
-    # 12 to 14: the public names, the main job, the command line
+    # 13 to 15: the public names, the main job, the command line
     "__init__ _command/job",
     "_command/job_text",
     "__main__",
