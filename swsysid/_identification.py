@@ -27,6 +27,8 @@ __all__ = ["Identification", "Search", "identify"]
 # likelihoods within this many nats leave the choice between them open: dense gates on thousands
 # of samples differ by hundreds where the samples decide.
 _DIFFERENT, _OPEN = 0.02, 20.0
+# Terms are chosen anew for the modes that the last choice led to, at most so often.
+_MOST_CHOICES = 5
 # An answer that fewer than one start in this many finds again is no more than the best so far.
 _SELDOM = 32
 # As many rows as this decide between starts as well as all rows do.
@@ -285,11 +287,16 @@ def _same_answer(run: Alternation, best: Alternation, problem: SwitchingProblem)
 
 
 def _sparsify(problem, best: Alternation, search: Search) -> tuple[SwitchingProblem, Alternation]:
-    """Drop needless terms, then let the alternation settle without them."""
-    support = sparse_support(problem, best.coef, best.modes, search.sparsity)
-    problem = replace(problem, support=support)
-    start = one_hot(best.modes, problem.n_modes)
-    return problem, alternate(problem, start, max_iter=search.max_iter, tol=search.tol)
+    """Drop needless terms and let the alternation settle without them, until no choice changes."""
+    support = None
+    for _ in range(_MOST_CHOICES):
+        previous, support = support, sparse_support(problem, best.coef, best.modes, search.sparsity)
+        if previous is not None and np.array_equal(support, previous):
+            break
+        problem = replace(problem, support=support)
+        start = one_hot(best.modes, problem.n_modes)
+        best = alternate(problem, start, max_iter=search.max_iter, tol=search.tol)
+    return problem, best
 
 
 def _canonical_order(problem: SwitchingProblem, best: Alternation) -> Modes:

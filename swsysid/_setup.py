@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.base import clone
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._features import FeatureMap
@@ -60,6 +61,9 @@ def build_problem(estimator: Any, rows: CanonicalRows, feature_map: FeatureMap) 
     """The identification problem on the canonical rows."""
     X, targets, _ = rows.arrays
     surface = PolynomialSurfaceClassifier() if estimator.surface is None else estimator.surface
+    if getattr(surface, "random_state", 0) is None:
+        # Left to itself the search for mode-books would draw from numpy's global state.
+        surface = clone(surface).set_params(random_state=0)
     relaxation = get_relaxation(estimator.relaxation)
     relaxation.loss, relaxation.solver = estimator.loss, estimator.solver
     return SwitchingProblem(

@@ -57,11 +57,16 @@ class _Refit:
         ).coef[0]
 
     def squared_t(self, state: int, coef: Array, kept: NDArray[np.bool_]) -> Array:
-        """Squared t-statistics; the residual scale is robust (median absolute deviation)."""
+        """Squared t-statistics of the kept terms.
+
+        The scale is the median size of the residuals, without as many of the smallest as there
+        are terms: so many samples an l1 fit meets exactly.
+        """
         design = self.design[:, kept]
         gram = (design * self.weight[:, None]).T @ design
         residual = np.abs(self.targets[:, state] - self.design @ coef)
-        sigma = 1.4826 * np.median(np.repeat(residual, _counts(self.weight)))
+        residual = np.sort(np.repeat(residual, _counts(self.weight)))
+        sigma = 1.4826 * np.median(residual[min(len(coef[kept]), len(residual) - 1) :])
         size = np.sqrt(np.average(design**2, axis=0, weights=self.weight))
         velocity = np.sqrt(np.average(self.targets[:, state] ** 2, weights=self.weight))
         variance = sigma**2 * np.diag(np.linalg.pinv(gram, hermitian=True))
