@@ -241,7 +241,8 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def predict_mode_proba(self, X):
         """Probability of every mode, shape (n_samples, `n_modes_`).
 
-        That of the surface; 0 or 1 if the surface has no ``predict_proba``.
+        That of the surface, which counts the surfaces that the data allow; 0 or 1 if the surface
+        has no ``predict_proba``.
         """
         check_is_fitted(self)
         X = self._validated(X)
