@@ -22,6 +22,9 @@ from swsysid._surfaces.relevance import Relevance, feature_relevance
 
 __all__ = ["SurfaceCandidate", "SurfaceChoice", "choose_monomials", "surface_candidates"]
 
+# Each surface is a search of its own: that of a surface for each pair of twenty modes would take
+# longer than the fit.
+_MOST_SURFACES = 15
 # Below this a difference of log evidences is a rounding error.
 _NO_ADVANTAGE = 1e-6
 # Log evidences this close leave both surfaces in the race.
@@ -69,11 +72,14 @@ def choose_monomials(
 ) -> tuple[SwitchingProblem, Alternation, SurfaceChoice | None]:
     """Alternate again with the relevant monomials if they explain the velocities better.
 
-    Nothing is chosen without coupling (the paper's method), for one mode, or for a surface that
-    knows no relevance or was given one.
+    Nothing is chosen without coupling (the paper's method), for one mode, for more surfaces than
+    it takes to separate a handful of modes, or for a surface that knows no relevance or was given
+    one.
     """
     surface = best.surface
-    if surface is None or len(surface.classes_) < 2 or not offers_relevance(problem.surface):
+    if surface is None or not offers_relevance(problem.surface):
+        return problem, best, None
+    if not 1 <= surface.mode_book_.shape[1] <= _MOST_SURFACES:
         return problem, best, None
     density = log_densities(problem, best.coef)
     features = surface.surface_features(problem.coordinates)

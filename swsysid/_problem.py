@@ -54,8 +54,11 @@ def offers_penalty(surface: Any) -> bool:
 
 
 def offers_relevance(surface: Any) -> bool:
-    """True if a classifier can be told which features matter, and was not told."""
-    return getattr(surface, "relevance", ()) is None
+    """True if a classifier can be told which features matter, and was not told.
+
+    One that is not to standardise is the paper's program to the letter.
+    """
+    return getattr(surface, "relevance", ()) is None and surface.standardize
 
 
 def fit_weighted(classifier: Any, X: Array, modes: Modes, weight: Array, start: Any = None) -> Any:

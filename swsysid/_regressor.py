@@ -101,7 +101,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     surface_ : classifier
         Fitted to the modes of the training samples. A `PolynomialSurfaceClassifier` whose
         `relevance` is None is given the monomials that the samples ask for, if these explain the
-        velocities better than all do (not with ``coupling=0``).
+        velocities better than all do (not with ``coupling=0`` or ``standardize=False``).
     surface_candidates_ : list of SurfaceCandidate
         `surface_`; after it, where few monomials and all nearly tie, the other of the two.
     objective_ : float

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.special import expit
 from scipy.stats import norm
 
-from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid import FunctionLibrary, PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid._surfaces.margin_program import fit_surface
 from swsysid._surfaces.relevance import _fit_gates, feature_relevance
 from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator
@@ -212,7 +212,19 @@ def test_few_monomials_beat_all_of_them_under_noise():
 def test_without_coupling_or_with_a_given_relevance_nothing_is_chosen():
     data = make_damped_oscillator(300, noise=0.05, random_state=0)
     given = PolynomialSurfaceClassifier(relevance=[1, 1, 1, 0, 0, 0])
-    for options in ({"coupling": 0}, {"surface": given}):
+    literal = PolynomialSurfaceClassifier(standardize=False)
+    for options in ({"coupling": 0}, {"surface": given}, {"surface": literal}):
         model = SwitchingSystemRegressor(random_state=0, **options).fit(data.X, data.Xdot)
         assert len(model.surface_candidates_) == 1
         assert model.surface_candidates_[0].shortfall == 0.0
+
+
+def test_columns_of_a_library_have_relevance_too():
+    x = np.random.default_rng(0).uniform(-2, 2, (600, 1))
+    Xdot = np.where(np.abs(x) > 1, -x, 2 * x + 1)
+    library = FunctionLibrary([np.ones_like, np.sin, np.abs, np.square])
+    surface = PolynomialSurfaceClassifier(feature_library=library)
+    model = SwitchingSystemRegressor(feature_library=1, surface=surface, random_state=0)
+    model.fit(x, Xdot)
+    assert model.surface_.coef_[0, 1] == 0.0  # no sine in |x| = 1
+    assert np.mean(model.predict_modes(x) == model.modes_) == 1.0
