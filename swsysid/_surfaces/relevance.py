@@ -45,8 +45,8 @@ _LARGEST = 12
 _PATIENCE = 2
 # Features less probable than this are left out.
 _NEGLIGIBLE = 0.05
-# Rows next to the surface, and rows spread over the others, that stand for many.
-_NEAR, _FAR = 1500, 500
+# Rows next to the surface, and rows spread over the others, where there are more.
+_NEAR, _FAR = 4000, 1000
 _NEWTON_STEPS, _HALVINGS = 30, 12
 _TOLERANCE = 1e-3
 
@@ -149,16 +149,18 @@ class _Subsets:
             best = max(best, top)
 
     def _thin(self, some: NDArray[np.intp], full: Subset) -> None:
-        """Keep the rows nearest to a gate fitted to some, and let others stand for the rest."""
+        """Keep the rows nearest to a gate fitted to some, and a few of the others.
+
+        Any gate in question explains the others; each counts once, as a weight of hundreds would
+        let a single odd velocity decide about the monomials.
+        """
         rows = self.features, self.log_ratio, self.weight
         sample = _Subsets(*(part[some] for part in rows))
         sample._fit([full], [np.zeros(self.n_features)])
         order = np.argsort(np.abs(self.features @ sample.found[full].coef), kind="stable")
         far = order[_NEAR:][spread_rows(len(order) - _NEAR, _FAR)]
-        share = self.weight[order[_NEAR:]].sum() / self.weight[far].sum()
         kept = np.concatenate([order[:_NEAR], far])
         self.features, self.log_ratio, self.weight = (part[kept] for part in rows)
-        self.weight[_NEAR:] *= share
 
     def _empty(self) -> _Gate:
         nothing = np.zeros(len(self.weight))
