@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._printing import check_format, linear_combination, symbol
 from swsysid._results import IdentificationWarning, MarginCertificate
-from swsysid._rows import canonical_rows, check_sample_weight
+from swsysid._rows import canonical_rows, check_sample_weight, places_between
 from swsysid._surfaces.book_program import choose_mode_book, fit_mode_book, surface_scale
 from swsysid._surfaces.margin_program import worst_status
 from swsysid._surfaces.margins import certify_margin, nonzero_margin
@@ -76,10 +76,9 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     feature_library : transformer, PySINDy library or int, default=None
         Replaces the monomials: its columns are the surface features.
     relevance : array-like of shape (n_surface_features,), default=None
-        How much the surfaces are expected to need each monomial, between 0 and 1: its coefficient
-        then pays beta / relevance, and monomials of relevance 0 are left out. The monomials are
-        the user's own, scaled but not centred. `SwitchingSystemRegressor` finds a relevance
-        where none is given; here None is all monomials.
+        How much surfaces need each monomial, from 0 to 1: its coefficient pays beta / relevance,
+        0 leaves it out. The monomials are then the user's own, scaled but not centred. None is
+        all monomials here; `SwitchingSystemRegressor` then finds a relevance.
     solver : str, default="auto"
         ``"auto"`` is HiGHS; any other name is a solver of cvxpy.
     random_state : int, RandomState instance or None, default=None
@@ -228,11 +227,16 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X):
         """Probability of every class, shape (n_samples, n_classes).
 
-        Votes of surfaces that the training data allow, and training errors as near to them.
+        `class_posterior`; for two classes its mean at the same decision, so that both rank alike.
         """
-        check_is_fitted(self)
-        X = validate_data(self, X, dtype=np.float64, reset=False)
-        return self._posterior(self._basis(X))
+        if len(self.classes_) != 2:
+            return self.class_posterior(X)
+        features = self._basis(self._checked(X))
+        return self._posterior.of_decisions(features, self._basis(self._places))
+
+    def class_posterior(self, X):
+        """Votes of surfaces that the data allow, and training errors as near to the surface."""
+        return self._posterior(self._basis(self._checked(X)))
 
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
@@ -240,25 +244,19 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         `log_likelihood` of every class, (n_samples, n_classes), counts up to a constant for each
         sample: equal entries say nothing. Returns the classifier.
         """
-        check_is_fitted(self)
-        X = validate_data(self, X, dtype=np.float64, reset=False)
-        rows = canonical_rows(X, log_likelihood, sample_weight=sample_weight)
+        rows = canonical_rows(self._checked(X), log_likelihood, sample_weight=sample_weight)
         features = self._basis(rows.arrays[0])
         self._posterior = self._posterior.with_likelihood(features, rows.arrays[1], rows.weight)
         return self
 
     def surface_values(self, X):
         """Values f_l(x) of all surfaces, not normalised, shape (n_samples, n_surfaces)."""
-        check_is_fitted(self)
-        X = validate_data(self, X, dtype=np.float64, reset=False)
         # In fitting coordinates: the user's monomials of data far from zero cancel.
-        return self._basis(X) @ self._fitted_coef.T
+        return self._basis(self._checked(X)) @ self._fitted_coef.T
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        check_is_fitted(self)
-        X = validate_data(self, X, dtype=np.float64, reset=False)
-        return self._basis.of_user(X)
+        return self._basis.of_user(self._checked(X))
 
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
@@ -356,6 +354,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         self._posterior = ModePosterior.of_labels(
             features, labels, rows.weight, self._fitted_coef, book, self._surface_scale
         )
+        self._places = places_between(rows.arrays[0])
         self.coef_ = self._basis.to_user(self._fitted_coef)
         self.feature_names_out_ = self._basis.names(self._input_names())
         slack = np.maximum(0.0, self.margin_ - book[labels] * values)
@@ -378,6 +377,10 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             )
 
     # -- small things ----------------------------------------------------------------------
+
+    def _checked(self, X):
+        check_is_fitted(self)
+        return validate_data(self, X, dtype=np.float64, reset=False)
 
     def _class_decisions(self, values):
         return decisions(values / self._surface_scale, self.mode_book_)

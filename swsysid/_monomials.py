@@ -91,6 +91,8 @@ def choose_monomials(
         advantage=sum(each.advantage for each in found),
         relevance=np.max([each.share for each in found], axis=0),
     )
+    if not choice.relevance.any():  # the velocities ask for no surface at all
+        return problem, best, None
     if choice.advantage < _NO_ADVANTAGE:
         return problem, best, choice
     sparse = clone(problem.surface).set_params(relevance=choice.relevance)

@@ -246,8 +246,9 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         X = self._validated(X)
-        if hasattr(self.surface_, "predict_proba"):
-            return self.surface_.predict_proba(X)
+        for name in ("class_posterior", "predict_proba"):
+            if hasattr(self.surface_, name):
+                return getattr(self.surface_, name)(X)
         return one_hot(self.surface_.predict(X), self.n_modes_)
 
     def mode_velocities(self, X):

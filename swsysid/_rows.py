@@ -14,7 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from swsysid._results import Array
 
-__all__ = ["CanonicalRows", "canonical_rows", "check_sample_weight", "spread_rows"]
+__all__ = [
+    "CanonicalRows",
+    "canonical_rows",
+    "check_sample_weight",
+    "places_between",
+    "spread_rows",
+]
 
 
 @dataclass(frozen=True)
@@ -100,6 +106,16 @@ def spread_rows(n_samples: int, n_chosen: int) -> NDArray[np.intp]:
     """
     golden = (np.sqrt(5.0) - 1.0) / 2.0
     return np.unique((np.arange(1, n_chosen + 1) * golden % 1.0 * n_samples).astype(np.intp))
+
+
+def places_between(X: Array, n_chosen: int = 2000) -> Array:
+    """Places on the lines between far apart pairs of rows, (at most n_chosen, n_features).
+
+    They fill the region that the rows span, where no row is as well.
+    """
+    some = X[spread_rows(len(X), n_chosen)]
+    share = (np.arange(1, len(some) + 1) * (np.sqrt(2.0) - 1.0) % 1.0)[:, None]
+    return share * some + (1.0 - share) * np.roll(some, len(some) // 2, axis=0)
 
 
 def check_sample_weight(sample_weight: ArrayLike | None, n_samples: int) -> Array:

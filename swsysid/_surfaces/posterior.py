@@ -37,6 +37,9 @@ _N_NEAR, _N_ANYWHERE = 400, 200
 # Of these, the ones that a step looks at; and how far it goes, in standard deviations, if none
 # stops it.
 _N_MET, _REACH = 64, 30.0
+# Surfaces whose coefficients are this many times as large as the fitted ones are not drawn: a few
+# rows do not stop a chain in every direction.
+_FARTHEST = 1e3
 # Rows whose odds are less than exp(4) to 1 are no errors.
 _CERTAIN = 4.0
 _MOST_ROWS = 20_000
@@ -106,6 +109,7 @@ def sample_surface(evidence: SurfaceEvidence, random_state: np.random.RandomStat
 
     chains, kept = np.repeat(coef[None, :], _N_CHAINS, axis=0), []
     halves = np.arange(_N_CHAINS).reshape(2, -1)
+    farthest = _FARTHEST * np.linalg.norm(coef)
     burn_in = _BURN_IN + _BURN_IN_A_COEFFICIENT * len(coef)
     for step in range(burn_in + _N_KEPT * _EVERY):
         for half, other in (halves, halves[::-1]):
@@ -116,7 +120,9 @@ def sample_surface(evidence: SurfaceEvidence, random_state: np.random.RandomStat
             else:
                 moves = random_state.standard_normal((len(half), len(coef))) @ root
                 moves -= np.outer(moves @ gauge / (gauge @ coef), coef)
-            chains[half] += line.draw(chains[half], moves, random_state)[:, None] * moves
+            moved = chains[half] + line.draw(chains[half], moves, random_state)[:, None] * moves
+            inside = np.linalg.norm(moved, axis=1) <= farthest
+            chains[half[inside]] = moved[inside]
         if step >= burn_in and (step - burn_in) % _EVERY == _EVERY - 1:
             kept.append(chains / columns)
     return np.concatenate(kept)
