@@ -18,8 +18,8 @@ from swsysid._surfaces.book_program import choose_mode_book, fit_mode_book, surf
 from swsysid._surfaces.margin_program import worst_status
 from swsysid._surfaces.margins import certify_margin, nonzero_margin
 from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
-from swsysid._surfaces.parameters import check_parameters, check_relevance
-from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis
+from swsysid._surfaces.parameters import check_parameters
+from swsysid._surfaces.polynomials import surface_basis
 from swsysid._surfaces.probability import ModePosterior
 
 __all__ = ["PolynomialSurfaceClassifier"]
@@ -187,7 +187,10 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         labels = np.minimum(np.searchsorted(self.classes_, y), len(self.classes_) - 1)
         rows = canonical_rows(X, labels, sample_weight=weight)
 
-        self._basis = self._make_basis(rows.arrays[0], rows.weight)
+        self._basis = surface_basis(
+            self.degree, self.feature_library, rows.arrays[0], rows.weight,
+            standardize=self.standardize, relevance=self.relevance,
+        )  # fmt: skip
         features, labels = self._basis(rows.arrays[0]), rows.arrays[1]
         default_beta = _BETA_STANDARDIZED if self.standardize else _BETA_RAW
         self.beta_ = default_beta if self.beta == "auto" else float(self.beta)
@@ -229,14 +232,14 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
 
         `class_posterior`; for two classes its mean at the same decision, so that both rank alike.
         """
+        features = self._features(X)
         if len(self.classes_) != 2:
-            return self.class_posterior(X)
-        features = self._basis(self._checked(X))
+            return self._posterior(features)
         return self._posterior.of_decisions(features, self._basis(self._places))
 
     def class_posterior(self, X):
         """Votes of surfaces that the data allow, and training errors as near to the surface."""
-        return self._posterior(self._basis(self._checked(X)))
+        return self._posterior(self._features(X))
 
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
@@ -252,11 +255,12 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     def surface_values(self, X):
         """Values f_l(x) of all surfaces, not normalised, shape (n_samples, n_surfaces)."""
         # In fitting coordinates: the user's monomials of data far from zero cancel.
-        return self._basis(self._checked(X)) @ self._fitted_coef.T
+        return self._features(X) @ self._fitted_coef.T
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        return self._basis.of_user(self._checked(X))
+        X = self._checked(X)
+        return self._basis.of_user(X)
 
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
@@ -382,19 +386,12 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         check_is_fitted(self)
         return validate_data(self, X, dtype=np.float64, reset=False)
 
+    def _features(self, X):
+        X = self._checked(X)
+        return self._basis(X)
+
     def _class_decisions(self, values):
         return decisions(values / self._surface_scale, self.mode_book_)
 
     def _input_names(self):
         return getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])
-
-    def _make_basis(self, X, weight):
-        kind, features = (
-            (PolynomialBasis, self.degree)
-            if self.feature_library is None
-            else (LibraryBasis, self.feature_library)
-        )
-        if self.relevance is None:
-            return kind(features, X, weight, self.standardize)
-        basis = kind(features, X, weight, standardize=False)
-        return RelevantBasis(basis, check_relevance(self.relevance, len(basis.sizes)), X, weight)

@@ -21,11 +21,12 @@ GROUPS = (
     _command/__init__""",
     # 1: one tool each
     """_rows _model differentiation _solvers/conic _solvers/euclidean
-    _solvers/dynamics_program _surfaces/parameters _surfaces/polynomials _surfaces/mode_books
+    _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
     _seeding/designs _simulation/events metrics/_surfaces datasets/_measured""",
     # 2: programs and rollouts
-    """_mip _solvers/lad _surfaces/hinge _surfaces/relevance _surfaces/posterior _seeding/gate
-    _seeding/starts _simulation/simulate _command/samples metrics/_errors metrics/_modes""",
+    """_mip _solvers/lad _surfaces/hinge _surfaces/relevance _surfaces/polynomials _surfaces/posterior
+    _seeding/gate _seeding/starts _simulation/simulate _command/samples metrics/_errors
+    metrics/_modes""",
     # 3: the losses; the margin program; mixtures of experts
     """_losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
     metrics/_reliability datasets/_polynomial_system""",

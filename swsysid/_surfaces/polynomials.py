@@ -16,8 +16,9 @@ from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._features import FeatureMap, monomials_at
 from swsysid._results import Array
+from swsysid._surfaces.parameters import check_relevance
 
-__all__ = ["LibraryBasis", "PolynomialBasis", "RelevantBasis", "shifted_monomials"]
+__all__ = ["LibraryBasis", "PolynomialBasis", "RelevantBasis", "shifted_monomials", "surface_basis"]
 
 
 class PolynomialBasis:
@@ -181,6 +182,17 @@ class RelevantBasis:
         user = np.zeros((*coef.shape[:-1], self.n_columns))
         user[..., self.kept] = coef * self.scale
         return user
+
+
+def surface_basis(
+    degree: int, library, X: Array, weight: Array, *, standardize: bool, relevance=None
+) -> PolynomialBasis | LibraryBasis | RelevantBasis:
+    """The basis of a surface: monomials unless there is a library, all columns or relevant ones."""
+    kind, features = (PolynomialBasis, degree) if library is None else (LibraryBasis, library)
+    if relevance is None:
+        return kind(features, X, weight, standardize)
+    basis = kind(features, X, weight, standardize=False)
+    return RelevantBasis(basis, check_relevance(relevance, len(basis.sizes)), X, weight)
 
 
 def shifted_monomials(powers: Array, centre: Array, scale: Array) -> Array:
