@@ -25,8 +25,8 @@ GROUPS = (
     _seeding/designs _simulation/events metrics/_surfaces datasets/_measured""",
     # 2: programs and rollouts
     """_mip _solvers/lad _surfaces/hinge _surfaces/polynomials _surfaces/posterior
-    _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate _command/samples metrics/_errors
-    metrics/_modes""",
+    _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
+    _command/samples metrics/_errors metrics/_modes""",
     # 3: the losses; the margin program; mixtures of experts
     """_losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
     metrics/_reliability datasets/_polynomial_system""",
