@@ -30,7 +30,7 @@ class ModeReliability:
     count : ndarray of shape (n_bins,)
         Samples (sum of their weights) in each bin.
     error : float
-        Expected calibration error: mean of |claimed - observed| over the samples.
+        Expected calibration error: mean of abs(claimed - observed) over the samples.
     """
 
     edges: Array
