@@ -239,7 +239,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
 
     def class_posterior(self, X):
         """Votes of surfaces that the data allow, and training errors as near to the surface."""
-        return self._posterior(self._features(X))
+        features = self._features(X)
+        return self._posterior(features)
 
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.

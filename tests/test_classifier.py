@@ -343,7 +343,8 @@ def test_grid_search_pipeline_pickle_and_html():
 
 def test_not_fitted():
     classifier = PolynomialSurfaceClassifier()
-    for method in (classifier.predict, classifier.surface_values, classifier.mode_penalty):
+    methods = "predict", "surface_values", "mode_penalty", "predict_proba", "class_posterior"
+    for method in (getattr(classifier, name) for name in methods):
         with pytest.raises(NotFittedError):
             method(square(3))
     with pytest.raises(NotFittedError):
@@ -359,6 +360,7 @@ def test_not_fitted():
         ({"margin": "wide"}, "margin='wide'"),
         ({"beta": -1.0}, "beta=-1.0"),
         ({"beta": "big"}, "beta='big'"),
+        ({"beta": np.array([1.0, 2.0])}, "beta=array"),
         ({"coef_bound": 0.0}, "coef_bound=0.0"),
         ({"coef_bound": None}, "coef_bound=None"),
         ({"mode_book": "best"}, "mode_book='best' is unknown"),

@@ -170,6 +170,7 @@ def test_relevance_divides_the_price_of_a_coefficient():
         ([1, 1], "a number between 0 and 1 for each of the 6 surface features"),
         ([1, 1, 1, 1, 1, 2], "a number between 0 and 1"),
         ([0] * 6, "one must be left"),
+        ("all", "give None or 6 numbers between 0 and 1"),
     ],
 )
 def test_relevance_that_makes_no_sense(relevance, sentence):

@@ -20,7 +20,7 @@ def check_parameters(classifier: Any) -> None:
     margin, beta, bound = classifier.margin, classifier.beta, classifier.coef_bound
     if not _is_auto(margin) and not _is_positive(margin):
         raise ValueError(f"margin={margin!r}; it must be a positive number or 'auto'.")
-    if not _is_auto(beta) and not (_is_positive(beta) or beta == 0.0):
+    if not _is_auto(beta) and not (_is_a(beta, Real) and 0.0 <= beta < np.inf):
         raise ValueError(f"beta={beta!r}; it must be a number not below 0, or 'auto'.")
     if not _is_positive(bound):
         raise ValueError(f"coef_bound={bound!r}; it must be a positive number.")
@@ -35,7 +35,12 @@ def check_parameters(classifier: Any) -> None:
 
 def check_relevance(relevance: ArrayLike, n_features: int) -> Array:
     """Relevance of the surface features as an array."""
-    checked = np.asarray(relevance, dtype=float)
+    try:
+        checked = np.asarray(relevance, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"relevance={relevance!r}; give None or {n_features} numbers between 0 and 1."
+        ) from None
     if checked.shape != (n_features,) or not ((checked >= 0) & (checked <= 1)).all():
         raise ValueError(
             f"relevance has shape {checked.shape}; give a number between 0 and 1 for each of the "
