@@ -18,7 +18,7 @@ GROUPS = (
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/tables datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
-    _command/__init__""",
+    _command/__init__ _rollouts/__init__ _rollouts/losses""",
     # 1: one tool each
     """_rows _model differentiation _solvers/conic _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
@@ -26,23 +26,24 @@ GROUPS = (
     # 2: programs and rollouts
     """_mip _solvers/lad _surfaces/hinge _surfaces/polynomials _surfaces/posterior
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
-    _command/samples metrics/_errors metrics/_modes""",
+    _rollouts/system _command/samples metrics/_errors metrics/_modes""",
     # 3: the losses; the margin program; mixtures of experts
     """_losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
+    _rollouts/stated _rollouts/integrate _rollouts/parameters
     metrics/_reliability datasets/_polynomial_system""",
     # 4: what a relaxation is; what a margin certifies; the search for starts
     """relaxations/_base _surfaces/margins _surfaces/book_program _seeding/search
-    metrics/__init__ datasets/_trajectories""",
+    _rollouts/segments metrics/__init__ datasets/_trajectories""",
     # 5: one relaxation a file; the three steps of the alternation; the classifier; seeding
     """relaxations/_exact relaxations/_simplex relaxations/_moment _problem _classifier
-    _seeding/seeding plotting/_style datasets/_generated""",
+    _rollouts/shooting _seeding/seeding plotting/_style datasets/_generated""",
     # 6: the alternation; the number of modes; the terms a mode needs; one display a file
-    """_alternation _scale _selection _sparsity relaxations/__init__ datasets/__init__
+    """_rollouts/estimation _alternation _scale _selection _sparsity relaxations/__init__ datasets/__init__
     plotting/_convergence plotting/_residual plotting/_rollout plotting/_surface
     plotting/_timeline""",
     # 7: monomials and labels of the surface; 8 to 11: from the data to the estimator, and how
     # sure it is
-    "_evidence",
+    "_evidence refinement",
     "_monomials",
     "_identification _guard _certificates plotting/__init__",
     "_setup _warnings",

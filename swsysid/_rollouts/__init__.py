@@ -1,0 +1,1 @@
+"""Parts of `swsysid.refinement`: batched rollouts, multiple shooting, parameters as a vector."""

@@ -1,0 +1,396 @@
+"""One refinement from its data to its estimate: preparation, stages, verdict, certainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from swsysid._results import Array, Status
+from swsysid._rollouts.integrate import rollout, substeps_for
+from swsysid._rollouts.losses import LOSSES, robust_loss, robust_scale
+from swsysid._rollouts.parameters import Parametrization
+from swsysid._rollouts.segments import Record, Segments, observed_states, read_trajectories
+from swsysid._rollouts.shooting import DENSE, Shooting
+from swsysid._rollouts.system import Maps, RowSystem
+
+__all__ = ["Estimate", "Estimation"]
+
+N_SEGMENTS, SHORTEST = 32, 10
+# A state so many times larger than anything measured has diverged.
+DIVERGED = 1e3
+# The penalty of the defects is tightened over these weights: first segments fit by themselves.
+EARLIER_WEIGHTS = (1.0, 10.0)
+TOLERANCE = 1e-9
+UNDETERMINED = 1e-12  # eigenvalue of the scaled information below which a direction is unknown
+REFUSED = 1e6  # residual of a trial at which the model has no value
+MOST_STAGES = 5
+MOST_ROWS = 500  # at which rates and sizes are looked at
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Best parameters and starts, with their rollouts compared to those of the given model."""
+
+    vector: Array
+    starts: Array
+    unknowns: Array
+    cost_before: float
+    cost_after: float
+    rmse_before: Array
+    rmse_after: Array
+    nfev: int
+    status: Status
+
+
+class Estimation:
+    """The refinement of one model on some trajectories; the options are those of `refine`."""
+
+    def __init__(self, model: Any, trajectories: Any, **options: Any):
+        system = _system_of(model)
+        output = getattr(model, "output", None)
+        self.maps = Maps(system, output)
+        names = system.feature_map.names_in
+        free = _free(model, system, options["free"])
+        self.parameters = Parametrization(model, system, output, free, options["fit_surface"])
+        if not len(self.parameters):
+            raise ValueError("no parameter is free; free a coefficient or name a parameter.")
+        self.observed = self._channels(names, options["observed"])
+        n_inputs = len(names) - self.maps.n_states
+        self.records = read_trajectories(trajectories, n_inputs, len(self.observed))
+        self.limits = self.parameters.bounds(options["bounds"])
+        self.loss, self.linear = options["loss"], options["linear"]
+        self.noise = _noise(self.records, options["noise"])
+        guess = self._guess(names, options["initial_states"])
+        self._measure(guess)
+        self._cut(guess, options["segment_length"])
+
+    # -- preparation -----------------------------------------------------------------------
+
+    def _channels(self, names, observed) -> NDArray[np.intp]:
+        """Columns of the output that are measured."""
+        if self.maps.output is None:
+            return observed_states(observed, names, self.maps.n_states)
+        if observed is not None:
+            raise ValueError(
+                "observed is given for a model with an output; leave it out, the output says what "
+                "the columns of x measure."
+            )
+        named = {name: np.array([value]) for name, value in self.parameters.named.items()}
+        return np.arange(self.maps.output(np.ones((1, len(names))), named).shape[1])
+
+    def _guess(self, names, initial_states) -> list[Array]:
+        """States of each record, (n_samples, n_states): measured, or carried by the model."""
+        n_states = self.maps.n_states
+        starts = _first_states(initial_states, names[:n_states], len(self.records))
+        measured = self.observed if self.maps.output is None else self.observed[:0]
+        given = np.isfinite(starts)
+        starts = np.where(given, starts, 0.0)
+        reach = np.nanmax(np.abs(np.vstack([record.y for record in self.records])), axis=0)
+        limit = np.maximum(np.abs(starts).max(axis=0), max(1.0, float(reach.max())))
+        limit[measured] = np.maximum(reach[: len(measured)], np.abs(starts[:, measured]).max(0))
+        self.bound = DIVERGED * np.where(limit > 0.0, limit, 1.0)
+        guess = []
+        for record, start, known in zip(self.records, starts, given, strict=True):
+            filled = _filled(record)[:, : len(measured)]
+            start[measured] = np.where(known[measured], start[measured], filled[0])
+            guess.append(self._carried(record, start, measured, filled))
+        return guess
+
+    def _carried(self, record: Record, start, measured, filled) -> Array:
+        """Hidden states by the given model, with the measured ones reset at every sample."""
+        if len(measured) == self.maps.n_states:
+            whole = np.empty((len(record.t), self.maps.n_states))
+            whole[:, measured], whole[0] = filled, start
+            return whole
+        sets = self.parameters.sets(self.parameters.start[None])
+        length = len(record.t) - 1 if not len(measured) else 1
+        pieces = Segments([record], length, linear=self.linear, substeps=1)
+        carried = np.tile(start, (len(record.t), 1))
+        for k in range(len(pieces)):
+            first, now = pieces.first[k], carried[[[pieces.first[k]]]]
+            run, _ = rollout(self.maps, sets, pieces.part(k), now, self.bound)
+            carried[first : first + len(run)] = run[:, 0, 0]
+            carried[first + len(run) - 1, measured] = filled[first + len(run) - 1]
+        return carried
+
+    def _measure(self, guess: list[Array]) -> None:
+        """Sizes of states, features and parameters, and the steps of the integration."""
+        x, u = np.vstack(guess), np.vstack([record.u for record in self.records])
+        self.scale = _spread(x)
+        rows = np.unique(np.linspace(0, len(x) - 1, MOST_ROWS).astype(int))
+        self._points = x[rows], u[rows]
+        sets = self.parameters.sets(self.parameters.start[None])
+        system = RowSystem(self.maps, sets, np.zeros(len(rows), dtype=np.intp))
+        features = self.maps.features(np.hstack(self._points), system.named)
+        velocities = system.field(system.modes(*self._points))(*self._points)
+        self.parameter_sizes = self.parameters.sizes(features, velocities)
+        self.substeps = self._substeps(self.parameters.start)
+
+    def _substeps(self, vector: Array) -> int:
+        longest = max(float(np.quantile(np.diff(record.t), 0.99)) for record in self.records)
+        return substeps_for(self.maps, self.parameters.sets(vector[None]), *self._points, longest)
+
+    def _cut(self, guess: list[Array], length: int | None) -> None:
+        """Segments of which the given model stays bounded on each."""
+        longest = max(len(record.t) for record in self.records) - 1
+        n_steps = sum(len(record.t) - 1 for record in self.records)
+        chosen = length or max(SHORTEST, -(-n_steps // N_SEGMENTS))
+        self.length = min(chosen, longest)
+        while True:
+            self.shooting = self._shooting(self.length)
+            nodes = [guess[k][i] for k, i in self.shooting.segments.places]
+            self.nodes = np.clip(np.array(nodes), -self.bound, self.bound)
+            vector = self.parameters.start
+            _, _, bounded = self.shooting.outputs(vector[None], self.nodes[None])
+            if bounded.all():
+                return
+            if length is not None or self.length == 1:
+                where = f"segments of {self.length} samples" if self.length > 1 else "one sample"
+                raise ValueError(
+                    f"the rollout of the start diverges within {where}; give a shorter "
+                    "segment_length (None chooses one), or better coefficients to start from."
+                )
+            self.length = max(1, self.length // 2)
+
+    def _shooting(self, length: int) -> Shooting:
+        segments = Segments(self.records, length, linear=self.linear, substeps=self.substeps)
+        return Shooting(
+            self.maps,
+            self.parameters,
+            segments,
+            observed=self.observed,
+            noise=self.noise,
+            scale=self.scale,
+            sizes=self.parameter_sizes,
+            bound=self.bound,
+        )
+
+    # -- stages ----------------------------------------------------------------------------
+
+    def solve(self, continuity: float, max_nfev: int) -> Estimate:
+        """Tighten the defects in stages; keep what makes the rollouts better."""
+        self.joined = continuity > 0.0
+        weights = [weight for weight in EARLIER_WEIGHTS if weight < continuity] + [continuity]
+        start = unknowns = self.shooting.join(self.parameters.start, self.nodes)
+        nfev = 0
+        for place, weight in enumerate(weights):
+            left = max_nfev - nfev
+            last = place == len(weights) - 1
+            answer = self._stage(unknowns, weight, left if last else max(1, left // 4))
+            unknowns, nfev = answer.x, nfev + answer.nfev
+            # a model that became faster needs shorter steps, and another look with them
+            needed = self._substeps(self.shooting.split(unknowns)[0])
+            if needed > self.substeps:
+                self.substeps = needed
+                self.shooting = self._shooting(self.length)
+                weights += [weight] * (last and len(weights) < MOST_STAGES)
+            if nfev >= max_nfev:
+                break
+        status = Status.OPTIMAL if answer.status > 0 and last else Status.ITERATION_LIMIT
+        return self._verdict(start, unknowns, nfev, status)
+
+    def _stage(self, unknowns: Array, weight: float, max_nfev: int):
+        shooting = self.shooting
+        first = shooting.residuals(unknowns, weight)
+        n_residuals = int(shooting.measured.sum())
+        self.f_scale = robust_scale(first[:n_residuals]) if self.loss != "linear" else 1.0
+
+        def residuals(trial):
+            try:
+                return shooting.residuals(trial, weight)
+            except ValueError:  # the features have no value there: the step was too long
+                return np.full_like(first, REFUSED)
+
+        low, high = (
+            np.concatenate([limit / self.parameter_sizes, np.full(self.nodes.size, infinite)])
+            for limit, infinite in zip(self.limits, (-np.inf, np.inf), strict=True)
+        )
+        small = len(first) * len(unknowns) <= DENSE
+        options = {"atol": 1e-10, "btol": 1e-10, "maxiter": 2 * len(unknowns)}
+        return least_squares(
+            residuals,
+            np.clip(unknowns, low, high),
+            lambda trial: shooting.jacobian(trial, weight),
+            bounds=(low, high),
+            loss=robust_loss(self.loss, n_residuals),
+            f_scale=self.f_scale,
+            x_scale="jac",
+            ftol=TOLERANCE,
+            xtol=TOLERANCE,
+            gtol=TOLERANCE,
+            max_nfev=max_nfev,
+            tr_solver="exact" if small else "lsmr",
+            tr_options={} if small else options,
+        )
+
+    # -- verdict ---------------------------------------------------------------------------
+
+    def _verdict(self, start, unknowns, nfev, status) -> Estimate:
+        """Whole rollouts of the given model, of it from the new starts, and of the new one."""
+        judge = (
+            self._shooting(max(len(r.t) for r in self.records)) if self.joined else (self.shooting)
+        )
+        (given, nodes), (refined, moved) = (self.shooting.split(u) for u in (start, unknowns))
+        kept = np.flatnonzero(self.shooting.segments.first == 0) if self.joined else slice(None)
+        vectors = np.stack([given, given, refined])
+        starts = np.stack([nodes[kept], moved[kept], moved[kept]])
+        read, _, bounded = judge.outputs(vectors, starts)
+        costs = np.array(
+            [self._cost(judge, one, ok) for one, ok in zip(read, bounded, strict=True)]
+        )
+        best = 2 if costs[2] < costs[:2].min() else 0
+        first = self.shooting.segments.first == 0
+        return Estimate(
+            vector=vectors[best],
+            starts=(moved if best else nodes)[first],
+            unknowns=unknowns if best else start,
+            cost_before=costs[0],
+            cost_after=costs[best],
+            rmse_before=self._rmse(judge, read[0], bounded[0]),
+            rmse_after=self._rmse(judge, read[best], bounded[best]),
+            nfev=nfev,
+            status=status,
+        )
+
+    def _cost(self, judge: Shooting, read: Array, bounded) -> float:
+        if not bounded.all():
+            return np.inf
+        z = np.square(judge._misfit(read[None])[0] / self.f_scale)
+        return 0.5 * self.f_scale**2 * float(LOSSES[self.loss](z)[0].sum())
+
+    def _rmse(self, judge: Shooting, read: Array, bounded) -> Array:
+        """Errors of each record and channel."""
+        error = np.square(read - judge.segments.y)
+        table = np.empty((len(self.records), len(self.observed)))
+        for k in range(len(self.records)):
+            own = judge.segments.record == k
+            seen = error[:, own].reshape(-1, error.shape[2])
+            table[k] = np.sqrt(np.nanmean(seen, axis=0)) if bounded[own].all() else np.inf
+        return table
+
+    # -- certainty -------------------------------------------------------------------------
+
+    def covariance(self, found: Estimate) -> Array:
+        r"""Covariance of the parameters, :math:`A^+ B A^+`; infinite where they are undetermined.
+
+        A is the information :math:`\sum_i w_i g_i g_i^T` of the derivatives g left after the
+        initial states are eliminated, B the covariance of the scores :math:`w_i r_i g_i`, which
+        is A times the noise variance if the residuals are white.
+        """
+        slopes, residuals, record = self.shooting.profile(found.unknowns, self.joined)
+        weight = LOSSES[self.loss](np.square(residuals / self.f_scale))[1]
+        information = (weight[:, None] * slopes).T @ slopes
+        size = np.sqrt(np.diag(information))
+        unknown = ~(size > 0.0)
+        size = np.where(unknown, 1.0, size)
+        values, vectors = np.linalg.eigh(information / np.outer(size, size))
+        lost = values <= UNDETERMINED * len(values)
+        inverse = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T / np.outer(size, size)
+        scores = (weight * residuals)[:, None] * slopes
+        free = max(1, len(residuals) - len(size) - found.starts.size)
+        spread = len(residuals) / free * _long_run(scores, record, len(self.observed))
+        unit = self.parameter_sizes
+        covariance: Array = inverse @ spread @ inverse * np.outer(unit, unit)
+        unknown |= (np.abs(vectors[:, lost]) > 0.1).any(axis=1)
+        covariance[unknown] = covariance[:, unknown] = 0.0
+        covariance[unknown, unknown] = np.inf
+        return covariance
+
+
+def _system_of(model: Any) -> Any:
+    if not hasattr(model, "coef_"):
+        raise TypeError(
+            f"model={type(model).__name__} has no coefficients yet; fit it first, or state one "
+            "with StatedModel."
+        )
+    system = getattr(model, "_model", None)
+    if system is None:
+        raise TypeError(
+            f"{type(model).__name__} is no switching system; give a fitted "
+            "SwitchingSystemRegressor or a StatedModel."
+        )
+    return system
+
+
+def _free(model, system, free) -> NDArray[np.bool_]:
+    given = getattr(model, "free", None) if free is None else free
+    chosen = np.asarray(system.coef != 0.0 if given is None else given, dtype=bool)
+    if chosen.shape != system.coef.shape:
+        raise ValueError(
+            f"free has shape {chosen.shape} and the coefficients {system.coef.shape}; give one "
+            "truth value for each coefficient."
+        )
+    return chosen
+
+
+def _noise(records: list[Record], noise) -> Array:
+    y = np.vstack([record.y for record in records])
+    empty = ~np.isfinite(y).any(axis=0)
+    if empty.any():
+        raise ValueError(
+            f"column {empty.argmax()} of x holds no finite value; name only measured states."
+        )
+    if noise is None:
+        return _spread(y)
+    chosen = np.broadcast_to(np.asarray(noise, dtype=float), y.shape[1:])
+    if not (chosen > 0.0).all() or not np.isfinite(chosen).all():
+        raise ValueError(f"noise={noise!r}; give a positive standard deviation for each channel.")
+    return chosen
+
+
+def _first_states(initial_states, names, n_records) -> Array:
+    """Initial states as given, (n_records, n_states), NaN where not."""
+    starts = np.full((n_records, len(names)), np.nan)
+    if isinstance(initial_states, Mapping):
+        for name, value in initial_states.items():
+            if name not in names:
+                raise ValueError(
+                    f"initial_states names {name!r}, which is no state; choose among "
+                    f"{', '.join(names)}."
+                )
+            starts[:, list(names).index(name)] = value
+    elif initial_states is not None:
+        given = np.asarray(initial_states, dtype=float)
+        if given.shape not in (starts.shape, starts.shape[1:]):
+            raise ValueError(
+                f"initial_states has shape {given.shape}; give ({len(names)},) or "
+                f"({n_records}, {len(names)})."
+            )
+        starts[:] = given
+    return starts
+
+
+def _filled(record: Record) -> Array:
+    """Measured channels with the missing values interpolated."""
+    filled = record.y.copy()
+    for column in filled.T:
+        known = np.isfinite(column)
+        if known.any():
+            column[~known] = np.interp(record.t[~known], record.t[known], column[known])
+        else:
+            column[:] = 0.0
+    return filled
+
+
+def _spread(columns: Array) -> Array:
+    spread = np.nanstd(columns, axis=0)
+    size = np.nanmax(np.abs(columns), axis=0)
+    return np.where(spread > 0.0, spread, np.where(size > 0.0, size, 1.0))
+
+
+def _long_run(scores: Array, record: NDArray, n_channels: int) -> Array:
+    """Covariance of the sum of scores that are correlated along each record (Bartlett's window)."""
+    total = np.zeros((scores.shape[1], scores.shape[1]))
+    for k in np.unique(record):
+        own = scores[record == k]
+        total += own.T @ own
+        n_lags = n_channels * int(np.ceil((len(own) / n_channels) ** (1.0 / 3.0)))
+        for lag in range(1, min(n_lags, len(own) - 1) + 1):
+            product = (1.0 - lag / (n_lags + 1.0)) * own[lag:].T @ own[:-lag]
+            total += product + product.T
+    return total
