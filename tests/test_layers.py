@@ -22,41 +22,52 @@ GROUPS = (
     # 1: one tool each
     """_rows _model differentiation _solvers/conic _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
-    _seeding/designs _simulation/events metrics/_surfaces datasets/_measured""",
+    _seeding/designs _simulation/events metrics/_surfaces datasets/_measured
+    datasets/_undeclared_records
+    diagnosis/_rearrangement diagnosis/_channels diagnosis/_shapes diagnosis/_records""",
     # 2: programs and rollouts
-    """_mip _solvers/lad _surfaces/hinge _surfaces/polynomials _surfaces/posterior
+    """diagnosis/_whiteness diagnosis/_noise_floor diagnosis/_spectrum diagnosis/_text
+    diagnosis/_samples
+    _mip _solvers/lad _surfaces/hinge _surfaces/polynomials _surfaces/posterior
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
-    _rollouts/system _command/samples metrics/_errors metrics/_modes""",
+    _rollouts/system _command/samples metrics/_errors metrics/_modes datasets/_undeclared_plants
+    datasets/_undeclared_mechanisms""",
     # 3: the losses; the margin program; mixtures of experts
-    """_losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
+    """diagnosis/_dependence diagnosis/_sizes
+    _losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
     _rollouts/stated _rollouts/integrate _rollouts/parameters
-    metrics/_reliability datasets/_polynomial_system""",
+    metrics/_reliability datasets/_polynomial_system
+    datasets/_undeclared_simulation""",
     # 4: what a relaxation is; what a margin certifies; the search for starts
-    """relaxations/_base _surfaces/margins _surfaces/book_program _seeding/search
-    _rollouts/segments metrics/__init__ datasets/_trajectories""",
+    """diagnosis/_cases
+    relaxations/_base _surfaces/margins _surfaces/book_program _seeding/search
+    _rollouts/segments metrics/__init__ datasets/_trajectories datasets/_undeclared_sizing""",
     # 5: one relaxation a file; the three steps of the alternation; the classifier; seeding
     """relaxations/_exact relaxations/_simplex relaxations/_moment _problem _classifier
-    _rollouts/shooting _seeding/seeding plotting/_style datasets/_generated""",
+    _rollouts/shooting _seeding/seeding plotting/_style datasets/_generated
+    datasets/_undeclared_actuators""",
     # 6: the alternation; the number of modes; the terms a mode needs; one display a file
-    """_rollouts/estimation _alternation _scale _selection _sparsity relaxations/__init__ datasets/__init__
+    """_alternation _scale _selection _sparsity relaxations/__init__ datasets/_undeclared_kinds
+    _rollouts/estimation
     plotting/_convergence plotting/_residual plotting/_rollout plotting/_surface
+    plotting/_diagnosis
     plotting/_timeline""",
     # 7: monomials and labels of the surface; 8 to 11: from the data to the estimator, and how
     # sure it is
-    "_evidence refinement",
-    "_monomials",
-    "_identification _guard _certificates plotting/__init__",
+    "_evidence refinement diagnosis/_report",
+    "_monomials diagnosis/_residuals",
+    "diagnosis/__init__ _identification _guard _certificates plotting/__init__",
     "_setup _warnings",
     "_regressor",
-    "uncertainty",
+    "uncertainty datasets/_undeclared",
     # 13 to 15: the public names, the main job, the command line
-    "__init__ _command/job",
+    "__init__ _command/job datasets/__init__",
     "_command/job_text",
     "__main__",
 )
 LAYERS = {name: layer for layer, names in enumerate(GROUPS) for name in names.split()}
 MAX_LINES = 400
-HEAVY = {"cvxpy", "pysindy", "matplotlib", "pandas", "pooch"}
+HEAVY = {"cvxpy", "pysindy", "matplotlib", "pandas", "pooch", "statsmodels"}
 FILES = sorted(
     path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py")
 )

@@ -14,6 +14,7 @@ from swsysid.datasets._measured import (
     fetch_rc_vehicle,
     fetch_silverbox,
 )
+from swsysid.datasets._undeclared import make_undeclared, undeclared_kinds
 
 __all__ = [
     "fetch_cascaded_tanks",
@@ -26,4 +27,6 @@ __all__ = [
     "make_damped_oscillator",
     "make_quartic_oscillator",
     "make_switching_network",
+    "make_undeclared",
+    "undeclared_kinds",
 ]
