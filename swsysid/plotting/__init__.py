@@ -1,6 +1,7 @@
 """Displays in scikit-learn's manner: ``from_estimator`` computes, ``plot`` draws."""
 
 from swsysid.plotting._convergence import ConvergenceDisplay
+from swsysid.plotting._diagnosis import ResidualReportDisplay
 from swsysid.plotting._residual import ResidualDisplay
 from swsysid.plotting._rollout import RolloutDisplay
 from swsysid.plotting._surface import SwitchingSurfaceDisplay
@@ -10,6 +11,7 @@ __all__ = [
     "ConvergenceDisplay",
     "ModeTimelineDisplay",
     "ResidualDisplay",
+    "ResidualReportDisplay",
     "RolloutDisplay",
     "SwitchingSurfaceDisplay",
 ]

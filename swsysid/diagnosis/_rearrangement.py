@@ -1,0 +1,92 @@
+"""Rearrangements of a residual that keep its correlation in time, and p-values from them.
+
+To ask whether a residual depends on a channel one compares with residuals that cannot: the same
+ones, in another order. Rows that follow each other in time may be alike, and so they move in
+blocks longer than their correlation; a white residual moves row by row, however slow the channel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+
+__all__ = ["block_length", "correlation_length", "max_statistic", "rearrangements", "robust_clip"]
+
+# Blocks are this many correlation lengths long, and at least so many are there to be moved.
+_LENGTHS, _FEWEST_BLOCKS = 3.0, 5
+_LONGEST_LAG = 400
+
+
+def robust_clip(values: Array, reach: float = 4.0) -> Array:
+    """`values` about their median, cut off at `reach` robust standard deviations."""
+    middle = np.median(values)
+    spread = 1.4826 * np.median(np.abs(values - middle))
+    if spread == 0.0:  # more than half of them are equal
+        spread = np.abs(values - middle).mean()
+    clipped = np.clip(values - middle, -reach * spread, reach * spread)
+    return clipped - clipped.mean()
+
+
+def correlation_length(values: Array, codes: NDArray[np.intp]) -> float:
+    r"""Rows that count as one: :math:`1 + 2\sum_k \rho_k` up to the first lag that is noise.
+
+    `codes` name the trajectory of each row; a trajectory is a contiguous stretch of rows.
+    """
+    centred = values - values.mean()
+    variance = float(np.square(centred).mean())
+    total, noise = 0.0, 2.0 / np.sqrt(len(values))
+    for lag in range(1, min(_LONGEST_LAG, len(values) // 4) + 1):
+        together = codes[lag:] == codes[:-lag]
+        if variance == 0.0 or not together.any():
+            break
+        rho = (centred[lag:] * centred[:-lag])[together].mean() / variance
+        if rho < noise:
+            break
+        total += float(rho)
+    return 1.0 + 2.0 * total
+
+
+def block_length(values: Array, codes: NDArray[np.intp]) -> int:
+    """Rows that must stay together: a few correlation lengths of the values and of their size."""
+    size = np.abs(values)
+    length = max(correlation_length(values, codes), correlation_length(size - size.mean(), codes))
+    if length == 1.0:
+        return 1
+    return int(max(1, min(np.ceil(_LENGTHS * length), len(values) // _FEWEST_BLOCKS)))
+
+
+def rearrangements(n_rows: int, block: int, n_permutations: int, rng) -> NDArray[np.intp]:
+    """Orders of the rows, (1 + n_permutations, n_rows); the first one is the order as it is.
+
+    The rows are closed to a ring that is cut at a random place into blocks, which are shuffled.
+    """
+    orders = np.empty((1 + n_permutations, n_rows), dtype=np.intp)
+    orders[0] = np.arange(n_rows)
+    for order in orders[1:]:
+        if block == 1:
+            order[:] = rng.permutation(n_rows)
+            continue
+        ring = np.roll(orders[0], rng.randint(n_rows))
+        pieces = np.array_split(ring, max(2, n_rows // block))
+        order[:] = np.concatenate([pieces[i] for i in rng.permutation(len(pieces))])
+    return orders
+
+
+def max_statistic(statistics: Array) -> Array:
+    """P-values of many tests at once, corrected for their number (Westfall and Young, 1993).
+
+    Column 0 of `statistics` (n_tests, 1 + n_permutations) is the data, the others are the
+    rearrangements. Every test is put on its own scale first; its p-value is the share of the
+    columns whose *largest* entry reaches its own. So no p-value needs a multiplication by the
+    number of tests, which few rearrangements could never survive.
+    """
+    if not len(statistics):
+        return np.zeros(0)
+    deviation = statistics.std(axis=1, keepdims=True)
+    deviation[deviation == 0.0] = 1.0
+    scores = (statistics - statistics.mean(axis=1, keepdims=True)) / deviation
+    largest = np.sort(scores[:, 1:].max(axis=0))
+    reached = len(largest) - np.searchsorted(largest, scores[:, 0], side="left")
+    return (1.0 + reached) / (1.0 + len(largest))

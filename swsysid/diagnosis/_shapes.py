@@ -1,0 +1,78 @@
+"""The shape of a dependence in a few words: a line, a step, a curve."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._results import Array
+
+__all__ = ["describe"]
+
+# A shape is named if it holds this share of what the bins hold.
+_ENOUGH = 0.8
+
+
+def describe(name: str, coordinate: Array, values: Array, share: float) -> str:
+    """A few words on how `values` depend on a coordinate, empty if no simple shape fits.
+
+    `share` is the share of the variance of `values` that any function of the coordinate explains;
+    a line, a step and a parabola are measured against it.
+    """
+    known = np.isfinite(coordinate)
+    order = np.argsort(coordinate[known], kind="stable")
+    x, y = coordinate[known][order], values[known][order] - values[known].mean()
+    total = float(y @ y)
+    if total == 0.0 or x[0] == x[-1] or share <= 0.0:
+        return ""
+    z = (x - x.mean()) / x.std()
+    line = float(z @ y) / len(z)
+    step, place = _best_step(x, y, None)
+    kink, other = _best_step(x, y - line * z, z)
+    simple = {"line": len(z) * line**2 / total, "step": step / total}
+    both = {
+        "step and line": simple["line"] + kink / total,
+        "parabola": _parabola(z, y) / total,
+    }
+    direction = "rising" if line > 0 else "falling"
+    words = {
+        "line": f"{direction} in a line",
+        "step": f"a step at {name}={_rounded(place, x)}",
+        "step and line": f"a step at {name}={_rounded(other, x)} and a line",
+        "parabola": "a parabola",
+    }
+    for shapes in (simple, both):
+        best = max(shapes, key=lambda shape: shapes[shape])
+        if shapes[best] >= _ENOUGH * share:
+            return words[best]
+    return "a curve"
+
+
+def _best_step(x: Array, y: Array, z: Array | None) -> tuple[float, float]:
+    r"""Sum of squares that the best step adds, and its place; beside a line in `z` if given.
+
+    A step h has the part of its square :math:`h^\top h - (h^\top 1)^2/n - (h^\top z)^2/n`
+    that a constant and a line do not have.
+    """
+    n_rows = len(x)
+    right = np.arange(n_rows - 1, 0, -1)
+    own = right * (1.0 - right / n_rows)
+    if z is not None:
+        own = own - np.square(np.cumsum(z)[:-1]) / n_rows
+    gain = np.square(np.cumsum(y)[:-1]) / np.maximum(own, 1e-9 * n_rows)
+    fewest = max(3, n_rows // 50)
+    gain[(right < fewest) | (right > n_rows - fewest) | (np.diff(x) == 0.0)] = 0.0
+    best = int(gain.argmax())
+    return float(gain[best]), float(0.5 * (x[best] + x[best + 1]))
+
+
+def _parabola(z: Array, y: Array) -> float:
+    design = np.polynomial.polynomial.polyvander(z, 2)
+    fit = design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    return float(fit @ fit)
+
+
+def _rounded(place: float, x: Array) -> str:
+    """A threshold with the digits that its neighbours deserve."""
+    low, high = np.quantile(x, [0.05, 0.95])
+    digits = int(np.ceil(-np.log10(max(high - low, 1e-300) / 20.0)))
+    return f"{round(place, digits) + 0.0:.{max(digits, 0)}f}"
