@@ -24,10 +24,10 @@ GROUPS = (
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
     _seeding/designs _simulation/events metrics/_surfaces datasets/_measured
     datasets/_undeclared_records
-    diagnosis/_rearrangement diagnosis/_channels diagnosis/_shapes diagnosis/_records""",
+    diagnosis/_rearrangement diagnosis/_channels diagnosis/_records""",
     # 2: programs and rollouts
     """diagnosis/_whiteness diagnosis/_noise_floor diagnosis/_spectrum diagnosis/_text
-    diagnosis/_samples
+    diagnosis/_samples diagnosis/_shapes
     _mip _solvers/lad _surfaces/hinge _surfaces/polynomials _surfaces/posterior
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
     _rollouts/system _command/samples metrics/_errors metrics/_modes datasets/_undeclared_plants

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from swsysid._results import Array
-from swsysid.diagnosis._channels import Channel, lagged, make_channel
+from swsysid.diagnosis._channels import Channel, lagged, make_channel, make_pair
 from swsysid.diagnosis._dependence import Clock, Examination, Test, examine
 from swsysid.diagnosis._rearrangement import max_statistic
 from swsysid.diagnosis._records import Finding, Peak
@@ -17,6 +19,8 @@ from swsysid.diagnosis._shapes import describe
 
 __all__ = ["Case", "examine_all", "findings_of", "peaks_of"]
 
+# Pairs of columns that are tested, enough for ten columns.
+_MOST_PAIRS = 45
 # Quantiles of the distance from the switching surface: bins are narrow where it is small.
 _NEAR = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8])
 
@@ -45,24 +49,27 @@ def _channels(samples: ResidualSamples) -> list[Channel]:
     return channels
 
 
-def _past(samples: ResidualSamples, n_lags: int):
-    """A function that makes the lagged channels, given what is left of the residual."""
+def _later(samples: ResidualSamples, n_lags: int) -> Callable[[Array], list[Channel]]:
+    """Makes pairs of columns and lagged channels, given what is left of the residual."""
     codes = samples.codes
     longest = int(np.bincount(codes).max())
-    lags = range(1, min(n_lags, longest // 4) + 1)
+    lags = range(1, min(n_lags, longest // 4) + 1) if samples.ordered else range(0)
+    columns = _channels(samples)[: len(samples.names)]
+    pairs = [make_pair(*both) for both in list(combinations(columns, 2))[:_MOST_PAIRS]]
 
     def make(left: Array) -> list[Channel]:
-        channels = [
+        past = [
             make_channel(f"{name} {_ago(lag)}", lagged(samples.X[:, i], codes, lag), "lag")
             for i, name in enumerate(samples.names)
             for lag in lags
         ]
-        return channels + [
+        own = [
             make_channel(
                 f"the residual {_ago(lag)}", lagged(left, codes, lag, beyond=False), "residual lag"
             )
             for lag in lags
         ]
+        return pairs + past + own
 
     return make
 
@@ -90,7 +97,7 @@ def examine_all(
             residual,
             samples.codes,
             channels + modes,
-            past=_past(samples, n_lags) if samples.ordered else None,
+            later=_later(samples, n_lags),
             spread_channels=channels + modes + surface,
             clock=clock,
             base=base,
@@ -102,7 +109,12 @@ def examine_all(
                 continue
             within = [channel.on(rows) for channel in channels]
             examination = examine(
-                residual[rows], samples.codes[rows], within, base=base[rows], **options
+                residual[rows],
+                samples.codes[rows],
+                within,
+                later=lambda left: [],
+                base=base[rows],
+                **options,
             )
             cases.append(Case(i, mode, examination))
     return cases
@@ -174,7 +186,7 @@ def _shape(test: Test, frequency: float | None) -> str:
     channel = test.channel
     if channel is None:
         return f"{frequency:.3g} Hz"
-    if channel.kind == "mode":
+    if channel.kind in ("mode", "pair"):
         return ""
     if channel.kind == "surface":
         near = test.values[channel.bins <= 1].mean()

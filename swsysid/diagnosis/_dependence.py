@@ -2,9 +2,9 @@
 
 Three rounds. The first asks what the residual depends on now: states, inputs, time, signals,
 modes, a sinusoid. What it finds is taken away, strongest first, and a later finding that is gone
-by then was only a shadow of an earlier one. The second asks what is left about the past, the third
-about the size of what is left: in the other order a slow channel's past, or the spread inside a
-bin, would be named beside the channel itself.
+by then was only a shadow of an earlier one. The second asks what is left about pairs of columns
+and about the past, the third about the size of what is left: in the other order a pair, a slow
+channel's past, or the spread inside a bin would be named beside the channel itself.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def examine(
     channels: list[Channel],
     *,
     ordered: bool,
-    past: Callable[[Array], list[Channel]] | None = None,
+    later: Callable[[Array], list[Channel]],
     spread_channels: list[Channel] | None = None,
     clock: Clock | None = None,
     n_permutations: int,
@@ -95,9 +95,9 @@ def examine(
 ) -> Examination:
     """Test one residual against channels, its past and its size.
 
-    `past` makes the lagged channels, given what is left of the residual. `base` (n_rows, n_columns)
-    holds what the model could use itself: it had taken what it could of every effect that it
-    lacks, and gives it back when the effect is found.
+    `later` makes the channels of the second round, given what is left of the residual. `base`
+    (n_rows, n_columns) holds what the model could use itself: it had taken what it could of every
+    effect that it lacks, and gives it back when the effect is found.
     """
     values = robust_clip(residual)
     values = values / values.std()
@@ -112,10 +112,9 @@ def examine(
         test, periodogram, search.frequency = _peak_test(clock, values, orders)
         tests.append(test)
     left = search.take_away(tests, values)
-    if past is not None:
-        later = _mean_tests(_telling(past(left)), left, orders)
-        left = search.take_away(later, left)
-        tests += later
+    second = _mean_tests(_telling(later(left)), left, orders)
+    left = search.take_away(second, left)
+    tests += second
     if spread_channels is not None:
         size = np.abs(robust_clip(left))
         size = size - size.mean()
@@ -145,7 +144,7 @@ def _without_strong(channels: list[Channel], values: Array) -> Array:
         shares = between_shares(channels, left[None])[:, 0] - chance
         if shares.max() < _STRONG:
             break
-        left = without(broken_line(channels[int(shares.argmax())]), left)
+        left = without(broken_line(channels[int(shares.argmax())], left), left)
     return left
 
 
@@ -212,7 +211,7 @@ class _Search:
                 break
             best = max(found, key=lambda test: current[id(test)].share)
             best.direct = True
-            columns.append(self._columns(best))
+            columns.append(self._columns(best, left))
             left = without(np.hstack(columns), values)
             found = [test for test in found if test is not best]
             if not found or left.var() <= 1e-12 * values.var():
@@ -226,9 +225,9 @@ class _Search:
         p_values = max_statistic(np.array([test.statistics for test in judged]))
         return [test for test, p in zip(tests, p_values, strict=True) if p <= self.significance]
 
-    def _columns(self, test: Test) -> Array:
+    def _columns(self, test: Test, left: Array) -> Array:
         if test.channel is not None:
-            return broken_line(test.channel)
+            return broken_line(test.channel, left)
         assert self.clock is not None and self.frequency is not None
         return wave_columns(self.clock.t, self.clock.pieces, self.frequency)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import norm
 from sklearn.neighbors import NearestNeighbors
 
 from swsysid._results import Array
@@ -14,7 +15,7 @@ from swsysid._rows import spread_rows
 __all__ = ["NoiseFloor", "clipped_size", "noise_floor"]
 
 _NEIGHBOURS, _MOST_ROWS = 10, 5000
-_FEWEST = 10
+_FEWEST, _REACH = 10, 2.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def noise_floor(
     little of what changes slowly. *In space*, the Gamma test (Stefansson, Koncar and Jones, 1997):
     half the mean squared difference between a row and its k-th neighbour, drawn against their
     squared distance for k = 1, ..., 10, meets distance zero at the variance of the noise. Both
-    sizes are taken after cutting off at three robust standard deviations, so that outliers and
+    sizes are taken after cutting off at two robust standard deviations, so that outliers and
     neighbours on two sides of a jump count little. What is slow in time *or* a smooth function of
     `X` can be explained: the smaller estimate is the floor. Noise that is itself correlated in
     time looks explicable to the first; white inputs that act late look like noise to both.
@@ -85,11 +86,17 @@ def noise_floor(
     return NoiseFloor(float(known[how]), how, float(in_time), float(in_space))
 
 
-def clipped_size(values: Array, reach: float = 3.0) -> float:
-    """Root mean square after cutting off at `reach` robust standard deviations."""
-    spread = 1.4826 * np.median(np.abs(values))
-    limit = reach * spread if spread > 0.0 else np.inf
-    return float(np.sqrt(np.square(np.clip(values, -limit, limit)).mean()))
+def clipped_size(values: Array) -> float:
+    """Root mean square after cutting off at two robust standard deviations.
+
+    The factor makes it the standard deviation of Gaussian values, which lose 8 % of their variance.
+    """
+    limit = _REACH * 1.4826 * np.median(np.abs(values))
+    if limit == 0.0:  # more than half of them are zero
+        return float(np.sqrt(np.square(values).mean()))
+    inside = 1.0 - 2.0 * norm.sf(_REACH) - 2.0 * _REACH * norm.pdf(_REACH)
+    gaussian = inside + 2.0 * _REACH**2 * norm.sf(_REACH)
+    return float(np.sqrt(np.square(np.clip(values, -limit, limit)).mean() / gaussian))
 
 
 def _in_time(values: Array, groups) -> float:

@@ -15,7 +15,7 @@ from swsysid._results import Array
 __all__ = ["block_length", "correlation_length", "max_statistic", "rearrangements", "robust_clip"]
 
 # Blocks are this many correlation lengths long, and at least so many are there to be moved.
-_LENGTHS, _FEWEST_BLOCKS = 3.0, 5
+_LENGTHS, _FEWEST_BLOCKS = 4.0, 5
 _LONGEST_LAG = 400
 
 
@@ -57,12 +57,12 @@ def block_length(values: Array, codes: NDArray[np.intp]) -> int:
     return int(max(1, min(np.ceil(_LENGTHS * length), len(values) // _FEWEST_BLOCKS)))
 
 
-def rearrangements(n_rows: int, block: int, n_permutations: int, rng) -> NDArray[np.intp]:
+def rearrangements(n_rows: int, block: int, n_permutations: int, rng) -> NDArray[np.int32]:
     """Orders of the rows, (1 + n_permutations, n_rows); the first one is the order as it is.
 
     The rows are closed to a ring that is cut at a random place into blocks, which are shuffled.
     """
-    orders = np.empty((1 + n_permutations, n_rows), dtype=np.intp)
+    orders = np.empty((1 + n_permutations, n_rows), dtype=np.int32)
     orders[0] = np.arange(n_rows)
     for order in orders[1:]:
         if block == 1:

@@ -19,7 +19,7 @@ class Size:
     n_rows : int
     rmse, r2 : float
     size : float
-        Root mean square after cutting off at three robust standard deviations.
+        Root mean square after cutting off at two robust standard deviations, as the noise.
     noise_floor : float or None
         Noise of the velocities, estimated as `how` says.
     how : str
@@ -54,6 +54,7 @@ class Whiteness:
     p_value: float
     significant: bool
     autocorrelation: tuple[float, ...]
+    n_pairs: tuple[int, ...]
     coloured_trajectories: tuple
 
 
@@ -69,7 +70,7 @@ class Finding:
     channel : str
         What it may depend on; ``"time"`` for a peak of the spectrum, ``"nothing"`` for a bias.
     kind : str
-        ``"state"``, ``"input"``, ``"time"``, ``"signal"``, ``"mode"``, ``"lag"``,
+        ``"state"``, ``"input"``, ``"time"``, ``"signal"``, ``"mode"``, ``"pair"``, ``"lag"``,
         ``"residual lag"``, ``"surface"``, ``"periodic"`` or ``"bias"``.
     aspect : str
         ``"mean"`` or ``"spread"`` (the size of what is left when all means are taken away).

@@ -23,12 +23,15 @@ class ReportData:
     residual : ndarray of shape (n_samples, n_equations)
     channels : dict of str to ndarray of shape (n_samples,)
         Every channel that was tested, NaN where it is not known.
+    pairs : dict of str to tuple of two str
+        The two channels of every pair.
     frequency : ndarray or None
     periodogram : dict of str to ndarray
     """
 
     residual: Array
     channels: dict[str, Array]
+    pairs: dict[str, tuple[str, str]]
     frequency: Array | None
     periodogram: dict[str, Array]
 

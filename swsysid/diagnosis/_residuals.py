@@ -31,7 +31,7 @@ def residual_report(
     signals: ArrayLike | None = None,
     *,
     n_lags: int = 10,
-    n_permutations: int = 199,
+    n_permutations: int = 499,
     significance: float = 0.01,
     random_state=None,
 ) -> ResidualReport:
@@ -61,7 +61,7 @@ def residual_report(
         Logged channels that the model does not use.
     n_lags : int, default=10
         Rows to look back.
-    n_permutations : int, default=199
+    n_permutations : int, default=499
         Rearrangements of the residual.
     significance : float, default=0.01
         Probability of finding anything in a residual of which nothing can be explained.
@@ -166,6 +166,11 @@ def _data(samples: ResidualSamples, cases: list[Case], clock: Clock | None) -> R
     return ReportData(
         residual=samples.residual,
         channels={channel.name: channel.values for channel in tested},
+        pairs={
+            channel.name: (channel.parts[0].name, channel.parts[1].name)
+            for channel in tested
+            if channel.parts is not None
+        },
         frequency=None if clock is None else clock.frequency,
         periodogram={
             samples.equations[case.equation]: case.examination.periodogram

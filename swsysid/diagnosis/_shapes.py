@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from swsysid._results import Array
+from swsysid.diagnosis._channels import best_step
 
 __all__ = ["describe"]
 
@@ -26,8 +27,8 @@ def describe(name: str, coordinate: Array, values: Array, share: float) -> str:
         return ""
     z = (x - x.mean()) / x.std()
     line = float(z @ y) / len(z)
-    step, place = _best_step(x, y, None)
-    kink, other = _best_step(x, y - line * z, z)
+    step, place = best_step(x, y)
+    kink, other = best_step(x, y - line * z, z)
     simple = {"line": len(z) * line**2 / total, "step": step / total}
     both = {
         "step and line": simple["line"] + kink / total,
@@ -45,24 +46,6 @@ def describe(name: str, coordinate: Array, values: Array, share: float) -> str:
         if shapes[best] >= _ENOUGH * share:
             return words[best]
     return "a curve"
-
-
-def _best_step(x: Array, y: Array, z: Array | None) -> tuple[float, float]:
-    r"""Sum of squares that the best step adds, and its place; beside a line in `z` if given.
-
-    A step h has the part of its square :math:`h^\top h - (h^\top 1)^2/n - (h^\top z)^2/n`
-    that a constant and a line do not have.
-    """
-    n_rows = len(x)
-    right = np.arange(n_rows - 1, 0, -1)
-    own = right * (1.0 - right / n_rows)
-    if z is not None:
-        own = own - np.square(np.cumsum(z)[:-1]) / n_rows
-    gain = np.square(np.cumsum(y)[:-1]) / np.maximum(own, 1e-9 * n_rows)
-    fewest = max(3, n_rows // 50)
-    gain[(right < fewest) | (right > n_rows - fewest) | (np.diff(x) == 0.0)] = 0.0
-    best = int(gain.argmax())
-    return float(gain[best]), float(0.5 * (x[best] + x[best + 1]))
 
 
 def _parabola(z: Array, y: Array) -> float:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._results import Array
 from swsysid.diagnosis._noise_floor import clipped_size, noise_floor
 from swsysid.diagnosis._records import Finding, Size, Whiteness
 from swsysid.diagnosis._samples import ResidualSamples, rows_of_modes
-from swsysid.diagnosis._whiteness import WhitenessTest, bias_p_value, whiteness_test
+from swsysid.diagnosis._whiteness import WhitenessTest, bias_p_value, holm, whiteness_test
 
 __all__ = ["biases", "sizes", "whiteness"]
 
@@ -51,12 +50,6 @@ def _size(samples: ResidualSamples, equation: int, mode, rows: NDArray[np.intp])
     )
 
 
-def _holm(p_values: list[float], weight: float) -> Array:
-    from statsmodels.stats.multitest import multipletests
-
-    return np.minimum(1.0, multipletests(p_values, method="holm")[1] / weight)
-
-
 def whiteness(samples, live, n_lags, significance, weight, skipped) -> list[Whiteness]:
     if not samples.ordered or not live:
         return []
@@ -68,7 +61,7 @@ def whiteness(samples, live, n_lags, significance, weight, skipped) -> list[Whit
     except ValueError as error:
         skipped["whiteness"] = str(error).rstrip(".")
         return []
-    corrected = _holm([test.p_value for test in tests], weight)
+    corrected = np.minimum(1.0, holm([test.p_value for test in tests]) / weight)
     return [
         Whiteness(
             equation=samples.equations[i],
@@ -77,6 +70,7 @@ def whiteness(samples, live, n_lags, significance, weight, skipped) -> list[Whit
             p_value=float(p_value),
             significant=bool(p_value <= significance),
             autocorrelation=test.autocorrelation,
+            n_pairs=test.n_pairs,
             coloured_trajectories=tuple(
                 samples.trajectories[code] for code in test.coloured_trajectories
             ),
@@ -90,7 +84,7 @@ def biases(samples, live, significance, weight) -> list[Finding]:
         return []
     codes = samples.codes if samples.ordered else np.arange(len(samples.X))
     residuals = [samples.residual[:, i] for i in live]
-    corrected = _holm([bias_p_value(residual, codes) for residual in residuals], weight)
+    corrected = np.minimum(1.0, holm([bias_p_value(one, codes) for one in residuals]) / weight)
     return [
         Finding(
             equation=samples.equations[i],

@@ -84,21 +84,28 @@ def verdict(report: Any, equation: str) -> str:
         return "nothing is left: the residual is zero to rounding."
     found = [finding for finding in report.findings if finding.equation == equation]
     clauses = _clauses(found)
-    modes = [
-        test
-        for test in report.tests
-        if test.equation == equation and test.mode is not None and test.direct
-    ]
-    if not found and modes:
-        clauses = [
-            f"in mode {test.mode} it depends on {_detail(test)}" for test in modes[:_MOST_NAMED]
-        ]
+    clauses += _in_one_mode(report, equation)
     coloured = any(test.significant for test in report.whiteness if test.equation == equation)
     if coloured and not clauses:
         clauses = ["it is correlated in time, but follows no channel given"]
     if clauses:
         return f"{_size_in_words(size)}; {'; '.join(clauses)}."
     return f"nothing is left; {_size_in_words(size)}."
+
+
+def _in_one_mode(report: Any, equation: str) -> list[str]:
+    """What is there in some modes but not in all of them."""
+    examined = {size.mode for size in report.size if size.equation == equation} - {None}
+    found: dict[str, list[Finding]] = {}
+    for test in report.tests:
+        if test.equation == equation and test.mode is not None and test.direct:
+            found.setdefault(test.channel, []).append(test)
+    return [
+        f"in mode {test.mode} alone it depends on {_detail(test)}"
+        for tests in found.values()
+        for test in tests
+        if len(tests) < len(examined)
+    ][:_MOST_NAMED]
 
 
 def _size_in_words(size: Size) -> str:

@@ -11,7 +11,7 @@ from scipy.stats import chi2, norm, rankdata
 from swsysid._results import Array
 from swsysid.diagnosis._rearrangement import correlation_length
 
-__all__ = ["WhitenessTest", "bias_p_value", "whiteness_test"]
+__all__ = ["WhitenessTest", "bias_p_value", "holm", "normal_scores", "whiteness_test"]
 
 # A lag is used if so many pairs of rows have it; a trajectory is judged alone from so many rows.
 _FEWEST_PAIRS, _ROWS_A_LAG = 10, 5
@@ -30,6 +30,8 @@ class WhitenessTest:
     n_lags : int
     autocorrelation : tuple of float
         Of the normal scores, from lag one on.
+    n_pairs : tuple of int
+        Pairs of rows behind each.
     coloured_trajectories : tuple
         Trajectories that are not white when judged one by one (statsmodels' Ljung-Box test,
         Holm's correction, level 0.01).
@@ -39,6 +41,7 @@ class WhitenessTest:
     p_value: float
     n_lags: int
     autocorrelation: tuple[float, ...]
+    n_pairs: tuple[int, ...]
     coloured_trajectories: tuple
 
 
@@ -91,7 +94,7 @@ def whiteness_test(
         if together.sum() < _FEWEST_PAIRS:
             break
         sums.append((scores[lag:] * scores[:-lag])[together].sum())
-        pairs.append(together.sum())
+        pairs.append(int(together.sum()))
     if not sums:
         raise ValueError(
             f"fewer than {_FEWEST_PAIRS} pairs of rows follow each other in a trajectory; "
@@ -105,6 +108,7 @@ def whiteness_test(
         p_value=float(chi2.sf(statistic, len(rho))),
         n_lags=len(rho),
         autocorrelation=tuple(rho.tolist()),
+        n_pairs=tuple(pairs),
         coloured_trajectories=_coloured(scores, codes, names, len(rho)),
     )
 
@@ -116,7 +120,6 @@ def normal_scores(values: Array) -> Array:
 
 def _coloured(scores: Array, codes: NDArray, names: NDArray, n_lags: int) -> tuple:
     from statsmodels.stats.diagnostic import acorr_ljungbox
-    from statsmodels.stats.multitest import multipletests
 
     long_enough, p_values = [], []
     for code, name in enumerate(names.tolist()):
@@ -126,10 +129,21 @@ def _coloured(scores: Array, codes: NDArray, names: NDArray, n_lags: int) -> tup
             p_values.append(float(acorr_ljungbox(rows, lags=[n_lags])["lb_pvalue"].iloc[0]))
     if not long_enough:
         return ()
-    rejected = multipletests(p_values, alpha=_SIGNIFICANT, method="holm")[0]
-    return tuple(
-        name for name, is_not_white in zip(long_enough, rejected, strict=True) if is_not_white
-    )
+    rejected = holm(p_values) <= _SIGNIFICANT
+    return tuple(name for name, is_not in zip(long_enough, rejected, strict=True) if is_not)
+
+
+def holm(p_values: list[float]) -> Array:
+    """P-values corrected for their number by Holm's step-down procedure.
+
+    Written out, because statsmodels' ``multipletests`` collects garbage at each call, which takes
+    longer than the whole report of a small record.
+    """
+    order = np.argsort(p_values)
+    corrected = np.empty(len(p_values))
+    steps = np.arange(len(p_values), 0, -1) * np.asarray(p_values)[order]
+    corrected[order] = np.minimum(1.0, np.maximum.accumulate(steps))
+    return corrected
 
 
 def bias_p_value(residual: Array, codes: NDArray[np.intp]) -> float:

@@ -14,14 +14,15 @@ __all__ = ["ResidualReportDisplay"]
 _POINTS, _MIDDLE, _WARNING = "0.55", PALETTE[0], PALETTE[1]
 # Half width of the band in which 99 of 100 autocorrelations of white noise lie, times sqrt(n).
 _QUANTILE = 2.576
+_FEW_VALUES = 4
 
 
 @dataclass(frozen=True)
 class _Panel:
-    """One channel: its name, its values and what was found about it."""
+    """One channel, or two together: names, values and what was found."""
 
-    name: str
-    values: NDArray[np.float64]
+    names: tuple[str, ...]
+    values: tuple[NDArray[np.float64], ...]
     found: str
 
 
@@ -39,7 +40,7 @@ class ResidualReportDisplay:
     panels : list
         Channels to draw.
     autocorrelation : ndarray of shape (n_lags,) or None
-    band : float
+    band : ndarray of shape (n_lags,) or None
         Half width of the band of white noise.
     frequency, periodogram : ndarray of shape (n_frequencies,) or None
     peak : float or None
@@ -121,7 +122,7 @@ class ResidualReportDisplay:
             residual=data.residual[:, column],
             panels=_panels(report, equation, n_channels, units),
             autocorrelation=np.array(white[0].autocorrelation) if white else None,
-            band=_QUANTILE / np.sqrt(report.n_samples),
+            band=_QUANTILE / np.sqrt(white[0].n_pairs) if white else None,
             frequency=data.frequency,
             periodogram=data.periodogram.get(equation),
             peak=peaks[0].frequency if peaks and peaks[0].significant else None,
@@ -148,7 +149,8 @@ class ResidualReportDisplay:
         with canvas(ax, len(self.panels) + sum(extra), panel_size=(4.6, 4.2)) as axes:
             self.ax_, self.figure_ = axes, axes[0].figure
             for panel, one in zip(self.panels, axes, strict=False):
-                self._draw_channel(one, panel, max_points)
+                draw = self._draw_pair if len(panel.names) == 2 else self._draw_channel
+                draw(one, panel, max_points)
             rest = iter(axes[len(self.panels) :])
             if extra[0]:
                 self._draw_autocorrelation(next(rest))
@@ -159,10 +161,11 @@ class ResidualReportDisplay:
         return self
 
     def _draw_channel(self, ax, panel, max_points):
-        known = np.flatnonzero(np.isfinite(panel.values))
+        (values,) = panel.values
+        known = np.flatnonzero(np.isfinite(values))
         shown = known[:: max(1, -(-len(known) // max_points))]
         ax.scatter(
-            panel.values[shown],
+            values[shown],
             self.residual[shown],
             s=8,
             color=_POINTS,
@@ -171,29 +174,52 @@ class ResidualReportDisplay:
             rasterized=len(shown) > 1000,
         )
         ax.axhline(0.0, color="0.2", linewidth=1.0)
-        middle, mean, deviation = _binned(panel.values[known], self.residual[known])
-        ax.fill_between(
-            middle, mean - deviation, mean + deviation, color=_MIDDLE, alpha=0.2, linewidth=0
-        )
-        ax.plot(middle, mean, color="white", linewidth=4.5)
-        ax.plot(middle, mean, color=_MIDDLE, linewidth=2.4, marker="o", markersize=4)
+        middle, mean, deviation = _binned(values[known], self.residual[known])
+        if len(middle) <= _FEW_VALUES:  # a channel of few values: nothing lies between them
+            ax.errorbar(middle, mean, deviation, fmt="o", color=_MIDDLE, capsize=6)
+            ax.set_xticks(middle)
+            ax.margins(x=0.25)
+        else:
+            ax.fill_between(
+                middle, mean - deviation, mean + deviation, color=_MIDDLE, alpha=0.2, linewidth=0
+            )
+            ax.plot(middle, mean, color="white", linewidth=4.5)
+            ax.plot(middle, mean, color=_MIDDLE, linewidth=2.4, marker="o", markersize=4)
         low, high = np.quantile(self.residual, [0.002, 0.998])
         room = 0.08 * (high - low)
         if room > 0.0:  # a few outliers must not press all others flat
             ax.set_ylim(low - room, high + room)
-        ax.set(xlabel=panel.name, ylabel=self._label, title=panel.found)
+        ax.set(xlabel=panel.names[0], ylabel=self._label, title=panel.found)
+
+    def _draw_pair(self, ax, panel, max_points):
+        shown = slice(None, None, max(1, -(-len(self.residual) // max_points)))
+        limit = np.quantile(np.abs(self.residual), 0.98)
+        points = ax.scatter(
+            panel.values[0][shown],
+            panel.values[1][shown],
+            c=self.residual[shown],
+            s=14,
+            cmap="RdBu_r",
+            vmin=-limit,
+            vmax=limit,
+            linewidths=0,
+            rasterized=True,
+        )
+        ax.figure.colorbar(points, ax=ax, label=self._label)
+        ax.set(xlabel=panel.names[0], ylabel=panel.names[1], title=panel.found)
 
     _label = "residual"
 
     def _draw_autocorrelation(self, ax):
         lags = np.arange(1, len(self.autocorrelation) + 1)
         outside = np.abs(self.autocorrelation) > self.band
-        ax.axhspan(-self.band, self.band, color="0.85", linewidth=0, zorder=0)
+        ends = np.arange(len(lags) + 1) + 0.5
+        ax.stairs(self.band, ends, baseline=-self.band, color="0.85", fill=True, zorder=0)
         ax.axhline(0.0, color="0.2", linewidth=1.0)
         for rows, colour in ((outside, _WARNING), (~outside, _MIDDLE)):
             ax.vlines(lags[rows], 0.0, self.autocorrelation[rows], color=colour, linewidth=3.0)
             ax.plot(lags[rows], self.autocorrelation[rows], "o", color=colour, markersize=6)
-        largest = max(1.3 * np.abs(self.autocorrelation).max(), 2.5 * self.band)
+        largest = max(1.3 * np.abs(self.autocorrelation).max(), 2.0 * self.band.max())
         ax.set(
             xlabel="lag (rows)",
             ylabel="autocorrelation",
@@ -245,8 +271,13 @@ def _panels(report, equation, n_channels, units) -> list[_Panel]:
         if test.channel in channels and test.channel not in panels:
             what = "" if test.aspect == "mean" else "spread: "
             found = f"{what}{test.share:.0%}, p<={test.p_value:.2g}" if test.direct else ""
+            parts = report.data.pairs.get(test.channel, (test.channel,))
+            # of a lag only what is new beyond the channel now is drawn, as it was tested
+            ending = ", new part" if test.kind == "lag" else ""
             panels[test.channel] = _Panel(
-                axis_label(test.channel, units), channels[test.channel], found or "nothing found"
+                tuple(axis_label(part, units) + ending for part in parts),
+                tuple(channels[part] for part in parts),
+                found or "nothing found",
             )
         if len(panels) == n_channels:
             break
