@@ -95,8 +95,8 @@ def test_noise_beside_correlated_channels_is_clean(tails):
         t = np.arange(120.0)
         report = residual_report(Zero(), X, noise, t, n_lags=3, random_state=seed)
         n_clean += report.clean
-    # 1 of 100 may be found by chance: more than 2 of 40 has probability .007
-    assert n_clean >= 38
+    # 98 of 100; one may be found by chance in 100, and none is with these seeds
+    assert n_clean >= 0.98 * 40
 
 
 def test_rows_without_order():
@@ -237,7 +237,7 @@ def test_correlated_residuals_follow_no_channel_but_their_past():
         report = residual_report(Zero(), X, residual, np.arange(300.0), random_state=seed)
         assert report.whiteness[0].significant and not report.clean
         named += [finding.kind for finding in report.findings]
-    # rearranged row by row, a fifth of the other tests would be significant
+    # one of 20 may be found by chance
     assert set(named) <= {"residual lag", "lag"} and named.count("lag") <= 1
 
 
@@ -296,7 +296,7 @@ def test_shapes_in_words():
     x = np.linspace(-1, 1, 400)
     assert describe("x", x, x, 1.0) == "rising in a line"
     assert describe("x", x, np.where(x > 0.25, -1.0, 0.0), 1.0) == "a step at x=0.25"
-    assert describe("x", x, np.sign(x) - 0.8 * x, 1.0) == "a step at x=0.00 and a line"
+    assert describe("x", x, np.sign(x) - 1.5 * x, 1.0) == "a step at x=0.00 and a line"
     assert describe("x", x, x**2, 1.0) == "a parabola"
     assert describe("x", x, np.sin(9 * x), 1.0) == "a curve"
 
