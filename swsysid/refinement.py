@@ -29,7 +29,14 @@ from swsysid._rollouts.estimation import Estimation
 from swsysid._rollouts.losses import LOSSES
 from swsysid._rollouts.stated import ParametricLibrary, StatedModel, StatedSurface
 
-__all__ = ["ParametricLibrary", "RefinementResult", "StatedModel", "StatedSurface", "refine"]
+__all__ = [
+    "ParametricLibrary",
+    "RefinementResult",
+    "StatedModel",
+    "StatedSurface",
+    "initial_states",
+    "refine",
+]
 
 
 @dataclass(frozen=True)
@@ -114,7 +121,7 @@ def refine(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     noise: ArrayLike | None = None,
     input_hold: str = "zero",
-    continuity: float = 100.0,
+    joined: bool = True,
     max_nfev: int = 100,
 ) -> RefinementResult:
     """Improve the parameters of a model on the error of its rollouts.
@@ -150,8 +157,8 @@ def refine(
         measured channels themselves.
     input_hold : {"zero", "linear"}, default="zero"
         Inputs between the samples.
-    continuity : float, default=100.0
-        Last weight of the defects between segments. With 0 the segments stay apart: for chaotic
+    joined : bool, default=True
+        False leaves the segments apart, each with an initial state of its own: for chaotic
         systems, whose long rollouts mean nothing.
     max_nfev : int, default=100
         Batched integrations at most.
@@ -177,7 +184,7 @@ def refine(
     >>> round(float(result.values[0]), 4)
     -2.0
     """
-    _check(loss, input_hold, continuity, max_nfev, segment_length)
+    _check(loss, input_hold, max_nfev, segment_length)
     estimation = Estimation(
         model,
         trajectories,
@@ -190,8 +197,9 @@ def refine(
         bounds=bounds or {},
         noise=noise,
         linear=input_hold == "linear",
+        frozen=False,
     )
-    found = estimation.solve(float(continuity), max_nfev)
+    found = estimation.solve(joined, max_nfev)
     parameters = estimation.parameters
     covariance = estimation.covariance(found)
     undetermined = _undetermined(parameters.names, covariance)
@@ -214,13 +222,67 @@ def refine(
     )
 
 
-def _check(loss, input_hold, continuity, max_nfev, segment_length) -> None:
+def initial_states(
+    model: Any,
+    trajectories: Any,
+    *,
+    observed: Any = None,
+    guess: ArrayLike | Mapping[str, float] | None = None,
+    loss: str = "linear",
+    noise: ArrayLike | None = None,
+    input_hold: str = "zero",
+    max_nfev: int = 100,
+) -> Array:
+    """States from which the rollouts of a model fit the begin of some trajectories best.
+
+    A free run on new data needs the state at its first time, hidden states included: give the
+    first few samples.
+
+    Parameters
+    ----------
+    model, trajectories, observed, loss, noise, input_hold, max_nfev
+        As in `refine`; no parameter of the model changes.
+    guess : dict, array of shape (n_states,) or (n_trajectories, n_states), default=None
+        As `initial_states` of `refine`.
+
+    Returns
+    -------
+    ndarray of shape (n_trajectories, n_states)
+
+    Examples
+    --------
+    Position is measured, velocity is not:
+
+    >>> import numpy as np
+    >>> from swsysid.refinement import StatedModel, initial_states
+    >>> model = StatedModel(None, [[0.0, 1.0], [-1.0, 0.0]], states=["q", "v"])
+    >>> t = np.linspace(0.0, 0.5, 6)
+    >>> initial_states(model, {"t": t, "x": np.sin(t)}, observed=["q"]).round(4) + 0.0
+    array([[0., 1.]])
+    """
+    _check(loss, input_hold, max_nfev, None)
+    estimation = Estimation(
+        model,
+        trajectories,
+        observed=observed,
+        initial_states=guess,
+        segment_length=None,
+        loss=loss,
+        fit_surface=False,
+        free=None,
+        bounds={},
+        noise=noise,
+        linear=input_hold == "linear",
+        frozen=True,
+    )
+    return estimation.initial_states(max_nfev)
+
+
+def _check(loss, input_hold, max_nfev, segment_length) -> None:
     if loss not in LOSSES:
         raise ValueError(f"loss={loss!r} is unknown; choose {', '.join(LOSSES)}.")
     if input_hold not in ("zero", "linear"):
         raise ValueError(f"input_hold={input_hold!r} is unknown; choose 'zero' or 'linear'.")
-    if not 0.0 <= continuity < np.inf:
-        raise ValueError(f"continuity={continuity!r}; it must be a number not below 0.")
     if max_nfev < 1:
         raise ValueError(f"max_nfev={max_nfev!r} must be at least 1.")
     if segment_length is not None and segment_length < 1:

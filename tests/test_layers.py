@@ -18,7 +18,7 @@ GROUPS = (
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/tables datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
-    _command/__init__ _rollouts/__init__ _rollouts/losses""",
+    _command/__init__ _rollouts/__init__ _rollouts/losses _rollouts/certainty""",
     # 1: one tool each
     """_rows _model differentiation _solvers/conic _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
@@ -48,14 +48,14 @@ GROUPS = (
     datasets/_undeclared_actuators""",
     # 6: the alternation; the number of modes; the terms a mode needs; one display a file
     """_alternation _scale _selection _sparsity relaxations/__init__ datasets/_undeclared_kinds
-    _rollouts/estimation
+    _rollouts/continuous
     plotting/_convergence plotting/_residual plotting/_rollout plotting/_surface
     plotting/_diagnosis
     plotting/_timeline""",
     # 7: monomials and labels of the surface; 8 to 11: from the data to the estimator, and how
     # sure it is
-    "_evidence refinement diagnosis/_report",
-    "_monomials diagnosis/_residuals",
+    "_evidence _rollouts/estimation diagnosis/_report",
+    "_monomials refinement diagnosis/_residuals",
     "diagnosis/__init__ _identification _guard _certificates plotting/__init__",
     "_setup _warnings",
     "_regressor",

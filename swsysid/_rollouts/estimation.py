@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +10,19 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from swsysid._results import Array, Status
+from swsysid._rollouts.certainty import robust_covariance
+from swsysid._rollouts.continuous import WholeRollouts
 from swsysid._rollouts.integrate import rollout, substeps_for
 from swsysid._rollouts.losses import LOSSES, robust_loss, robust_scale
 from swsysid._rollouts.parameters import Parametrization
-from swsysid._rollouts.segments import Record, Segments, observed_states, read_trajectories
+from swsysid._rollouts.segments import (
+    Record,
+    Segments,
+    filled_channels,
+    first_states,
+    observed_states,
+    read_trajectories,
+)
 from swsysid._rollouts.shooting import DENSE, Shooting
 from swsysid._rollouts.system import Maps, RowSystem
 
@@ -23,12 +31,12 @@ __all__ = ["Estimate", "Estimation"]
 N_SEGMENTS, SHORTEST = 32, 10
 # A state so many times larger than anything measured has diverged.
 DIVERGED = 1e3
-# The penalty of the defects is tightened over these weights: first segments fit by themselves.
+# Weights of the defects in the stages before whole rollouts, if all states are measured: hidden
+# ones would take any value that lets each segment fit by itself.
 EARLIER_WEIGHTS = (1.0, 10.0)
-TOLERANCE = 1e-9
-UNDETERMINED = 1e-12  # eigenvalue of the scaled information below which a direction is unknown
+TOLERANCE = 1e-8
 REFUSED = 1e6  # residual of a trial at which the model has no value
-MOST_STAGES = 5
+MOST_LOOKS = 3
 MOST_ROWS = 500  # at which rates and sizes are looked at
 
 
@@ -38,7 +46,7 @@ class Estimate:
 
     vector: Array
     starts: Array
-    unknowns: Array
+    nodes: Array
     cost_before: float
     cost_after: float
     rmse_before: Array
@@ -57,7 +65,9 @@ class Estimation:
         names = system.feature_map.names_in
         free = _free(model, system, options["free"])
         self.parameters = Parametrization(model, system, output, free, options["fit_surface"])
-        if not len(self.parameters):
+        if options["frozen"]:
+            self.parameters.freeze()
+        elif not len(self.parameters):
             raise ValueError("no parameter is free; free a coefficient or name a parameter.")
         self.observed = self._channels(names, options["observed"])
         n_inputs = len(names) - self.maps.n_states
@@ -86,7 +96,7 @@ class Estimation:
     def _guess(self, names, initial_states) -> list[Array]:
         """States of each record, (n_samples, n_states): measured, or carried by the model."""
         n_states = self.maps.n_states
-        starts = _first_states(initial_states, names[:n_states], len(self.records))
+        starts = first_states(initial_states, names[:n_states], len(self.records))
         measured = self.observed if self.maps.output is None else self.observed[:0]
         given = np.isfinite(starts)
         starts = np.where(given, starts, 0.0)
@@ -96,7 +106,7 @@ class Estimation:
         self.bound = DIVERGED * np.where(limit > 0.0, limit, 1.0)
         guess = []
         for record, start, known in zip(self.records, starts, given, strict=True):
-            filled = _filled(record)[:, : len(measured)]
+            filled = filled_channels(record)[:, : len(measured)]
             start[measured] = np.where(known[measured], start[measured], filled[0])
             guess.append(self._carried(record, start, measured, filled))
         return guess
@@ -172,50 +182,84 @@ class Estimation:
 
     # -- stages ----------------------------------------------------------------------------
 
-    def solve(self, continuity: float, max_nfev: int) -> Estimate:
-        """Tighten the defects in stages; keep what makes the rollouts better."""
-        self.joined = continuity > 0.0
-        weights = [weight for weight in EARLIER_WEIGHTS if weight < continuity] + [continuity]
-        start = unknowns = self.shooting.join(self.parameters.start, self.nodes)
-        nfev = 0
-        for place, weight in enumerate(weights):
-            left = max_nfev - nfev
-            last = place == len(weights) - 1
-            answer = self._stage(unknowns, weight, left if last else max(1, left // 4))
-            unknowns, nfev = answer.x, nfev + answer.nfev
-            # a model that became faster needs shorter steps, and another look with them
-            needed = self._substeps(self.shooting.split(unknowns)[0])
-            if needed > self.substeps:
-                self.substeps = needed
-                self.shooting = self._shooting(self.length)
-                weights += [weight] * (last and len(weights) < MOST_STAGES)
-            if nfev >= max_nfev:
+    def solve(self, joined: bool, max_nfev: int) -> Estimate:
+        """Fit the segments by themselves, then whole rollouts; keep what makes these better."""
+        self.joined = joined
+        vector, nodes, nfev = self.parameters.start, self.nodes, 0
+        measured = self.maps.output is None and len(self.observed) == self.maps.n_states
+        for weight in EARLIER_WEIGHTS if joined and measured else ():
+            answer = self._tied(vector, nodes, weight, max(1, (max_nfev - nfev) // 4))
+            vector, nodes = self.shooting.split(answer.x)
+            nfev += answer.nfev
+            self._shorten_steps(vector)
+        for _ in range(MOST_LOOKS):
+            whole = self._whole(nodes)
+            answer = self._joined(whole, vector, nodes, max(1, max_nfev - nfev))
+            (vector, starts), nodes = whole.split(answer.x), whole.nodes
+            nodes[whole.first] = starts
+            nfev += answer.nfev
+            if not self._shorten_steps(vector) or nfev >= max_nfev:
                 break
-        status = Status.OPTIMAL if answer.status > 0 and last else Status.ITERATION_LIMIT
-        return self._verdict(start, unknowns, nfev, status)
+        status = Status.OPTIMAL if answer.status > 0 else Status.ITERATION_LIMIT
+        return self._verdict(vector, nodes, nfev, status)
 
-    def _stage(self, unknowns: Array, weight: float, max_nfev: int):
+    def initial_states(self, max_nfev: int) -> Array:
+        """Initial states of whole rollouts of the given model, (n_records, n_states)."""
+        self.joined = True
+        whole = self._whole(self.nodes)
+        answer = self._joined(whole, self.parameters.start, self.nodes, max_nfev)
+        return whole.split(answer.x)[1]
+
+    def _shorten_steps(self, vector: Array) -> bool:
+        """A model that became faster needs shorter steps, and another look with them."""
+        needed = self._substeps(vector)
+        shorter = needed > self.substeps
+        if shorter:
+            self.substeps = needed
+            self.shooting = self._shooting(self.length)
+        return shorter
+
+    def _whole(self, nodes: Array) -> WholeRollouts:
+        uncut = self._shooting(max(len(record.t) for record in self.records))
+        return WholeRollouts(self.shooting, uncut, nodes, self.joined)
+
+    def _tied(self, vector: Array, nodes: Array, weight: float, max_nfev: int):
+        """Segments tied to each other by weighted defects."""
         shooting = self.shooting
-        first = shooting.residuals(unknowns, weight)
-        n_residuals = int(shooting.measured.sum())
+        start = shooting.join(vector, nodes)
+        return self._least_squares(
+            lambda trial: shooting.residuals(trial, weight),
+            lambda trial: shooting.jacobian(trial, weight),
+            start,
+            max_nfev,
+        )
+
+    def _joined(self, whole: WholeRollouts, vector: Array, nodes: Array, max_nfev: int):
+        """Whole rollouts."""
+        start = whole.join(vector, nodes[whole.first])
+        return self._least_squares(whole.residuals, whole.jacobian, start, max_nfev)
+
+    def _least_squares(self, function, jacobian, start, max_nfev):
+        first, n_residuals = function(start), len(self.shooting.segment)
         self.f_scale = robust_scale(first[:n_residuals]) if self.loss != "linear" else 1.0
 
         def residuals(trial):
             try:
-                return shooting.residuals(trial, weight)
+                return function(trial)
             except ValueError:  # the features have no value there: the step was too long
                 return np.full_like(first, REFUSED)
 
+        n_starts = len(start) - len(self.parameters)
         low, high = (
-            np.concatenate([limit / self.parameter_sizes, np.full(self.nodes.size, infinite)])
+            np.concatenate([limit / self.parameter_sizes, np.full(n_starts, infinite)])
             for limit, infinite in zip(self.limits, (-np.inf, np.inf), strict=True)
         )
-        small = len(first) * len(unknowns) <= DENSE
-        options = {"atol": 1e-10, "btol": 1e-10, "maxiter": 2 * len(unknowns)}
+        small = len(first) * len(start) <= DENSE
+        options = {"atol": 1e-10, "btol": 1e-10, "maxiter": 2 * len(start)}
         return least_squares(
             residuals,
-            np.clip(unknowns, low, high),
-            lambda trial: shooting.jacobian(trial, weight),
+            np.clip(start, low, high),
+            jacobian,
             bounds=(low, high),
             loss=robust_loss(self.loss, n_residuals),
             f_scale=self.f_scale,
@@ -230,27 +274,21 @@ class Estimation:
 
     # -- verdict ---------------------------------------------------------------------------
 
-    def _verdict(self, start, unknowns, nfev, status) -> Estimate:
+    def _verdict(self, vector, nodes, nfev, status) -> Estimate:
         """Whole rollouts of the given model, of it from the new starts, and of the new one."""
-        judge = (
-            self._shooting(max(len(r.t) for r in self.records)) if self.joined else (self.shooting)
-        )
-        (given, nodes), (refined, moved) = (self.shooting.split(u) for u in (start, unknowns))
-        kept = np.flatnonzero(self.shooting.segments.first == 0) if self.joined else slice(None)
-        vectors = np.stack([given, given, refined])
-        starts = np.stack([nodes[kept], moved[kept], moved[kept]])
+        whole = self._whole(nodes)
+        judge = whole.whole if self.joined else self.shooting
+        vectors = np.stack([self.parameters.start, self.parameters.start, vector])
+        starts = np.stack([self.nodes, nodes, nodes])[:, whole.first]
         read, _, bounded = judge.outputs(vectors, starts)
-        costs = np.array(
-            [self._cost(judge, one, ok) for one, ok in zip(read, bounded, strict=True)]
-        )
+        costs = np.array([self._cost(judge, *one) for one in zip(read, bounded, strict=True)])
         best = 2 if costs[2] < costs[:2].min() else 0
-        first = self.shooting.segments.first == 0
         return Estimate(
             vector=vectors[best],
-            starts=(moved if best else nodes)[first],
-            unknowns=unknowns if best else start,
-            cost_before=costs[0],
-            cost_after=costs[best],
+            starts=(nodes if best else self.nodes)[self.shooting.segments.first == 0],
+            nodes=nodes if best else self.nodes,
+            cost_before=float(costs[0]),
+            cost_after=float(costs[best]),
             rmse_before=self._rmse(judge, read[0], bounded[0]),
             rmse_after=self._rmse(judge, read[best], bounded[best]),
             nfev=nfev,
@@ -260,7 +298,7 @@ class Estimation:
     def _cost(self, judge: Shooting, read: Array, bounded) -> float:
         if not bounded.all():
             return np.inf
-        z = np.square(judge._misfit(read[None])[0] / self.f_scale)
+        z = np.square(judge.misfit(read[None])[0] / self.f_scale)
         return 0.5 * self.f_scale**2 * float(LOSSES[self.loss](z)[0].sum())
 
     def _rmse(self, judge: Shooting, read: Array, bounded) -> Array:
@@ -276,30 +314,16 @@ class Estimation:
     # -- certainty -------------------------------------------------------------------------
 
     def covariance(self, found: Estimate) -> Array:
-        r"""Covariance of the parameters, :math:`A^+ B A^+`; infinite where they are undetermined.
-
-        A is the information :math:`\sum_i w_i g_i g_i^T` of the derivatives g left after the
-        initial states are eliminated, B the covariance of the scores :math:`w_i r_i g_i`, which
-        is A times the noise variance if the residuals are white.
-        """
-        slopes, residuals, record = self.shooting.profile(found.unknowns, self.joined)
+        """Covariance of the parameters; infinite where the data say nothing."""
+        whole = self._whole(found.nodes)
+        unknowns = whole.join(found.vector, found.nodes[whole.first])
+        slopes, residuals, piece = whole.information(unknowns)
         weight = LOSSES[self.loss](np.square(residuals / self.f_scale))[1]
-        information = (weight[:, None] * slopes).T @ slopes
-        size = np.sqrt(np.diag(information))
-        unknown = ~(size > 0.0)
-        size = np.where(unknown, 1.0, size)
-        values, vectors = np.linalg.eigh(information / np.outer(size, size))
-        lost = values <= UNDETERMINED * len(values)
-        inverse = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T / np.outer(size, size)
-        scores = (weight * residuals)[:, None] * slopes
-        free = max(1, len(residuals) - len(size) - found.starts.size)
-        spread = len(residuals) / free * _long_run(scores, record, len(self.observed))
         unit = self.parameter_sizes
-        covariance: Array = inverse @ spread @ inverse * np.outer(unit, unit)
-        unknown |= (np.abs(vectors[:, lost]) > 0.1).any(axis=1)
-        covariance[unknown] = covariance[:, unknown] = 0.0
-        covariance[unknown, unknown] = np.inf
-        return covariance
+        scaled = robust_covariance(
+            slopes, residuals, weight, piece, len(self.observed), len(unknowns)
+        )
+        return scaled * np.outer(unit, unit)
 
 
 def _system_of(model: Any) -> Any:
@@ -343,54 +367,7 @@ def _noise(records: list[Record], noise) -> Array:
     return chosen
 
 
-def _first_states(initial_states, names, n_records) -> Array:
-    """Initial states as given, (n_records, n_states), NaN where not."""
-    starts = np.full((n_records, len(names)), np.nan)
-    if isinstance(initial_states, Mapping):
-        for name, value in initial_states.items():
-            if name not in names:
-                raise ValueError(
-                    f"initial_states names {name!r}, which is no state; choose among "
-                    f"{', '.join(names)}."
-                )
-            starts[:, list(names).index(name)] = value
-    elif initial_states is not None:
-        given = np.asarray(initial_states, dtype=float)
-        if given.shape not in (starts.shape, starts.shape[1:]):
-            raise ValueError(
-                f"initial_states has shape {given.shape}; give ({len(names)},) or "
-                f"({n_records}, {len(names)})."
-            )
-        starts[:] = given
-    return starts
-
-
-def _filled(record: Record) -> Array:
-    """Measured channels with the missing values interpolated."""
-    filled = record.y.copy()
-    for column in filled.T:
-        known = np.isfinite(column)
-        if known.any():
-            column[~known] = np.interp(record.t[~known], record.t[known], column[known])
-        else:
-            column[:] = 0.0
-    return filled
-
-
 def _spread(columns: Array) -> Array:
     spread = np.nanstd(columns, axis=0)
     size = np.nanmax(np.abs(columns), axis=0)
     return np.where(spread > 0.0, spread, np.where(size > 0.0, size, 1.0))
-
-
-def _long_run(scores: Array, record: NDArray, n_channels: int) -> Array:
-    """Covariance of the sum of scores that are correlated along each record (Bartlett's window)."""
-    total = np.zeros((scores.shape[1], scores.shape[1]))
-    for k in np.unique(record):
-        own = scores[record == k]
-        total += own.T @ own
-        n_lags = n_channels * int(np.ceil((len(own) / n_channels) ** (1.0 / 3.0)))
-        for lag in range(1, min(n_lags, len(own) - 1) + 1):
-            product = (1.0 - lag / (n_lags + 1.0)) * own[lag:].T @ own[:-lag]
-            total += product + product.T
-    return total

@@ -46,10 +46,18 @@ class Parametrization:
             )
         self.surface_free = _surface_free(self.surface, fit_surface)
 
+        self.named_free = True
+
+    def freeze(self) -> None:
+        """Leave nothing free: what is asked for is the initial states."""
+        self.free = np.zeros_like(self.free)
+        self.surface_free = np.zeros_like(self.surface_free)
+        self.named_free = False
+
     @property
     def start(self) -> Array:
         """The vector of the given model."""
-        named = np.array(list(self.named.values()), dtype=float)
+        named = np.array(list(self.named.values()) * self.named_free, dtype=float)
         return np.concatenate([self.coef[self.free], named, self.surface[self.surface_free]])
 
     def __len__(self) -> int:
@@ -60,9 +68,11 @@ class Parametrization:
         n_owners, n_coef = len(vectors), int(self.free.sum())
         coef = np.broadcast_to(self.coef, (n_owners, *self.coef.shape)).copy()
         coef[:, self.free] = vectors[:, :n_coef]
-        named = {name: vectors[:, n_coef + k] for k, name in enumerate(self.named)}
+        named = {name: np.full(n_owners, value) for name, value in self.named.items()}
+        if self.named_free:
+            named = {name: vectors[:, n_coef + k] for k, name in enumerate(self.named)}
         surface = np.broadcast_to(self.surface, (n_owners, *self.surface.shape)).copy()
-        surface[:, self.surface_free] = vectors[:, n_coef + len(self.named) :]
+        surface[:, self.surface_free] = vectors[:, vectors.shape[1] - self.surface_free.sum() :]
         return ParameterSets(coef, named, surface if self.linear_surface else None)
 
     def sizes(self, features: Array, velocities: Array) -> Array:

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._rollouts.integrate import Stretch
 
-__all__ = ["Record", "Segments", "observed_states", "read_trajectories"]
+__all__ = [
+    "Record",
+    "Segments",
+    "filled_channels",
+    "first_states",
+    "observed_states",
+    "read_trajectories",
+]
 
 
 @dataclass(frozen=True)
@@ -100,6 +107,40 @@ def observed_states(observed: Sequence | None, names: Sequence[str], n_states: i
     if len(set(numbers)) != len(numbers) or not numbers:
         raise ValueError(f"observed={observed!r}; name each measured state once.")
     return np.array(numbers, dtype=np.intp)
+
+
+def first_states(initial_states, names, n_records) -> Array:
+    """Initial states as given, (n_records, n_states), NaN where not."""
+    starts = np.full((n_records, len(names)), np.nan)
+    if isinstance(initial_states, Mapping):
+        for name, value in initial_states.items():
+            if name not in names:
+                raise ValueError(
+                    f"initial_states names {name!r}, which is no state; choose among "
+                    f"{', '.join(names)}."
+                )
+            starts[:, list(names).index(name)] = value
+    elif initial_states is not None:
+        given = np.asarray(initial_states, dtype=float)
+        if given.shape not in (starts.shape, starts.shape[1:]):
+            raise ValueError(
+                f"initial_states has shape {given.shape}; give ({len(names)},) or "
+                f"({n_records}, {len(names)})."
+            )
+        starts[:] = given
+    return starts
+
+
+def filled_channels(record: Record) -> Array:
+    """Measured channels with the missing values interpolated."""
+    filled = record.y.copy()
+    for column in filled.T:
+        known = np.isfinite(column)
+        if known.any():
+            column[~known] = np.interp(record.t[~known], record.t[known], column[known])
+        else:
+            column[:] = 0.0
+    return filled
 
 
 class Segments:

@@ -25,7 +25,7 @@ from swsysid._results import Array
 from swsysid._rollouts.integrate import rollout
 from swsysid._rollouts.parameters import Parametrization
 from swsysid._rollouts.segments import Segments
-from swsysid._rollouts.system import Maps, RowSystem
+from swsysid._rollouts.system import Maps, ParameterSets, RowSystem
 
 __all__ = ["Blocks", "Shooting"]
 
@@ -41,15 +41,12 @@ class Blocks:
     Attributes
     ----------
     residuals : ndarray of shape (n_residuals,)
-    segment : ndarray of shape (n_residuals,)
-        Segment of each residual.
     by_parameters, by_start : ndarrays of shape (n_residuals, n_parameters or n_states)
     end : ndarray of shape (n_segments, n_states)
     end_by_parameters, end_by_start : ndarrays (n_segments, n_states, n_parameters or n_states)
     """
 
     residuals: Array
-    segment: NDArray[np.intp]
     by_parameters: Array
     by_start: Array
     end: Array
@@ -82,6 +79,7 @@ class Shooting:
         self.scale, self.sizes = options["scale"], options["sizes"]
         self.bound = options["bound"]
         self.measured = np.isfinite(segments.y)
+        self.segment = np.nonzero(self.measured.transpose(1, 0, 2))[0]  # of each residual
         self.n_parameters, self.n_states = len(parameters), maps.n_states
 
     # -- the vector of unknowns ------------------------------------------------------------
@@ -100,28 +98,29 @@ class Shooting:
     def outputs(self, vectors: Array, starts: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Readings and ends for every owner: (n_owners, n_times, n_segments, n_outputs), ..."""
         sets = self.parameters.sets(vectors)
-        stretch = self.segments.stretch
-        states, bounded = rollout(self.maps, sets, stretch, starts, self.bound)
-        n_times, n_owners, n_segments, n_states = states.shape
-        places = (self.segments.count[None, :], np.arange(n_segments)[None, :])
-        ends = states.transpose(0, 2, 1, 3)[places][0].transpose(1, 0, 2)
+        states, bounded = rollout(self.maps, sets, self.segments.stretch, starts, self.bound)
+        ends = states[self.segments.count, :, np.arange(len(self.segments))].swapaxes(0, 1)
+        return self._read(sets, states), ends, bounded
+
+    def _read(self, sets: ParameterSets, states: Array) -> Array:
+        """What the sensors read, (n_owners, n_times, n_segments, n_outputs)."""
         if self.maps.output is None:
-            return states[..., self.observed].swapaxes(0, 1), ends, bounded
+            return states[..., self.observed].swapaxes(0, 1)
+        n_times, n_owners, n_segments, n_states = states.shape
         owners = np.tile(np.repeat(np.arange(n_owners), n_segments), n_times)
-        inputs = np.repeat(stretch.inputs[:, None], n_owners, axis=1)
-        rows = RowSystem(self.maps, sets, owners)
+        inputs = np.repeat(self.segments.stretch.inputs[:, None], n_owners, axis=1)
+        system = RowSystem(self.maps, sets, owners)
         with np.errstate(all="ignore"):
-            read = rows.output(states.reshape(-1, n_states), inputs.reshape(len(owners), -1))
-        shaped = read.reshape(n_times, n_owners, n_segments, -1)
-        return shaped[..., self.observed].swapaxes(0, 1), ends, bounded
+            read = system.output(states.reshape(-1, n_states), inputs.reshape(len(owners), -1))
+        return read.reshape(n_times, n_owners, n_segments, -1)[..., self.observed].swapaxes(0, 1)
 
     def residuals(self, unknowns: Array, weight: float) -> Array:
         """Residuals of the samples, then weighted defects."""
         vector, starts = self.split(unknowns)
         read, ends, _ = self.outputs(vector[None], starts[None])
-        return np.concatenate([self._misfit(read)[0], weight * self._defects(ends[0], starts)])
+        return np.concatenate([self.misfit(read)[0], weight * self._defects(ends[0], starts)])
 
-    def _misfit(self, read: Array) -> Array:
+    def misfit(self, read: Array) -> Array:
         """Residuals in units of the noise, (n_owners, n_residuals), segment by segment."""
         scaled = (read - self.segments.y) / self.noise
         return scaled.transpose(0, 2, 1, 3)[:, self.measured.transpose(1, 0, 2)]
@@ -129,6 +128,21 @@ class Shooting:
     def _defects(self, ends: Array, starts: Array) -> Array:
         before = np.flatnonzero(self.segments.follower)
         return ((ends[before] - starts[before + 1]) / self.scale).ravel()
+
+    def ends(self, vector: Array, starts: Array) -> tuple[Array, Array, Array]:
+        """Readings, ends of the segments, and their derivatives by the starts, in plain units."""
+        n_states = self.n_states
+        all_starts = np.tile(starts, (1 + n_states, 1, 1))
+        all_starts[1 + np.arange(n_states), :, np.arange(n_states)] += STEP * self.scale[:, None]
+        read, ends, _ = self.outputs(np.tile(vector, (1 + n_states, 1)), all_starts)
+        slopes = (ends[1:] - ends[0]).transpose(1, 2, 0) / (STEP * self.scale)
+        return read[0], ends[0], slopes
+
+    def whole_states(self, vector: Array, starts: Array) -> tuple[Array, Array]:
+        """Readings and states at all samples, (n_times, n_segments, ...)."""
+        sets, stretch = self.parameters.sets(vector[None]), self.segments.stretch
+        states, _ = rollout(self.maps, sets, stretch, starts[None], self.bound)
+        return self._read(sets, states)[0], states[:, 0]
 
     # -- derivatives -----------------------------------------------------------------------
 
@@ -141,13 +155,11 @@ class Shooting:
         moved = n_parameters + 1 + np.arange(n_states)
         all_starts[moved, :, np.arange(n_states)] += STEP * self.scale[:, None]
         read, ends, _ = self.outputs(vectors, all_starts)
-        misfit = self._misfit(read)
+        misfit = self.misfit(read)
         slopes = (misfit[1:] - misfit[0]).T / STEP
         end_slopes = (ends[1:] - ends[0]).transpose(1, 2, 0) / STEP / self.scale[:, None]
-        segment = np.nonzero(self.measured.transpose(1, 0, 2))[0]
         return Blocks(
             misfit[0],
-            segment,
             slopes[:, :n_parameters],
             slopes[:, n_parameters:],
             ends[0],
@@ -160,7 +172,7 @@ class Shooting:
         blocks = self.blocks(*self.split(unknowns))
         p, n = self.n_parameters, self.n_states
         before = np.flatnonzero(self.segments.follower)
-        samples = _rows_of(blocks.by_parameters, blocks.segment, blocks.by_start)
+        samples = _rows_of(blocks.by_parameters, self.segment, blocks.by_start)
         ends = np.repeat(before, n)
         by_parameters = blocks.end_by_parameters[before].reshape(-1, p)
         defects = _rows_of(by_parameters, ends, blocks.end_by_start[before].reshape(-1, n))
@@ -175,41 +187,6 @@ class Shooting:
         whole = whole - sparse.csr_matrix((ones, (rows, following)), shape=shape)
         return whole.toarray() if shape[0] * shape[1] <= DENSE else whole.tocsr()
 
-    def profile(self, unknowns: Array, joined: bool) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Derivatives by the parameters of one long rollout of each record.
-
-        Continuity makes the starts of all segments but the first of a record functions of that
-        one and of the parameters; it is eliminated by projection, so what is left is what the
-        data say about the parameters alone. Where segments are not joined, each has a start of
-        its own.
-
-        Returns
-        -------
-        slopes : ndarray of shape (n_residuals, n_parameters)
-            In units of the unknowns.
-        residuals : ndarray of shape (n_residuals,)
-        record : ndarray of shape (n_residuals,)
-        """
-        blocks = self.blocks(*self.split(unknowns))
-        p, n = self.n_parameters, self.n_states
-        slopes = np.zeros((len(blocks.residuals), p))
-        piece = self.segments.record if joined else np.arange(len(self.segments))
-        record = piece[blocks.segment]
-        for k in range(piece.max() + 1):
-            chain = np.hstack([np.zeros((n, p)), np.eye(n)])
-            pieces = []
-            for s in np.flatnonzero(piece == k):
-                rows = blocks.segment == s
-                inner = blocks.by_start[rows] @ chain
-                inner[:, :p] += blocks.by_parameters[rows]
-                pieces.append(inner)
-                chain = blocks.end_by_start[s] @ chain
-                chain[:, :p] += blocks.end_by_parameters[s]
-            whole = np.nan_to_num(np.vstack(pieces))
-            basis = _orthonormal(whole[:, p:])
-            slopes[record == k] = whole[:, :p] - basis @ (basis.T @ whole[:, :p])
-        return slopes, blocks.residuals, record
-
 
 def _rows_of(by_parameters, segment, by_start):
     """Values and column numbers of the nonzero entries, row by row."""
@@ -219,9 +196,3 @@ def _rows_of(by_parameters, segment, by_start):
     columns[:, :p] = np.arange(p)
     columns[:, p:] = p + n * segment[:, None] + np.arange(n)
     return np.hstack([by_parameters, by_start]), columns
-
-
-def _orthonormal(columns: Array) -> Array:
-    """Orthonormal basis of the span of columns."""
-    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    return left[:, sizes > 1e-10 * max(sizes.max(initial=0.0), 1e-300)]

@@ -170,8 +170,14 @@ class StatedSurface:
 class _StatedBasis:
     """Features of a stated surface, in the user's coordinates."""
 
+    centre, scale = 0.0, 1.0
+
     def __init__(self, surface: StatedSurface):
         self.surface = surface
+
+    @property
+    def map(self) -> FeatureMap | None:
+        return self.surface._map
 
     def __call__(self, X: Array) -> Array:
         surface = self.surface

@@ -62,14 +62,18 @@ class Maps:
         self.features = _row_map(system.feature_map)
         self.output = None if output is None else _row_map(output)
         self.surface = system.surface
+        if has_linear_surface(self.surface):
+            self.surface.surface_values(np.ones((1, len(system.feature_map.names_in))))
+            self.surface_features = _basis_map(self.surface._basis)
 
     def decisions(self, X: Array, coef: Array | None) -> Array:
         """Decision of every mode, (n_rows, n_modes); the active mode has the largest."""
         surface, n_rows = self.surface, len(X)
         decided = np.full((n_rows, self.n_modes), -np.inf)
         if coef is not None:
-            values = np.einsum("rlf,rf->rl", coef, surface._basis(X)) / surface._surface_scale
-            decided[:, surface.classes_] = decisions(values, surface.mode_book_)
+            values = np.einsum("rlf,rf->rl", coef, self.surface_features(X))
+            scaled = values / surface._surface_scale
+            decided[:, surface.classes_] = decisions(scaled, surface.mode_book_)
         elif hasattr(surface, "decision_function"):
             given = np.asarray(surface.decision_function(X), dtype=float)
             columns = given if given.ndim == 2 else np.column_stack([-given, given])
@@ -104,6 +108,17 @@ def _row_map(part: Any) -> RowMap:
     if hasattr(library, "evaluate"):
         return library.evaluate
     return lambda X, named: _matrix(part(X), len(X))
+
+
+def _basis_map(basis: Any) -> Callable[[Array], Array]:
+    """The features of a surface, without the checks that scikit-learn makes at every call."""
+    if hasattr(basis, "kept"):
+        inner = _basis_map(basis.basis)
+        return lambda X: inner(X)[:, basis.kept] * basis.scale
+    features = _Monomials(basis.powers) if hasattr(basis, "powers") else _row_map(basis.map)
+    if hasattr(basis, "powers"):
+        return lambda X: features((X - basis.centre) / basis.scale, {})
+    return lambda X: (features(X, {}) - basis.centre) / basis.scale
 
 
 def _matrix(values: Any, n_rows: int) -> Array:
