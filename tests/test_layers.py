@@ -26,7 +26,7 @@ GROUPS = (
     datasets/_undeclared_records
     diagnosis/_rearrangement diagnosis/_channels diagnosis/_records""",
     # 2: programs and rollouts
-    """diagnosis/_whiteness diagnosis/_noise_floor diagnosis/_spectrum diagnosis/_text
+    """weak_form diagnosis/_whiteness diagnosis/_noise_floor diagnosis/_spectrum diagnosis/_text
     diagnosis/_samples diagnosis/_shapes
     _mip _solvers/lad _surfaces/hinge _surfaces/polynomials _surfaces/posterior
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
