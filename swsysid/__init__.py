@@ -9,6 +9,7 @@
 """
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._effect_regressor import EffectRegressor
 from swsysid._features import FunctionLibrary
 from swsysid._mip import solve_mip
 from swsysid._regressor import SwitchingSystemRegressor
@@ -19,6 +20,7 @@ from swsysid._results import (
     Status,
     Trajectory,
 )
+from swsysid.diagnosis import EffectReport, EffectSearchCV
 from swsysid.relaxations import (
     ExactRelaxation,
     MomentRelaxation,
@@ -30,6 +32,9 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Assignment",
+    "EffectRegressor",
+    "EffectReport",
+    "EffectSearchCV",
     "ExactRelaxation",
     "FunctionLibrary",
     "IdentificationWarning",

@@ -18,49 +18,62 @@ GROUPS = (
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/tables datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
-    _command/__init__ _rollouts/__init__ _rollouts/losses _rollouts/certainty""",
+    _command/__init__ _search/__init__ _rollouts/__init__ _rollouts/losses _rollouts/certainty""",
     # 1: one tool each
     """_rows _model differentiation _solvers/conic _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
     _seeding/designs _simulation/events metrics/_surfaces datasets/_measured
     datasets/_undeclared_records
-    diagnosis/_rearrangement diagnosis/_channels diagnosis/_records""",
+    diagnosis/_rearrangement diagnosis/_channels diagnosis/_records
+    _records _search/robust""",
     # 2: programs and rollouts
-    """weak_form diagnosis/_whiteness diagnosis/_noise_floor diagnosis/_spectrum diagnosis/_text
+    """_search/folds weak_form diagnosis/_whiteness diagnosis/_noise_floor
+    diagnosis/_spectrum diagnosis/_text
     diagnosis/_samples diagnosis/_shapes
     _mip _solvers/lad _surfaces/hinge _surfaces/polynomials _surfaces/posterior
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
     _rollouts/system _command/samples metrics/_errors metrics/_modes datasets/_undeclared_plants
     datasets/_undeclared_mechanisms""",
     # 3: the losses; the margin program; mixtures of experts
-    """diagnosis/_dependence diagnosis/_sizes
+    """diagnosis/_dependence diagnosis/_sizes _search/regression
     _losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
     _rollouts/stated _rollouts/integrate _rollouts/parameters
     metrics/_reliability datasets/_polynomial_system
     datasets/_undeclared_simulation""",
     # 4: what a relaxation is; what a margin certifies; the search for starts
-    """diagnosis/_cases
+    """diagnosis/_cases _search/trials
     relaxations/_base _surfaces/margins _surfaces/book_program _seeding/search
     _rollouts/segments metrics/__init__ datasets/_trajectories datasets/_undeclared_sizing""",
     # 5: one relaxation a file; the three steps of the alternation; the classifier; seeding
     """relaxations/_exact relaxations/_simplex relaxations/_moment _problem _classifier
+    _search/scan
     _rollouts/shooting _seeding/seeding plotting/_style datasets/_generated
     datasets/_undeclared_actuators""",
     # 6: the alternation; the number of modes; the terms a mode needs; one display a file
     """_alternation _scale _selection _sparsity relaxations/__init__ datasets/_undeclared_kinds
+    effects/_base effects/_found
     _rollouts/continuous
     plotting/_convergence plotting/_residual plotting/_rollout plotting/_surface
-    plotting/_diagnosis
-    plotting/_timeline""",
+    plotting/_diagnosis plotting/_timeline""",
     # 7: monomials and labels of the surface; 8 to 11: from the data to the estimator, and how
     # sure it is
-    "_evidence _rollouts/estimation diagnosis/_report",
+    """_evidence _rollouts/estimation diagnosis/_report
+    effects/_actuator effects/_friction effects/_memory effects/_sensors effects/_static
+    effects/_time""",
     "_monomials refinement diagnosis/_residuals",
-    "diagnosis/__init__ _identification _guard _certificates plotting/__init__",
+    "_identification _guard _certificates plotting/__init__",
     "_setup _warnings",
-    "_regressor",
-    "uncertainty datasets/_undeclared",
-    # 13 to 15: the public names, the main job, the command line
+    "_regressor _search/joint_fit",
+    "uncertainty datasets/_undeclared _search/bench _search/scores effects/_guards",
+    # 13 to 18: the search for effects
+    "effects/__init__ _search/workshop _search/intervals _effect_simulation",
+    "_search/greedy",
+    "_effect_regressor diagnosis/_ladder",
+    "diagnosis/_findings",
+    "diagnosis/_effect_report",
+    "diagnosis/_effect_search",
+    "diagnosis/__init__",
+    # 19 to 21: the public names, the main job, the command line
     "__init__ _command/job datasets/__init__",
     "_command/job_text",
     "__main__",

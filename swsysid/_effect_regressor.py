@@ -1,0 +1,145 @@
+"""A declared switching model with effects beside it, as a scikit-learn regressor."""
+
+from __future__ import annotations
+
+import numpy as np
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from swsysid._effect_simulation import simulate_with_effects
+from swsysid._records import Records, make_records
+from swsysid._search.joint_fit import JointFit, fit_jointly, switching_step
+
+__all__ = ["EffectRegressor"]
+
+
+class EffectRegressor(RegressorMixin, BaseEstimator):
+    """A switching model with effects beside it, whose coefficients are fitted jointly.
+
+    State k obeys ``xdot_k = C_jk Phi(x) + sum_e c_e h_e(x, u, t; theta_e)`` in mode j. The
+    columns h of the effects and their nonlinear parameters theta are given; C and c are fitted.
+
+    Parameters
+    ----------
+    estimator : SwitchingSystemRegressor or Pipeline that ends in one
+        The declared model.
+    effects : sequence of PlacedEffect, default=()
+        Effects with their places and nonlinear parameters, as `EffectSearchCV` finds them.
+
+    Attributes
+    ----------
+    estimator_ : fitted estimator
+        The declared model, fitted to what the effects leave over.
+    effects_ : tuple of PlacedEffect
+    effect_coef_ : tuple of ndarray
+        Coefficients of the columns of each effect.
+    modes_ : ndarray of shape (n_samples,)
+        Modes of the training rows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from swsysid import EffectRegressor, SwitchingSystemRegressor
+    >>> from swsysid.effects import CoulombFriction, PlacedEffect
+    >>> v = np.linspace(-1.0, 1.0, 41)[:, None]
+    >>> friction = PlacedEffect(CoulombFriction(), place=0, target=0)
+    >>> model = EffectRegressor(SwitchingSystemRegressor(n_modes=1), [friction])
+    >>> model = model.fit(v, -2.0 * v - 0.3 * np.sign(v))
+    >>> round(float(model.effect_coef_[0][0]), 6)
+    0.3
+    """
+
+    def __init__(self, estimator, effects=()):
+        self.estimator = estimator
+        self.effects = effects
+
+    def fit(self, X, y, *, t=None, groups=None, signals=None, modes=None):
+        """Fit the declared model and the effects' coefficients.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_states + n_inputs)
+        y : array-like of shape (n_samples,) or (n_samples, n_states)
+            Xdot, the measured velocities (next states in discrete time).
+        t, groups : array-like of shape (n_samples,), default=None
+            Times and trajectories, for effects that need them.
+        signals : array-like of shape (n_samples, n_signals), default=None
+        modes : array-like of shape (n_samples,), int, default=None
+            Modes to start from; sought if None.
+
+        Returns
+        -------
+        self
+        """
+        X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        targets = np.asarray(y, dtype=float).reshape(len(y), -1)
+        self._one_target, self._n_targets = y.ndim == 1, targets.shape[1]
+        records = self._records(X, t, groups, signals)
+        start = None if modes is None else np.asarray(modes)
+        rows = np.arange(len(X))
+        fit = fit_jointly(self.estimator, self.effects, records, rows, targets, start)
+        return self._adopt(fit)
+
+    def predict(self, X, *, t=None, groups=None, signals=None):
+        """Velocities, of the shape that `y` had in `fit`."""
+        velocity = self._fit.predict(self._known(X, t, groups, signals))
+        return velocity[:, 0] if self._one_target else velocity
+
+    def predict_modes(self, X, *, t=None, groups=None, signals=None):
+        """Mode of every sample, shape (n_samples,)."""
+        return self._fit.predict_modes(self._known(X, t, groups, signals))
+
+    def simulate(self, x0, t, inputs=None, *, signals=None, input_hold="zero", **options):
+        """Roll the system out from a state, effects included.
+
+        Parameters
+        ----------
+        x0 : array-like of shape (n_states,)
+        t : array-like of shape (n_times,)
+            Increasing times.
+        inputs : array-like of shape (n_times, n_inputs), default=None
+        signals : array-like of shape (n_times, n_signals), default=None
+            Needed if an effect uses them.
+        input_hold : {"zero", "linear"}, default="zero"
+        **options
+            Of `SwitchingSystemRegressor.simulate`.
+
+        Returns
+        -------
+        Trajectory
+        """
+        check_is_fitted(self, "estimator_")
+        return simulate_with_effects(
+            self._fit, x0, t, inputs, signals=signals, input_hold=input_hold, **options
+        )
+
+    def equations(self, precision=3, format="text"):
+        """The law of every mode, and the effects' terms."""
+        check_is_fitted(self, "estimator_")
+        return switching_step(self.estimator_)[1].equations(precision, format)
+
+    # -- parts ---------------------------------------------------------------------------------
+
+    def _adopt(self, fit: JointFit):
+        self._fit = fit
+        self.estimator_ = fit.estimator
+        self.effects_ = fit.terms
+        self.effect_coef_ = fit.coef
+        self.modes_ = fit.modes
+        return self
+
+    def _known(self, X, t, groups, signals) -> Records:
+        check_is_fitted(self, "estimator_")
+        X = validate_data(self, X, reset=False, dtype=np.float64)
+        records = self._records(X, t, groups, signals)
+        for term in self.effects_:
+            missing = term.effect.missing(records)
+            if missing:
+                raise ValueError(f"The effect {term.effect.kind!r} {missing}.")
+        return records
+
+    def _records(self, X, t, groups, signals) -> Records:
+        names = getattr(self, "feature_names_in_", [f"x{i}" for i in range(X.shape[1])])
+        return make_records(
+            X, self._n_targets, t=t, groups=groups, signals=signals, names=list(names)
+        )

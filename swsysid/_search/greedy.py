@@ -1,0 +1,207 @@
+"""The search: scan, try, add, settle, and stop when nothing is left.
+
+The declared model's own modes may be wrong because an effect is missing, and an effect may look
+wrong because the modes are. Each round therefore (i) scans every candidate beside the modes at
+hand, (ii) identifies the modes anew with the best of every kind inside, and (iii) scans again at
+the modes found, until effect and modes agree. Structures are compared by how well they predict
+rows that their regressions have not seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from joblib import Parallel, delayed
+from tqdm import tqdm
+
+from swsysid._search.joint_fit import JointFit
+from swsysid._search.trials import Bench, PlacedEffect
+from swsysid._search.workshop import TIE, Finding, Structure, Workshop, distinct, exchanged
+
+__all__ = ["Round", "Search"]
+
+_RESTARTS = 10  # kinds with which the modes are sought anew
+_SWAPS = 3
+_SAME_MODES = 0.995
+
+
+@dataclass(frozen=True)
+class Round:
+    """One addition: what was found, the structure after it, and how many were tried."""
+
+    finding: Finding
+    structure: Structure
+    n_candidates: int
+
+
+@dataclass(frozen=True)
+class Search(Workshop):
+    """How to search.
+
+    Attributes
+    ----------
+    max_effects : int
+    significance : float
+    n_jobs : int or None
+    verbose : int
+    """
+
+    max_effects: int = 5
+    significance: float = 0.01
+    n_jobs: int | None = None
+    verbose: int = 0
+
+    def run(self, declared: JointFit) -> tuple[Structure, list[Round]]:
+        """Add effects until nothing significant is left."""
+        structure, rounds = self.priced(declared), []
+        bar = tqdm(total=self.max_effects, desc="effects", disable=not self.verbose)
+        while len(structure.fit.terms) < self.max_effects:
+            step = self.addition(structure)
+            if step is None:
+                break
+            structure = self.settled(step.structure)
+            rounds.append(replace(step, structure=structure))
+            bar.update()
+        bar.close()
+        return structure, rounds
+
+    # -- one round -----------------------------------------------------------------------------
+
+    def addition(self, current: Structure) -> Round | None:
+        """The effect that explains most of what is left, None if none is significant."""
+        bench = self.bench(current.fit)
+        top, n_candidates = self.scanned(bench)
+        options = self._structural(current, bench)
+        n_candidates += len(options)
+        if top:
+            finding = self.chosen(bench, top, n_candidates)
+            if self._hopeful(finding, current):
+                options += self._with_modes(current, finding.candidate, top)
+        if not options:
+            return None
+        best, ties = self._preferred(options)
+        best, finding = self._agreed(best, len(current.fit.terms))
+        finding = replace(finding, rivals=distinct(finding.candidate, finding.rivals, ties))
+        gain = current.cost - best.cost
+        if finding.trial is None:  # a ratio of held-out likelihoods is an e-value
+            finding = replace(finding, p_value=min(1.0, n_candidates * np.exp(-max(gain, 0.0))))
+        if gain < np.log(n_candidates / self.significance):
+            return None
+        if finding.p_value > self.significance or best.price >= current.price:
+            return None
+        return Round(finding, best, n_candidates)
+
+    def _preferred(self, options: list[Structure]) -> tuple[Structure, list[PlacedEffect]]:
+        """The cheapest structure; of those as cheap, the simplest explanation, and the others."""
+        least = min(option.price for option in options)
+        ties = [option for option in options if option.price <= least + TIE]
+        rank = {effect.kind: place for place, effect in enumerate(self.effects)}
+        best = min(ties, key=lambda option: rank[option.fit.terms[-1].effect.kind])
+        best = min(
+            (
+                tie
+                for tie in ties
+                if tie.fit.terms[-1].effect.kind == best.fit.terms[-1].effect.kind
+            ),
+            key=lambda option: option.price,
+        )
+        return best, [tie.fit.terms[-1] for tie in ties]
+
+    def _hopeful(self, finding: Finding, current: Structure) -> bool:
+        """True if the modes should be sought anew with candidates inside."""
+        return finding.p_value <= 0.5
+
+    def _with_modes(self, current: Structure, first: PlacedEffect, top) -> list[Structure]:
+        """The best candidate with the present modes, and others with modes sought anew."""
+        terms = current.fit.terms
+        warm = self.structure((*terms, first), current.fit.modes)
+        if current.fit.n_modes == 1 or self._explained(warm, current):
+            return [warm]
+        restarts = [replace(first, mode=None, replaced=None)]
+        for trial in top:
+            kinds = {candidate.effect.kind for candidate in restarts}
+            if trial.candidate.effect.kind not in kinds and len(restarts) < _RESTARTS:
+                restarts.append(replace(trial.candidate, mode=None, replaced=None))
+        found = Parallel(n_jobs=self.n_jobs)(
+            delayed(self.structure)((*terms, candidate), None, 2)
+            for candidate in tqdm(
+                restarts, desc="modes anew", leave=False, disable=not self.verbose
+            )
+        )
+        return [warm, *found]
+
+    def _explained(self, warm: Structure, current: Structure) -> bool:
+        """True if the effect left the modes as they were: they were right without it."""
+        return bool(np.mean(warm.fit.modes == current.fit.modes) >= _SAME_MODES)
+
+    def _structural(self, current: Structure, bench: Bench) -> list[Structure]:
+        """Structures with effects that are more than columns."""
+        options = []
+        for effect in self.usable:
+            for candidate in effect.proposals(bench):
+                if candidate.signature in {term.signature for term in current.fit.terms}:
+                    continue
+                won = effect.gain(bench, candidate)
+                terms = (*current.fit.terms, candidate)
+                if won is not None:
+                    fit = replace(current.fit, terms=terms, coef=(*current.fit.coef, np.zeros(0)))
+                    cost = current.cost - won[0]
+                    options.append(Structure(fit, cost, current.n_parameters + 1, len(self.rows)))
+                else:
+                    start = None if candidate.theta == () else current.fit.modes
+                    options.append(self.structure(terms, start))
+        return options
+
+    def _agreed(self, best: Structure, place: int) -> tuple[Structure, Finding]:
+        """Question one term: scan at the modes found until effect and modes agree."""
+        finding = Finding(None, best.fit.terms[place], 1.0, ())
+        for _ in range(_SWAPS):
+            term = best.fit.terms[place]
+            if not term.effect.terms:
+                return self._reproposed(best, place), Finding(None, term, 0.0, ())
+            bench = self.bench(best.fit, without=place)
+            top, n_candidates = self.scanned(bench)
+            finding = self.chosen(bench, top, n_candidates)
+            same = finding.candidate.signature == term.signature
+            tried = self.structure(
+                exchanged(best.fit.terms, place, finding.candidate), best.fit.modes
+            )
+            if not same and tried.price > best.price + TIE:
+                break  # the scan prefers another one, the whole does not
+            best = tried
+            if same:
+                break
+        return best, finding
+
+    def _reproposed(self, best: Structure, place: int) -> Structure:
+        """The structure with the parameters of a term without columns found anew."""
+        term, bench = best.fit.terms[place], self.bench(best.fit, without=place)
+        if not (term.effect.shows_in_velocities and term.theta) or term.effect.remembers:
+            return best
+        for candidate in term.effect.proposals(bench):
+            if candidate.signature == term.signature:
+                tried = self.structure(exchanged(best.fit.terms, place, candidate), best.fit.modes)
+                best = min(best, tried, key=lambda option: option.price)
+        return best
+
+    def settled(self, structure: Structure) -> Structure:
+        """Question every term in the light of the others, and drop what is no longer needed."""
+        if len(structure.fit.terms) == 1:
+            return structure
+        for place in range(len(structure.fit.terms)):
+            structure, _ = self._agreed(structure, place)
+        return self.pruned(structure)
+
+    def pruned(self, structure: Structure) -> Structure:
+        """Without the terms whose loss costs less than chance would give."""
+        needed = np.log(1.0 / self.significance)
+        place = 0
+        while place < len(structure.fit.terms) and len(structure.fit.terms) > 1:
+            term = structure.fit.terms[place]
+            fewer = self.without(structure, place)
+            if term.effect.shows_in_velocities and fewer.price < structure.price + needed:
+                structure = fewer
+            else:
+                place += 1
+        return structure

@@ -1,0 +1,124 @@
+r"""How sure the parameters of the effects are.
+
+The prediction is linearised in the coefficients of the library, in those of the effects, and in
+the nonlinear parameters theta, whose column is the derivative of the effect's contribution. With
+J that design, W the weights of a Student-t regression and e the residuals, the covariance is
+
+.. math:: (J^\top W J)^{-1} \; J^\top W \, \mathrm{diag}(e^2) \, W J \; (J^\top W J)^{-1},
+
+which holds whatever the variance of each row is (Huber 1967, White 1980).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid._search.bench import bench_of
+from swsysid._search.folds import Folds
+from swsysid._search.joint_fit import JointFit, corrected
+
+__all__ = ["parameter_intervals"]
+
+_STEP = 0.05  # of the distance to the neighbouring value of the scan
+
+
+def parameter_intervals(
+    fit: JointFit,
+    records: Records,
+    rows: NDArray[np.intp],
+    targets: Array,
+    folds: Folds,
+    level: float = 0.95,
+) -> list[dict[str, tuple[float, float]]]:
+    """Intervals of the physical parameters of every term with columns; empty for the others."""
+    bench = bench_of(fit, records, rows, targets, folds)
+    modes = fit.predict_modes(records)
+    modes[rows] = fit.modes
+    errors = targets - fit.predict(records, modes)[rows]
+    seen = corrected(fit.terms, records)
+    quantile = float(stats.t.ppf(0.5 + level / 2, max(len(rows) - 1, 1)))
+    answers: list[dict[str, tuple[float, float]]] = [{} for _ in fit.terms]
+    for target in {term.target for term in fit.terms if term.effect.terms}:
+        places = [
+            place
+            for place, term in enumerate(fit.terms)
+            if term.target == target and term.effect.terms
+        ]
+        columns = [_linearised(fit, place, seen, rows) for place in places]
+        covariance = _covariance(
+            bench.regression, fit.features(seen)[rows], np.column_stack(columns), errors[:, target]
+        )
+        start = 0
+        for place, part in zip(places, columns, strict=True):
+            width = part.shape[1]
+            own = covariance[start : start + width, start : start + width]
+            answers[place] = _physical_intervals(fit, place, seen, own, quantile)
+            start += width
+    return answers
+
+
+def _linearised(fit: JointFit, place: int, records: Records, rows: NDArray[np.intp]) -> Array:
+    """Columns of a term and the derivatives of its contribution, (n_rows, n_terms + n_theta)."""
+    term, coef = fit.terms[place], fit.coef[place]
+
+    def columns(theta):
+        values = term.effect.columns(records, term.place, *theta)[rows]
+        return term.design(values, fit.modes, fit.n_modes)
+
+    parts = [columns(term.theta)]
+    ranges = term.effect.parameters(records, term.place)
+    for number, (value, parameter) in enumerate(zip(term.theta, ranges, strict=True)):
+        step = _STEP * float(np.median(np.diff(parameter.values))) or 1e-6
+        ends = [
+            columns((*term.theta[:number], value + sign * step, *term.theta[number + 1 :])) @ coef
+            for sign in (1.0, -1.0)
+        ]
+        parts.append(((ends[0] - ends[1]) / (2.0 * step))[:, None])
+    return np.column_stack(parts)
+
+
+def _covariance(regression, features: Array, columns: Array, errors: Array) -> Array:
+    """Sandwich covariance of the columns' coefficients beside the library in each mode."""
+    blocks = [features * (regression.modes == mode)[:, None] for mode in range(regression.n_modes)]
+    design = np.column_stack([*blocks, columns])
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    scaled, weight = design / size, regression.weight
+    inverse = np.linalg.pinv((scaled * weight[:, None]).T @ scaled, rcond=1e-12, hermitian=True)
+    spread = scaled * (weight * errors)[:, None]
+    n_used, n_columns = int(np.sum(weight > 0)), design.shape[1]
+    share = n_used / max(n_used - n_columns, 1)
+    covariance = share * inverse @ (spread.T @ spread) @ inverse / np.outer(size, size)
+    return covariance[-columns.shape[1] :, -columns.shape[1] :]
+
+
+def _physical_intervals(
+    fit, place, records, covariance, quantile
+) -> dict[str, tuple[float, float]]:
+    """Intervals of what a physicist calls the parameters, by the delta method."""
+    term = fit.terms[place]
+    values = np.concatenate([fit.coef[place], term.theta])
+
+    def physical(vector):
+        count = len(fit.coef[place])
+        return term.physical(records, vector[:count], vector[count:])
+
+    here = physical(values)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    slopes = []
+    for number, one in enumerate(deviation):
+        step = max(1e-3 * one, 1e-9 * abs(values[number]), 1e-300)
+        moved = values.copy()
+        moved[number] += step
+        changed = physical(moved)
+        slopes.append([(changed[name] - here[name]) / step for name in here])
+    jacobian = np.array(slopes)
+    errors = np.sqrt(np.maximum(np.einsum("ij,ik,kj->j", jacobian, covariance, jacobian), 0.0))
+    return {
+        name: (value - quantile * error, value + quantile * error)
+        for (name, value), error in zip(here.items(), errors, strict=True)
+    }

@@ -1,0 +1,101 @@
+r"""What a structure is worth: how well it predicts rows that its regressions have not seen.
+
+The mode of a row is what the surface says, which next to the surface is not sure: the likelihood
+of a row is the mixture
+
+.. math:: p(\dot x \mid x) = \sum_j p_j(x) \prod_k t_4\bigl((\dot x_k - f_{jk}(x)) / s_k\bigr) / s_k
+
+with the surface's probabilities p_j and Student-t errors. Modes that no surface can tell apart
+are then worth nothing, and one row on the wrong side of the surface costs little.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid._search.folds import Folds
+from swsysid._search.joint_fit import JointFit, corrected
+from swsysid._search.regression import Regression, Solution
+from swsysid._search.robust import robust_weights, scale_of, t_cost
+
+__all__ = ["held_out_cost"]
+
+_SURPRISE = 0.002  # probability that a surface is wrong where it is sure
+
+
+def held_out_cost(
+    fit: JointFit, records: Records, rows: NDArray[np.intp], targets: Array, folds: Folds
+) -> Array:
+    """Negative log likelihood of every row, from regressions that have not seen it."""
+    errors = _errors_by_mode(fit, records, rows, targets, folds)
+    own = errors[fit.modes, np.arange(len(rows))]
+    cost = t_cost(errors, scale_of(own)).sum(axis=2)
+    with np.errstate(divide="ignore"):
+        prior = np.log(_mode_probabilities(fit, records, rows)).T
+    return -logsumexp(prior - cost, axis=0)
+
+
+def _mode_probabilities(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Array:
+    """What the surface, or a guard that remembers, says of the modes, (n_rows, n_modes)."""
+    if any(term.effect.remembers for term in fit.terms):
+        told = np.eye(fit.n_modes)[fit.predict_modes(records)[rows]]
+    else:
+        told = fit.mode_proba(records.take(rows))
+    return (1.0 - _SURPRISE) * told + _SURPRISE / fit.n_modes
+
+
+def _errors_by_mode(fit, records, rows, targets, folds) -> Array:
+    """Held-out errors of every row in every mode, (n_modes, n_rows, n_states)."""
+    seen = corrected(fit.terms, records)
+    modes = fit.predict_modes(records)
+    modes[rows] = fit.modes
+    regression = Regression(
+        features=fit.features(seen)[rows],
+        targets=targets,
+        modes=fit.modes,
+        n_modes=fit.n_modes,
+        weight=robust_weights(targets - fit.predict(records, modes)[rows]),
+        folds=folds,
+    )
+    errors = np.empty((fit.n_modes, *targets.shape))
+    acting = {
+        target: [term for term in fit.terms if term.target == target and term.effect.terms]
+        for target in range(targets.shape[1])
+    }
+    for target, terms in acting.items():
+        columns = [term.effect.columns(seen, term.place, *term.theta)[rows] for term in terms]
+        _add_terms(errors, regression, target, terms, columns)
+    return errors
+
+
+def _add_terms(errors: Array, regression: Regression, target: int, terms, columns) -> None:
+    """Errors of one state with its effects beside the library, in place."""
+    n_modes, everyone = regression.n_modes, np.ones(len(regression.modes), dtype=np.intp)
+
+    def design(modes):
+        parts = [
+            term.design(part, modes, n_modes) for term, part in zip(terms, columns, strict=True)
+        ]
+        return np.column_stack(parts)
+
+    here = design(regression.modes) if terms else None
+    for fold, (_, test) in enumerate(regression.folds.parts):
+        background = regression.background(fold)
+        left = regression.targets[:, [target]]
+        coef = None
+        if here is not None:
+            gram, moment, size, _ = background.normal_equations(here[:, None, :])
+            solved = Solution.of(gram.sum(axis=0), moment.sum(axis=0), size.sum(axis=0))
+            coef = solved.coef[0, :, target]
+            left = left - (here @ coef)[:, None]
+        library = background.coefficients(left)
+        for mode in range(n_modes):
+            error = regression.targets[test, target]
+            error = error - (regression.features[test] @ library[mode])[:, 0]
+            if coef is not None:
+                error = error - (design(mode * everyone) @ coef)[test]
+            errors[mode, test, target] = error

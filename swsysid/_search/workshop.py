@@ -1,0 +1,229 @@
+"""Structures and their prices: fit them, scan beside them, and say what is known of each term."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid._search.bench import bench_of
+from swsysid._search.folds import Folds
+from swsysid._search.joint_fit import JointFit, fit_jointly, switching_step
+from swsysid._search.scan import refined
+from swsysid._search.scores import held_out_cost
+from swsysid._search.trials import Bench, PlacedEffect, Trial
+
+__all__ = ["TIE", "Finding", "Structure", "Workshop", "distinct", "exchanged"]
+
+_REFINED = 16  # trials whose nonlinear parameters are refined, besides the best of every kind
+TIE = 3.0  # nats within which structures are as good as each other
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A fitted structure and its price.
+
+    Attributes
+    ----------
+    fit : JointFit
+    cost : float
+        Negative log likelihood of held-out rows, in nats.
+    n_parameters : int
+        Beyond the declared model's.
+    n_rows : int
+    """
+
+    fit: JointFit
+    cost: float
+    n_parameters: float
+    n_rows: int
+
+    @property
+    def price(self) -> float:
+        """Cost and half a log of the number of rows for each parameter (Schwarz)."""
+        return self.cost + 0.5 * self.n_parameters * np.log(self.n_rows)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A candidate, its corrected p-value, and those that the data do not tell from it."""
+
+    trial: Trial | None
+    candidate: PlacedEffect
+    p_value: float
+    rivals: tuple[PlacedEffect, ...]
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """The declared model, the data, and what can be asked of them.
+
+    Attributes
+    ----------
+    estimator : estimator
+        Declared model, with its number of modes fixed.
+    effects : sequence of Effect
+    records : Records
+    rows : ndarray
+        Rows of the search.
+    targets : ndarray of shape (n_rows, n_states)
+    folds : Folds
+    """
+
+    estimator: Any
+    effects: Sequence[Any]
+    records: Records
+    rows: NDArray[np.intp]
+    targets: Array
+    folds: Folds
+
+    @property
+    def usable(self) -> list[Any]:
+        """Effects for which the data have what they need."""
+        return [effect for effect in self.effects if effect.missing(self.records) is None]
+
+    def bench(self, fit: JointFit, without: int | None = None) -> Bench:
+        """Candidates beside a fit, or in the place of one of its terms."""
+        return bench_of(fit, self.records, self.rows, self.targets, self.folds, without)
+
+    def structure(self, terms, modes: NDArray[np.intp] | None, rounds: int = 4) -> Structure:
+        """Fit a structure and price it."""
+        declared = switching_step(self.estimator)[1].n_modes
+        most = declared + sum(term.effect.n_more_modes for term in terms)
+        if modes is not None and modes.max() >= most:
+            modes = None  # modes of a structure that had more of them
+        return self.priced(
+            fit_jointly(self.estimator, terms, self.records, self.rows, self.targets, modes, rounds)
+        )
+
+    def priced(self, fit: JointFit) -> Structure:
+        """What a fit is worth on rows that its regressions have not seen."""
+        cost = held_out_cost(fit, self.records, self.rows, self.targets, self.folds).sum()
+        extra = fit.n_modes - switching_step(self.estimator)[1].n_modes
+        n_parameters = sum(term.n_parameters for term in fit.terms) + extra * (
+            fit.switching.coef_[0].size + self.records.X.shape[1] + 1
+        )
+        return Structure(fit, float(cost), n_parameters, len(self.rows))
+
+    def scanned(self, bench: Bench) -> tuple[list[Trial], int]:
+        """The most promising trials, refined, the best first; and how many there were."""
+        trials = [trial for effect in self.usable for trial in effect.trials(bench)]
+        gains = _gains(bench, trials)
+        order = np.argsort(-gains.sum(axis=1), kind="stable")
+        kinds: set[str] = set()
+        chosen = []
+        for rank, place in enumerate(order):
+            kind = trials[place].candidate.effect.kind
+            if rank < _REFINED or kind not in kinds:
+                chosen.append(refined(bench, trials[place]))
+            kinds.add(kind)
+        order = np.argsort(-_gains(bench, chosen).sum(axis=1), kind="stable")
+        return [chosen[place] for place in order], len(trials)
+
+    def chosen(self, bench: Bench, top: list[Trial], n_candidates: int) -> Finding:
+        """The trial with the fewest parameters within one standard error of the best."""
+        gains = _gains(bench, top)
+        behind = gains[0] - gains
+        error = behind.std(axis=1) * np.sqrt(behind.shape[1])
+        level = [place for place in range(len(top)) if behind[place].sum() <= error[place]]
+        best = min(
+            level, key=lambda place: (top[place].candidate.n_parameters, behind[place].sum())
+        )
+        rivals = tuple(top[place].candidate for place in level if place != best)
+        p_value = min(1.0, n_candidates * bench.p_value(top[best]))
+        return Finding(top[best], top[best].candidate, p_value, rivals)
+
+    # -- what is known of the result ------------------------------------------------------------
+
+    def without(self, structure: Structure, place: int) -> Structure:
+        """The structure without one of its terms; one that no velocity shows keeps its price."""
+        term = structure.fit.terms[place]
+        if not term.effect.shows_in_velocities:
+            return structure
+        return self.structure(exchanged(structure.fit.terms, place), structure.fit.modes)
+
+    def finding(self, structure: Structure, place: int) -> Finding:
+        """p-value and rivals of one term in the light of all others."""
+        term, bench = structure.fit.terms[place], self.bench(structure.fit, without=place)
+        known = self._structural_rivals(structure, place, bench)
+        if not term.effect.terms:
+            gain = self.without(structure, place).cost - structure.cost
+            won = term.effect.gain(bench, term)
+            p_value = won[1] if won is not None else float(np.exp(-max(gain, 0.0)))
+            return Finding(None, term, min(1.0, p_value * self._n_tried(bench)), known)
+        top, n_candidates = self.scanned(bench)
+        own = [trial for trial in top if trial.candidate.signature == term.signature]
+        if not own:
+            return Finding(None, term, 1.0, known)
+        gains = _gains(bench, [own[0], *top])
+        behind = gains[0] - gains[1:]
+        error = behind.std(axis=1) * np.sqrt(behind.shape[1])
+        level = [
+            trial.candidate
+            for trial, lost, one in zip(top, behind.sum(axis=1), error, strict=True)
+            if lost <= one
+        ]
+        p_value = min(1.0, n_candidates * bench.p_value(own[0]))
+        return Finding(own[0], term, p_value, distinct(term, level, known))
+
+    def _structural_rivals(self, structure: Structure, place: int, bench: Bench):
+        """Effects that are more than columns and as good in the place of a term."""
+        rivals = []
+        for effect in self.usable:
+            if effect.n_more_modes or not effect.shows_in_velocities or effect.remembers:
+                continue
+            for candidate in effect.proposals(bench):
+                terms = exchanged(structure.fit.terms, place, candidate)
+                if self.structure(terms, structure.fit.modes).price <= structure.price + TIE:
+                    rivals.append(candidate)
+        return tuple(rivals)
+
+    def spanned(self, fit: JointFit) -> tuple[str, ...]:
+        """Candidates whose columns the declared library spans already on these data."""
+        bench = self.bench(fit)
+        names = bench.records.names
+        return tuple(
+            f"{effect.kind} of {effect.label(place, names)}"
+            for effect in self.usable
+            for place in effect.places(bench.records)
+            if effect.terms and bench.is_spanned(effect, place)
+        )
+
+    def _n_tried(self, bench: Bench) -> int:
+        return sum(len(list(effect.places(bench.records))) for effect in self.usable)
+
+
+def distinct(found: PlacedEffect, *lists) -> tuple[PlacedEffect, ...]:
+    """Rivals that differ in kind, place or equation from what was found and from each other."""
+    rivals: dict[tuple, PlacedEffect] = {}
+    for rival in (candidate for candidates in lists for candidate in candidates):
+        key = (rival.effect.kind, rival.place, rival.target)
+        if key != (found.effect.kind, found.place, found.target):
+            rivals.setdefault(key, rival)
+    return tuple(rivals.values())
+
+
+def exchanged(terms, place: int, *candidates: PlacedEffect) -> tuple[PlacedEffect, ...]:
+    return (*terms[:place], *candidates, *terms[place + 1 :])
+
+
+def _gains(bench: Bench, trials: list[Trial]) -> Array:
+    """Nats that each trial wins in each block, (n_trials, n_blocks).
+
+    The unit of the squares in each state is what the best of the trials leaves over there.
+    """
+    losses = np.array([bench.loss_of(trial) for trial in trials])
+    targets = np.array([trial.candidate.target for trial in trials])
+    least = np.array(
+        [
+            min(losses[targets == state].sum(axis=1).min(initial=np.inf), total)
+            for state, total in enumerate(bench.loss.sum(axis=0))
+        ]
+    )
+    variance = np.maximum(least / max(bench.regression.weight.sum(), 1.0), 1e-300)
+    return (bench.loss[:, targets].T - losses) / (2.0 * variance[targets])[:, None]

@@ -1,0 +1,263 @@
+"""`EffectSearchCV`: find what a model leaves over, name the effect, add it, report the error."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from numbers import Integral, Real
+
+import numpy as np
+from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.metrics import r2_score
+from sklearn.model_selection import check_cv
+from sklearn.utils import check_random_state
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from swsysid._effect_regressor import EffectRegressor
+from swsysid._records import Records, make_records
+from swsysid._results import IdentificationWarning
+from swsysid._search.folds import Folds, Split, make_folds, split_records
+from swsysid._search.greedy import Search
+from swsysid._search.joint_fit import fit_jointly, switching_step, with_parameters
+from swsysid.diagnosis._effect_report import EffectReport
+from swsysid.diagnosis._findings import describe_findings
+from swsysid.diagnosis._ladder import Ladder
+from swsysid.effects import Effect, all_effects
+
+__all__ = ["EffectSearchCV"]
+
+_ROWS_A_PARAMETER = 8  # fewer rows than that are too short to hold any out
+_FOLDS = 5
+
+
+class EffectSearchCV(RegressorMixin, BaseEstimator):
+    """Find the effects that a declared model lacks, and add them.
+
+    The declared model is fitted, and every effect of a library is tried on what it leaves over:
+    at every place, in every state equation, in all modes or in one, its nonlinear parameters
+    fitted on training folds only. An effect enters if it predicts held-out stretches of the
+    record better than chance would, corrected for the number of candidates; of effects within
+    one standard error the one with the fewest parameters. Modes and surface are identified anew
+    with the effect inside, since they may have been wrong because it was missing; then all
+    effects are questioned in the light of the others. The errors before and after are those on
+    trajectories (or stretches) that took no part in any of this.
+
+    Parameters
+    ----------
+    estimator : SwitchingSystemRegressor or Pipeline that ends in one
+        The declared model.
+    effects : "all" or list of Effect, default="all"
+        Effects to look for; see `swsysid.effects`.
+    cv : int, cross-validation generator or None, default=None
+        Folds inside the search. None or an int makes folds of whole trajectories or of
+        contiguous stretches, 5 by default.
+    scoring : callable or None, default=None
+        ``scoring(y_true, y_pred) -> float`` of `score`; None is R2.
+    max_effects : int, default=5
+    significance : float, default=0.01
+        Of an effect found by chance in the whole search of one effect.
+    n_jobs : int or None, default=None
+    random_state : int, RandomState instance or None, default=None
+        Of what is held out. None is 0: the same data give the same answer.
+    verbose : int, default=0
+        1 shows a progress bar.
+
+    Attributes
+    ----------
+    best_estimator_ : EffectRegressor
+        The declared model with the effects found, fitted to all rows.
+    declared_estimator_ : EffectRegressor
+        The declared model without effects, fitted to all rows.
+    effects_ : list of FoundEffect
+        The most important first.
+    report_ : EffectReport
+        What was looked for, found and left over; prints, and writes HTML.
+    n_features_in_, feature_names_in_
+
+    Examples
+    --------
+    >>> from swsysid import EffectSearchCV
+    >>> from swsysid.datasets import make_undeclared
+    >>> from swsysid.effects import CoulombFriction, Polynomial, QuadraticDrag
+    >>> data = make_undeclared("coulomb_friction", system="pendulum", random_state=0)
+    >>> library = [CoulombFriction(), QuadraticDrag(), Polynomial()]
+    >>> search = EffectSearchCV(data.estimator, effects=library)
+    >>> search = search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
+    >>> search.effects_[0].kind, search.effects_[0].target
+    ('coulomb_friction', 1)
+    """
+
+    def __init__(
+        self,
+        estimator,
+        *,
+        effects="all",
+        cv=None,
+        scoring=None,
+        max_effects=5,
+        significance=0.01,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.estimator = estimator
+        self.effects = effects
+        self.cv = cv
+        self.scoring = scoring
+        self.max_effects = max_effects
+        self.significance = significance
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def fit(self, X, y, *, t=None, groups=None, signals=None):
+        """Search.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_states + n_inputs)
+            States, then inputs.
+        y : array-like of shape (n_samples,) or (n_samples, n_states)
+            Xdot, the measured velocities (next states in discrete time).
+        t : array-like of shape (n_samples,), default=None
+            Times in s, increasing along each trajectory.
+        groups : array-like of shape (n_samples,), default=None
+            Trajectory of each row. Without `t` and `groups` rows are exchangeable and effects
+            with a memory are not looked for.
+        signals : array-like of shape (n_samples, n_signals), default=None
+            Logged channels that the declared model does not use.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError, TypeError
+            If a parameter or the data make no sense; the message says what to do.
+        """
+        self._check_parameters()
+        frame = signals
+        X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        targets = np.asarray(y, dtype=float).reshape(len(y), -1)
+        self._one_target = y.ndim == 1
+        names = list(getattr(self, "feature_names_in_", [f"x{i}" for i in range(X.shape[1])]))
+        records = make_records(X, targets.shape[1], t=t, groups=groups, signals=frame, names=names)
+        rng = check_random_state(0 if self.random_state is None else self.random_state)
+        split = split_records(records, rng)
+        if self._too_short(records, split, targets):
+            return self._unchanged(records, targets)
+        return self._search(records, targets, split, rng)
+
+    def predict(self, X, *, t=None, groups=None, signals=None):
+        """Velocities of the best model, of the shape that `y` had in `fit`."""
+        check_is_fitted(self, "best_estimator_")
+        velocity = self.best_estimator_.predict(X, t=t, groups=groups, signals=signals)
+        return velocity[:, 0] if self._one_target else velocity
+
+    def predict_modes(self, X, *, t=None, groups=None, signals=None):
+        """Mode of every sample, shape (n_samples,)."""
+        check_is_fitted(self, "best_estimator_")
+        return self.best_estimator_.predict_modes(X, t=t, groups=groups, signals=signals)
+
+    def score(self, X, y, *, t=None, groups=None, signals=None):
+        """R2 of the velocities, or what `scoring` says."""
+        predicted = self.predict(X, t=t, groups=groups, signals=signals)
+        return r2_score(y, predicted) if self.scoring is None else self.scoring(y, predicted)
+
+    def simulate(self, x0, t, inputs=None, **options):
+        """Roll the best model out; see `EffectRegressor.simulate`."""
+        check_is_fitted(self, "best_estimator_")
+        return self.best_estimator_.simulate(x0, t, inputs, **options)
+
+    # -- parts of fit ------------------------------------------------------------------------------
+
+    def _search(self, records: Records, targets, split: Split, rng):
+        rows = split.search
+        declared = fit_jointly(self.estimator, (), records, rows, targets[rows])
+        estimator = with_parameters(self.estimator, n_modes=declared.n_modes)
+        search = Search(
+            estimator=estimator,
+            effects=all_effects() if isinstance(self.effects, str) else list(self.effects),
+            records=records,
+            rows=rows,
+            targets=targets[rows],
+            folds=self._folds(records.take(rows), targets[rows], rng),
+            max_effects=self.max_effects,
+            significance=self.significance,
+            n_jobs=self.n_jobs,
+            verbose=self.verbose,
+        )
+        structure, rounds = search.run(declared)
+        ladder = Ladder.of(search, declared, structure, targets, split)
+        everything = np.arange(len(records))
+        modes = structure.fit.predict_modes(records)
+        modes[rows] = structure.fit.modes
+        final = fit_jointly(estimator, ladder.terms, records, everything, targets, modes)
+        self.best_estimator_ = self._regressor(final)
+        self.declared_estimator_ = (
+            self.best_estimator_
+            if not final.terms
+            else self._regressor(fit_jointly(self.estimator, (), records, everything, targets))
+        )
+        self.effects_ = describe_findings(search, structure, ladder, final, targets)
+        self.report_ = EffectReport.of(search, ladder, rounds, self, records, targets, split)
+        return self
+
+    def _regressor(self, fit) -> EffectRegressor:
+        regressor = EffectRegressor(clone(self.estimator), fit.terms)
+        regressor.n_features_in_ = self.n_features_in_
+        if hasattr(self, "feature_names_in_"):
+            regressor.feature_names_in_ = self.feature_names_in_
+        regressor._one_target, regressor._n_targets = False, self._n_states(fit)
+        return regressor._adopt(fit)
+
+    @staticmethod
+    def _n_states(fit) -> int:
+        return switching_step(fit.estimator)[1].coef_.shape[1]
+
+    def _folds(self, records: Records, targets, rng) -> Folds:
+        n_folds = _FOLDS if self.cv is None else self.cv
+        if isinstance(n_folds, Integral):
+            return make_folds(records, int(n_folds), rng)
+        folds = make_folds(records, _FOLDS, rng)
+        parts = list(check_cv(self.cv).split(records.X, targets, records.groups))
+        return replace(folds, parts=parts)
+
+    def _too_short(self, records: Records, split: Split, targets) -> bool:
+        n_columns = records.X.shape[1] + targets.shape[1]
+        return len(split.search) < max(40, _ROWS_A_PARAMETER * n_columns)
+
+    def _unchanged(self, records: Records, targets):
+        warnings.warn(
+            f"{len(records)} samples are too few to hold any out: the declared model is returned "
+            "unchanged. Record more, or fit the declared model itself.",
+            IdentificationWarning,
+            stacklevel=3,
+        )
+        fit = fit_jointly(self.estimator, (), records, np.arange(len(records)), targets)
+        self.best_estimator_ = self.declared_estimator_ = self._regressor(fit)
+        self.effects_ = []
+        self.report_ = EffectReport.nothing_done(records)
+        return self
+
+    def _check_parameters(self) -> None:
+        if not hasattr(switching_step(self.estimator)[1], "mode_velocities"):
+            raise TypeError(
+                f"estimator={self.estimator!r} must be a SwitchingSystemRegressor or a pipeline "
+                "that ends in one."
+            )
+        known = isinstance(self.effects, str) and self.effects == "all"
+        if not known and (
+            isinstance(self.effects, str)
+            or not all(isinstance(effect, Effect) for effect in self.effects)
+        ):
+            raise ValueError(
+                f"effects={self.effects!r} must be 'all' or a list of swsysid.effects.Effect."
+            )
+        if not isinstance(self.max_effects, Integral) or self.max_effects < 0:
+            raise ValueError(
+                f"max_effects={self.max_effects!r} must be a whole number, at least 0."
+            )
+        if not isinstance(self.significance, Real) or not 0 < float(self.significance) < 1:
+            raise ValueError(f"significance={self.significance!r} must be between 0 and 1.")

@@ -1,0 +1,105 @@
+"""Static characteristics of one channel: dead zone, saturation, power law, overflow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid.effects._base import Effect, Parameter, Place, quantile_levels
+
+__all__ = ["DeadZone", "GainChange", "Overflow", "PowerLaw", "Saturation"]
+
+_N_LEVELS = 24
+
+
+def _widths(records: Records, place: Place) -> Array:
+    """Thresholds that the channel passes, on both sides if it has two."""
+    values = records.channel(place)
+    sides = [values[values > 0], -values[values < 0]]
+    used = [side for side in sides if len(side) >= 0.05 * len(values)]
+    if not used:
+        return np.empty(0)
+    highest = min(np.quantile(side, 0.95) for side in used)
+    lowest = np.quantile(np.abs(values), 0.03)
+    return np.linspace(lowest, highest, _N_LEVELS) if lowest < highest else np.empty(0)
+
+
+class _TwoSided(Effect):
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        return (Parameter("threshold", _widths(records, place), "{channel}"),)
+
+
+class DeadZone(_TwoSided):
+    """``gain * (u - clip(u, -threshold, threshold))`` in the place of ``gain * u``."""
+
+    kind = "dead_zone"
+    meaning = "{channel} acts only beyond a threshold (dead zone or free play)"
+    terms = ("gain",)
+    role = "replaces"
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        values = records.channel(place)
+        return (values - np.clip(values, -theta[0], theta[0]))[:, None]
+
+
+class Saturation(_TwoSided):
+    """``gain * clip(u, -threshold, threshold)`` in the place of ``gain * u``."""
+
+    kind = "saturation"
+    meaning = "{channel} has no further effect beyond a threshold (saturation)"
+    terms = ("gain",)
+    role = "replaces"
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        return np.clip(records.channel(place), -theta[0], theta[0])[:, None]
+
+
+class GainChange(_TwoSided):
+    """``change * (u - clip(u, -threshold, threshold))`` beside a linear term of its own."""
+
+    kind = "gain_change"
+    meaning = "the gain of {channel} changes at a threshold, and is zero on neither side"
+    terms = ("change",)
+    role = "beside"
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        values = records.channel(place)
+        return (values - np.clip(values, -theta[0], theta[0]))[:, None]
+
+
+class PowerLaw(Effect):
+    """``gain * sign(u) |u|**exponent`` in the place of ``gain * u``."""
+
+    kind = "power_law"
+    meaning = "{channel} acts through a power law"
+    terms = ("gain",)
+    role = "replaces"
+
+    def places(self, records: Records) -> range:
+        return records.inputs
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        return (Parameter("exponent", np.geomspace(0.25, 4.0, 17)),)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        values = records.channel(place)
+        return (np.sign(values) * np.abs(values) ** theta[0])[:, None]
+
+
+class Overflow(Effect):
+    """``-rate * max(x - level, 0)``: what is above a level runs off."""
+
+    kind = "overflow"
+    meaning = "above a level of {channel} something else sets in: an overflow, a stop, a contact"
+    terms = ("rate",)
+
+    def places(self, records: Records) -> range:
+        return records.states
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        levels = quantile_levels(records.channel(place), 0.04, 0.96, _N_LEVELS)
+        return (Parameter("level", levels, "{channel}"),)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        return -np.maximum(records.channel(place) - theta[0], 0.0)[:, None]

@@ -1,0 +1,80 @@
+"""Friction and drag: forces that oppose a velocity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid.effects._base import Effect, Parameter, Place, quantile_levels
+
+__all__ = ["AsymmetricFriction", "CoulombFriction", "QuadraticDrag", "StribeckFriction"]
+
+
+_FEWEST = 0.03  # share of the samples with each sign
+
+
+class _OfAState(Effect):
+    def places(self, records: Records) -> list[int]:
+        """States that take both signs."""
+        shares = np.mean(np.sign(records.X) > 0, axis=0), np.mean(np.sign(records.X) < 0, axis=0)
+        return [state for state in records.states if min(s[state] for s in shares) >= _FEWEST]
+
+
+class CoulombFriction(_OfAState):
+    """``-friction * sign(v)``: dry friction."""
+
+    kind = "coulomb_friction"
+    meaning = "dry friction opposes {channel} with a constant force"
+    terms = ("friction",)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        return -np.sign(records.channel(place))[:, None]
+
+
+class StribeckFriction(_OfAState):
+    """``-(friction + breakaway * exp(-(v / velocity)**2)) * sign(v)``."""
+
+    kind = "stribeck_friction"
+    meaning = "dry friction opposes {channel} and is larger at low speed (Stribeck effect)"
+    terms = ("friction", "breakaway")
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        speeds = np.abs(records.channel(place))
+        return (Parameter("velocity", quantile_levels(speeds, 0.05, 0.8, 16), "{channel}"),)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        velocity, sign = records.channel(place), -np.sign(records.channel(place))
+        return np.column_stack([sign, sign * np.exp(-((velocity / theta[0]) ** 2))])
+
+
+class AsymmetricFriction(_OfAState):
+    """Viscous and dry friction whose sizes differ between the two directions.
+
+    Together with the declared model's own viscous friction the law is
+    ``-(viscous_forward v + friction_forward)`` for v > 0 and
+    ``-(viscous_backward v - friction_backward)`` for v < 0; `viscous_difference` is what the
+    forward motion has more.
+    """
+
+    kind = "asymmetric_friction"
+    meaning = "friction opposes {channel} with different sizes in the two directions"
+    terms = ("friction_forward", "friction_backward", "viscous_difference")
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        velocity = records.channel(place)
+        return np.column_stack(
+            [-1.0 * (velocity > 0), 1.0 * (velocity < 0), -np.maximum(velocity, 0.0)]
+        )
+
+
+class QuadraticDrag(_OfAState):
+    """``-drag * v * |v|``: turbulent drag."""
+
+    kind = "quadratic_drag"
+    meaning = "turbulent drag opposes {channel} in proportion to its square"
+    terms = ("drag",)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        velocity = records.channel(place)
+        return -(velocity * np.abs(velocity))[:, None]

@@ -1,0 +1,236 @@
+"""Effects on the modes themselves: one more mode, a guard with hysteresis, a jump of the state."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid._search.joint_fit import switching_step, with_parameters
+from swsysid._search.trials import Bench, PlacedEffect
+from swsysid.effects._base import Effect
+
+__all__ = ["ExtraMode", "GuardHysteresis", "Reset", "remembered"]
+
+Modes = NDArray[np.intp]
+
+_N_THRESHOLDS = 32
+_DEGREE = 0.002  # agreement that a higher degree must win
+_FEWEST_JUMPS = 5
+_SAME_CROSSING = 0.7  # share of the jumps
+
+
+class _Structural(Effect):
+    terms = ()
+
+    def trials(self, bench: Bench) -> Iterator:
+        return iter(())
+
+
+class ExtraMode(_Structural):
+    """One more mode than declared, with the same library."""
+
+    kind = "extra_mode"
+    meaning = "there is one more region with a law of its own"
+    n_more_modes = 1
+
+    def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
+        """One more mode."""
+        yield PlacedEffect(self, "modes", 0)
+
+    def extended(self, estimator: Any) -> Any:
+        declared = switching_step(estimator)[1].n_modes
+        return with_parameters(estimator, n_modes=declared + 1)
+
+
+@dataclass(frozen=True)
+class Guard:
+    """A function of the channels of X whose sign, remembered inside a band, is the mode.
+
+    Attributes
+    ----------
+    terms : tuple of tuple of int
+        Channels of the factors of each monomial.
+    weights : tuple of float
+    upper_mode : int
+        Mode above the band.
+    """
+
+    terms: tuple[tuple[int, ...], ...]
+    weights: tuple[float, ...]
+    upper_mode: int
+
+    def __call__(self, X: Array) -> Array:
+        return _monomials(X, self.terms) @ np.array(self.weights)
+
+    def modes(self, records: Records, low: float, high: float) -> Modes:
+        """Modes along the trajectories."""
+        above = remembered(records, self(records.X), low, high) > 0
+        return np.where(above, self.upper_mode, 1 - self.upper_mode)
+
+
+class GuardHysteresis(_Structural):
+    """The guard is crossed at one value on the way up and at a lower one on the way down.
+
+    The mode is that of the side on which the guard's value last was outside the band. The guard
+    is found as a margin classifier of the mode from the states *and the mode of the sample
+    before*, whose coefficient is half the width of the band.
+    """
+
+    kind = "guard_hysteresis"
+    meaning = "the guard switches at another place on the way back (hysteresis)"
+    remembers = True
+    needs = frozenset({"order"})
+
+    def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
+        """A guard with a band, if there are two modes."""
+        if bench.fit.n_modes == 2 and not any(t.effect.remembers for t in bench.fit.terms):
+            candidate = PlacedEffect(self, "guard", bench.loudest_state)
+            found = self.settled(bench.records, bench.rows, bench.regression.modes)
+            if found is not None:
+                yield replace(candidate, place=found[0], theta=found[1])
+
+    def settled(self, records: Records, rows: NDArray[np.intp], modes: Modes):
+        """Guard and thresholds that agree best with the modes of the data."""
+        known = np.full(len(records), -1)
+        known[rows] = modes
+        options = []
+        for degree in (1, 2):
+            guard = _guard_with_memory(records, known, degree)
+            if guard is None:
+                continue
+            values = guard(records.X)
+            levels = np.unique(np.quantile(values[rows], np.linspace(0.02, 0.98, _N_THRESHOLDS)))
+            for low_place, low in enumerate(levels):
+                for high in levels[low_place:]:
+                    agreed = np.mean(guard.modes(records, low, high)[rows] == modes)
+                    options.append((agreed - _DEGREE * degree, guard, (float(low), float(high))))
+        return max(options, key=lambda option: option[0])[1:] if options else None
+
+    def theta_names(self, records: Records, place: Any) -> tuple[str, ...]:
+        """Where the guard switches on the way down and on the way up."""
+        return ("lower", "upper")
+
+    def switched(self, records: Records, place: Any, *theta: float) -> Modes:
+        return place.modes(records, *theta)
+
+    def label(self, place: Any, names) -> str:
+        """The guard as text."""
+        parts = [
+            f"{weight:+.3g} {' '.join(names[channel] for channel in term)}"
+            for term, weight in zip(place.terms, place.weights, strict=True)
+            if abs(weight) > 1e-3 * max(map(abs, place.weights))
+        ]
+        return " ".join(parts)
+
+
+def _monomials(X: Array, terms) -> Array:
+    return np.column_stack([np.prod(X[:, list(term)], axis=1) for term in terms])
+
+
+def _guard_with_memory(records: Records, known: Modes, degree: int) -> Guard | None:
+    """Margin classifier of the mode from monomials and the mode of the sample before."""
+    pairs = [np.column_stack([rows[:-1], rows[1:]]) for rows in records.trajectories]
+    before, after = np.concatenate(pairs).T
+    told = (known[before] >= 0) & (known[after] >= 0)
+    before, after = before[told], after[told]
+    if len(np.unique(known[after])) < 2:
+        return None
+    channels = range(records.X.shape[1])
+    terms = tuple(
+        term
+        for power in range(1, degree + 1)
+        for term in combinations_with_replacement(channels, power)
+    )
+    columns = _monomials(records.X, terms)
+    centre, size = columns.mean(axis=0), columns.std(axis=0)
+    size[size == 0.0] = 1.0
+    memory = 2.0 * known[before] - 1.0
+    classifier = PolynomialSurfaceClassifier(degree=1, standardize=False)
+    classifier.fit(np.column_stack([(columns[after] - centre) / size, memory]), known[after])
+    weights = classifier.coef_[0][1:-1] / size
+    if not weights.any():
+        return None
+    sign = 1.0 if classifier.mode_book_[1, 0] > 0 else -1.0
+    return Guard(terms, tuple(float(w) for w in sign * weights / np.abs(weights).max()), 1)
+
+
+class Reset(_Structural):
+    """``x(after) = factor * x(before)`` where the surface is crossed from one mode to another."""
+
+    kind = "reset"
+    meaning = "{channel} jumps where the surface is crossed (impact, reset)"
+    needs = frozenset({"time"})
+    shows_in_velocities = False
+
+    def theta_names(self, records: Records, place: Any) -> tuple[str, ...]:
+        """What the state is multiplied by."""
+        return ("factor",)
+
+    def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
+        """Jumps of each state that the velocities cannot explain."""
+        if bench.fit.switching.discrete_time:
+            return  # the targets are the next states, jumps included
+        for target in bench.records.states:
+            before, after, crossing = _jumps(bench, target)
+            if len(before) < _FEWEST_JUMPS or crossing[0] == crossing[1]:
+                continue
+            factor = float(before @ after / (before @ before))
+            yield PlacedEffect(self, crossing, target, theta=(factor,))
+
+    def gain(self, bench: Bench, candidate: PlacedEffect) -> tuple[float, float]:
+        """Nats won on the jumps, each predicted by the others, and their p-value."""
+        before, after, _ = _jumps(bench, candidate.target)
+        size = before @ before
+        leverage = before**2 / size
+        error = (after - before * (before @ after) / size) / (1.0 - leverage)
+        nothing = np.sum((after - before) ** 2)
+        count = len(before)
+        ratio = max(float(np.sum(error**2) / nothing), 1e-12)
+        statistic = (1.0 / ratio - 1.0) * (count - 1)
+        return 0.5 * count * -np.log(ratio), float(stats.f.sf(max(statistic, 0.0), 1, count - 1))
+
+
+def _jumps(bench: Bench, target: int) -> tuple[Array, Array, tuple[int, int]]:
+    """States before and after each jump, and the modes between which most of them happen."""
+    records, velocity = bench.records, bench.velocities[:, target]
+    assert records.t is not None
+    before, after, crossings = [], [], []
+    values = records.channel(target)
+    for rows in records.trajectories:
+        step, rates = np.diff(records.t[rows]), velocity[rows]
+        moved = 0.5 * step * (rates[1:] + rates[:-1])
+        surprise = np.abs(np.diff(values[rows]) - moved)
+        usual = 2.0 * step * np.abs(np.diff(rates)) + 8.0 * np.median(surprise) + 1e-12
+        for place in np.flatnonzero(surprise > usual + 0.02 * np.std(values)).tolist():
+            # half a step with each of the two laws is all the velocities explain
+            before.append(values[rows[place]] + 0.5 * step[place] * rates[place])
+            after.append(values[rows[place + 1]] - 0.5 * step[place] * rates[place + 1])
+            early, late = rows[max(place - 1, 0)], rows[min(place + 2, len(rows) - 1)]
+            crossings.append((int(bench.all_modes[early]), int(bench.all_modes[late])))
+    crossing = max(set(crossings), key=crossings.count) if crossings else (0, 0)
+    kept = np.array([one == crossing for one in crossings], dtype=bool)
+    if not len(kept) or kept.mean() < _SAME_CROSSING:
+        return np.empty(0), np.empty(0), crossing
+    return np.array(before)[kept], np.array(after)[kept], crossing
+
+
+def remembered(records: Records, values: Array, low: float, high: float) -> Array:
+    """+1 or -1: the side of the band [low, high] on which the values last were."""
+    side = np.where(values > high, 1.0, np.where(values < low, -1.0, 0.0))
+    start = np.where(values > 0.5 * (low + high), 1.0, -1.0)
+
+    def last(t: Array, sides: Array) -> Array:
+        places = np.maximum.accumulate(np.where(sides != 0.0, np.arange(len(sides)), -1))
+        return np.where(places >= 0, sides[np.maximum(places, 0)], 0.0)
+
+    held = records.along(last, side)
+    return np.where(held == 0.0, start, held)

@@ -1,0 +1,117 @@
+"""Effects that remember: delay, lag and backlash, computed along each trajectory.
+
+Before the first sample of a trajectory every channel is taken to have had its first value.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid.effects._base import Effect, Parameter, Place, spread
+
+__all__ = ["Backlash", "Delay", "Lag", "play"]
+
+_LONGEST = 40  # samples
+
+
+def _shortest_trajectory(records: Records) -> float:
+    """Duration of a usual trajectory in the unit of time."""
+    assert records.t is not None
+    return float(np.median([np.ptp(records.t[rows]) for rows in records.trajectories]))
+
+
+class Delay(Effect):
+    """``gain * u(t - delay)`` in the place of ``gain * u(t)``."""
+
+    kind = "delay"
+    meaning = "{channel} acts on {target} after a delay"
+    terms = ("gain",)
+    needs = frozenset({"order"})
+    role = "either"
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        longest = min(_LONGEST * records.step, 0.25 * _shortest_trajectory(records))
+        count = max(int(2 * longest / records.step), 2)
+        return (Parameter("delay", np.linspace(0.5 * records.step, longest, count), "{time}"),)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        def late(t, values):
+            return np.interp(t - theta[0], t, values)
+
+        return records.along(late, records.channel(place))[:, None]
+
+
+class Lag(Effect):
+    """``gain * w`` with ``time_constant * w' = u - w``, in the place of ``gain * u``."""
+
+    kind = "lag"
+    meaning = "{channel} acts on {target} through a first-order lag (actuator, hidden state)"
+    terms = ("gain",)
+    needs = frozenset({"order"})
+    role = "either"
+
+    def places(self, records: Records) -> range:
+        return records.inputs
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        longest = max(0.5 * _shortest_trajectory(records), 4 * records.step)
+        constants = np.geomspace(0.4 * records.step, longest, 24)
+        return (Parameter("time_constant", constants, "{time}"),)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        def filtered(t, values):
+            return first_order(t, values, theta[0])
+
+        return records.along(filtered, records.channel(place))[:, None]
+
+
+class Backlash(Effect):
+    """``gain * w`` where w follows u with a free play of `width` in all."""
+
+    kind = "backlash"
+    meaning = "{channel} has to cross a gap before it acts in the other direction (backlash)"
+    terms = ("gain",)
+    needs = frozenset({"order"})
+    role = "either"
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        width = spread(records.channel(place)) or 1.0
+        return (Parameter("width", np.linspace(0.02, 0.8, 24) * width, "{channel}"),)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        def followed(t, values):
+            return play(values, 0.5 * theta[0])
+
+        return records.along(followed, records.channel(place))[:, None]
+
+
+def first_order(t: Array, values: Array, time_constant: float) -> Array:
+    """Response of a first-order lag to an input that is linear between its samples, from rest.
+
+    Over a step of r time constants the lag keeps the share exp(-r) of its value and takes the
+    rest from the input's two ends.
+    """
+    steps = np.diff(t) / time_constant
+    kept = np.exp(-steps)
+    late = 1.0 - (1.0 - kept) / np.maximum(steps, 1e-12)
+    taken = (1.0 - kept - late) * values[:-1] + late * values[1:]
+    if len(steps) and np.ptp(steps) < 1e-6 * steps.mean():
+        later = lfilter([1.0], [1.0, -kept[0]], taken, zi=[kept[0] * values[0]])[0]
+        return np.concatenate([values[:1], later])
+    response = [float(values[0])]
+    for share, driven in zip(kept.tolist(), taken.tolist(), strict=True):
+        response.append(share * response[-1] + driven)
+    return np.array(response)
+
+
+def play(values: Array, half_width: float) -> Array:
+    """Play operator: moves only where it is dragged, starts in the middle of its gap."""
+    lower, upper = (values - half_width).tolist(), (values + half_width).tolist()
+    place, followed = float(values[0]), []
+    for low, high in zip(lower, upper, strict=True):
+        place = min(max(place, low), high)
+        followed.append(place)
+    return np.array(followed)

@@ -1,0 +1,78 @@
+"""Effects of the measurement: a state recorded with an offset, or late."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid._search.trials import Bench, PlacedEffect
+from swsysid.effects._base import Effect, Parameter, Place, spread
+
+__all__ = ["ClockLag", "SensorOffset"]
+
+
+class _OfASensor(Effect):
+    """An effect that is undone on the record before the model sees it."""
+
+    terms = ()
+
+    def places(self, records: Records) -> range:
+        return records.states
+
+    def trials(self, bench: Bench) -> Iterator:
+        return iter(())
+
+    def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
+        """The correction of each sensor that lets the declared laws fit best."""
+        for place in self.places(bench.records):
+            (parameter,) = self.parameters(bench.records, place)
+
+            def misfit(value, place=place):
+                return bench.misfit(self.corrected(bench.records, place, value))
+
+            losses = [misfit(value) for value in parameter.values]
+            best = int(np.argmin(losses))
+            low = parameter.values[max(best - 1, 0)]
+            high = parameter.values[min(best + 1, len(losses) - 1)]
+            found = minimize_scalar(misfit, bounds=(low, high), method="bounded")
+            if found.fun < misfit(0.0):
+                yield PlacedEffect(self, place, place, theta=(float(found.x),))
+
+
+class SensorOffset(_OfASensor):
+    """The record says ``x + offset`` where the state is x."""
+
+    kind = "sensor_offset"
+    meaning = "the sensor of {channel} has an offset"
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        width = spread(records.channel(place)) or 1.0
+        return (Parameter("offset", np.linspace(-0.5, 0.5, 21) * width, "{channel}"),)
+
+    def corrected(self, records: Records, place: Place, *theta: float) -> Records:
+        X = records.X.copy()
+        X[:, place] -= theta[0]
+        return records.with_columns(X)
+
+
+class ClockLag(_OfASensor):
+    """The record says ``x(t - delay)`` where the state is x(t)."""
+
+    kind = "clock_lag"
+    meaning = "the sensor of {channel} is late"
+    needs = frozenset({"order"})
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        return (Parameter("delay", np.arange(0.0, 15.5, 0.5) * records.step, "{time}"),)
+
+    def corrected(self, records: Records, place: Place, *theta: float) -> Records:
+        def ahead(t: Array, values: Array) -> Array:
+            return np.interp(t + theta[0], t, values)
+
+        X = records.X.copy()
+        X[:, place] = records.along(ahead, X[:, place])
+        return records.with_columns(X)

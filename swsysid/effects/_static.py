@@ -1,0 +1,116 @@
+"""Terms of the present state and inputs: constants, monomials, sines, other channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid.effects._base import Effect, Parameter, Place, spread
+
+__all__ = ["Bias", "InputCoupling", "Polynomial", "Trigonometric"]
+
+_MOST_MONOMIALS = 60
+
+
+class Bias(Effect):
+    """A constant."""
+
+    kind = "bias"
+    meaning = "a constant acts on {target}: a load, a leak or an offset"
+    terms = ("offset",)
+
+    def places(self, records: Records) -> Sequence[Place]:
+        return ["constant"]
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        return np.ones((len(records), 1))
+
+
+class Polynomial(Effect):
+    """One monomial of states and inputs.
+
+    Parameters
+    ----------
+    degree : int, default=3
+        Of monomials in several channels.
+    power : int, default=5
+        Of monomials in one channel.
+    """
+
+    kind = "polynomial"
+    meaning = "a term {channel} acts on {target}"
+
+    def __init__(self, degree: int = 3, power: int = 5):
+        self.degree = degree
+        self.power = power
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """Channels of the factors, such as (0, 0, 1) for x0**2 x1."""
+        channels = [*records.states, *records.inputs]
+        listed = [
+            place
+            for degree in range(1, self.degree + 1)
+            for place in combinations_with_replacement(channels, degree)
+        ]
+        powers = [
+            (channel,) * power
+            for power in range(self.degree + 1, self.power + 1)
+            for channel in channels
+        ]
+        return (listed + powers)[: _MOST_MONOMIALS + len(powers)]
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        return np.prod([records.channel(channel) for channel in place], axis=0)[:, None]
+
+    def label(self, place: Place, names: Sequence[str]) -> str:
+        """Such as ``x^2 v``."""
+        parts = []
+        for channel in sorted(set(place)):
+            power = place.count(channel)
+            parts.append(names[channel] + (f"^{power}" if power > 1 else ""))
+        return " ".join(parts)
+
+    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
+        return f"{parameters['coefficient']:.4g} {label}"
+
+
+class Trigonometric(Effect):
+    """``amplitude * sin(wavenumber * x + phase)``: cogging, ripple, gravity on a link."""
+
+    kind = "trigonometric"
+    meaning = "a force periodic in {channel} acts on {target}: cogging, ripple or gravity"
+    terms = ("sine", "cosine")
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        width = spread(records.channel(place)) or 1.0
+        return (Parameter("wavenumber", np.geomspace(1.0, 12.0 * np.pi, 40) / width),)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        angle = theta[0] * records.channel(place)
+        return np.column_stack([np.sin(angle), np.cos(angle)])
+
+    def physical(self, theta: Mapping[str, float], coef: Mapping[str, float]) -> dict[str, float]:
+        """Amplitude and phase in place of sine and cosine."""
+        return {
+            **theta,
+            "amplitude": float(np.hypot(coef["sine"], coef["cosine"])),
+            "phase": float(np.arctan2(coef["cosine"], coef["sine"])),
+        }
+
+
+class InputCoupling(Effect):
+    """A logged signal that the declared model does not use."""
+
+    kind = "input_coupling"
+    meaning = "the logged signal {channel} acts on {target}"
+    needs = frozenset({"signals"})
+
+    def places(self, records: Records) -> range:
+        return records.signal_channels
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        return records.channel(place)[:, None]

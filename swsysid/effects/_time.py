@@ -1,0 +1,67 @@
+"""Effects of time: drifts and periodic forcing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from swsysid._records import Records
+from swsysid._results import Array
+from swsysid.effects._base import Effect, Parameter, Place
+
+__all__ = ["Drift", "PeriodicForcing"]
+
+_MOST_FREQUENCIES = 1500
+
+
+class Drift(Effect):
+    """``rate * t`` or ``rate * t * x``: a level or a coefficient that changes slowly."""
+
+    kind = "drift"
+    meaning = "{channel} in the law of {target} drifts with time: ageing, heating, leakage"
+    terms = ("rate",)
+    needs = frozenset({"time"})
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """The level, or a channel whose coefficient drifts."""
+        return ["level", *records.states, *records.inputs]
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        assert records.t is not None
+        values = 1.0 if place == "level" else records.channel(place)
+        return (records.t * values)[:, None]
+
+
+class PeriodicForcing(Effect):
+    """``amplitude * sin(2 pi frequency t + phase)``."""
+
+    kind = "periodic_forcing"
+    meaning = "a vibration of constant frequency acts on {target}"
+    terms = ("sine", "cosine")
+    needs = frozenset({"time"})
+
+    def places(self, records: Records) -> Sequence[Place]:
+        return ["time"]
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        """Frequencies from one period in the record to half the sampling rate."""
+        assert records.t is not None
+        duration = float(np.ptp(records.t)) or 1.0
+        fastest = 0.5 / records.step
+        count = int(np.clip(3 * fastest * duration, 2, _MOST_FREQUENCIES))
+        longest = float(max(np.ptp(records.t[rows]) for rows in records.trajectories)) or 1.0
+        return (Parameter("frequency", np.linspace(0.7 / longest, fastest, count), "1/{time}"),)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        assert records.t is not None
+        angle = 2.0 * np.pi * theta[0] * records.t
+        return np.column_stack([np.sin(angle), np.cos(angle)])
+
+    def physical(self, theta: Mapping[str, float], coef: Mapping[str, float]) -> dict[str, float]:
+        """Amplitude and phase in place of sine and cosine."""
+        return {
+            **theta,
+            "amplitude": float(np.hypot(coef["sine"], coef["cosine"])),
+            "phase": float(np.arctan2(coef["cosine"], coef["sine"])),
+        }
