@@ -31,8 +31,7 @@ __all__ = ["Estimate", "Estimation"]
 N_SEGMENTS, SHORTEST = 32, 10
 # A state so many times larger than anything measured has diverged.
 DIVERGED = 1e3
-# Weights of the defects in the stages before whole rollouts, if all states are measured: hidden
-# ones would take any value that lets each segment fit by itself.
+# Weights of the defects in the stages before whole rollouts, where the start's are poor.
 EARLIER_WEIGHTS = (1.0, 10.0)
 TOLERANCE = 1e-8
 REFUSED = 1e6  # residual of a trial at which the model has no value
@@ -138,6 +137,7 @@ class Estimation:
         system = RowSystem(self.maps, sets, np.zeros(len(rows), dtype=np.intp))
         features = self.maps.features(np.hstack(self._points), system.named)
         velocities = system.field(system.modes(*self._points))(*self._points)
+        self._typical = features, velocities
         self.parameter_sizes = self.parameters.sizes(features, velocities)
         self.substeps = self._substeps(self.parameters.start)
 
@@ -186,22 +186,31 @@ class Estimation:
         """Fit the segments by themselves, then whole rollouts; keep what makes these better."""
         self.joined = joined
         vector, nodes, nfev = self.parameters.start, self.nodes, 0
-        measured = self.maps.output is None and len(self.observed) == self.maps.n_states
-        for weight in EARLIER_WEIGHTS if joined and measured else ():
+        for weight in EARLIER_WEIGHTS if joined and self._starts_poorly() else ():
             answer = self._tied(vector, nodes, weight, max(1, (max_nfev - nfev) // 4))
             vector, nodes = self.shooting.split(answer.x)
             nfev += answer.nfev
-            self._shorten_steps(vector)
+            vector, _ = self._settled(vector)
         for _ in range(MOST_LOOKS):
             whole = self._whole(nodes)
             answer = self._joined(whole, vector, nodes, max(1, max_nfev - nfev))
             (vector, starts), nodes = whole.split(answer.x), whole.nodes
             nodes[whole.first] = starts
             nfev += answer.nfev
-            if not self._shorten_steps(vector) or nfev >= max_nfev:
+            vector, settled = self._settled(vector)
+            if settled or nfev >= max_nfev:
                 break
         status = Status.OPTIMAL if answer.status > 0 else Status.ITERATION_LIMIT
         return self._verdict(vector, nodes, nfev, status)
+
+    def _starts_poorly(self) -> bool:
+        """True if whole rollouts of the given model are worse than the mean of the channels."""
+        uncut = self._shooting(max(len(record.t) for record in self.records))
+        nodes = self.nodes[self.shooting.segments.first == 0]
+        read, _, bounded = uncut.outputs(self.parameters.start[None], nodes[None])
+        spread = _spread(np.vstack([record.y for record in self.records]))
+        error = np.sqrt(np.nanmean(np.square(read[0] - uncut.segments.y), axis=(0, 1)))
+        return not bounded.all() or bool((error > spread).any())
 
     def initial_states(self, max_nfev: int) -> Array:
         """Initial states of whole rollouts of the given model, (n_records, n_states)."""
@@ -210,14 +219,20 @@ class Estimation:
         answer = self._joined(whole, self.parameters.start, self.nodes, max_nfev)
         return whole.split(answer.x)[1]
 
-    def _shorten_steps(self, vector: Array) -> bool:
-        """A model that became faster needs shorter steps, and another look with them."""
-        needed = self._substeps(vector)
-        shorter = needed > self.substeps
-        if shorter:
-            self.substeps = needed
+    def _settled(self, vector: Array) -> tuple[Array, bool]:
+        """The parameters, and whether they are still those of the problem that was solved.
+
+        A model that became faster needs shorter steps, a surface that turned another scale; both
+        need another look.
+        """
+        pivoted = self.parameters.pivoted(vector)
+        needed = self._substeps(pivoted)
+        settled = needed <= self.substeps and np.array_equal(pivoted, vector)
+        if not settled:
+            self.substeps = max(needed, self.substeps)
+            self.parameter_sizes = self.parameters.sizes(*self._typical)
             self.shooting = self._shooting(self.length)
-        return shorter
+        return pivoted, settled
 
     def _whole(self, nodes: Array) -> WholeRollouts:
         uncut = self._shooting(max(len(record.t) for record in self.records))

@@ -87,6 +87,25 @@ class Parametrization:
         other[: len(typical)] = np.maximum(start[: len(typical)], 1e-2 * typical)
         return other
 
+    def pivoted(self, vector: Array) -> Array:
+        """The same parameters, with the scale of a surface fixed by its now largest coefficient.
+
+        A coefficient that the data want to be zero must not be the one that fixes the scale: the
+        others would have to grow without end. The largest gets the value that it had at the start.
+        """
+        surface = self.sets(vector[None]).surface
+        if surface is None or not self.surface_free.any():
+            return vector
+        surface = surface[0]
+        for k, row in enumerate(surface):
+            pivot = int(np.abs(row).argmax())
+            if self.surface_free[k, pivot] and row[pivot] * self.surface[k, pivot] > 0.0:
+                row *= self.surface[k, pivot] / row[pivot]
+                self.surface_free[k] = self.surface[k] != 0.0
+                self.surface_free[k, pivot] = False
+        n_others = len(vector) - int(self.surface_free.sum())
+        return np.concatenate([vector[:n_others], surface[self.surface_free]])
+
     @property
     def names(self) -> list[str]:
         """A name for each entry of the vector."""
