@@ -68,8 +68,8 @@ GROUPS = (
     # 13 to 18: the search for effects
     "effects/__init__ _search/workshop _search/intervals _effect_simulation",
     "_search/greedy",
-    "_effect_regressor diagnosis/_ladder",
-    "diagnosis/_findings",
+    "_effect_regressor diagnosis/_ladder diagnosis/_effect_shapes diagnosis/_effect_rollouts",
+    "diagnosis/_findings diagnosis/_effect_data diagnosis/_effect_text",
     "diagnosis/_effect_report",
     "diagnosis/_effect_search",
     "diagnosis/__init__",

@@ -21,7 +21,7 @@ from swsysid._search.bench import bench_of
 from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, corrected
 
-__all__ = ["parameter_intervals"]
+__all__ = ["linearised", "parameter_intervals", "term_covariances"]
 
 _STEP = 0.05  # of the distance to the neighbouring value of the scan
 
@@ -35,39 +35,56 @@ def parameter_intervals(
     level: float = 0.95,
 ) -> list[dict[str, tuple[float, float]]]:
     """Intervals of the physical parameters of every term with columns; empty for the others."""
+    seen = corrected(fit.terms, records)
+    quantile = float(stats.t.ppf(0.5 + level / 2, max(len(rows) - 1, 1)))
+    covariances = term_covariances(fit, records, rows, targets, folds)
+    return [
+        _physical_intervals(fit, place, seen, own, quantile) if len(own) else {}
+        for place, own in enumerate(covariances)
+    ]
+
+
+def term_covariances(
+    fit: JointFit, records: Records, rows: NDArray[np.intp], targets: Array, folds: Folds
+) -> list[Array]:
+    """Covariance of the coefficients and then theta of every term; empty without columns."""
     bench = bench_of(fit, records, rows, targets, folds)
     modes = fit.predict_modes(records)
     modes[rows] = fit.modes
     errors = targets - fit.predict(records, modes)[rows]
     seen = corrected(fit.terms, records)
-    quantile = float(stats.t.ppf(0.5 + level / 2, max(len(rows) - 1, 1)))
-    answers: list[dict[str, tuple[float, float]]] = [{} for _ in fit.terms]
+    answers = [np.empty((0, 0)) for _ in fit.terms]
     for target in {term.target for term in fit.terms if term.effect.terms}:
         places = [
             place
             for place, term in enumerate(fit.terms)
             if term.target == target and term.effect.terms
         ]
-        columns = [_linearised(fit, place, seen, rows) for place in places]
+        columns = [linearised(fit, place, seen, rows, fit.modes) for place in places]
         covariance = _covariance(
             bench.regression, fit.features(seen)[rows], np.column_stack(columns), errors[:, target]
         )
         start = 0
         for place, part in zip(places, columns, strict=True):
             width = part.shape[1]
-            own = covariance[start : start + width, start : start + width]
-            answers[place] = _physical_intervals(fit, place, seen, own, quantile)
+            answers[place] = covariance[start : start + width, start : start + width]
             start += width
     return answers
 
 
-def _linearised(fit: JointFit, place: int, records: Records, rows: NDArray[np.intp]) -> Array:
+def linearised(
+    fit: JointFit,
+    place: int,
+    records: Records,
+    rows: NDArray[np.intp],
+    modes: NDArray[np.intp],
+) -> Array:
     """Columns of a term and the derivatives of its contribution, (n_rows, n_terms + n_theta)."""
     term, coef = fit.terms[place], fit.coef[place]
 
     def columns(theta):
         values = term.effect.columns(records, term.place, *theta)[rows]
-        return term.design(values, fit.modes, fit.n_modes)
+        return term.design(values, modes, fit.n_modes)
 
     parts = [columns(term.theta)]
     ranges = term.effect.parameters(records, term.place)

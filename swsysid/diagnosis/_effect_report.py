@@ -9,21 +9,46 @@ from typing import Any
 import numpy as np
 
 from swsysid._records import Records
-from swsysid._search.folds import Split
+from swsysid._search.folds import Split, make_folds
 from swsysid._search.greedy import Round, Search
+from swsysid._search.intervals import term_covariances
+from swsysid.diagnosis._effect_data import EffectData
+from swsysid.diagnosis._effect_text import report_text, summary, title
 from swsysid.diagnosis._ladder import Ladder
-from swsysid.diagnosis._report import ResidualReport
+from swsysid.diagnosis._report import ResidualReport, plain
 from swsysid.diagnosis._residuals import residual_report
 from swsysid.effects import FoundEffect
 
 __all__ = ["EffectReport"]
 
 
-@dataclass(frozen=True)
+_PARTS = (
+    "summary",
+    "clean",
+    "targets",
+    "held_out",
+    "n_search",
+    "n_held_out",
+    "n_candidates",
+    "errors",
+    "effects",
+    "skipped",
+    "not_identifiable",
+    "residual_before",
+    "residual_after",
+    "guard_moved",
+    "history",
+    "by_trajectory",
+    "rollouts",
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class EffectReport(Mapping):
     """Error before and after, the effects found, and what was looked for.
 
-    It is a mapping of its own contents, prints as a table, and writes HTML.
+    It is a mapping of its own contents, prints as a table (`print`), draws (`plot`), and writes
+    a page (`to_html`), which a notebook shows by itself.
 
     Attributes
     ----------
@@ -47,6 +72,13 @@ class EffectReport(Mapping):
         What the declared model and the last one leave over on the held-out data.
     guard_moved : float
         Share of the samples whose mode the effects changed.
+    history : tuple of dict
+        For each round of the search: ``added``, ``p_value``, ``n_candidates``, and all
+        ``effects`` after the round.
+    discrete : bool
+        True if the targets are the next states.
+    data : EffectData or None
+        Rows for `plot` and `to_html`; not part of the dict.
     """
 
     targets: tuple[str, ...]
@@ -61,6 +93,9 @@ class EffectReport(Mapping):
     residual_before: ResidualReport | None = None
     residual_after: ResidualReport | None = None
     guard_moved: float = 0.0
+    history: tuple[dict[str, Any], ...] = ()
+    discrete: bool = False
+    data: EffectData | None = None
 
     @classmethod
     def nothing_done(cls, records: Records) -> EffectReport:
@@ -106,6 +141,9 @@ class EffectReport(Mapping):
             residual_before=_leftover(first, records, targets, split),
             residual_after=_leftover(last, records, targets, split),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
+            history=_history(rounds, records),
+            discrete=bool(first.switching.discrete_time),
+            data=_data(ladder, estimator, records, targets, split),
         )
 
     @property
@@ -113,34 +151,80 @@ class EffectReport(Mapping):
         """True if no effect was found."""
         return not self.effects
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything, ready for JSON."""
-        listed = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        listed["effects"] = [effect.to_dict() for effect in self.effects]
-        for name in ("residual_before", "residual_after"):
-            listed[name] = None if listed[name] is None else listed[name].to_dict()
-        return listed
+    @property
+    def summary(self) -> str:
+        """What came out, in one sentence."""
+        return summary(self)
+
+    @property
+    def by_trajectory(self) -> list[dict[str, Any]]:
+        """Errors before and after on every held-out trajectory, or stretch of one."""
+        return [] if self.data is None else plain(self.data.by_trajectory)
+
+    @property
+    def rollouts(self) -> list[dict[str, Any]]:
+        """Errors of simulations from the first state of held-out trajectories, and their ends."""
+        return [] if self.data is None else [one.to_dict() for one in self.data.rollouts]
 
     def __getitem__(self, name: str) -> Any:
+        if name not in _PARTS:
+            raise KeyError(f"{name!r} is no part of the report; these are: {', '.join(_PARTS)}.")
         return getattr(self, name)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.__dataclass_fields__)
+        return iter(_PARTS)
 
     def __len__(self) -> int:
-        return len(self.__dataclass_fields__)
+        return len(_PARTS)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but `data`, in types that JSON knows; NaN becomes None."""
+        listed = {name: getattr(self, name) for name in _PARTS}
+        listed["effects"] = [effect.to_dict() for effect in self.effects]
+        for name in ("residual_before", "residual_after"):
+            listed[name] = None if listed[name] is None else listed[name].to_dict()
+        return plain(listed)
 
     def __str__(self) -> str:
-        lines = [f"Searched {self.n_search} samples, held out {self.n_held_out} ({self.held_out})."]
-        lines += _error_table(self)
-        if not self.effects:
-            lines.append("No effect is missing as far as these data show.")
-        for number, effect in enumerate(self.effects, start=1):
-            lines += _effect_lines(number, effect, self.targets)
-        if self.skipped:
-            lines.append("Not looked for:")
-            lines += [f"  {kind}: {reason}" for kind, reason in self.skipped.items()]
-        return "\n".join(lines)
+        return report_text(self)
+
+    __repr__ = __str__
+
+
+def _history(rounds: list[Round], records: Records) -> tuple[dict[str, Any], ...]:
+    targets = records.names[: records.n_states]
+
+    def named(term) -> str:
+        label = term.effect.label(term.place, records.names)
+        return title(term.effect.kind, label, targets[term.target], term.mode)
+
+    return tuple(
+        {
+            "added": named(one.finding.candidate),
+            "p_value": float(one.finding.p_value),
+            "n_candidates": one.n_candidates,
+            "effects": [named(term) for term in one.structure.fit.terms],
+        }
+        for one in rounds
+    )
+
+
+def _data(ladder: Ladder, search: Any, records: Records, targets, split: Split) -> EffectData:
+    """Rows for pictures: the models that have not seen the held-out rows, and the final one."""
+    final = search.best_estimator_
+    rows, folds = np.arange(len(records)), make_folds(records, 5, np.random.RandomState(0))
+    covariances = (
+        term_covariances(final._fit, records, rows, targets, folds) if final.effects_ else []
+    )
+    return EffectData(
+        records=records,
+        rows=split.held_out,
+        targets=targets,
+        models=(search._regressor(ladder.fits[0]), search._regressor(ladder.fits[-1])),
+        final=final,
+        covariances=tuple(covariances),
+        trajectory_names=search._trajectory_names,
+    )
 
 
 def _leftover(fit, records: Records, targets, split: Split) -> ResidualReport | None:
@@ -167,34 +251,3 @@ def _leftover(fit, records: Records, targets, split: Split) -> ResidualReport | 
         signals=part.signals if part.signals.shape[1] else None,
         random_state=0,
     )
-
-
-def _error_table(report: EffectReport) -> list[str]:
-    """Held-out errors of every equation, one line a model."""
-    width = max([len(row["model"]) for row in report.errors] + [5])
-    head = "  ".join(f"{name + chr(39):>12}" for name in report.targets)
-    lines = [f"{'held-out RMS error':{width}}  {head}"] if report.errors else []
-    for row in report.errors:
-        values = "  ".join(f"{value:12.4g}" for value in row["held_out"])
-        lines.append(f"{row['model']:{width}}  {values}")
-    return lines
-
-
-def _effect_lines(number: int, effect: FoundEffect, targets: tuple[str, ...]) -> list[str]:
-    where = "all modes" if effect.mode is None else f"mode {effect.mode}"
-    lines = [
-        f"{number}. {effect.kind.replace('_', ' ')} of {effect.place} in "
-        f"{targets[effect.target]}' ({where}): {effect.meaning}.",
-        f"   held-out error {effect.error_before:.4g} -> {effect.error_after:.4g}, "
-        f"p = {effect.p_value:.1g}",
-    ]
-    for name, value in effect.parameters.items():
-        low, high = effect.intervals.get(name, (np.nan, np.nan))
-        sure = f"  (95 %: {low:.4g} to {high:.4g})" if np.isfinite(low) else ""
-        lines.append(f"   {name} {value:.5g}{sure}")
-    for rival in effect.rivals:
-        lines.append(
-            f"   as good: {rival.kind.replace('_', ' ')} of {rival.place}, error "
-            f"{rival.error:.4g}; to tell: {rival.advice}"
-        )
-    return lines

@@ -141,6 +141,7 @@ class EffectSearchCV(RegressorMixin, BaseEstimator):
         X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
         targets = np.asarray(y, dtype=float).reshape(len(y), -1)
         self._one_target = y.ndim == 1
+        self._trajectory_names = None if groups is None else np.unique(groups)
         names = list(getattr(self, "feature_names_in_", [f"x{i}" for i in range(X.shape[1])]))
         records = make_records(X, targets.shape[1], t=t, groups=groups, signals=frame, names=names)
         rng = check_random_state(0 if self.random_state is None else self.random_state)

@@ -7,11 +7,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from swsysid._results import Array
 from swsysid.diagnosis._records import Finding, Peak, Size, Whiteness
 from swsysid.diagnosis._text import table, verdict
 
-__all__ = ["ReportData", "ResidualReport"]
+__all__ = ["ReportData", "ResidualReport", "plain"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +144,7 @@ class ResidualReport(Mapping):
     def __getitem__(self, name: str) -> Any:
         if name not in _PARTS:
             raise KeyError(f"{name!r} is no part of the report; these are: {', '.join(_PARTS)}.")
-        return _plain(getattr(self, name))
+        return plain(getattr(self, name))
 
     def __iter__(self) -> Iterator[str]:
         return iter(_PARTS)
@@ -166,11 +168,14 @@ class ResidualReport(Mapping):
     __repr__ = __str__
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """The same in types that JSON knows; what is not finite becomes None."""
+    if isinstance(value, np.generic):
+        value = value.item()
     if hasattr(value, "__dataclass_fields__"):
-        return _plain(asdict(value))
+        return plain(asdict(value))
     if isinstance(value, Mapping):
-        return {str(name): _plain(entry) for name, entry in value.items()}
+        return {str(name): plain(entry) for name, entry in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_plain(entry) for entry in value]
+        return [plain(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
