@@ -118,6 +118,14 @@ class Records:
         """The same record with other states and inputs."""
         return Records(X, self.n_states, self.t, self.groups, self.signals, self.names, self.timed)
 
+    def with_channel(self, number: int, values: Array) -> Records:
+        """The same record with other values of one channel."""
+        n_columns = self.X.shape[1]
+        every = np.column_stack([self.X, self.signals])
+        every[:, number] = values
+        X, signals = every[:, :n_columns], every[:, n_columns:]
+        return Records(X, self.n_states, self.t, self.groups, signals, self.names, self.timed)
+
 
 def make_records(
     X: Array,

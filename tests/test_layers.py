@@ -22,7 +22,7 @@ GROUPS = (
     # 1: one tool each
     """_rows _model differentiation _solvers/conic _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
-    _seeding/designs _simulation/events metrics/_surfaces datasets/_measured
+    _seeding/designs _simulation/events _simulation/inputs metrics/_surfaces datasets/_measured
     datasets/_undeclared_records
     diagnosis/_rearrangement diagnosis/_channels diagnosis/_records
     _records _search/robust""",
@@ -32,12 +32,13 @@ GROUPS = (
     diagnosis/_samples diagnosis/_shapes
     _mip _solvers/lad _surfaces/hinge _surfaces/polynomials _surfaces/posterior
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
+    _simulation/signals _simulation/effect_system
     _rollouts/system _command/samples metrics/_errors metrics/_modes datasets/_undeclared_plants
     datasets/_undeclared_mechanisms""",
     # 3: the losses; the margin program; mixtures of experts
     """diagnosis/_dependence diagnosis/_sizes _search/regression
     _losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
-    _rollouts/stated _rollouts/integrate _rollouts/parameters
+    _simulation/stepping _rollouts/stated _rollouts/integrate _rollouts/parameters
     metrics/_reliability datasets/_polynomial_system
     datasets/_undeclared_simulation""",
     # 4: what a relaxation is; what a margin certifies; the search for starts

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -18,8 +18,16 @@ from swsysid._simulation.events import (
     SlidingSurface,
     first_switch,
 )
+from swsysid._simulation.inputs import (
+    Stretch,
+    check_sizes,
+    checked_inputs,
+    checked_times,
+    probe,
+    stretches,
+)
 
-__all__ = ["SwitchingSystem", "simulate"]
+__all__ = ["SwitchingSystem", "follow", "simulate"]
 
 _METHODS = {"DOP853": DOP853, "RK45": RK45, "Radau": Radau}
 # so many switches in so small a fraction of the requested time are Zeno behaviour
@@ -123,64 +131,74 @@ def simulate(
     >>> abs(rollout.events[0].time - np.pi / 2) < 1e-8
     True
     """
-    start, times = _checked(x0, t, input_hold, method)
-    samples = None if inputs is None else _checked_inputs(inputs, times)
-    _check_sizes(system, len(start), 0 if samples is None else samples.shape[1])
-    guarded = GuardedSystem(system, state_bound)
-    with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
-        if not guarded.within(start):
-            nothing = np.empty((0, len(start)))
-            return Trajectory(times[:0], nothing, np.empty(0, np.intp), (), Status.STATE_LIMIT)
-        _probe(system, start, np.empty(0) if samples is None else samples[0])
-        if discrete_time:
-            return _iterate(guarded, start, times, samples)
-        tolerances = {"rtol": max(rtol, 100 * np.finfo(float).eps), "atol": atol}
-        auto = "DOP853" if samples is None else "RK45"
-        solver = partial(_METHODS[auto if method == "auto" else method], **tolerances)
-        rollout = _Rollout(guarded, start, times, solver, rtol, max_switches, max_steps)
-        return rollout.run(samples, input_hold)
-
-
-def _checked(x0, t, input_hold, method):
-    x0, t = np.array(x0, dtype=float), np.array(t, dtype=float)
-    if x0.ndim != 1 or not len(x0) or not np.isfinite(x0).all():
-        raise ValueError(f"x0 has shape {x0.shape}; give one finite state of shape (n_states,).")
-    if t.ndim != 1 or not len(t) or not np.isfinite(t).all() or (np.diff(t) <= 0).any():
-        raise ValueError("t must be a 1-d array of finite, strictly increasing times.")
+    start, times = checked_times(x0, t)
     if input_hold not in ("zero", "linear"):
         raise ValueError(f"input_hold={input_hold!r} is unknown; choose 'zero' or 'linear'.")
+    samples = None if inputs is None else checked_inputs(inputs, times)
+    check_sizes(system, len(start), 0 if samples is None else samples.shape[1])
+    pieces = list(stretches(times, samples, input_hold))
+    if not discrete_time:
+        return follow(
+            system,
+            start,
+            times,
+            pieces,
+            max_switches=max_switches,
+            max_steps=max_steps,
+            state_bound=state_bound,
+            rtol=rtol,
+            atol=atol,
+            method=method,
+        )
+    guarded = GuardedSystem(system, state_bound)
+    with np.errstate(all="ignore"):
+        if not guarded.within(start):
+            return _nowhere(start)
+        probe(system, start, pieces[0][1](times[0]))
+        return _iterate(guarded, start, times, samples)
+
+
+def follow(
+    system: SwitchingSystem,
+    x0: Array,
+    t: Array,
+    pieces: Sequence[Stretch],
+    *,
+    max_switches: int = 10000,
+    max_steps: int = 200000,
+    state_bound: float = 1e9,
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    method: str = "auto",
+) -> Trajectory:
+    """Roll a system out in continuous time along inputs that are known stretch by stretch.
+
+    Parameters
+    ----------
+    system, x0, t
+        As `simulate` takes them, checked.
+    pieces : sequence of (end, signal)
+        Stretches of time over which the inputs ``signal(time)`` are smooth.
+    max_switches, max_steps, state_bound, rtol, atol, method
+        As in `simulate`.
+    """
     if method not in ("auto", *_METHODS):
         raise ValueError(f"method={method!r} is unknown; choose auto, {', '.join(_METHODS)}.")
-    return x0, t
+    guarded = GuardedSystem(system, state_bound)
+    with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
+        if not guarded.within(x0):
+            return _nowhere(x0)
+        probe(system, x0, pieces[0][1](t[0]))
+        tolerances = {"rtol": max(rtol, 100 * np.finfo(float).eps), "atol": atol}
+        auto = "DOP853" if len(pieces) == 1 else "RK45"
+        solver = partial(_METHODS[auto if method == "auto" else method], **tolerances)
+        return _Rollout(guarded, x0, t, solver, rtol, max_switches, max_steps).run(pieces)
 
 
-def _checked_inputs(inputs, t):
-    inputs = np.array(inputs, dtype=float)
-    inputs = inputs[:, np.newaxis] if inputs.ndim == 1 else inputs
-    if inputs.ndim != 2 or not 0 < len(inputs) <= len(t):
-        raise ValueError(
-            f"inputs has shape {inputs.shape} for {len(t)} times; give one row for each time."
-        )
-    if not np.isfinite(inputs).all():
-        raise ValueError("inputs contain NaN or infinity; fill the gaps before simulating.")
-    return inputs
-
-
-def _check_sizes(system, *given):
-    wanted = (getattr(system, "n_states", given[0]), getattr(system, "n_inputs", given[1]))
-    if given != wanted:
-        sentence = "x0 holds {} states and inputs hold {} columns; give {} and {}."
-        raise ValueError(sentence.format(*given, *wanted))
-
-
-def _probe(system, x0, u):
-    """Let errors of the system itself, such as a wrong number of inputs, speak at the start."""
-    velocity = np.asarray(system.velocity(x0, u, int(system.mode(x0, u))))
-    if velocity.shape != x0.shape:
-        raise ValueError(
-            f"the system's velocity has shape {velocity.shape} for a state of shape {x0.shape}; "
-            "x0 must hold one value for each state."
-        )
+def _nowhere(x0):
+    """The trajectory of a state outside the bound."""
+    nothing = np.empty((0, len(x0)))
+    return Trajectory(np.empty(0), nothing, np.empty(0, np.intp), (), Status.STATE_LIMIT)
 
 
 def _iterate(system, x, t, inputs):
@@ -226,11 +244,11 @@ class _Rollout:
         self.modes: list = []
         self.events: list = []
 
-    def run(self, inputs, hold) -> Trajectory:
+    def run(self, pieces) -> Trajectory:
         """Simulate until the last time, or as far as possible."""
         status = Status.COMPLETED
         try:
-            for end, signal in _stretches(self.times, inputs, hold):
+            for end, signal in pieces:
                 self._enter(signal)
                 while self.time < end:
                     move = self._flow if self.slide is None else self._slide
@@ -366,26 +384,6 @@ class _Rollout:
             raise SimulationEnded(Status.SWITCH_LIMIT)
         self.step_size = None
         self.events.append(SwitchEvent(self.time, self.x, before, after, kind))
-
-
-def _stretches(t, inputs, hold) -> Iterator[tuple[float, Callable[[float], Array]]]:
-    """End and input signal of each stretch of time over which the inputs are smooth.
-
-    The last stretch has length zero: it tells the inputs at the last time.
-    """
-    if inputs is None:
-        yield t[-1], partial(_line, 0.0, np.empty(0), np.empty(0))
-        return
-    for row, (start, u) in enumerate(zip(t, inputs, strict=False)):
-        end = t[min(row + 1, len(inputs) - 1)]
-        slope = 0.0 * u
-        if hold == "linear" and end > start:
-            slope = (inputs[row + 1] - u) / (end - start)
-        yield end, partial(_line, start, u, slope)
-
-
-def _line(start, value, slope, time):
-    return value + slope * (time - start)
 
 
 def _last_positive(margin: Callable[[float], float], times: Array) -> float:

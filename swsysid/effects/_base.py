@@ -129,12 +129,33 @@ class Effect(BaseEstimator):
         """Place and parameters of an effect that `remembers`, for modes known on some rows."""
         return None
 
+    # -- what a simulation asks ------------------------------------------------------------------
+
+    def breaks(self, place: Place, *theta: float) -> tuple[tuple[int, float], ...]:
+        """Pairs (channel, level): where a state makes the columns jump."""
+        return ()
+
+    def jump(self, place: Place, *theta: float) -> tuple[tuple[int, int], float] | None:
+        """Modes between which the target state is multiplied, and its factor."""
+        return None
+
+    def instants(self, t: Array, *theta: float) -> Array:
+        """Times beside the samples' at which the columns bend or a sensor reads the state."""
+        return np.empty(0)
+
+    def shortened(self, records: Records, place: Place, *theta: float) -> Records:
+        """The shortest record of one trajectory after which the effect goes on as after this."""
+        return records
+
+    def recorded(self, records: Records, place: Place, *theta: float) -> Records:
+        """What sensors and clocks make of the true states, the inverse of `corrected`."""
+        return records
+
     # -- how it is looked for --------------------------------------------------------------------
 
     def trials(self, bench: Bench) -> Iterator[Trial]:
         """What the effect's columns could explain, at each of its places."""
-        for place in self.places(bench.records):
-            yield from scan(bench, self, place)
+        yield from scan(bench, self, self.places(bench.records))
 
     def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
         """Candidates that are more than columns and have to be fitted to be judged."""

@@ -21,7 +21,12 @@ class _OfAState(Effect):
         return [state for state in records.states if min(s[state] for s in shares) >= _FEWEST]
 
 
-class CoulombFriction(_OfAState):
+class _Dry(_OfAState):
+    def breaks(self, place: Place, *theta: float) -> tuple[tuple[int, float], ...]:
+        return ((place, 0.0),)
+
+
+class CoulombFriction(_Dry):
     """``-friction * sign(v)``: dry friction."""
 
     kind = "coulomb_friction"
@@ -32,7 +37,7 @@ class CoulombFriction(_OfAState):
         return -np.sign(records.channel(place))[:, None]
 
 
-class StribeckFriction(_OfAState):
+class StribeckFriction(_Dry):
     """``-(friction + breakaway * exp(-(v / velocity)**2)) * sign(v)``."""
 
     kind = "stribeck_friction"
@@ -48,7 +53,7 @@ class StribeckFriction(_OfAState):
         return np.column_stack([sign, sign * np.exp(-((velocity / theta[0]) ** 2))])
 
 
-class AsymmetricFriction(_OfAState):
+class AsymmetricFriction(_Dry):
     """Viscous and dry friction whose sizes differ between the two directions.
 
     Together with the declared model's own viscous friction the law is

@@ -24,6 +24,7 @@ Modes = NDArray[np.intp]
 
 _N_THRESHOLDS = 32
 _DEGREE = 0.002  # agreement that a higher degree must win
+_BAND = 0.002  # agreement that a band must win
 _FEWEST_JUMPS = 5
 _SAME_CROSSING = 0.7  # share of the jumps
 
@@ -95,7 +96,7 @@ class GuardHysteresis(_Structural):
         if bench.fit.n_modes == 2 and not any(t.effect.remembers for t in bench.fit.terms):
             candidate = PlacedEffect(self, "guard", bench.loudest_state)
             found = self.settled(bench.records, bench.rows, bench.regression.modes)
-            if found is not None:
+            if found is not None and _has_band(bench, *found):
                 yield replace(candidate, place=found[0], theta=found[1])
 
     def settled(self, records: Records, rows: NDArray[np.intp], modes: Modes):
@@ -122,6 +123,11 @@ class GuardHysteresis(_Structural):
     def switched(self, records: Records, place: Any, *theta: float) -> Modes:
         return place.modes(records, *theta)
 
+    def shortened(self, records: Records, place: Any, *theta: float) -> Records:
+        values = place(records.X)
+        outside = np.flatnonzero((values < theta[0]) | (values > theta[1]))
+        return records.take(np.array([outside[-1] if len(outside) else len(records) - 1]))
+
     def label(self, place: Any, names) -> str:
         """The guard as text."""
         parts = [
@@ -130,6 +136,15 @@ class GuardHysteresis(_Structural):
             if abs(weight) > 1e-3 * max(map(abs, place.weights))
         ]
         return " ".join(parts)
+
+
+def _has_band(bench: Bench, guard: Guard, theta: tuple[float, ...]) -> bool:
+    """True if the modes agree better with the band than with any single threshold."""
+    records, rows, modes = bench.records, bench.rows, bench.regression.modes
+    values = guard(records.X)[rows]
+    above = np.where(modes == guard.upper_mode, 1.0, -1.0)[np.argsort(values)]
+    single = 0.5 + 0.5 * np.abs(2.0 * np.cumsum(above) - above.sum()).max() / len(above)
+    return bool(np.mean(guard.modes(records, *theta)[rows] == modes) > single + _BAND)
 
 
 def _monomials(X: Array, terms) -> Array:
@@ -174,6 +189,9 @@ class Reset(_Structural):
     def theta_names(self, records: Records, place: Any) -> tuple[str, ...]:
         """What the state is multiplied by."""
         return ("factor",)
+
+    def jump(self, place: Any, *theta: float) -> tuple[tuple[int, int], float]:
+        return place, theta[0]
 
     def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
         """Jumps of each state that the velocities cannot explain."""

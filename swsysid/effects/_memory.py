@@ -43,6 +43,14 @@ class Delay(Effect):
 
         return records.along(late, records.channel(place))[:, None]
 
+    def instants(self, t: Array, *theta: float) -> Array:
+        return t + theta[0]
+
+    def shortened(self, records: Records, place: Place, *theta: float) -> Records:
+        assert records.t is not None
+        first = np.searchsorted(records.t, records.t[-1] - theta[0], side="right") - 1
+        return records.take(np.arange(max(first, 0), len(records)))
+
 
 class Lag(Effect):
     """``gain * w`` with ``time_constant * w' = u - w``, in the place of ``gain * u``."""
@@ -86,6 +94,11 @@ class Backlash(Effect):
             return play(values, 0.5 * theta[0])
 
         return records.along(followed, records.channel(place))[:, None]
+
+    def shortened(self, records: Records, place: Place, *theta: float) -> Records:
+        # a play that starts where this one has ended, in the middle of its gap
+        followed = self.columns(records, place, *theta)[-1:, 0]
+        return records.take(np.array([len(records) - 1])).with_channel(place, followed)
 
 
 def first_order(t: Array, values: Array, time_constant: float) -> Array:

@@ -14,6 +14,8 @@ from swsysid.effects._base import Effect, Parameter, Place, spread
 
 __all__ = ["ClockLag", "SensorOffset"]
 
+_WORTH_A_FIT = 5.0  # nats
+
 
 class _OfASensor(Effect):
     """An effect that is undone on the record before the model sees it."""
@@ -36,11 +38,14 @@ class _OfASensor(Effect):
 
             losses = [misfit(value) for value in parameter.values]
             best = int(np.argmin(losses))
+            if losses[best] > misfit(0.0) - _WORTH_A_FIT:
+                continue
             low = parameter.values[max(best - 1, 0)]
             high = parameter.values[min(best + 1, len(losses) - 1)]
-            found = minimize_scalar(misfit, bounds=(low, high), method="bounded")
-            if found.fun < misfit(0.0):
-                yield PlacedEffect(self, place, place, theta=(float(found.x),))
+            found = minimize_scalar(
+                misfit, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * (high - low)}
+            )
+            yield PlacedEffect(self, place, place, theta=(float(found.x),))
 
 
 class SensorOffset(_OfASensor):
@@ -51,12 +56,15 @@ class SensorOffset(_OfASensor):
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         width = spread(records.channel(place)) or 1.0
-        return (Parameter("offset", np.linspace(-0.5, 0.5, 21) * width, "{channel}"),)
+        return (Parameter("offset", np.linspace(-0.5, 0.5, 15) * width, "{channel}"),)
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
         X = records.X.copy()
         X[:, place] -= theta[0]
         return records.with_columns(X)
+
+    def recorded(self, records: Records, place: Place, *theta: float) -> Records:
+        return records.with_channel(place, records.channel(place) + theta[0])
 
 
 class ClockLag(_OfASensor):
@@ -67,7 +75,7 @@ class ClockLag(_OfASensor):
     needs = frozenset({"order"})
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        return (Parameter("delay", np.arange(0.0, 15.5, 0.5) * records.step, "{time}"),)
+        return (Parameter("delay", np.arange(0.0, 16.0) * records.step, "{time}"),)
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
         def ahead(t: Array, values: Array) -> Array:
@@ -76,3 +84,12 @@ class ClockLag(_OfASensor):
         X = records.X.copy()
         X[:, place] = records.along(ahead, X[:, place])
         return records.with_columns(X)
+
+    def instants(self, t: Array, *theta: float) -> Array:
+        return t - theta[0]
+
+    def recorded(self, records: Records, place: Place, *theta: float) -> Records:
+        def late(t: Array, values: Array) -> Array:
+            return np.interp(t - theta[0], t, values)
+
+        return records.with_channel(place, records.along(late, records.channel(place)))

@@ -1,0 +1,75 @@
+"""What a simulation is asked for, checked, and inputs as functions of time, piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from swsysid._results import Array
+
+__all__ = ["Stretch", "check_sizes", "checked_inputs", "checked_times", "probe", "stretches"]
+
+Stretch = tuple[float, Callable[[float], Array]]
+
+
+def checked_times(x0, t) -> tuple[Array, Array]:
+    """First state and requested times."""
+    x0, t = np.array(x0, dtype=float), np.array(t, dtype=float)
+    if x0.ndim != 1 or not len(x0) or not np.isfinite(x0).all():
+        raise ValueError(f"x0 has shape {x0.shape}; give one finite state of shape (n_states,).")
+    if t.ndim != 1 or not len(t) or not np.isfinite(t).all() or (np.diff(t) <= 0).any():
+        raise ValueError("t must be a 1-d array of finite, strictly increasing times.")
+    return x0, t
+
+
+def checked_inputs(inputs, t: Array, name: str = "inputs") -> Array:
+    """Samples of the inputs at the first of the times, shape (n_samples, n_inputs)."""
+    inputs = np.array(inputs, dtype=float)
+    inputs = inputs[:, np.newaxis] if inputs.ndim == 1 else inputs
+    if inputs.ndim != 2 or not 0 < len(inputs) <= len(t):
+        raise ValueError(
+            f"{name} has shape {inputs.shape} for {len(t)} times; give one row for each time."
+        )
+    if not np.isfinite(inputs).all():
+        raise ValueError(f"{name} contain NaN or infinity; fill the gaps before simulating.")
+    return inputs
+
+
+def check_sizes(system, *given: int) -> None:
+    """Refuse other numbers of states and inputs than the system has, if it tells."""
+    wanted = (getattr(system, "n_states", given[0]), getattr(system, "n_inputs", given[1]))
+    if given != wanted:
+        sentence = "x0 holds {} states and inputs hold {} columns; give {} and {}."
+        raise ValueError(sentence.format(*given, *wanted))
+
+
+def probe(system, x0: Array, u: Array) -> None:
+    """Let errors of the system itself, such as a wrong number of inputs, speak at the start."""
+    velocity = np.asarray(system.velocity(x0, u, int(system.mode(x0, u))))
+    if velocity.shape != x0.shape:
+        raise ValueError(
+            f"the system's velocity has shape {velocity.shape} for a state of shape {x0.shape}; "
+            "x0 must hold one value for each state."
+        )
+
+
+def stretches(t: Array, inputs: Array | None, hold: str) -> Iterator[Stretch]:
+    """End and input signal of each stretch of time over which the inputs are smooth.
+
+    The last stretch has length zero: it tells the inputs at the last time.
+    """
+    if inputs is None:
+        yield t[-1], partial(_line, 0.0, np.empty(0), np.empty(0))
+        return
+    for row, (start, u) in enumerate(zip(t, inputs, strict=False)):
+        end = t[min(row + 1, len(inputs) - 1)]
+        slope = 0.0 * u
+        if hold == "linear" and end > start:
+            slope = (inputs[row + 1] - u) / (end - start)
+        yield end, partial(_line, start, u, slope)
+
+
+def _line(start, value, slope, time):
+    return value + slope * (time - start)
