@@ -18,9 +18,10 @@ GROUPS = (
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/tables datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
-    _command/__init__ _search/__init__ _rollouts/__init__ _rollouts/losses _rollouts/certainty""",
+    _command/__init__ _search/__init__ _rollouts/__init__""",
     # 1: one tool each
-    """_rows _model differentiation _solvers/conic _solvers/euclidean
+    """_rollouts/losses _rollouts/certainty
+    _rows _model differentiation _solvers/conic _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
     _seeding/designs _simulation/events _simulation/inputs metrics/_surfaces datasets/_measured
     datasets/_undeclared_records
