@@ -166,7 +166,7 @@ class _Rollout:
         """The trajectory with the model's modes; states that stick lie exactly on the level."""
         n_modes, x, events = self.system.n_modes, done.x.copy(), []
         ends = [event.time for event in done.events[1:]] + [np.inf]
-        for event, end in zip(done.events, ends, strict=True):
+        for event, end in zip(done.events, ends, strict=False):
             modes = event.before % n_modes, event.after % n_modes
             changed = event.before // n_modes ^ event.after // n_modes
             if event.kind == "sliding" and changed:

@@ -155,7 +155,8 @@ class Effect(BaseEstimator):
 
     def trials(self, bench: Bench) -> Iterator[Trial]:
         """What the effect's columns could explain, at each of its places."""
-        yield from scan(bench, self, self.places(bench.records))
+        for place in self.places(bench.records):
+            yield from scan(bench, self, place)
 
     def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
         """Candidates that are more than columns and have to be fitted to be judged."""
