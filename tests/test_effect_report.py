@@ -1,18 +1,30 @@
 """The report of a search for effects: words, a dictionary, pictures and a page."""
 
 import json
+from html.parser import HTMLParser
 
 import matplotlib
 
 matplotlib.use("Agg")
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from swsysid import EffectSearchCV
 from swsysid.datasets import make_undeclared
 from swsysid.diagnosis import EffectReport
-from swsysid.effects import AsymmetricFriction, CoulombFriction, InputCoupling, Polynomial
+from swsysid.effects import (
+    AsymmetricFriction,
+    Backlash,
+    Bias,
+    CoulombFriction,
+    InputCoupling,
+    PeriodicForcing,
+    Polynomial,
+    SensorOffset,
+)
+from swsysid.plotting import EffectReportDisplay
 
 NAMES = ["theta", "omega", "torque"]
 
@@ -100,3 +112,164 @@ def test_a_record_too_short_still_has_a_report(data):
     assert "too short" in str(search.report_)
     assert json.dumps(search.report_.to_dict(), allow_nan=False)
     assert search.report_.clean and isinstance(search.report_, EffectReport)
+
+
+# --- pictures -------------------------------------------------------------------------------
+
+UNITS = {"omega": "rad/s", "d/dt omega": "rad/s^2", "time": "s"}
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    yield
+    plt.close("all")
+
+
+def labels(display):
+    return [(ax.get_xlabel(), ax.get_ylabel()) for ax in display.ax_]
+
+
+def test_the_display_has_four_labelled_panels(report):
+    display = report.plot(units=UNITS)
+    assert isinstance(display, EffectReportDisplay) and display.figure_ is plt.gcf()
+    assert labels(display) == [
+        ("held-out row, trajectory after trajectory", "residual of d/dt omega (rad/s^2)"),
+        ("trajectory", "RMS error of d/dt omega (rad/s^2)"),
+        ("omega (rad/s)", "share of d/dt omega (rad/s^2)"),
+        ("time (s)", "omega (rad/s)"),
+    ]
+    bars = display.ax_[1].patches
+    heights = [bar.get_height() for bar in bars]
+    half = len(heights) // 2
+    assert all(after < before for before, after in zip(heights[:half], heights[half:], strict=True))
+    names = [text.get_text() for text in display.ax_[1].get_xticklabels()]
+    assert sorted(names) == sorted(one["trajectory"] for one in report.by_trajectory)
+
+
+def test_fresh_data_are_drawn_with_the_models_fitted_to_all_rows(search, data):
+    pandas = pytest.importorskip("pandas")
+    test = data.test
+    display = EffectReportDisplay.from_estimator(
+        search, test.X, test.Xdot, t=test.t, groups=test.groups, equation="theta"
+    )
+    assert labels(display)[0][1] == "residual of d/dt theta"
+    before, after = display.data.errors
+    frame = pandas.DataFrame(test.X, columns=NAMES)
+    predicted = search.predict(frame, t=test.t, groups=test.groups)
+    expected = np.sqrt(np.mean((test.Xdot - predicted) ** 2, axis=0))
+    np.testing.assert_allclose(after, expected, rtol=1e-12)
+    assert after[1] < 0.2 * before[1]
+
+
+def test_without_an_order_of_rows_there_are_two_panels(search, data):
+    display = EffectReportDisplay.from_estimator(search, data.test.X, data.test.Xdot)
+    assert [x for x, _ in labels(display)] == ["held-out row", "omega"]
+    assert display.data.rollouts == ()
+    assert "give t or groups" in display.data.why_no_rollouts
+
+
+def test_axes_of_the_user_are_used_and_a_wrong_wish_is_refused(report):
+    _, axes = plt.subplots(2, 2)
+    assert report.plot(ax=axes).ax_[0] is axes[0, 0]
+    with pytest.raises(ValueError, match="this display draws 4 panels"):
+        report.plot(ax=plt.subplots()[1])
+    with pytest.raises(ValueError, match="'torque' is none of the states theta, omega"):
+        report.plot(equation="torque")
+    with pytest.raises(ValueError, match="the effects found are 1"):
+        report.plot(effect=1)
+
+
+@pytest.mark.parametrize(
+    ("effect", "axis", "is_function", "has_band"),
+    [
+        (Backlash(), "u", False, True),  # a loop
+        (PeriodicForcing(), "time", True, True),
+        (SensorOffset(), "x", False, False),  # shown as the change of the prediction
+    ],
+)
+def test_shapes_of_other_kinds(effect, axis, is_function, has_band):
+    pandas = pytest.importorskip("pandas")
+    data = make_undeclared(effect.kind, n_samples=480, random_state=0)
+    frame = pandas.DataFrame(data.X, columns=data.feature_names)
+    search = EffectSearchCV(data.estimator, effects=[effect, Bias()], max_effects=1)
+    report = search.fit(frame, data.Xdot, t=data.t, groups=data.groups).report_
+    (shape,) = report.data.shapes
+    assert (shape.axis, shape.is_function) == (axis, is_function)
+    assert np.isfinite(shape.half_width).all() == has_band
+    assert shape.target == 1  # the law of v is what is wrong, even if the sensor of x is
+    display = report.plot()
+    assert display.ax_[2].get_xlabel() == axis and display.ax_[2].get_ylabel() == "share of d/dt v"
+
+
+# --- the page -------------------------------------------------------------------------------
+
+
+class _Page(HTMLParser):
+    """What a browser would see: headings, pictures, balanced tags, things to load."""
+
+    EMPTY = {"img", "meta", "br", "link"}
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.headings, self.pictures, self.loaded, self.words = [], [], [], [], []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attributes):
+        attributes = dict(attributes)
+        self.loaded += [attributes[name] for name in ("href", "src") if name in attributes]
+        if tag == "img":
+            self.pictures.append(attributes)
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, text):
+        self.words.append(text)
+        if self.open and self.open[-1] in ("h1", "h2", "h3"):
+            self.headings.append(text)
+
+
+def test_the_page_has_all_parts_and_loads_nothing(report, tmp_path):
+    path = tmp_path / "page.html"
+    text = report.to_html(path, units=UNITS, title="Pendulum <1>")
+    assert path.read_text(encoding="utf-8") == text
+    page = _Page(text)
+    assert page.open == []
+    assert page.headings == [
+        "Pendulum <1>",
+        "Error before and after",
+        "Effects",
+        "1. coulomb friction of omega in omega'",
+        "Residual before and after",
+        "Left over by the declared model",
+        "Left over by the model with the effects",
+        "Error by trajectory",
+        "Rollouts before and after",
+        "The search",
+    ]
+    # shape, residuals, two residual reports, errors by trajectory, and the rollouts
+    assert len(page.pictures) == 5 + len(report.rollouts)
+    assert all(picture["alt"] for picture in page.pictures)
+    assert all(source.startswith("data:image/png;base64,") for source in page.loaded)
+    words = " ".join(page.words)
+    for told in ("asymmetric friction of omega", "needs logged signals", "omega' [rad/s^2]"):
+        assert told in words
+    assert report.errors[0]["held_out"][1] > report.errors[1]["held_out"][1]
+    assert all(f"{row['held_out'][1]:.4g}" in words for row in report.errors)
+
+
+def test_a_notebook_shows_the_page(report):
+    assert report._repr_html_() == report.to_html()
+
+
+def test_the_page_of_a_complete_model_says_so(data):
+    clean = make_undeclared(None, system="pendulum", n_samples=600, random_state=1)
+    search = EffectSearchCV(clean.estimator, effects=[CoulombFriction()])
+    report = search.fit(clean.X, clean.Xdot, t=clean.t, groups=clean.groups).report_
+    assert report.clean and "No effect is missing" in str(report)
+    page = _Page(report.to_html())
+    assert "Effects" not in page.headings and "Error by trajectory" in page.headings
+    assert len(report.plot().ax_) == 3  # no shape

@@ -18,7 +18,8 @@ GROUPS = (
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/tables datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
-    _command/__init__ _search/__init__ _rollouts/__init__""",
+    _command/__init__ _search/__init__ _page/__init__ _page/markup
+    _rollouts/__init__""",
     # 1: one tool each
     """_rollouts/losses _rollouts/certainty
     _rows _model differentiation _solvers/conic _solvers/euclidean
@@ -56,14 +57,14 @@ GROUPS = (
     effects/_base effects/_found
     _rollouts/continuous
     plotting/_convergence plotting/_residual plotting/_rollout plotting/_surface
-    plotting/_diagnosis plotting/_timeline""",
+    plotting/_diagnosis plotting/_timeline plotting/_effect_panels""",
     # 7: monomials and labels of the surface; 8 to 11: from the data to the estimator, and how
     # sure it is
     """_evidence _rollouts/estimation diagnosis/_report
     effects/_actuator effects/_friction effects/_memory effects/_sensors effects/_static
     effects/_time""",
     "_monomials refinement diagnosis/_residuals",
-    "_identification _guard _certificates plotting/__init__",
+    "_identification _guard _certificates",
     "_setup _warnings",
     "_regressor _search/joint_fit",
     "uncertainty datasets/_undeclared _search/bench _search/scores effects/_guards",
@@ -72,6 +73,8 @@ GROUPS = (
     "_search/greedy",
     "_effect_regressor diagnosis/_ladder diagnosis/_effect_shapes diagnosis/_effect_rollouts",
     "diagnosis/_findings diagnosis/_effect_data diagnosis/_effect_text",
+    "plotting/_effects",
+    "plotting/__init__ report",
     "diagnosis/_effect_report",
     "diagnosis/_effect_search",
     "diagnosis/__init__",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,12 @@ from swsysid.diagnosis._ladder import Ladder
 from swsysid.diagnosis._report import ResidualReport, plain
 from swsysid.diagnosis._residuals import residual_report
 from swsysid.effects import FoundEffect
+from swsysid.report import effect_page
 
 __all__ = ["EffectReport"]
 
 
+_FEWEST_ROWS = 30  # of a residual report
 _PARTS = (
     "summary",
     "clean",
@@ -185,6 +188,36 @@ class EffectReport(Mapping):
             listed[name] = None if listed[name] is None else listed[name].to_dict()
         return plain(listed)
 
+    def plot(self, *, equation: str | None = None, effect: int | None = None, units=None, ax=None):
+        """Draw before and after; see `swsysid.plotting.EffectReportDisplay`."""
+        from swsysid.plotting._effects import EffectReportDisplay
+
+        return EffectReportDisplay.from_report(
+            self, equation=equation, effect=effect, units=units, ax=ax
+        )
+
+    def to_html(self, path=None, *, units=None, title: str = "Effect search") -> str:
+        """A self-contained page; written to `path` too, if one is given.
+
+        Parameters
+        ----------
+        path : str or Path, default=None
+        units : mapping from names to units, default=None
+            As in `swsysid.plotting.EffectReportDisplay`.
+        title : str, default="Effect search"
+
+        Returns
+        -------
+        str
+        """
+        text = effect_page(self, units=units, title=title)
+        if path is not None:
+            Path(path).write_text(text, encoding="utf-8")
+        return text
+
+    def _repr_html_(self) -> str:
+        return self.to_html()
+
     def __str__(self) -> str:
         return report_text(self)
 
@@ -228,9 +261,13 @@ def _data(ladder: Ladder, search: Any, records: Records, targets, split: Split) 
 
 
 def _leftover(fit, records: Records, targets, split: Split) -> ResidualReport | None:
-    """The residual report of a fit on the held-out rows."""
-    predicted, modes = fit.predict(records), fit.predict_modes(records)
+    """The residual report of a fit on the held-out rows, None if these are too few for one."""
     rows = split.held_out
+    if len(rows) < _FEWEST_ROWS:
+        return None
+    import pandas as pd
+
+    predicted, modes = fit.predict(records), fit.predict_modes(records)
 
     class Known:
         """The predictions of a fit, whose memory has seen the rows before."""
@@ -242,12 +279,15 @@ def _leftover(fit, records: Records, targets, split: Split) -> ResidualReport | 
             return modes[rows]
 
     part = records.take(rows)
+    n_columns = part.X.shape[1]
     return residual_report(
         Known(),
-        part.X,
+        pd.DataFrame(part.X, columns=records.names[:n_columns]),
         targets[rows],
         t=part.t if part.timed else None,
         groups=part.groups,
-        signals=part.signals if part.signals.shape[1] else None,
+        signals=pd.DataFrame(part.signals, columns=records.names[n_columns:])
+        if part.signals.shape[1]
+        else None,
         random_state=0,
     )

@@ -104,14 +104,12 @@ def compare_rollouts(
         return (), "the times of the rows are not known: give t"
     if records.X.shape[1] < records.n_states:
         return (), "the columns of X are not the states"
-    try:
-        return tuple(
-            _rollout(models, records, name, rows[:_MOST_SAMPLES], discrete)
-            for name, rows in parts[:_MOST_ROLLOUTS]
-            if len(rows) > 1
-        ), ""
-    except (ValueError, NotImplementedError) as error:
-        return (), str(error).rstrip(".")
+    done = tuple(
+        _rollout(models, records, name, rows[:_MOST_SAMPLES], discrete)
+        for name, rows in parts[:_MOST_ROLLOUTS]
+        if len(rows) > 1
+    )
+    return done, ""
 
 
 def _rollout(models, records: Records, name: str, rows, discrete: bool) -> Rollout:

@@ -17,6 +17,7 @@ __all__ = ["Shape", "effect_shape"]
 
 _LEVEL = 0.95
 _FUNCTION = 0.02  # neighbours of a function differ by less than this share of its range
+_TIME, _ROW = "time", "row"
 _STRETCH = 300  # samples of one trajectory that are shown where time is the axis
 
 
@@ -64,10 +65,10 @@ def effect_shape(
     """Shape of the term at `place` of a fit on some records.
 
     An effect without columns (of a sensor, of the modes) contributes the difference between the
-    predictions with and without the effects.
+    predictions with and without the effects, in the state in which that is largest.
     """
     term, modes = fit.terms[place], fit.predict_modes(records)
-    predicted = fit.predict(records, modes)[:, term.target]
+    predicted, target = fit.predict(records, modes), term.target
     everything = np.arange(len(records))
     half_width = np.full(len(records), np.nan)
     if term.effect.terms:
@@ -79,7 +80,11 @@ def effect_shape(
             quantile = stats.norm.ppf(0.5 + _LEVEL / 2)
             half_width = quantile * np.sqrt(np.maximum(variance, 0.0))
     else:
-        contribution = predicted - declared.predict(records)[:, term.target]
+        change = predicted - declared.predict(records)
+        spread = targets.std(axis=0)
+        share = np.sqrt(np.mean(change**2, axis=0)) / np.where(spread > 0, spread, np.inf)
+        target = int(np.argmax(share))
+        contribution = change[:, target]
     axis, values, shown = _axis(term, records)
     if term.mode is not None:
         shown = shown[modes[shown] == term.mode]
@@ -87,15 +92,16 @@ def effect_shape(
     own = modes if term.effect.terms and term.replaced is not None else np.zeros_like(modes)
     shape = Shape(
         axis=axis,
-        target=term.target,
+        target=target,
         values=values[order],
         contribution=contribution[order],
         half_width=half_width[order],
-        wanted=(targets[:, term.target] - predicted + contribution)[order],
+        wanted=((targets - predicted)[:, target] + contribution)[order],
         modes=own[order],
         is_function=True,
     )
-    return replace(shape, is_function=all(map(_is_function, _by_mode(shape))))
+    in_time = axis in (_TIME, _ROW) and records.ordered
+    return replace(shape, is_function=in_time or all(map(_is_function, _by_mode(shape))))
 
 
 def _axis(term, records: Records) -> tuple[str, Array, NDArray[np.intp]]:
@@ -111,9 +117,9 @@ def _axis(term, records: Records) -> tuple[str, Array, NDArray[np.intp]]:
         values = term.effect.columns(records, term.place, *term.theta)[:, 0]
         return term.effect.label(term.place, records.names), values, everything
     if records.t is None:
-        return "row", everything.astype(float), everything
+        return _ROW, everything.astype(float), everything
     longest = max(records.trajectories, key=len)[:_STRETCH]
-    return ("time" if records.timed else "row of the trajectory"), records.t, longest
+    return (_TIME if records.timed else _ROW), records.t, longest
 
 
 def _by_mode(shape: Shape):

@@ -9,9 +9,11 @@ import numpy as np
 
 from swsysid.effects import FoundEffect, Rival
 
-__all__ = ["effect_title", "interval", "rate", "report_text", "summary", "title"]
+__all__ = ["effect_title", "interval", "probability", "rate", "report_text", "summary", "title"]
 
 _MOST_NAMED = 12
+_NOWHERE = ("constant", "time", "modes")  # places that say nothing beside the kind
+_SMALLEST = 1e-16
 _LEFT_OUT = "and {} more"
 
 
@@ -23,7 +25,13 @@ def rate(name: str, discrete: bool = False) -> str:
 def title(kind: str, place: str, state: str, mode: int | None, discrete: bool = False) -> str:
     """Kind, place, equation and mode of an effect in a few words."""
     where = "" if mode is None else f", mode {mode}"
-    return f"{kind.replace('_', ' ')} of {place} in {rate(state, discrete)}{where}"
+    of = "" if place in _NOWHERE else f" of {place}"
+    return f"{kind.replace('_', ' ')}{of} in {rate(state, discrete)}{where}"
+
+
+def probability(value: float) -> str:
+    """A p-value, no smaller than means anything."""
+    return f"p = {value:.1g}" if value >= _SMALLEST else f"p < {_SMALLEST:g}"
 
 
 def effect_title(effect: FoundEffect | Rival, report: Any) -> str:
@@ -45,12 +53,14 @@ def summary(report: Any) -> str:
     if not report.effects:
         return "No effect is missing as far as these data show."
     first = report.effects[0]
-    target = first.target
-    before, after = (report.errors[place]["held_out"][target] for place in (0, -1))
+    errors = np.array([report.errors[place]["held_out"] for place in (0, -1)])
+    target = int(np.argmin(errors[1] / np.where(errors[0] > 0, errors[0], np.inf)))
+    before, after = errors[:, target]
     others = len(report.effects) - 1
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
+    name = effect_title(first, report)
     return (
-        f"{effect_title(first, report)}{more}: with it the held-out "
+        f"{name[:1].upper()}{name[1:]}{more}: with it the held-out "
         f"error of {rate(report.targets[target], report.discrete)} is {after:.4g} instead of "
         f"{before:.4g}."
     )
@@ -93,7 +103,7 @@ def _effect(number: int, effect: FoundEffect, report: Any) -> list[str]:
     lines = [
         f"{number}. {effect_title(effect, report)}: {effect.meaning}.",
         f"   held-out error before {effect.error_before:.4g}, after {effect.error_after:.4g}; "
-        f"p = {effect.p_value:.1g}",
+        f"{probability(effect.p_value)}",
     ]
     for name, value in effect.parameters.items():
         sure = interval(effect, name)

@@ -2,6 +2,7 @@
 
 from swsysid.plotting._convergence import ConvergenceDisplay
 from swsysid.plotting._diagnosis import ResidualReportDisplay
+from swsysid.plotting._effects import EffectReportDisplay
 from swsysid.plotting._residual import ResidualDisplay
 from swsysid.plotting._rollout import RolloutDisplay
 from swsysid.plotting._surface import SwitchingSurfaceDisplay
@@ -9,6 +10,7 @@ from swsysid.plotting._timeline import ModeTimelineDisplay
 
 __all__ = [
     "ConvergenceDisplay",
+    "EffectReportDisplay",
     "ModeTimelineDisplay",
     "ResidualDisplay",
     "ResidualReportDisplay",

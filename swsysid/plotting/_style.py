@@ -71,8 +71,10 @@ def mode_names(predicted, named) -> list:
 
 
 @contextmanager
-def canvas(ax=None, n_panels: int = 1, panel_size=(5.6, 4.4)):
+def canvas(ax=None, n_panels: int = 1, panel_size=(5.6, 4.4), n_columns: int | None = None):
     """Axes to draw on, an array of `n_panels`: the user's, or those of a new figure.
+
+    A new figure has all panels in one row, or rows of `n_columns`.
 
     The style holds inside the ``with`` block only: no setting of matplotlib is changed.
     """
@@ -82,9 +84,14 @@ def canvas(ax=None, n_panels: int = 1, panel_size=(5.6, 4.4)):
     with plt.rc_context(settings):
         if ax is None:
             width, height = panel_size
-            _, ax = plt.subplots(
-                1, n_panels, figsize=(width * n_panels, height), layout="constrained"
+            across = min(n_columns or n_panels, n_panels)
+            down = -(-n_panels // across)
+            figure, ax = plt.subplots(
+                down, across, figsize=(width * across, height * down), layout="constrained"
             )
+            for unused in np.ravel(ax)[n_panels:]:
+                figure.delaxes(unused)
+            ax = np.ravel(ax)[:n_panels]
         axes = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
         if len(axes) != n_panels:
             raise ValueError(
