@@ -189,7 +189,7 @@ def test_axes_of_the_user_are_used_and_a_wrong_wish_is_refused(report):
 )
 def test_shapes_of_other_kinds(effect, axis, is_function, has_band):
     pandas = pytest.importorskip("pandas")
-    data = make_undeclared(effect.kind, n_samples=480, random_state=0)
+    data = make_undeclared(effect.kind, n_samples=800, random_state=0)
     frame = pandas.DataFrame(data.X, columns=data.feature_names)
     search = EffectSearchCV(data.estimator, effects=[effect, Bias()], max_effects=1)
     report = search.fit(frame, data.Xdot, t=data.t, groups=data.groups).report_
