@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from swsysid._results import Array, Trajectory
+from swsysid._results import Array, Status, Trajectory
 from swsysid._search.joint_fit import JointFit, corrected, switching_step
 from swsysid._simulation.effect_system import ActingTerm, EffectSystem
 from swsysid._simulation.inputs import checked_inputs, checked_times
@@ -131,6 +131,9 @@ class _Rollout:
             # only time goes on: one stretch
             pieces = [(float(grid[-1]), pieces[0][1])]
         done = follow(self.system, self.x0, grid, pieces, **options)
+        if done.status is Status.SWITCH_LIMIT and len(self.sorted.breaks) > 1:
+            # events one by one cannot hold two states at rest at once, fixed steps can
+            return self.step(**options)
         return self._without_sides(done)
 
     def step(self, **options) -> Trajectory:

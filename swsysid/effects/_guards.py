@@ -126,7 +126,7 @@ class GuardHysteresis(_Structural):
     def shortened(self, records: Records, place: Any, *theta: float) -> Records:
         values = place(records.X)
         outside = np.flatnonzero((values < theta[0]) | (values > theta[1]))
-        return records.take(np.array([outside[-1] if len(outside) else len(records) - 1]))
+        return records.take(np.array([outside[-1] if len(outside) else 0]))
 
     def label(self, place: Any, names) -> str:
         """The guard as text."""
@@ -242,13 +242,16 @@ def _jumps(bench: Bench, target: int) -> tuple[Array, Array, tuple[int, int]]:
 
 
 def remembered(records: Records, values: Array, low: float, high: float) -> Array:
-    """+1 or -1: the side of the band [low, high] on which the values last were."""
+    """+1 or -1: the side of the band [low, high] on which the values last were.
+
+    A trajectory that begins inside the band is taken to come from the nearer side.
+    """
     side = np.where(values > high, 1.0, np.where(values < low, -1.0, 0.0))
-    start = np.where(values > 0.5 * (low + high), 1.0, -1.0)
+    first = np.array([rows[0] for rows in records.trajectories])
+    start = np.where(values[first] > 0.5 * (low + high), 1.0, -1.0)
+    side[first] = np.where(side[first] == 0.0, start, side[first])
 
     def last(t: Array, sides: Array) -> Array:
-        places = np.maximum.accumulate(np.where(sides != 0.0, np.arange(len(sides)), -1))
-        return np.where(places >= 0, sides[np.maximum(places, 0)], 0.0)
+        return sides[np.maximum.accumulate(np.where(sides != 0.0, np.arange(len(sides)), 0))]
 
-    held = records.along(last, side)
-    return np.where(held == 0.0, start, held)
+    return records.along(last, side)
