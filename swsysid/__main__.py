@@ -9,12 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
+from swsysid._command.diagnosis import chosen_effects, diagnose, page_path, units_of
 from swsysid._command.job import JobOptions, JobResult, run_job
 from swsysid._command.job_text import render
 from swsysid._command.samples import Measurement
 from swsysid._command.tables import Table, TableError, read_table
 from swsysid._results import SolverError
-from swsysid.datasets import make_damped_oscillator
+from swsysid.datasets import make_damped_oscillator, make_undeclared
+from swsysid.diagnosis import EffectSearchCV
+from swsysid.effects import Effect
 
 __all__ = ["main"]
 
@@ -27,7 +30,12 @@ unless their derivatives are measured too. The equations, the switching surface 
 held-out data, beside that of the best model without switching, are printed; the model
 (model.joblib), the text (identification.txt) and a picture of the modes (phase_portrait.png) go
 into a folder. Without a file, a built-in damped oscillator is simulated, measured with noise
-and identified."""
+and identified.
+
+With --diagnose the identified model is then asked what it lacks: friction, backlash, delays,
+saturations, forces, sensor offsets and more are tried on what it leaves over, and judged on
+trajectories that took no part in the search. The error before and after is printed, and a page
+with pictures (swsysid_diagnosis.html) is written."""
 
 EXAMPLES = """\
 examples:
@@ -40,6 +48,10 @@ examples:
     python -m swsysid axis.mat --states q --inputs force --time t --order 2 \\
         --units q=m,force=N,t=s
 
+  What does one linear law of a cart lack? One mode, a logged signal it does not use, a page:
+    python -m swsysid cart.csv --states x v --inputs u --time t --groups run --modes 1 \\
+        --library linear --diagnose --signals battery_V --html cart.html
+
 Units are read from names such as v_m_per_s or "force [N]". Load the model with
 joblib.load("swsysid_output/model.joblib"); its columns are the states, then the inputs (with
 --order 2 the positions, then the velocities, then the inputs)."""
@@ -51,11 +63,15 @@ LIBRARIES = {"linear": 0, "affine": 1, "quadratic": 2, "cubic": 3}
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; the exit code is 2 for unusable input, 1 for a failed solver."""
     arguments = _parser().parse_args(argv)
+    search = None
     try:
+        effects, page = _diagnosis(arguments)
         table, options = _what_to_do(arguments)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
             result = run_job(table, options)
+            if page is not None:
+                search = diagnose(result, effects, verbose=sys.stderr.isatty())
     except ValueError as error:  # sentences of ours, TableError among them
         print(f"swsysid: {error}", file=sys.stderr)
         return 2
@@ -64,9 +80,10 @@ def main(argv: list[str] | None = None) -> int:
         return 1
     text = render(result)
     notes = dict.fromkeys(str(warning.message) for warning in caught)
-    text = "\n\n".join([text, *(f"note: {note}" for note in notes)])
+    told = [] if search is None else [str(search.report_)]
+    text = "\n\n".join([text, *(f"note: {note}" for note in notes), *told])
     print(text)
-    return _save(result, text, arguments.output)
+    return _save(result, text, arguments.output, search, page)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -100,8 +117,8 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--library",
         choices=LIBRARIES,
-        default="affine",
-        help="terms of the law of each mode: linear has no constant (default: affine)",
+        help="terms of the law of each mode: linear has no constant (default: affine; linear in "
+        "the built-in example of --diagnose)",
     )
     add("--library-degree", type=int, metavar="D", help="all products up to degree D instead")
     add("--surface-degree", type=int, default=1, metavar="D", help="of the surface (default: 1)")
@@ -129,20 +146,52 @@ def _parser() -> argparse.ArgumentParser:
     add("--decimate", type=int, metavar="K", help="keep every K-th row (default: about 5000 rows)")
     add("--test-fraction", type=float, default=0.3, help="held out for the error (default: 0.3)")
     add("--output", type=Path, default=Path("swsysid_output"), metavar="DIR", help="folder to fill")
+    add("--diagnose", action="store_true", help="search for effects that the model lacks")
+    add(
+        "--html",
+        type=Path,
+        metavar="OUT.html",
+        help="with --diagnose: the page (default: swsysid_diagnosis.html, in this folder)",
+    )
+    add(
+        "--signals",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="with --diagnose: logged columns that the model does not use",
+    )
+    add(
+        "--effects",
+        nargs="+",
+        default=[],
+        metavar="KIND",
+        help="with --diagnose: look for these only, such as coulomb_friction,backlash",
+    )
     add("--random-state", type=int, default=0, metavar="SEED", help="(default: 0)")
     add("--jobs", type=int, metavar="N", help="starts searched in parallel")
     return parser
 
 
+def _diagnosis(arguments: argparse.Namespace) -> tuple[list[Effect], Path | None]:
+    """Effects to look for and where the page goes; no page if nothing is diagnosed."""
+    if arguments.diagnose:
+        return chosen_effects(_names(arguments.effects)), page_path(arguments.html)
+    for option in ("html", "signals", "effects"):
+        if getattr(arguments, option):
+            raise TableError(f"--{option} belongs to --diagnose; give that too.")
+    return [], None
+
+
 def _what_to_do(arguments: argparse.Namespace) -> tuple[Table, JobOptions]:
     if arguments.file is None:
-        return _built_in(arguments)
+        return _built_in_friction(arguments) if arguments.diagnose else _built_in(arguments)
     table = read_table(arguments.file, _units(arguments.units))
     if not arguments.states:
         raise TableError(f"Name the states with --states; the columns are: {table.listing()}.")
     measurement = Measurement(
         states=_names(arguments.states),
         inputs=_names(arguments.inputs),
+        signals=_names(arguments.signals),
         time=arguments.time,
         derivatives=_names(arguments.derivatives),
         groups=arguments.groups,
@@ -168,12 +217,28 @@ def _built_in(arguments: argparse.Namespace) -> tuple[Table, JobOptions]:
     return table, _options(arguments, measurement)
 
 
+def _built_in_friction(arguments: argparse.Namespace) -> tuple[Table, JobOptions]:
+    """A driven oscillator with two dampings and dry friction, which no linear law has."""
+    if arguments.signals:
+        raise TableError("The built-in example has no signals; give a file with --signals.")
+    data = make_undeclared("coulomb_friction", random_state=arguments.random_state)
+    (x, v, u), (dx, dv) = data.X.T, data.Xdot.T
+    columns = {"x": x, "v": v, "u": u, "dx": dx, "dv": dv, "t": data.t, "run": data.groups}
+    units = {"x": "m", "v": "m/s", "u": "m/s^2", "dx": "m/s", "dv": "m/s^2", "t": "s"}
+    table = Table("the built-in oscillator with dry friction", columns, units)
+    measurement = Measurement(
+        states=("x", "v"), inputs=("u",), derivatives=("dx", "dv"), time="t", groups="run"
+    )
+    arguments.library = arguments.library or "linear"
+    return table, _options(arguments, measurement)
+
+
 def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOptions:
     degree = arguments.library_degree
     return JobOptions(
         measurement=measurement,
         modes=_modes(arguments.modes),
-        library_degree=LIBRARIES[arguments.library] if degree is None else degree,
+        library_degree=LIBRARIES[arguments.library or "affine"] if degree is None else degree,
         surface_degree=arguments.surface_degree,
         loss=arguments.loss,
         position=arguments.position,
@@ -204,19 +269,30 @@ def _modes(word: str) -> int | str:
     return int(word)
 
 
-def _save(result: JobResult, text: str, folder: Path) -> int:
-    """Write model, text and picture; the exit code is 2 if the folder cannot be written."""
+def _save(
+    result: JobResult, text: str, folder: Path, search: EffectSearchCV | None, page: Path | None
+) -> int:
+    """Write model, text, picture and page; the exit code is 2 if they cannot be written."""
     import joblib
 
+    where = folder
     try:
         folder.mkdir(parents=True, exist_ok=True)
         joblib.dump(result.model, folder / "model.joblib")
         (folder / "identification.txt").write_text(text + "\n", encoding="utf-8")
         drawn = _draw(result, folder / "phase_portrait.png")
+        if search is not None and page is not None:
+            joblib.dump(search.best_estimator_, folder / "model_with_effects.joblib")
+            drawn += ", model_with_effects.joblib"
+            where = page
+            title = f"Effect search: {result.samples.source}"
+            search.report_.to_html(page, units=units_of(result.samples), title=title)
     except OSError as error:
-        print(f"swsysid: {folder} cannot be written: {error.strerror}.", file=sys.stderr)
+        print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
         return 2
     print(f"\nSaved in {folder}: model.joblib, identification.txt{drawn}")
+    if page is not None:
+        print(f"Page with pictures: {page.resolve()}")
     return 0
 
 

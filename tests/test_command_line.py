@@ -10,6 +10,7 @@ import pytest
 from swsysid.__main__ import main
 from swsysid._command.job import JobResult
 from swsysid._command.job_text import _verdict, rename
+from swsysid.datasets import make_undeclared
 
 
 def oscillator(n_runs=8, duration=6.0, step=0.02, noise=0.0, seed=0):
@@ -222,3 +223,84 @@ def test_a_large_gain_on_few_blocks_is_not_called_no_gain(improvement, gain, ver
     text = _verdict(result)
     sayings = ("predicts the held-out samples clearly", "may be chance", "Do not trust")
     assert sum(saying in text for saying in sayings) == 1 and verdict in text
+
+
+# --- what the model lacks ---------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory):
+    """An oscillator with dry friction, its derivatives, and a signal that means nothing."""
+    data = make_undeclared("coulomb_friction", n_samples=1000, random_state=1)
+    columns = dict(zip(["x_m", "v", "u"], data.X.T, strict=True))
+    columns |= dict(zip(["dx", "dv"], data.Xdot.T, strict=True))
+    load = np.random.default_rng(0).standard_normal(len(data.X))
+    columns |= {"t_s": data.t, "run": data.groups, "load": load}
+    return write_csv(tmp_path_factory.mktemp("rubbing") / "rubbing.csv", columns)
+
+
+ROLES = ["--states", "x_m,v", "--inputs", "u", "--derivatives", "dx,dv", "--groups", "run"]
+
+
+def test_diagnosis_of_a_file(rubbing, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arguments = [rubbing, *ROLES, "--time", "t_s", "--library", "linear", "--diagnose"]
+    wishes = ["--effects", "coulomb_friction,polynomial", "input_coupling", "--signals", "load"]
+    assert main([*arguments, *wishes, "--html", "rubbing.html", "--units", "v=m/s"]) == 0
+    text = capsys.readouterr().out
+    assert "1. coulomb friction of v in v'" in text and "Rollout of trajectory" in text
+    assert "input_coupling" not in text.partition("Not looked for")[2]  # the signal was there
+    before, after = (
+        float(re.search(rf"^{model}.* (\S+)$", text, re.MULTILINE).group(1))
+        for model in ("declared model", r"\+ coulomb friction of v")
+    )
+    assert after < 0.25 * before
+    assert str(tmp_path / "rubbing.html") in text
+    page = (tmp_path / "rubbing.html").read_text(encoding="utf-8")
+    assert "Effect search: rubbing.csv" in page and "v (m/s)" not in page  # in pictures only
+    assert '<th scope="col">x_m&#x27; [m/s]</th>' in page
+    output = tmp_path / "swsysid_output"
+    assert "coulomb friction" in (output / "identification.txt").read_text(encoding="utf-8")
+    model = joblib.load(output / "model_with_effects.joblib")
+    assert [term.effect.kind for term in model.effects_] == ["coulomb_friction"]
+
+
+def test_diagnosis_without_times_says_what_it_could_not_do(rubbing, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arguments = [rubbing, *ROLES, "--library", "linear", "--diagnose", "--effects", "drift,bias"]
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert "drift: needs the times of the rows: give t" in text
+    assert (tmp_path / "swsysid_diagnosis.html").stat().st_size > 10_000
+
+
+def test_the_built_in_example_of_diagnosis(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["--diagnose", "--effects", "coulomb_friction", "polynomial"]) == 0
+    text = capsys.readouterr().out
+    assert "Coulomb friction of v in v': with it the held-out error of v' is" in text
+    assert (tmp_path / "swsysid_diagnosis.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--html", "a.html"], "--html belongs to --diagnose"),
+        (["--signals", "load"], "--signals belongs to --diagnose"),
+        (["--effects", "bias"], "--effects belongs to --diagnose"),
+        (["--diagnose", "--effects", "backlsh"], "Did you mean 'backlash'.*coulomb_friction"),
+        (["--diagnose", "--html", "absent/a.html"], "cannot be written; name a file in a folder"),
+        (["--diagnose", "--signals", "load"], "built-in example has no signals"),
+        (
+            ["FILE", *ROLES, "--diagnose", "--signals", "lod"],
+            "no column 'lod'. Did you mean 'load'",
+        ),
+        (["FILE", *ROLES, "--diagnose", "--signals", "u"], "Column 'u' is named twice"),
+    ],
+)
+def test_wrong_wishes_for_a_diagnosis(arguments, sentence, rubbing, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main([rubbing if word == "FILE" else word for word in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.count("\n") == 1
+    assert re.search(sentence, captured.err)

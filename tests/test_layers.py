@@ -80,7 +80,7 @@ GROUPS = (
     "diagnosis/__init__",
     # 19 to 21: the public names, the main job, the command line
     "__init__ _command/job datasets/__init__",
-    "_command/job_text",
+    "_command/job_text _command/diagnosis",
     "__main__",
 )
 LAYERS = {name: layer for layer, names in enumerate(GROUPS) for name in names.split()}

@@ -22,8 +22,9 @@ class Measurement:
 
     Attributes
     ----------
-    states, inputs : tuple of str
-        Columns of the states (positions with ``order=2``) and of the inputs.
+    states, inputs, signals : tuple of str
+        Columns of the states (positions with ``order=2``), of the inputs, and of logged signals
+        that the model does not use.
     time : str or None
     derivatives : tuple of str
         Columns of measured derivatives, one for each state; with ``order=2`` the velocities,
@@ -40,6 +41,7 @@ class Measurement:
 
     states: tuple[str, ...]
     inputs: tuple[str, ...] = ()
+    signals: tuple[str, ...] = ()
     time: str | None = None
     derivatives: tuple[str, ...] = ()
     groups: str | None = None
@@ -58,6 +60,8 @@ class Samples:
     ----------
     X : ndarray of shape (n_samples, n_states + n_inputs)
     Xdot : ndarray of shape (n_samples, n_states)
+    signals : ndarray of shape (n_samples, n_signals)
+    t : ndarray of shape (n_samples,) or None
     groups : ndarray of shape (n_samples,)
     names, units : tuple of str
         Of the columns of `X`; a unit is "" where unknown.
@@ -66,17 +70,27 @@ class Samples:
     n_known : int
         The first `n_known` columns of `Xdot` follow a law that is known: they are velocities,
         which are columns of `X` too.
+    signal_names, signal_units : tuple of str
+    time_unit : str
+    source : str
+        What the samples were read from.
     decimate : int
     """
 
     X: Array
     Xdot: Array
+    signals: Array
+    t: Array | None
     groups: NDArray
     names: tuple[str, ...]
     units: tuple[str, ...]
     rate_names: tuple[str, ...]
     rate_units: tuple[str, ...]
     n_known: int
+    signal_names: tuple[str, ...]
+    signal_units: tuple[str, ...]
+    time_unit: str
+    source: str
     decimate: int
 
 
@@ -89,7 +103,7 @@ def measure(table: Table, what: Measurement) -> Samples:
         If a column is missing or not numeric, or the trajectories cannot be differentiated.
     """
     _check(what)
-    names = [*what.states, *what.inputs]
+    names = [*what.states, *what.inputs, *what.signals]
     times = [what.time] if what.time else []
     chosen = [*names, *what.derivatives, *times]
     _check_distinct(table, chosen)
@@ -103,20 +117,22 @@ def measure(table: Table, what: Measurement) -> Samples:
         )
     decimate = what.decimate or max(1, round(len(numbers) / MAX_ROWS))
     if what.derivatives:
-        X, Xdot, kept = _with_derivatives(numbers, what, groups, decimate)
+        X, Xdot, t, kept = _with_derivatives(numbers, what, groups, decimate)
     else:
-        X, Xdot, _, kept, _ = differentiate(
+        X, Xdot, t, kept, _ = differentiate(
             numbers[:, : len(what.states)],
             numbers[:, -1],
             groups,
             method=what.method,
-            inputs=numbers[:, len(what.states) : len(names)] if what.inputs else None,
+            inputs=numbers[:, len(what.states) : len(names)] if names[len(what.states) :] else None,
             order=what.order,
             window=what.window,
             cutoff=what.cutoff,
             decimate=decimate,
         )
-    return Samples(X, Xdot, kept, **_described(table, what), decimate=decimate)
+    X, signals = np.split(X, [X.shape[1] - len(what.signals)], axis=1)
+    described = _described(table, what)
+    return Samples(X, Xdot, signals, t, kept, **described, decimate=decimate)
 
 
 def _check(what: Measurement) -> None:
@@ -158,13 +174,14 @@ def _check_complete(table: Table, numbers, names) -> None:
 
 
 def _with_derivatives(numbers, what: Measurement, groups, decimate):
-    n_states, n_inputs = len(what.states), len(what.inputs)
-    states, inputs, rates, _ = np.split(
-        numbers, np.cumsum([n_states, n_inputs, len(what.derivatives)]), axis=1
+    n_states, n_channels = len(what.states), len(what.inputs) + len(what.signals)
+    states, channels, rates, times = np.split(
+        numbers, np.cumsum([n_states, n_channels, len(what.derivatives)]), axis=1
     )
     # With order 2 the measured velocities are states as well.
-    X = np.hstack([states, rates[:, : n_states * (what.order - 1)], inputs])
-    return X[::decimate], rates[::decimate], groups[::decimate]
+    X = np.hstack([states, rates[:, : n_states * (what.order - 1)], channels])
+    t = times[::decimate, 0] if what.time else None
+    return X[::decimate], rates[::decimate], t, groups[::decimate]
 
 
 def _described(table: Table, what: Measurement) -> dict:
@@ -187,6 +204,10 @@ def _described(table: Table, what: Measurement) -> dict:
         "rate_names": tuple(_flat(ladder[1:])),
         "rate_units": tuple(rate_units),
         "n_known": len(what.states) * (what.order - 1),
+        "signal_names": tuple(table.title(name) for name in what.signals),
+        "signal_units": tuple(table.unit(table.resolve(name)) for name in what.signals),
+        "time_unit": time_unit,
+        "source": table.source,
     }
 
 
