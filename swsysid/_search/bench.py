@@ -26,10 +26,12 @@ def bench_of(
     targets: Array,
     folds: Folds,
     without: int | None = None,
+    kept: dict | None = None,
 ) -> Bench:
     """Candidates are tried beside the library and the columns of the effects found so far.
 
-    The columns of the term `without` are left out, as if it had not been found.
+    The columns of the term `without` are left out, as if it had not been found. `kept` holds
+    columns that were computed before.
     """
     others = [term for place, term in enumerate(fit.terms) if place != without]
     whole, records = records, corrected(others, records)
@@ -50,7 +52,7 @@ def bench_of(
         weight=_weight(fit, whole, rows, targets),
         folds=folds,
     )
-    return Bench(records, rows, regression, linear, fit)
+    return Bench(records, rows, regression, linear, fit, {} if kept is None else kept)
 
 
 def _weight(fit: JointFit, records: Records, rows: NDArray[np.intp], targets: Array) -> Array:

@@ -124,7 +124,7 @@ class Search(Workshop):
             if trial.candidate.effect.kind not in kinds and len(restarts) < _RESTARTS:
                 restarts.append(replace(trial.candidate, mode=None, replaced=None))
         found = Parallel(n_jobs=self.n_jobs)(
-            delayed(self.structure)((*terms, candidate), None, 2)
+            delayed(self.structure)((*terms, candidate), None, 1)
             for candidate in tqdm(
                 restarts, desc="modes anew", leave=False, disable=not self.verbose
             )
@@ -189,8 +189,12 @@ class Search(Workshop):
         """Question every term in the light of the others, and drop what is no longer needed."""
         if len(structure.fit.terms) == 1:
             return structure
-        for place in range(len(structure.fit.terms)):
-            structure, _ = self._agreed(structure, place)
+        for _ in range(_SWAPS):
+            before = [term.signature for term in structure.fit.terms]
+            for place in range(len(structure.fit.terms)):
+                structure, _ = self._agreed(structure, place)
+            if before == [term.signature for term in structure.fit.terms]:
+                break
         return self.pruned(structure)
 
     def pruned(self, structure: Structure) -> Structure:

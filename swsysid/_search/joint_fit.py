@@ -174,6 +174,7 @@ def fit_jointly(
         before, modes = order[modes], _modes_of(fitted)
         if np.mean(before != modes) <= _SETTLED:
             break
+    coef = _effect_coefficients(estimator, terms, columns, seen, targets, modes)
     return _settled(JointFit(fitted, terms, tuple(coef), modes), whole, rows)
 
 
@@ -276,4 +277,7 @@ def _matching(before: Modes, after: Modes) -> Modes:
 
 
 def _renamed(term: PlacedEffect, order: Modes) -> PlacedEffect:
-    return term if term.mode is None else replace(term, mode=int(order[term.mode]))
+    """The term with its modes by their new numbers."""
+    place = term.effect.renamed(term.place, order)
+    mode = None if term.mode is None else int(order[term.mode])
+    return replace(term, place=place, mode=mode)

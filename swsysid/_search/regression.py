@@ -169,11 +169,9 @@ class Background:
             part = residuals[chosen]
             weighted = weight[:, None, None] * part
             grams.append(_grams(weighted, part))
-            moments.append(
-                (weighted.reshape(len(chosen), -1).T @ self.left_over[chosen]).reshape(
-                    n_candidates, n_terms, self.left_over.shape[1]
-                )
-            )
+            stacked = weighted.reshape(len(chosen), n_candidates * n_terms)
+            moment = stacked.T @ self.left_over[chosen]
+            moments.append(moment.reshape(n_candidates, n_terms, moment.shape[1]))
             raw = columns[self.train[chosen]]
             sizes.append(np.einsum("i,igq,igq->gq", weight, raw, raw))
         return np.stack(grams), np.stack(moments), np.stack(sizes), residuals

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -21,13 +21,22 @@ _MOST_SCANNED = 48  # values of a parameter that get the full regression
 _FINE = 1e-3  # of the distance to the neighbouring value of the scan
 
 
-def scan(bench: Bench, effect: Any, place: Any) -> Iterator[Trial]:
-    """Trials of an effect at one place: every target, all modes or one, added or in place."""
+def scan(bench: Bench, effect: Any, places: Sequence[Any]) -> Iterator[Trial]:
+    """Trials of an effect: every place and target, all modes or one, added or in place."""
+    fixed = [place for place in places if not effect.parameters(bench.records, place)]
+    if fixed:
+        yield from _scan_fixed(bench, effect, fixed)
+    for place in places:
+        if place not in fixed:
+            yield from _scan_place(bench, effect, place)
+
+
+def _scan_place(bench: Bench, effect: Any, place: Any) -> Iterator[Trial]:
     ranges = effect.parameters(bench.records, place)
     grid = np.array(list(product(*(parameter.values for parameter in ranges))), dtype=float)
     if not len(grid):
         return
-    columns = bench.columns(effect, place, grid)
+    columns = bench.scanned_columns(effect, place, grid)
     if not np.isfinite(columns).all():
         return
     feature = bench.linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
@@ -35,6 +44,37 @@ def scan(bench: Bench, effect: Any, place: Any) -> Iterator[Trial]:
         yield from _scan_added(bench, effect, place, grid, columns)
     if feature is not None and effect.role in ("replaces", "either"):
         yield from _scan_replacing(bench, effect, place, grid, columns, feature)
+
+
+def _scan_fixed(bench: Bench, effect: Any, places: Sequence[Any]) -> Iterator[Trial]:
+    """Effects without nonlinear parameters, all places at once."""
+    problem, no_theta = bench.regression, np.empty((1, 0))
+    columns = np.stack([bench.columns(effect, place, no_theta)[:, 0] for place in places], axis=1)
+    modes = _modes_tried(problem)
+    shape = (len(problem.modes), len(places), problem.targets.shape[1])
+    change = {mode: np.zeros(shape) for mode in modes}
+    solved: dict = {}
+    for background, test in _tested(bench.backgrounds, problem):
+        gram, moment, size, _ = background.normal_equations(columns)
+        solved = solutions(gram, moment, size, modes)
+        if test is None:
+            continue
+        flat = columns.reshape(len(columns), -1)
+        left = background.residuals(flat, test).reshape(len(test), *columns.shape[1:])
+        for mode, solution in solved.items():
+            predicted = np.einsum("igq,gqk->igk", left, solution.coef, optimize=True)
+            if mode is not None:
+                predicted[problem.modes[test] != mode] = 0.0
+            change[mode][test] = predicted
+    for mode, (number, place), target in product(modes, enumerate(places), range(shape[2])):
+        if solved[mode].gain[number, target] > 0.0:
+            candidate = PlacedEffect(effect, place, target, mode)
+            yield Trial(candidate, change[mode][:, number, target], no_theta, ())
+
+
+def _modes_tried(problem: Regression) -> list[int | None]:
+    """All modes alike, and each of several."""
+    return [None, *(range(problem.n_modes) if problem.n_modes > 1 else ())]
 
 
 def _adds(effect: Any, feature: int | None) -> bool:
@@ -46,18 +86,21 @@ def _adds(effect: Any, feature: int | None) -> bool:
 def _scan_added(bench: Bench, effect, place, grid, columns) -> Iterator[Trial]:
     problem = bench.regression
     n_states = problem.targets.shape[1]
-    modes = [None] + (list(range(problem.n_modes)) if problem.n_modes > 1 else [])
+    modes = _modes_tried(problem)
     change = {mode: np.zeros(problem.targets.shape) for mode in modes}
     chosen: dict = {mode: [] for mode in modes}
     for background, test in _tested(bench.backgrounds, problem):
         some = _promising(background, columns)
         part = columns[:, some]
         gram, moment, size, _ = background.normal_equations(part)
-        for mode, solution in solutions(gram, moment, size, modes).items():
-            best = solution.gain.argmax(axis=0)
-            chosen[mode].append([(some[g], solution.gain[g, k]) for k, g in enumerate(best)])
-            if test is not None:
-                change[mode][test] = _predicted(background, part, solution, best, mode, test)
+        solved = solutions(gram, moment, size, modes)
+        best = {mode: solution.gain.argmax(axis=0) for mode, solution in solved.items()}
+        for mode, places in best.items():
+            gain = solved[mode].gain
+            chosen[mode].append([(some[g], gain[g, k]) for k, g in enumerate(places)])
+        if test is not None:
+            for mode, predicted in _predicted(background, part, solved, best, test).items():
+                change[mode][test] = predicted
     for mode, target in product(modes, range(n_states)):
         if chosen[mode][-1][target][1] <= 0.0:
             continue  # the library can do all this by itself
@@ -85,8 +128,8 @@ def _scan_replacing(bench: Bench, effect, place, grid, columns, feature) -> Iter
             change[test] = full.residuals(problem.targets, test) - background.residuals(
                 problem.targets, test
             )
-            for mode in modes:
-                change[test] += _predicted(background, part, each[mode], best, mode, test)
+            everywhere = dict.fromkeys(modes, best)
+            change[test] += sum(_predicted(background, part, each, everywhere, test).values())
     for target in range(n_states):
         places = tuple(int(fold[target]) for fold in chosen)
         theta = tuple(float(value) for value in grid[places[-1]])
@@ -113,16 +156,25 @@ def _promising(background: Background, columns: Array) -> NDArray[np.intp]:
     return np.sort(np.argsort(-gain)[:_MOST_SCANNED])
 
 
-def _predicted(background, columns, solution, best, mode, test) -> Array:
-    """What the best value for every state adds on held-out rows, (n_test, n_states)."""
+def _predicted(background, columns, solved, best, test) -> dict:
+    """What the best value for every state adds on held-out rows in each mode."""
     problem = background.problem
-    predicted = np.zeros((len(test), len(best)))
-    for target, place in enumerate(best):
-        left = background.residuals(columns[:, place], test)
-        predicted[:, target] = left @ solution.coef[place, :, target]
-    if mode is not None:
-        predicted[problem.modes[test] != mode] = 0.0
-    return predicted
+    needed = np.unique(np.concatenate(list(best.values())))
+    some = columns[:, needed]
+    left = background.residuals(some.reshape(len(some), -1), test)
+    left = left.reshape(len(test), *some.shape[1:])
+    answer = {}
+    for mode, places in best.items():
+        predicted = np.column_stack(
+            [
+                left[:, np.searchsorted(needed, place)] @ solved[mode].coef[place, :, target]
+                for target, place in enumerate(places)
+            ]
+        )
+        if mode is not None:
+            predicted[problem.modes[test] != mode] = 0.0
+        answer[mode] = predicted
+    return answer
 
 
 def refined(bench: Bench, trial: Trial) -> Trial:

@@ -42,10 +42,33 @@ def held_out_cost(
 def _mode_probabilities(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Array:
     """What the surface, or a guard that remembers, says of the modes, (n_rows, n_modes)."""
     if any(term.effect.remembers for term in fit.terms):
-        told = np.eye(fit.n_modes)[fit.predict_modes(records)[rows]]
+        modes = fit.predict_modes(records)
+        wrong = _doubt(records, rows, modes, fit.modes)
+        told = np.eye(fit.n_modes)[modes[rows]]
     else:
         told = fit.mode_proba(records.take(rows))
-    return (1.0 - _SURPRISE) * told + _SURPRISE / fit.n_modes
+        wrong = np.full(len(rows), _SURPRISE)
+    return (1.0 - wrong[:, None]) * told + wrong[:, None] / fit.n_modes
+
+
+def _doubt(records: Records, rows: NDArray[np.intp], modes: NDArray, own: NDArray) -> Array:
+    """How often a guard that remembers is wrong, next to its switches and away from them."""
+    near = records.along(_next_to_a_switch, modes)[rows] > 0
+    wrong = np.empty(len(rows))
+    for group in (near, ~near):
+        if group.any():
+            share = np.mean(modes[rows][group] != own[group])
+            wrong[group] = np.clip(2.0 * share, _SURPRISE, 1.0)
+    return wrong
+
+
+def _next_to_a_switch(t: Array, modes: Array) -> Array:
+    """1 within two samples of a change of the mode."""
+    changed = np.concatenate([[False], modes[1:] != modes[:-1]])
+    places = np.flatnonzero(changed)[:, None] + np.arange(-2, 2)
+    near = np.zeros(len(modes))
+    near[np.clip(places, 0, len(modes) - 1)] = 1.0
+    return near
 
 
 def _errors_by_mode(fit, records, rows, targets, folds) -> Array:

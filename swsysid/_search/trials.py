@@ -6,7 +6,7 @@ has not seen. What it is worth is measured there only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -116,6 +116,7 @@ class Bench:
     regression: Regression
     linear: dict[int, int]  # feature that is a channel itself
     fit: Any = None
+    kept: dict = field(default_factory=dict, repr=False)
 
     @cached_property
     def backgrounds(self) -> list[Background]:
@@ -124,9 +125,16 @@ class Bench:
 
     def backgrounds_without(self, feature: int | None) -> list[Background]:
         """As `backgrounds`, from regressions without one feature."""
-        problem = self.regression if feature is None else self.regression.without(feature)
-        folds = [*range(len(problem.folds.parts)), None]
-        return [problem.background(fold) for fold in folds]
+        key = ("backgrounds", feature)
+        if key not in self._known:
+            problem = self.regression if feature is None else self.regression.without(feature)
+            folds = [*range(len(problem.folds.parts)), None]
+            self._known[key] = [problem.background(fold) for fold in folds]
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict:
+        return {}
 
     @cached_property
     def held_out(self) -> Array:
@@ -142,6 +150,13 @@ class Bench:
         """Columns for every row of a grid of parameters, (n_samples, n_values, n_terms)."""
         listed = [effect.columns(self.records, place, *theta)[self.rows] for theta in grid]
         return np.stack(listed, axis=1)
+
+    def scanned_columns(self, effect: Any, place: Any, grid: Array) -> Array:
+        """As `columns`, and kept: the next scan of the same record asks for them again."""
+        key = (effect.kind, place, id(self.records))
+        if key not in self.kept:
+            self.kept[key] = self.columns(effect, place, grid)
+        return self.kept[key]
 
     @cached_property
     def velocities(self) -> Array:

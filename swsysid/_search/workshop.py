@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -89,9 +90,13 @@ class Workshop:
 
     def bench(self, fit: JointFit, without: int | None = None) -> Bench:
         """Candidates beside a fit, or in the place of one of its terms."""
-        return bench_of(fit, self.records, self.rows, self.targets, self.folds, without)
+        return bench_of(fit, self.records, self.rows, self.targets, self.folds, without, self._kept)
 
-    def structure(self, terms, modes: NDArray[np.intp] | None, rounds: int = 4) -> Structure:
+    @cached_property
+    def _kept(self) -> dict:
+        return {}
+
+    def structure(self, terms, modes: NDArray[np.intp] | None, rounds: int = 2) -> Structure:
         """Fit a structure and price it."""
         declared = switching_step(self.estimator)[1].n_modes
         most = declared + sum(term.effect.n_more_modes for term in terms)

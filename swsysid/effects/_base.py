@@ -151,12 +151,15 @@ class Effect(BaseEstimator):
         """What sensors and clocks make of the true states, the inverse of `corrected`."""
         return records
 
+    def renamed(self, place: Place, order: Modes) -> Place:
+        """The place where the modes were numbered anew; `order` holds the new number of each."""
+        return place
+
     # -- how it is looked for --------------------------------------------------------------------
 
     def trials(self, bench: Bench) -> Iterator[Trial]:
         """What the effect's columns could explain, at each of its places."""
-        for place in self.places(bench.records):
-            yield from scan(bench, self, place)
+        yield from scan(bench, self, self.places(bench.records))
 
     def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
         """Candidates that are more than columns and have to be fitted to be judged."""

@@ -193,6 +193,9 @@ class Reset(_Structural):
     def jump(self, place: Any, *theta: float) -> tuple[tuple[int, int], float]:
         return place, theta[0]
 
+    def renamed(self, place: Any, order: Modes) -> tuple[int, int]:
+        return int(order[place[0]]), int(order[place[1]])
+
     def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
         """Jumps of each state that the velocities cannot explain."""
         if bench.fit.switching.discrete_time:

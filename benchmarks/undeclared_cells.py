@@ -1,0 +1,131 @@
+"""One cell of the benchmark of undeclared effects: make the record, search, compare to the truth.
+
+A found effect is right if its kind, its state equation and (where it has one) its channel are the
+planted ones. Where two kinds are the same function of the data the benchmark accepts either, if
+the other is named as a rival; these equivalences are those of docs/effects.md.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.base import clone
+
+from swsysid import EffectSearchCV, PolynomialSurfaceClassifier
+from swsysid.datasets import make_undeclared
+
+__all__ = ["Cell", "run_cell"]
+
+# Names of a planted parameter that the search calls otherwise.
+NAMES = {"coulomb": "friction", "gain": "coefficient"}
+
+
+class Cell(NamedTuple):
+    """What is planted where."""
+
+    system: str
+    kinds: tuple[str, ...]
+    noise: str
+    seed: int
+
+    @classmethod
+    def of(cls, record: dict) -> Cell:
+        """The cell of a record."""
+        system, kinds, noise, seed = record["cell"]
+        return cls(system, tuple(kinds), noise, seed)
+
+
+def run_cell(cell: Cell) -> dict:
+    """Search one record for what was planted in it."""
+    effect = None if not cell.kinds else cell.kinds[0] if len(cell.kinds) == 1 else cell.kinds
+    data = make_undeclared(
+        effect, system=cell.system, noise_kind=cell.noise, random_state=cell.seed
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        start = time.process_time()
+        clone(data.estimator).fit(data.X, data.Xdot)
+        fit_seconds, start = time.process_time() - start, time.process_time()
+        search = EffectSearchCV(data.estimator).fit(
+            data.X, data.Xdot, t=data.t, groups=data.groups, signals=data.signals
+        )
+        seconds = time.process_time() - start
+        ratio = error_ratio(search, data)
+    return {
+        "cell": [cell.system, list(cell.kinds), cell.noise, cell.seed],
+        "found": [effect.kind for effect in search.effects_],
+        "rivals": [[rival.kind for rival in effect.rivals] for effect in search.effects_],
+        "right": [is_right(effect, data) for effect in search.effects_],
+        "among_rivals": [rival_is_right(effect, data) for effect in search.effects_],
+        "ratio": ratio,
+        "covered": coverage(search, data),
+        "fit_seconds": fit_seconds,
+        "seconds": seconds,
+    }
+
+
+def is_right(effect, data) -> bool:
+    """True if an effect found is one of those planted."""
+    return any(
+        effect.kind == planted.kind and _same_place(effect, planted) for planted in data.effects
+    )
+
+
+def rival_is_right(effect, data) -> bool:
+    """True if a rival named for it is one of those planted, in the right equation."""
+    return any(
+        rival.kind == planted.kind and rival.target == planted.target
+        for rival in effect.rivals
+        for planted in data.effects
+    )
+
+
+def _same_place(effect, planted) -> bool:
+    """Where a guard has a band or a region is new, there is no one equation to name."""
+    if planted.kind in ("extra_mode", "guard_hysteresis"):
+        return True
+    return effect.target == planted.target
+
+
+def error_ratio(search, data) -> float:
+    """Held-out error over that of the true structure, fitted to the same rows.
+
+    The true structure gets the true features and modes; next to the surface it has the margin LP
+    of the true modes, as the search has its own.
+    """
+    test = data.test
+    mine = search.predict(test.X, t=test.t, groups=test.groups, signals=test.signals)
+    modes = test.modes
+    if np.unique(data.modes).size > 1 and not any(
+        effect.kind in ("guard_hysteresis", "extra_mode") for effect in data.effects
+    ):
+        surface = PolynomialSurfaceClassifier().fit(data.X, data.modes)
+        modes = surface.predict(test.X)
+    truth = np.empty_like(test.Xdot)
+    for mode in np.unique(modes):
+        rows, here = data.modes == mode, modes == mode
+        coef = np.linalg.lstsq(data.structure[rows], data.Xdot[rows], rcond=None)[0]
+        truth[here] = test.structure[here] @ coef
+    scale = data.Xdot.std(axis=0)
+    errors = [np.sqrt(np.mean(((test.Xdot - one) / scale) ** 2)) for one in (mine, truth)]
+    return float(errors[0] / errors[1])
+
+
+def coverage(search, data) -> list[bool]:
+    """For each parameter planted and found: whether the truth is inside the interval."""
+    inside = []
+    for effect in search.effects_:
+        for planted in data.effects:
+            if effect.kind != planted.kind or effect.target != planted.target:
+                continue
+            for name, value in planted.parameters.items():
+                own = NAMES.get(name, name)
+                if own in effect.intervals and isinstance(value, (int, float)):
+                    low, high = effect.intervals[own]
+                    # an amplitude has no sign, its phase has
+                    size = abs(value) if name == "amplitude" else value
+                    inside.append(bool(low <= size <= high))
+    return inside
