@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._effect_simulation import simulate_with_effects
@@ -13,7 +13,7 @@ from swsysid._search.joint_fit import JointFit, fit_jointly, switching_step
 __all__ = ["EffectRegressor"]
 
 
-class EffectRegressor(RegressorMixin, BaseEstimator):
+class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     """A switching model with effects beside it, whose coefficients are fitted jointly.
 
     State k obeys ``xdot_k = C_jk Phi(x) + sum_e c_e h_e(x, u, t; theta_e)`` in mode j. The
@@ -82,12 +82,14 @@ class EffectRegressor(RegressorMixin, BaseEstimator):
 
     def predict(self, X, *, t=None, groups=None, signals=None):
         """Velocities, of the shape that `y` had in `fit`."""
-        velocity = self._fit.predict(self._known(X, t, groups, signals))
+        records = self._known(X, t, groups, signals)
+        velocity = self._fit.predict(records)
         return velocity[:, 0] if self._one_target else velocity
 
     def predict_modes(self, X, *, t=None, groups=None, signals=None):
         """Mode of every sample, shape (n_samples,)."""
-        return self._fit.predict_modes(self._known(X, t, groups, signals))
+        records = self._known(X, t, groups, signals)
+        return self._fit.predict_modes(records)
 
     def simulate(self, x0, t, inputs=None, *, signals=None, input_hold="zero", **options):
         """Roll the system out from a state, effects included.

@@ -1,0 +1,149 @@
+"""The library of effects: columns by hand, and what a user's own effect has to say."""
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+
+from swsysid._records import make_records
+from swsysid.effects import (
+    AsymmetricFriction,
+    Backlash,
+    ClockLag,
+    CoulombFriction,
+    DeadZone,
+    Delay,
+    Drift,
+    GainChange,
+    InputCoupling,
+    Lag,
+    Overflow,
+    PeriodicForcing,
+    Polynomial,
+    PowerLaw,
+    QuadraticDrag,
+    Saturation,
+    SensorOffset,
+    StribeckFriction,
+    Trigonometric,
+    all_effects,
+)
+
+
+def records(X, **options):
+    X = np.asarray(X, dtype=float)
+    return make_records(X, options.pop("n_states", X.shape[1]), names=list("abcd"), **options)
+
+
+COLUMN = np.array([[-2.0], [-0.5], [0.0], [0.5], [2.0]])
+# effect, parameters, columns at -2, -1/2, 0, 1/2, 2, worked out by hand
+BY_HAND = [
+    (CoulombFriction(), (), [[1.0], [1.0], [0.0], [-1.0], [-1.0]]),
+    (QuadraticDrag(), (), [[4.0], [0.25], [0.0], [-0.25], [-4.0]]),
+    (
+        AsymmetricFriction(),
+        (),
+        [[0, 1, 0], [0, 1, 0], [0, 0, 0], [-1, 0, -0.5], [-1, 0, -2.0]],
+    ),
+    (DeadZone(), (1.0,), [[-1.0], [0.0], [0.0], [0.0], [1.0]]),
+    (Saturation(), (1.0,), [[-1.0], [-0.5], [0.0], [0.5], [1.0]]),
+    (GainChange(), (1.0,), [[-1.0], [0.0], [0.0], [0.0], [1.0]]),
+    (PowerLaw(), (2.0,), [[-4.0], [-0.25], [0.0], [0.25], [4.0]]),
+    (Overflow(), (0.5,), [[0.0], [0.0], [0.0], [0.0], [-1.5]]),
+]
+
+
+@pytest.mark.parametrize(
+    ("effect", "theta", "expected"), BY_HAND, ids=[type(row[0]).__name__ for row in BY_HAND]
+)
+def test_static_columns_by_hand(effect, theta, expected):
+    columns = effect.columns(records(COLUMN), 0, *theta)
+    np.testing.assert_allclose(columns, expected, atol=1e-15)
+
+
+def test_stribeck_and_sine_by_hand():
+    columns = StribeckFriction().columns(records(COLUMN), 0, 0.5)
+    np.testing.assert_allclose(columns[3], [-1.0, -np.exp(-1.0)], atol=1e-15)
+    columns = Trigonometric().columns(records(COLUMN), 0, np.pi)
+    np.testing.assert_allclose(columns[3], [1.0, 0.0], atol=1e-15)
+    told = Trigonometric().physical({"wavenumber": 2.0}, {"sine": 3.0, "cosine": 4.0})
+    assert told == pytest.approx({"wavenumber": 2.0, "amplitude": 5.0, "phase": np.arctan2(4, 3)})
+
+
+def test_monomials_have_the_places_of_their_factors():
+    data = records([[2.0, 3.0]])
+    assert Polynomial().columns(data, (0, 0, 1)).item() == 12.0
+    assert Polynomial().label((0, 0, 1), ["x", "v"]) == "x^2 v"
+    assert (0,) * 5 in Polynomial().places(data) and (0,) * 6 not in Polynomial().places(data)
+
+
+def test_time_and_signals():
+    data = records(np.ones((3, 1)), t=[0.0, 0.25, 0.5], signals=[[5.0], [6.0], [7.0]])
+    np.testing.assert_allclose(Drift().columns(data, "level")[:, 0], [0.0, 0.25, 0.5])
+    np.testing.assert_allclose(
+        PeriodicForcing().columns(data, "time", 1.0), [[0, 1], [1, 0], [0, -1]], atol=1e-15
+    )
+    (place,) = InputCoupling().places(data)
+    np.testing.assert_allclose(InputCoupling().columns(data, place)[:, 0], [5.0, 6.0, 7.0])
+
+
+def test_memory_stays_inside_a_trajectory():
+    # two trajectories whose rows are interleaved; each begins at rest at its first value
+    t = np.array([0.0, 0.0, 1.0, 1.0, 2.0, 2.0])
+    groups = ["one", "two"] * 3
+    values = np.array([[0.0], [9.0], [1.0], [9.0], [2.0], [9.0]])
+    data = records(values, t=t, groups=groups)
+    delayed = Delay().columns(data, 0, 0.5)[:, 0]
+    np.testing.assert_allclose(delayed, [0.0, 9.0, 0.5, 9.0, 1.5, 9.0])
+    lagging = Lag().columns(data, 0, 1.0)[:, 0]
+    # ramp of slope one into a lag of one second: t - 1 + exp(-t)
+    np.testing.assert_allclose(lagging[::2], [0.0, np.exp(-1.0), 1.0 + np.exp(-2.0)], atol=1e-14)
+    np.testing.assert_allclose(lagging[1::2], 9.0)
+    followed = Backlash().columns(data, 0, 1.0)[:, 0]
+    np.testing.assert_allclose(followed, [0.0, 9.0, 0.5, 9.0, 1.5, 9.0])
+
+
+def test_uneven_steps_make_the_same_lag():
+    t = np.array([0.0, 0.3, 1.0, 1.1, 2.5])
+    data = records(t[:, None], t=t)
+    np.testing.assert_allclose(
+        Lag().columns(data, 0, 0.7)[:, 0], t - 0.7 + 0.7 * np.exp(-t / 0.7), atol=1e-14
+    )
+
+
+def test_sensors_are_undone():
+    t = np.arange(5.0)
+    data = records(np.column_stack([t + 0.5, 2.0 * (t - 0.5)]), t=t)
+    assert SensorOffset().corrected(data, 0, 0.5).X[:, 0].tolist() == t.tolist()
+    corrected = ClockLag().corrected(data, 1, 0.5).X[:, 1]
+    np.testing.assert_allclose(corrected[:-1], 2.0 * t[:-1])  # the end has no reading to come
+
+
+@pytest.mark.parametrize("effect", all_effects(), ids=lambda effect: effect.kind)
+def test_every_effect_says_what_it_is(effect):
+    assert effect.kind and effect.meaning and repr(clone(effect)) == repr(effect)
+    sentence = effect.describe("speed", "force")
+    assert "{" not in sentence
+
+
+def test_exchangeable_rows_have_no_memory_and_say_so():
+    data = records(COLUMN)
+    assert "give t or groups" in Delay().missing(data)
+    assert "give t" in Drift().missing(data)
+    assert "give signals" in InputCoupling().missing(data)
+    assert CoulombFriction().missing(data) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"t": [0.0, 1.0, 0.5, 2.0, 3.0]}, "must increase along every trajectory"),
+        ({"t": [0.0, 1.0]}, "one value for each of the 5 samples"),
+        ({"t": [0.0, 1.0, np.nan, 2.0, 3.0]}, "NaN"),
+        ({"groups": [0, 1]}, "one trajectory name for each"),
+        ({"signals": np.ones((3, 2))}, "one row of channels for each"),
+        ({"signals": np.full((5, 1), np.inf)}, "NaN or infinity"),
+    ],
+)
+def test_bad_records_are_refused_in_a_sentence(options, message):
+    with pytest.raises(ValueError, match=message):
+        records(COLUMN, **options)
