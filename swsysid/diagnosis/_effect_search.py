@@ -7,7 +7,7 @@ from dataclasses import replace
 from numbers import Integral, Real
 
 import numpy as np
-from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
 from sklearn.metrics import r2_score
 from sklearn.model_selection import check_cv
 from sklearn.utils import check_random_state
@@ -30,7 +30,7 @@ _ROWS_A_PARAMETER = 8  # fewer rows than that are too short to hold any out
 _FOLDS = 5
 
 
-class EffectSearchCV(RegressorMixin, BaseEstimator):
+class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     """Find the effects that a declared model lacks, and add them.
 
     The declared model is fitted, and every effect of a library is tried on what it leaves over:
