@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any
 
@@ -23,6 +23,7 @@ __all__ = ["effect_page"]
 
 _MOST_ROWS = 40
 _MOST_NAMED = 30
+_SIZES = {"shape": (7.0, 4.4), "trajectory_errors": (9.0, 4.6)}
 
 Units = Mapping[str, str] | None
 
@@ -68,22 +69,24 @@ def _before_after(report: Any, units: Units) -> list[str]:
         return []
     names = [_rate(report, state, units) for state in range(len(report.targets))]
     rows = [[row["model"], *row["held_out"]] for row in report.errors]
-    first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
-    lower = [f"{share:.0%} lower" if first_one else "" for share, first_one in _lower(first, last)]
     body = [
         paragraph("Root mean square error of the prediction of each state equation."),
         table(["model", *names], rows, kind="ladder"),
     ]
-    if report.effects:
-        told = ", ".join(f"{name}: {text}" for name, text in zip(names, lower, strict=True) if text)
+    lower = _lower(report)
+    if lower:
+        told = ", ".join(f"{names[state]}: {share:.0%} lower" for state, share in lower)
         body.append(paragraph(f"Error with all effects: {told}.", "note"))
     return [section("Error before and after", body)]
 
 
-def _lower(first, last) -> Iterator[tuple[float, bool]]:
-    for before, after in zip(first, last, strict=True):
-        known = before > 0
-        yield (1.0 - after / before if known else 0.0), bool(known and after < before)
+def _lower(report: Any) -> list[tuple[int, float]]:
+    """States whose error the effects lower by more than a hundredth, and by what share."""
+    first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
+    spread = report.data.measured.std(axis=0)
+    known = first > 1e-9 * spread  # smaller ones are round-off
+    shares = 1.0 - np.divide(last, first, out=np.ones_like(first), where=known)
+    return [(int(state), float(shares[state])) for state in np.flatnonzero(shares > 0.01)]
 
 
 def _effects(report: Any, units: Units, drawing: bool) -> list[str]:
@@ -145,13 +148,16 @@ def _residuals(report: Any, units: Units, drawing: bool) -> list[str]:
         if leftover is None:
             continue
         model = "declared model" if when == "before" else "model with the effects"
-        body = [listing(f"{name}: {text}" for name, text in leftover.verdicts.items())]
+        verdicts = leftover.verdicts.items()
+        body = [listing(f"{rate(name, report.discrete)}: {text}" for name, text in verdicts)]
         if drawing:
             name = leftover.equations[_shown_state(report)]
             display = ResidualReportDisplay.from_report(
                 leftover, equation=name, n_channels=1, units=units
             )
-            caption = f"Residual of {name} of the {model}, against what tells most about it."
+            display.figure_.suptitle("")  # the verdict stands above the picture
+            told = rate(name, report.discrete)
+            caption = f"Residual of {told} of the {model}, against what tells most about it."
             body.append(figure(display.figure_, caption))
         body.append(preformatted("all tests", str(leftover)))
         parts.append(section(f"Left over by the {model}", body, level=3))
@@ -287,6 +293,6 @@ def _drawn(panel: str, report: Any, units: Units, **what: Any) -> Any:
     from swsysid.plotting._style import canvas
 
     draw: Callable[..., None] = getattr(panels, f"draw_{panel}")
-    with canvas(panel_size=(7.0, 4.4) if panel == "shape" else (9.0, 3.8)) as (axes,):
+    with canvas(panel_size=_SIZES.get(panel, (9.0, 3.8))) as (axes,):
         draw(axes, report.data, units=units, **what)
         return axes.figure

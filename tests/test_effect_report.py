@@ -1,7 +1,9 @@
 """The report of a search for effects: words, a dictionary, pictures and a page."""
 
+import importlib.util
 import json
 from html.parser import HTMLParser
+from pathlib import Path
 
 import matplotlib
 
@@ -23,6 +25,7 @@ from swsysid.effects import (
     PeriodicForcing,
     Polynomial,
     SensorOffset,
+    all_effects,
 )
 from swsysid.plotting import EffectReportDisplay
 
@@ -273,3 +276,19 @@ def test_the_page_of_a_complete_model_says_so(data):
     page = _Page(report.to_html())
     assert "Effects" not in page.headings and "Error by trajectory" in page.headings
     assert len(report.plot().ax_) == 3  # no shape
+
+
+# --- the documentation ------------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_table_of_effects_in_the_documentation_is_the_library():
+    specification = importlib.util.spec_from_file_location("table", ROOT / "docs/effect_table.py")
+    script = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(script)
+    page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    assert script.table() in page, "run docs/effect_table.py --write"
+    assert all(f"| `{effect.kind}` |" in page for effect in all_effects())
+    for name in ("README.md", "CHANGELOG.md"):
+        assert f"{len(all_effects())} kinds" in (ROOT / name).read_text(encoding="utf-8")

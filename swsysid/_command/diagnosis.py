@@ -33,14 +33,12 @@ def diagnose(result: JobResult, effects: Sequence[Effect], verbose: bool = False
         random_state=result.options.random_state,
         verbose=int(verbose),
     )
-    # rows are in order where times or trajectories say so
-    groups = samples.groups if named.groups or samples.t is not None else None
     signals = pd.DataFrame(samples.signals, columns=list(samples.signal_names))
     return search.fit(
         pd.DataFrame(samples.X, columns=list(samples.names)),
         samples.Xdot,
         t=samples.t,
-        groups=groups,
+        groups=samples.groups if named.groups else None,
         signals=signals if named.signals else None,
     )
 

@@ -25,7 +25,8 @@ _STYLE = """
 .swsysid th:first-child, .swsysid td:first-child { text-align: left; }
 .swsysid thead th { border-bottom: 2px solid #888; }
 .swsysid table.ladder tbody tr:last-child { font-weight: 600; }
-.swsysid table:not(.words) th, .swsysid table:not(.words) td { white-space: nowrap; }
+.swsysid table:not(.words) td { white-space: nowrap; }
+.swsysid .scroll { overflow-x: auto; }
 .swsysid table.words td { text-align: left; }
 .swsysid table.words th { text-align: left; }
 .swsysid figure { margin: .8rem 0; }
@@ -76,7 +77,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], kind: str = "") ->
         "<tr>" + "".join(f"<td>{escape(_cell(value))}</td>" for value in row) + "</tr>"
         for row in rows
     )
-    return f"<table{_class(kind)}><thead><tr>{titles}</tr></thead><tbody>{body}</tbody></table>"
+    inside = f"<thead><tr>{titles}</tr></thead><tbody>{body}</tbody>"
+    return f'<div class="scroll"><table{_class(kind)}>{inside}</table></div>'
 
 
 def figure(drawn: Any, caption: str) -> str:

@@ -81,11 +81,13 @@ def stretches(
     for number, trajectory in enumerate(records.trajectories):
         edges = np.flatnonzero(np.diff(chosen[trajectory].astype(int))) + 1
         parts = [part for part in np.split(trajectory, edges) if len(part) and chosen[part[0]]]
+        only = len(records.trajectories) == 1
         name = str(number if names is None else names[number])
         for part in parts:
             whole = len(part) == len(trajectory)
-            ends = records.t[part[[0, -1]]]
-            found.append((name if whole else f"{name}, {ends[0]:.4g} to {ends[1]:.4g}", part))
+            start, end = records.t[part[[0, -1]]]
+            told = f"{start:.4g} to {end:.4g}"
+            found.append((name if whole else told if only else f"{name}, {told}", part))
     return found
 
 

@@ -125,7 +125,10 @@ def _consequences(report: Any) -> list[str]:
         leftover = getattr(report, f"residual_{when}")
         if leftover is not None:
             told = f"Left over {when}" if report.effects else "Left over"
-            lines += [f"{told}, {name}: {text}" for name, text in leftover.verdicts.items()]
+            lines += [
+                f"{told} of {rate(name, report.discrete)}: {text}"
+                for name, text in leftover.verdicts.items()
+            ]
     return lines + (_rollouts(report) if report.effects else [])
 
 

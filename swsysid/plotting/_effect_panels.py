@@ -19,6 +19,7 @@ __all__ = [
 BEFORE, AFTER = PALETTE[1], PALETTE[0]
 _MOST_BARS = 24
 _MOST_DOTS = 3000
+_LONG = 34
 _DECADES = 30.0  # errors that differ by more than this factor stand on a logarithmic axis
 
 
@@ -55,7 +56,7 @@ def draw_residuals(ax, data: Any, state: int, units=None) -> None:
         ax.set_ylim(low - room, high + room)
     ax.set(
         xlabel="held-out row, trajectory after trajectory" if data.stretches else "held-out row",
-        ylabel=f"residual of {rate_label(data, state, units)}",
+        ylabel=_wrapped(f"residual of {rate_label(data, state, units)}"),
     )
     _legend_above(ax, 2, markerscale=2.5)
 
@@ -83,7 +84,7 @@ def draw_trajectory_errors(ax, data: Any, state: int, units=None) -> None:
         ax.tick_params(axis="x", labelsize=10)
     ax.set(
         xlabel="trajectory" + (f" (the worst {_MOST_BARS})" if left_out > 0 else ""),
-        ylabel=f"RMS error of {rate_label(data, state, units)}",
+        ylabel=_wrapped(f"RMS error of {rate_label(data, state, units)}"),
     )
     room = max(0.7, 0.5 * (5 - len(listed)))
     ax.set_xlim(-room, len(listed) - 1 + room)
@@ -117,7 +118,7 @@ def draw_shape(ax, data: Any, place: int, units=None, title: str = "") -> None:
         ax.set_ylim(low - room, high + room)
     ax.set(
         xlabel=axis_label(shape.axis, units),
-        ylabel=f"share of {rate_label(data, shape.target, units)}",
+        ylabel=_wrapped(f"share of {rate_label(data, shape.target, units)}"),
     )
     _legend_above(ax, 4, title=title, markerscale=2.5)
 
@@ -181,6 +182,11 @@ def _frame_measured(ax, measured) -> None:
     if room > 0.0:
         bottom, top = ax.get_ylim()
         ax.set_ylim(max(bottom, low - room), min(top, high + room))
+
+
+def _wrapped(label: str) -> str:
+    """A long axis label on two lines."""
+    return label.replace(" of ", " of\n", 1) if len(label) > _LONG else label
 
 
 def _legend_above(ax, n_columns: int, title: str = "", markerscale=None) -> None:
