@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
@@ -9,6 +11,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from swsysid._effect_simulation import simulate_with_effects
 from swsysid._records import Records, make_records
 from swsysid._search.joint_fit import JointFit, fit_jointly, switching_step
+from swsysid._search.trials import PlacedEffect
 
 __all__ = ["EffectRegressor"]
 
@@ -75,6 +78,7 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         targets = np.asarray(y, dtype=float).reshape(len(y), -1)
         self._one_target, self._n_targets = y.ndim == 1, targets.shape[1]
         records = self._records(X, t, groups, signals)
+        _refuse_missing(records, self.effects)
         start = None if modes is None else np.asarray(modes)
         rows = np.arange(len(X))
         fit = fit_jointly(self.estimator, self.effects, records, rows, targets, start)
@@ -134,10 +138,7 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         check_is_fitted(self, "estimator_")
         X = validate_data(self, X, reset=False, dtype=np.float64)
         records = self._records(X, t, groups, signals)
-        for term in self.effects_:
-            missing = term.effect.missing(records)
-            if missing:
-                raise ValueError(f"The effect {term.effect.kind!r} {missing}.")
+        _refuse_missing(records, self.effects_)
         return records
 
     def _records(self, X, t, groups, signals) -> Records:
@@ -145,3 +146,10 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return make_records(
             X, self._n_targets, t=t, groups=groups, signals=signals, names=list(names)
         )
+
+
+def _refuse_missing(records: Records, terms: Sequence[PlacedEffect]) -> None:
+    for term in terms:
+        missing = term.effect.missing(records)
+        if missing:
+            raise ValueError(f"The effect {term.effect.kind!r} {missing}.")

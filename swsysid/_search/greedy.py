@@ -81,6 +81,7 @@ class Search(Workshop):
         if not options:
             return None
         best, ties = self._preferred(options)
+        best = self.with_modes_anew(best)
         best, finding = self._agreed(best, len(current.fit.terms))
         finding = replace(finding, rivals=distinct(finding.candidate, finding.rivals, ties))
         gain = current.cost - best.cost

@@ -137,6 +137,7 @@ def fit_jointly(
     targets: Array,
     modes: Modes | None = None,
     rounds: int = _ROUNDS,
+    like: Modes | None = None,
 ) -> JointFit:
     """Alternate between the effects' coefficients, for known modes, and the declared model.
 
@@ -152,6 +153,10 @@ def fit_jointly(
     targets : ndarray of shape (n_rows, n_states)
     modes : ndarray of shape (n_rows,), default=None
         Modes to start from; sought with the effects' columns in the library if None.
+    rounds : int, default=4
+        Most alternations.
+    like : ndarray of shape (n_rows,), default=None
+        Modes to which the numbers in `terms` refer, where `modes` are sought.
     """
     terms = tuple(terms)
     for term in terms:
@@ -165,6 +170,7 @@ def fit_jointly(
         return _settled(JointFit(fitted, terms, nothing, _modes_of(fitted)), whole, rows)
     if modes is None:
         modes = modes_with_columns(estimator, np.column_stack(columns), seen, targets)
+        modes = modes if like is None else _matching(modes, like)[modes]
     for _ in range(rounds):
         coef = _effect_coefficients(estimator, terms, columns, seen, targets, modes)
         added = _added(terms, columns, coef, modes, targets.shape)

@@ -102,8 +102,19 @@ class Workshop:
         most = declared + sum(term.effect.n_more_modes for term in terms)
         if modes is not None and modes.max() >= most:
             modes = None  # modes of a structure that had more of them
-        return self.priced(
-            fit_jointly(self.estimator, terms, self.records, self.rows, self.targets, modes, rounds)
+        return self.priced(self._fit(terms, modes, rounds))
+
+    def with_modes_anew(self, structure: Structure) -> Structure:
+        """The structure with its modes sought anew, if that is better."""
+        fit = structure.fit
+        if fit.n_modes == 1 or not any(term.effect.terms for term in fit.terms):
+            return structure
+        anew = self.priced(self._fit(fit.terms, None, 2, like=fit.modes))
+        return min(structure, anew, key=lambda option: option.price)
+
+    def _fit(self, terms, modes, rounds, like=None) -> JointFit:
+        return fit_jointly(
+            self.estimator, terms, self.records, self.rows, self.targets, modes, rounds, like
         )
 
     def priced(self, fit: JointFit) -> Structure:
@@ -118,6 +129,8 @@ class Workshop:
     def scanned(self, bench: Bench) -> tuple[list[Trial], int]:
         """The most promising trials, refined, the best first; and how many there were."""
         trials = [trial for effect in self.usable for trial in effect.trials(bench)]
+        if not trials:
+            return [], 0
         gains = _gains(bench, trials)
         order = np.argsort(-gains.sum(axis=1), kind="stable")
         kinds: set[str] = set()

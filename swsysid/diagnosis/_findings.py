@@ -34,17 +34,18 @@ def describe_findings(
         target = records.names[term.target]
         parameters = term.physical(records, final.coef[place])
         finding = ladder.findings[place]
+        gaining = _gaining_state(term, ladder, place)
         found.append(
             FoundEffect(
                 kind=term.effect.kind,
-                target=term.target,
+                target=gaining if term.effect.n_more_modes else term.target,
                 mode=term.mode,
                 place=label,
                 parameters=parameters,
                 intervals=intervals[place],
                 p_value=finding.p_value,
-                error_before=float(ladder.held_out[place][term.target]),
-                error_after=float(ladder.held_out[place + 1][term.target]),
+                error_before=float(ladder.held_out[place][gaining]),
+                error_after=float(ladder.held_out[place + 1][gaining]),
                 rivals=tuple(
                     _rival(search, structure, ladder, place, rival) for rival in finding.rivals
                 ),
@@ -54,6 +55,14 @@ def describe_findings(
             )
         )
     return found
+
+
+def _gaining_state(term: PlacedEffect, ladder: Ladder, place: int) -> int:
+    """The equation an effect acts in; of a sensor, a guard or a mode that which gains most."""
+    if term.effect.terms:
+        return term.target
+    before = np.maximum(ladder.held_out[place], np.finfo(float).tiny)
+    return int(np.argmin(ladder.held_out[place + 1] / before))
 
 
 def _label(term: PlacedEffect, names) -> str:

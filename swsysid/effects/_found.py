@@ -60,7 +60,8 @@ class FoundEffect:
         Of the residual being so well predicted by chance, times the number of candidates tried.
     error_before, error_after : float
         Root mean square error of `target`, in its unit, on data that took no part in any choice:
-        with the effects before this one, and with this one as well.
+        with the effects before this one, and with this one as well. An effect of a sensor, a
+        guard or a mode has those of the equation that gains most.
     rivals : tuple of Rival
         Effects whose held-out error is within one standard error.
     meaning : str
