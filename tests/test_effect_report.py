@@ -24,6 +24,7 @@ from swsysid.effects import (
     InputCoupling,
     PeriodicForcing,
     Polynomial,
+    Reset,
     SensorOffset,
     all_effects,
 )
@@ -115,6 +116,15 @@ def test_a_record_too_short_still_has_a_report(data):
     assert "too short" in str(search.report_)
     assert json.dumps(search.report_.to_dict(), allow_nan=False)
     assert search.report_.clean and isinstance(search.report_, EffectReport)
+
+
+def test_a_jump_is_not_said_to_lower_the_error_of_velocities():
+    data = make_undeclared("reset", n_samples=800, random_state=0)
+    search = EffectSearchCV(data.estimator, effects=[Reset(), Bias()], max_effects=1)
+    report = search.fit(data.X, data.Xdot, t=data.t, groups=data.groups).report_
+    assert [effect.kind for effect in report.effects] == ["reset"]
+    assert report.summary.endswith("does not lower the held-out error of any velocity.")
+    assert report.data.shapes[0].target == report.effects[0].target
 
 
 # --- pictures -------------------------------------------------------------------------------

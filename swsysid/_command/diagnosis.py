@@ -21,11 +21,14 @@ PAGE = "swsysid_diagnosis.html"
 
 
 def diagnose(result: JobResult, effects: Sequence[Effect], verbose: bool = False) -> EffectSearchCV:
-    """Search for what the identified model lacks, with the number of modes that it has."""
+    """Search for what the identified model lacks.
+
+    The search looks for modes itself: what it holds out must have no part in their number.
+    """
     import pandas as pd
 
     samples, named = result.samples, result.options.measurement
-    declared = clone(result.model).set_params(init="auto", n_modes=result.model.n_modes_)
+    declared = clone(result.model).set_params(init="auto", n_modes=result.options.modes)
     search = EffectSearchCV(
         declared,
         effects=list(effects),

@@ -25,7 +25,7 @@ _STYLE = """
 .swsysid th:first-child, .swsysid td:first-child { text-align: left; }
 .swsysid thead th { border-bottom: 2px solid #888; }
 .swsysid table.ladder tbody tr:last-child { font-weight: 600; }
-.swsysid table:not(.words) td { white-space: nowrap; }
+.swsysid table:not(.words) td:not(:first-child) { white-space: nowrap; }
 .swsysid .scroll { overflow-x: auto; }
 .swsysid table.words td { text-align: left; }
 .swsysid table.words th { text-align: left; }

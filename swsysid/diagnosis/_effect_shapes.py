@@ -83,7 +83,7 @@ def effect_shape(
         change = predicted - declared.predict(records)
         spread = targets.std(axis=0)
         share = np.sqrt(np.mean(change**2, axis=0)) / np.where(spread > 0, spread, np.inf)
-        target = int(np.argmax(share))
+        target = int(np.argmax(share)) if term.effect.shows_in_velocities else target
         contribution = change[:, target]
     axis, values, shown = _axis(term, records)
     if term.mode is not None:

@@ -14,6 +14,7 @@ __all__ = ["effect_title", "interval", "probability", "rate", "report_text", "su
 _MOST_NAMED = 12
 _NOWHERE = ("constant", "time", "modes")  # places that say nothing beside the kind
 _SMALLEST = 1e-16
+_WORTH_TELLING = 0.01  # share of an error
 _LEFT_OUT = "and {} more"
 
 
@@ -59,8 +60,11 @@ def summary(report: Any) -> str:
     others = len(report.effects) - 1
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
     name = effect_title(first, report)
+    name = f"{name[:1].upper()}{name[1:]}{more}"
+    if after > (1.0 - _WORTH_TELLING) * before:
+        return f"{name}: it does not lower the held-out error of any velocity."
     return (
-        f"{name[:1].upper()}{name[1:]}{more}: with it the held-out "
+        f"{name}: with it the held-out "
         f"error of {rate(report.targets[target], report.discrete)} is {after:.4g} instead of "
         f"{before:.4g}."
     )

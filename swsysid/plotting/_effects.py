@@ -24,8 +24,9 @@ class EffectReportDisplay:
 
     Residual of the declared model and of the one with the effects over the held-out rows; their
     error on each trajectory; what an effect contributes along its channel, with its 95 %
-    confidence band and what the data ask of it (the residual without the effect); and a
-    trajectory simulated from its first state by both models.
+    confidence band and what the data ask of it (the residual without the effect); and, of the
+    trajectories simulated from their first states by both models, the one on which the declared
+    model is worst.
 
     Use `from_report`, the report's own ``plot``, or `from_estimator` for other data.
 
@@ -177,7 +178,9 @@ class EffectReportDisplay:
         if self.effect is not None:
             panels.append(partial(draw_shape, data=data, place=self.effect, units=units))
         if data.rollouts:
-            panels.append(partial(draw_rollout, data=data, number=0, state=state, units=units))
+            errors = [rollout.errors[0][state] for rollout in data.rollouts]
+            worst = int(np.nanargmax(errors)) if np.isfinite(errors).any() else 0
+            panels.append(partial(draw_rollout, data=data, number=worst, state=state, units=units))
         with canvas(ax, len(panels), panel_size=(6.2, 4.4), n_columns=2) as axes:
             self.ax_, self.figure_ = axes, axes[0].figure
             for panel, one in zip(panels, axes, strict=True):
