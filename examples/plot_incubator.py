@@ -23,12 +23,13 @@ sentence.
 import sys
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 
-from swsysid import EffectSearchCV, SwitchingSystemRegressor
+from swsysid import EffectSearchCV, PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid.datasets import fetch_incubator
 from swsysid.differentiation import differentiate
-from swsysid.effects import Lag, Polynomial, Saturation, Trigonometric
+from swsysid.effects import GuardHysteresis, Lag, Polynomial, Saturation, Trigonometric
 from swsysid.metrics import velocity_rmse
 
 try:
@@ -92,4 +93,56 @@ axes[0].set(ylabel="T' in mK/s")
 axes[0].legend(loc="upper right")
 axes[1].step(t[shown], X["heater"][shown], where="post", color="0.4")
 axes[1].set(xlabel="time in s", ylabel="heater", yticks=[0, 1])
+
+# %%
+# The thermostat, with the heater's record hidden
+# -----------------------------------------------
+# In another record a thermostat keeps the box warm. Two laws of the temperatures alone are
+# declared, with a straight surface between them; but between the two switching temperatures either
+# law may hold, and no surface can say which. A guard that remembers can.
+
+record = incubator.thermostat
+rows = differentiate(record.x, record.t, record.groups, inputs=record.inputs, filter_inputs=False)
+temperatures = pd.DataFrame(rows.X[:, :2], columns=incubator.feature_names[:2])
+heater = rows.X[:, 2]
+search = EffectSearchCV(
+    SwitchingSystemRegressor(
+        n_modes=2,
+        feature_library=1,
+        surface=PolynomialSurfaceClassifier(degree=1),
+        random_state=0,
+    ),
+    effects=[Lag(), Polynomial(), GuardHysteresis()],
+    max_effects=1,
+)
+search.fit(temperatures, rows.Xdot, t=rows.t, groups=rows.groups)
+(found,) = search.effects_
+before, after = 1e3 * found.error_before, 1e3 * found.error_after
+print(f"{found.kind}: error of T' {before:.1f} -> {after:.1f} mK/s held out")
+fig, axes = plt.subplots(2, 1, figsize=(9, 5), sharex=True, layout="constrained")
+for ax, name, model in (
+    (axes[0], "surface", search.declared_estimator_),
+    (axes[1], "guard with hysteresis", search.best_estimator_),
+):
+    modes = model.predict_modes(temperatures, t=rows.t, groups=rows.groups)
+    heats = modes == np.bincount(modes, weights=rows.Xdot[:, 0]).argmax()
+    print(f"{name}: the mode is the heater in {np.mean(heats == heater):.1%} of the samples")
+    box = temperatures["T_box"].to_numpy()
+    ax.plot(rows.t, np.where(heats, box, np.nan), color="C3", label="one law")
+    ax.plot(rows.t, np.where(heats, np.nan, box), color="C0", label="the other")
+    ax.set(ylabel="T_box in degC", title=name, ylim=(34, 40))
+axes[0].legend(loc="lower right")
+axes[1].set(xlabel="time in s")
+
+# %%
+# What the temperatures can show is when the box begins to follow. That is later than the switch by
+# the heater's own warming up and cooling down, and the box has gone a little further by then.
+
+turns = np.flatnonzero(np.diff(heats))[1:] + 1
+for heats_after, name in ((True, "on"), (False, "off")):
+    levels, switched = (
+        box[one[mode[one] == heats_after]]
+        for one, mode in ((turns, heats), (np.flatnonzero(np.diff(heater))[1:] + 1, heater))
+    )
+    print(f"{name} at {levels.mean():.1f} degC by the modes, {switched.mean():.1f} by the record")
 plt.show()
