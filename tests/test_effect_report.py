@@ -116,6 +116,30 @@ def test_a_record_too_short_still_has_a_report(data):
     assert "too short" in str(search.report_)
     assert json.dumps(search.report_.to_dict(), allow_nan=False)
     assert search.report_.clean and isinstance(search.report_, EffectReport)
+    page = _Page(search.report_.to_html())
+    assert page.headings == ["Effect search"] and "Nothing was searched" in "".join(page.words)
+    for draw in (
+        search.report_.plot,
+        lambda: EffectReportDisplay.from_estimator(search, data.X, data.Xdot),
+    ):
+        with pytest.raises(ValueError, match="too short to hold any of it out"):
+            draw()
+
+
+def test_stretches_of_one_long_record_are_named_by_their_times(data):
+    rows = data.groups < 3  # three trajectories are cut into stretches, one is not named
+    search = EffectSearchCV(data.estimator, effects=[CoulombFriction()])
+    search.fit(data.X[rows], data.Xdot[rows], t=data.t[rows], groups=data.groups[rows])
+    report = search.report_
+    assert "stretches of time" in report.held_out
+    names = [part["trajectory"] for part in report.by_trajectory]
+    assert len(set(names)) == len(names) == len(report.data.stretches)
+    assert all(" to " in name and name.split(",")[0] in "012" for name in names)
+    # every stretch is contiguous in time and together they are what was held out
+    parts = [part for _, part in report.data.stretches]
+    np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(report.n_held_out))
+    for part in parts:
+        np.testing.assert_array_equal(np.diff(report.data.rows[part]), 1)
 
 
 def test_a_jump_is_not_said_to_lower_the_error_of_velocities():
