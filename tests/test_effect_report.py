@@ -13,7 +13,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from swsysid import EffectSearchCV
+from swsysid import EffectRegressor, EffectSearchCV
+from swsysid._records import make_records
+from swsysid._search.intervals import linearised
 from swsysid.datasets import make_undeclared
 from swsysid.diagnosis import EffectReport
 from swsysid.effects import (
@@ -22,7 +24,9 @@ from swsysid.effects import (
     Bias,
     CoulombFriction,
     InputCoupling,
+    Lag,
     PeriodicForcing,
+    PlacedEffect,
     Polynomial,
     Reset,
     SensorOffset,
@@ -107,6 +111,23 @@ def test_the_shape_is_the_effect_itself_and_its_band_holds_the_truth(report, dat
     np.testing.assert_allclose(
         (shape.wanted - shape.contribution).std(), report.errors[-1]["held_out"][1], rtol=0.2
     )
+
+
+def test_bands_are_finite_at_the_end_of_a_scan(data):
+    """The scan of a lag is geometric: a step as wide as its middle would leave its domain."""
+    lag = PlacedEffect(Lag(), place=2, target=1, theta=(0.4 * data.time_step,))
+    model = EffectRegressor(data.estimator, [lag])
+    fit = model.fit(data.X, data.Xdot, t=data.t, groups=data.groups)._fit
+    records = make_records(data.X, 2, t=data.t, groups=data.groups, names=["x", "v", "u"])
+    rows = np.arange(len(records))
+    slopes = linearised(fit, 0, records, rows, fit.modes)
+    assert slopes.shape == (len(records), 2) and np.isfinite(slopes).all()
+    # the slope in the time constant, against the difference of two lags close to each other
+    wide, narrow = (1.0 + 1e-4) * lag.theta[0], (1.0 - 1e-4) * lag.theta[0]
+    apart = Lag().columns(records, 2, wide) - Lag().columns(records, 2, narrow)
+    expected = fit.coef[0][0] * apart[:, 0] / (wide - narrow)
+    # a step of a hundredth of the time constant: the error is of second order
+    np.testing.assert_allclose(slopes[:, 1], expected, atol=1e-2 * np.abs(expected).max())
 
 
 def test_a_record_too_short_still_has_a_report(data):

@@ -89,13 +89,21 @@ def linearised(
     parts = [columns(term.theta)]
     ranges = term.effect.parameters(records, term.place)
     for number, (value, parameter) in enumerate(zip(term.theta, ranges, strict=True)):
-        step = _STEP * float(np.median(np.diff(parameter.values))) or 1e-6
+        step = _STEP * _spacing(parameter.values, value) or 1e-6
         ends = [
             columns((*term.theta[:number], value + sign * step, *term.theta[number + 1 :])) @ coef
             for sign in (1.0, -1.0)
         ]
         parts.append(((ends[0] - ends[1]) / (2.0 * step))[:, None])
     return np.column_stack(parts)
+
+
+def _spacing(values: Array, value: float) -> float:
+    """Distance between the two values of a scan about a value; 0 if there is only one."""
+    if len(values) < 2:
+        return 0.0
+    above = int(np.clip(np.searchsorted(values, value), 1, len(values) - 1))
+    return float(values[above] - values[above - 1])
 
 
 def _covariance(regression, features: Array, columns: Array, errors: Array) -> Array:
