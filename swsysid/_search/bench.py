@@ -10,7 +10,7 @@ from swsysid._results import Array
 from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, corrected
 from swsysid._search.regression import Regression
-from swsysid._search.robust import robust_weights
+from swsysid._search.robust import exact_below, robust_weights
 from swsysid._search.trials import Bench
 
 __all__ = ["bench_of"]
@@ -52,14 +52,15 @@ def bench_of(
         weight=_weight(fit, whole, rows, targets),
         folds=folds,
     )
-    return Bench(records, rows, regression, linear, fit, {} if kept is None else kept)
+    taken = {(term.target, term.replaced) for term in others if term.replaced is not None}
+    return Bench(records, rows, regression, linear, fit, {} if kept is None else kept, taken)
 
 
 def _weight(fit: JointFit, records: Records, rows: NDArray[np.intp], targets: Array) -> Array:
     """Small for outliers, none where the mode is uncertain or the surface and the data differ."""
     modes = fit.predict_modes(records)
     modes[rows] = fit.modes
-    weight = robust_weights(targets - fit.predict(records, modes)[rows])
+    weight = robust_weights(targets - fit.predict(records, modes)[rows], exact_below(targets))
     searched = records.take(rows)
     sure = fit.mode_proba(searched).max(axis=1) >= _SURE
     sure &= fit.estimator_modes(searched) == fit.modes

@@ -24,6 +24,7 @@ __all__ = ["Round", "Search"]
 _RESTARTS = 10  # kinds with which the modes are sought anew
 _SWAPS = 3
 _SAME_MODES = 0.995
+_WORTH = 0.02  # nats a row, which is a held-out error smaller by two per cent
 
 
 @dataclass(frozen=True)
@@ -85,9 +86,15 @@ class Search(Workshop):
         best, finding = self._agreed(best, len(current.fit.terms))
         finding = replace(finding, rivals=distinct(finding.candidate, finding.rivals, ties))
         gain = current.cost - best.cost
-        if finding.trial is None:  # a ratio of held-out likelihoods is an e-value
-            finding = replace(finding, p_value=min(1.0, n_candidates * np.exp(-max(gain, 0.0))))
+        shown = best.fit.terms[-1].effect.shows_in_velocities
+        if finding.trial is None:
+            # few of the candidates are structures; a ratio of held-out likelihoods is an e-value
+            p_value = self.structural_p_value(current, best) if shown else np.exp(-max(gain, 0.0))
+            n_tried = self.n_structural if shown else n_candidates
+            finding = replace(finding, p_value=min(1.0, n_tried * p_value))
         if gain < np.log(n_candidates / self.significance):
+            return None
+        if shown and gain < _WORTH * len(self.rows):
             return None
         if finding.p_value > self.significance or best.price >= current.price:
             return None
@@ -148,7 +155,9 @@ class Search(Workshop):
                 if won is not None:
                     fit = replace(current.fit, terms=terms, coef=(*current.fit.coef, np.zeros(0)))
                     cost = current.cost - won[0]
-                    options.append(Structure(fit, cost, current.n_parameters + 1, len(self.rows)))
+                    options.append(
+                        Structure(fit, cost, current.n_parameters + 1, len(self.rows), current.rows)
+                    )
                 else:
                     start = None if candidate.theta == () else current.fit.modes
                     options.append(self.structure(terms, start))

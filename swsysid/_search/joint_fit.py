@@ -259,7 +259,8 @@ def _effect_coefficients(estimator, terms, columns, records, targets, modes) -> 
         if not acting:
             continue
         parts = [terms[place].design(columns[place], modes, n_modes) for place in acting]
-        solved = robust_regression(np.column_stack([blocks, *parts]), targets[:, target])
+        robust = switching.loss != "squared"
+        solved = robust_regression(np.column_stack([blocks, *parts]), targets[:, target], robust)
         start = blocks.shape[1]
         for place, part in zip(acting, parts, strict=True):
             coef[place] = solved[start : start + part.shape[1]]
@@ -285,5 +286,7 @@ def _matching(before: Modes, after: Modes) -> Modes:
 def _renamed(term: PlacedEffect, order: Modes) -> PlacedEffect:
     """The term with its modes by their new numbers."""
     place = term.effect.renamed(term.place, order)
-    mode = None if term.mode is None else int(order[term.mode])
+    mode = term.mode
+    if mode is not None and mode < len(order):  # not of a mode that is there no more
+        mode = int(order[mode])
     return replace(term, place=place, mode=mode)

@@ -40,9 +40,10 @@ def _scan_place(bench: Bench, effect: Any, place: Any) -> Iterator[Trial]:
     if not np.isfinite(columns).all():
         return
     feature = bench.linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
-    if _adds(effect, feature):
+    role = effect.role_at(bench.records, place)
+    if _adds(role, feature):
         yield from _scan_added(bench, effect, place, grid, columns)
-    if feature is not None and effect.role in ("replaces", "either"):
+    if feature is not None and role in ("replaces", "either", "instead"):
         yield from _scan_replacing(bench, effect, place, grid, columns, feature)
 
 
@@ -67,7 +68,8 @@ def _scan_fixed(bench: Bench, effect: Any, places: Sequence[Any]) -> Iterator[Tr
                 predicted[problem.modes[test] != mode] = 0.0
             change[mode][test] = predicted
     for mode, (number, place), target in product(modes, enumerate(places), range(shape[2])):
-        if solved[mode].gain[number, target] > 0.0:
+        coef = solved[mode].coef[number, :, target]
+        if solved[mode].gain[number, target] > 0.0 and effect.plausible(coef):
             candidate = PlacedEffect(effect, place, target, mode)
             yield Trial(candidate, change[mode][:, number, target], no_theta, ())
 
@@ -77,10 +79,11 @@ def _modes_tried(problem: Regression) -> list[int | None]:
     return [None, *(range(problem.n_modes) if problem.n_modes > 1 else ())]
 
 
-def _adds(effect: Any, feature: int | None) -> bool:
-    if effect.role == "replaces":
+def _adds(role: str, feature: int | None) -> bool:
+    """True if the columns are tried beside the channel's own linear term."""
+    if role == "replaces":
         return feature is None
-    return effect.role != "beside" or feature is not None
+    return role != "instead" and (role != "beside" or feature is not None)
 
 
 def _scan_added(bench: Bench, effect, place, grid, columns) -> Iterator[Trial]:
@@ -97,7 +100,10 @@ def _scan_added(bench: Bench, effect, place, grid, columns) -> Iterator[Trial]:
         best = {mode: solution.gain.argmax(axis=0) for mode, solution in solved.items()}
         for mode, places in best.items():
             gain = solved[mode].gain
-            chosen[mode].append([(some[g], gain[g, k]) for k, g in enumerate(places)])
+            coef = solved[mode].coef
+            chosen[mode].append(
+                [(some[g], gain[g, k], coef[g, :, k]) for k, g in enumerate(places)]
+            )
         if test is not None:
             for mode, predicted in _predicted(background, part, solved, best, test).items():
                 change[mode][test] = predicted
@@ -106,6 +112,8 @@ def _scan_added(bench: Bench, effect, place, grid, columns) -> Iterator[Trial]:
             continue  # the library can do all this by itself
         places = tuple(int(fold[target][0]) for fold in chosen[mode])
         theta = tuple(float(value) for value in grid[places[-1]])
+        if not effect.plausible(chosen[mode][-1][target][2]):
+            continue
         candidate = PlacedEffect(effect, place, target, mode, None, theta)
         yield Trial(candidate, change[mode][:, target], grid, places)
 
@@ -131,6 +139,8 @@ def _scan_replacing(bench: Bench, effect, place, grid, columns, feature) -> Iter
             everywhere = dict.fromkeys(modes, best)
             change[test] += sum(_predicted(background, part, each, everywhere, test).values())
     for target in range(n_states):
+        if (target, feature) in bench.taken:
+            continue
         places = tuple(int(fold[target]) for fold in chosen)
         theta = tuple(float(value) for value in grid[places[-1]])
         candidate = PlacedEffect(effect, place, target, None, feature, theta)

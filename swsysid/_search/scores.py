@@ -20,7 +20,7 @@ from swsysid._results import Array
 from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, corrected
 from swsysid._search.regression import Regression, Solution
-from swsysid._search.robust import robust_weights, scale_of, t_cost
+from swsysid._search.robust import exact_below, robust_weights, scale_of, t_cost
 
 __all__ = ["held_out_cost"]
 
@@ -33,7 +33,7 @@ def held_out_cost(
     """Negative log likelihood of every row, from regressions that have not seen it."""
     errors = _errors_by_mode(fit, records, rows, targets, folds)
     own = errors[fit.modes, np.arange(len(rows))]
-    cost = t_cost(errors, scale_of(own)).sum(axis=2)
+    cost = t_cost(errors, scale_of(own, exact_below(targets))).sum(axis=2)
     with np.errstate(divide="ignore"):
         prior = np.log(_mode_probabilities(fit, records, rows)).T
     return -logsumexp(prior - cost, axis=0)
@@ -81,7 +81,7 @@ def _errors_by_mode(fit, records, rows, targets, folds) -> Array:
         targets=targets,
         modes=fit.modes,
         n_modes=fit.n_modes,
-        weight=robust_weights(targets - fit.predict(records, modes)[rows]),
+        weight=robust_weights(targets - fit.predict(records, modes)[rows], exact_below(targets)),
         folds=folds,
     )
     errors = np.empty((fit.n_modes, *targets.shape))

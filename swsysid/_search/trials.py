@@ -17,7 +17,7 @@ from scipy import stats
 from swsysid._records import Records
 from swsysid._results import Array
 from swsysid._search.regression import COLLINEAR, Background, Regression
-from swsysid._search.robust import negative_log_likelihood, robust_weights
+from swsysid._search.robust import exact_below, negative_log_likelihood, robust_weights
 
 __all__ = ["Bench", "PlacedEffect", "Trial"]
 
@@ -117,6 +117,7 @@ class Bench:
     linear: dict[int, int]  # feature that is a channel itself
     fit: Any = None
     kept: dict = field(default_factory=dict, repr=False)
+    taken: set = field(default_factory=set)  # (target, feature) whose place another effect has
 
     @cached_property
     def backgrounds(self) -> list[Background]:
@@ -195,9 +196,27 @@ class Bench:
         other = replace(
             problem, features=np.column_stack([features, problem.features[:, n_library:]])
         )
-        left = other.background(None).left_over
-        again = replace(other, weight=robust_weights(left))
-        return float(negative_log_likelihood(again.background(None).left_over).sum())
+        floor = exact_below(problem.targets)
+        again = replace(other, weight=robust_weights(other.background(None).left_over, floor))
+        return float(negative_log_likelihood(again.background(None).left_over, floor).sum())
+
+    @property
+    def n_targets(self) -> int:
+        """Number of state equations."""
+        return self.regression.targets.shape[1]
+
+    def mismatch(self, records: Records, state: int) -> float:
+        """Median square of what a recorded state moves beyond its own measured velocity."""
+        assert records.t is not None
+        values, velocity = records.channel(state), self.velocities[:, state]
+        missed = []
+        for rows in records.trajectories:
+            step, rate = np.diff(records.t[rows]), velocity[rows]
+            if self.fit.switching.discrete_time:
+                missed.append(values[rows][1:] - rate[:-1])
+            else:
+                missed.append(np.diff(values[rows]) - 0.5 * step * (rate[1:] + rate[:-1]))
+        return float(np.median(np.concatenate(missed) ** 2))
 
     def is_spanned(self, effect: Any, place: Any) -> bool:
         """True if the library leaves nothing of an effect's columns, which have no parameters."""

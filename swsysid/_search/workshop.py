@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from swsysid._records import Records
 from swsysid._results import Array
 from swsysid._search.bench import bench_of
 from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, fit_jointly, switching_step
+from swsysid._search.robust import exact_below
 from swsysid._search.scan import refined
 from swsysid._search.scores import held_out_cost
 from swsysid._search.trials import Bench, PlacedEffect, Trial
@@ -43,6 +45,7 @@ class Structure:
     cost: float
     n_parameters: float
     n_rows: int
+    rows: Array | None = None
 
     @property
     def price(self) -> float:
@@ -104,6 +107,14 @@ class Workshop:
             modes = None  # modes of a structure that had more of them
         return self.priced(self._fit(terms, modes, rounds))
 
+    def structural_p_value(self, before: Structure, after: Structure) -> float:
+        """Of so large a gain in each block of rows by chance, for effects without columns."""
+        assert before.rows is not None and after.rows is not None
+        blocks = self.folds.blocks
+        gains = np.bincount(blocks, before.rows - after.rows, self.folds.n_blocks)
+        error = gains.std(ddof=1) / np.sqrt(len(gains))
+        return float(stats.t.sf(gains.mean() / max(error, 1e-300), len(gains) - 1))
+
     def with_modes_anew(self, structure: Structure) -> Structure:
         """The structure with its modes sought anew, if that is better."""
         fit = structure.fit
@@ -119,12 +130,12 @@ class Workshop:
 
     def priced(self, fit: JointFit) -> Structure:
         """What a fit is worth on rows that its regressions have not seen."""
-        cost = held_out_cost(fit, self.records, self.rows, self.targets, self.folds).sum()
+        rows = held_out_cost(fit, self.records, self.rows, self.targets, self.folds)
         extra = fit.n_modes - switching_step(self.estimator)[1].n_modes
         n_parameters = sum(term.n_parameters for term in fit.terms) + extra * (
             fit.switching.coef_[0].size + self.records.X.shape[1] + 1
         )
-        return Structure(fit, float(cost), n_parameters, len(self.rows))
+        return Structure(fit, float(rows.sum()), n_parameters, len(self.rows), rows)
 
     def scanned(self, bench: Bench) -> tuple[list[Trial], int]:
         """The most promising trials, refined, the best first; and how many there were."""
@@ -170,10 +181,10 @@ class Workshop:
         term, bench = structure.fit.terms[place], self.bench(structure.fit, without=place)
         known = self._structural_rivals(structure, place, bench)
         if not term.effect.terms:
-            gain = self.without(structure, place).cost - structure.cost
             won = term.effect.gain(bench, term)
-            p_value = won[1] if won is not None else float(np.exp(-max(gain, 0.0)))
-            return Finding(None, term, min(1.0, p_value * self._n_tried(bench)), known)
+            fewer = self.without(structure, place)
+            p_value = won[1] if won is not None else self.structural_p_value(fewer, structure)
+            return Finding(None, term, min(1.0, p_value * self.n_structural), known)
         top, n_candidates = self.scanned(bench)
         own = [trial for trial in top if trial.candidate.signature == term.signature]
         if not own:
@@ -212,8 +223,10 @@ class Workshop:
             if effect.terms and bench.is_spanned(effect, place)
         )
 
-    def _n_tried(self, bench: Bench) -> int:
-        return sum(len(list(effect.places(bench.records))) for effect in self.usable)
+    @property
+    def n_structural(self) -> int:
+        """Number of effects that are more than columns."""
+        return sum(not effect.terms for effect in self.usable)
 
 
 def distinct(found: PlacedEffect, *lists) -> tuple[PlacedEffect, ...]:
@@ -243,5 +256,6 @@ def _gains(bench: Bench, trials: list[Trial]) -> Array:
             for state, total in enumerate(bench.loss.sum(axis=0))
         ]
     )
-    variance = np.maximum(least / max(bench.regression.weight.sum(), 1.0), 1e-300)
+    floor = exact_below(bench.regression.targets) ** 2
+    variance = np.maximum(least / max(bench.regression.weight.sum(), 1.0), floor)
     return (bench.loss[:, targets].T - losses) / (2.0 * variance[targets])[:, None]

@@ -58,10 +58,10 @@ class Effect(BaseEstimator):
         Names of the coefficients c.
     needs : frozenset of str
         What the data must come with: ``"order"`` (groups or times), ``"time"``, ``"signals"``.
-    role : {"adds", "replaces", "either", "beside"}
+    role : {"adds", "replaces", "either", "beside", "instead"}
         What becomes of the channel's own linear term, if the declared library has one: it stays,
-        the columns take its place (as a dead zone of an actuator does), either is tried, or the
-        effect makes sense only beside it.
+        the columns take its place (as a dead zone of an actuator does), or either is tried. An
+        effect "beside" it, or "instead" of it, makes no sense where there is none.
     remembers : bool
         True if the effect changes which mode is active (`switched`).
     shows_in_velocities : bool
@@ -98,6 +98,14 @@ class Effect(BaseEstimator):
     def places(self, records: Records) -> Sequence[Place]:
         """Where the effect can act: channels, unless a subclass says otherwise."""
         return [*records.states, *records.inputs]
+
+    def role_at(self, records: Records, place: Place) -> str:
+        """`role` of the effect at a place."""
+        return self.role
+
+    def plausible(self, coef: Array) -> bool:
+        """False for coefficients of the columns that make no physical sense."""
+        return True
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Nonlinear parameters and the values at which they are scanned."""

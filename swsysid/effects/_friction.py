@@ -44,9 +44,17 @@ class StribeckFriction(_Dry):
     meaning = "dry friction opposes {channel} and is larger at low speed (Stribeck effect)"
     terms = ("friction", "breakaway")
 
+    def plausible(self, coef: Array) -> bool:
+        """Friction opposes the motion, and breaks away from more than it slides with."""
+        return bool((coef > 0.0).all())
+
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         speeds = np.abs(records.channel(place))
-        return (Parameter("velocity", quantile_levels(speeds, 0.05, 0.8, 16), "{channel}"),)
+        return (
+            Parameter(
+                "velocity", quantile_levels(speeds[speeds > 0.0], 0.05, 0.8, 16), "{channel}"
+            ),
+        )
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         velocity, sign = records.channel(place), -np.sign(records.channel(place))

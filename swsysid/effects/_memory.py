@@ -24,13 +24,21 @@ def _shortest_trajectory(records: Records) -> float:
 
 
 class Delay(Effect):
-    """``gain * u(t - delay)`` in the place of ``gain * u(t)``."""
+    """``gain * u(t - delay)`` in the place of ``gain * u(t)``.
+
+    A state may only be replaced: beside its own present value a past one is its derivative,
+    which is what the equation is to predict.
+    """
 
     kind = "delay"
     meaning = "{channel} acts on {target} after a delay"
     terms = ("gain",)
     needs = frozenset({"order"})
     role = "either"
+
+    def role_at(self, records: Records, place: Place) -> str:
+        """Inputs may also act twice, at once and late."""
+        return "either" if place in records.inputs else "instead"
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         longest = min(_LONGEST * records.step, 0.25 * _shortest_trajectory(records))
@@ -77,13 +85,16 @@ class Lag(Effect):
 
 
 class Backlash(Effect):
-    """``gain * w`` where w follows u with a free play of `width` in all."""
+    """``gain * w`` where the input u is followed by w with a free play of `width` in all."""
 
     kind = "backlash"
     meaning = "{channel} has to cross a gap before it acts in the other direction (backlash)"
     terms = ("gain",)
     needs = frozenset({"order"})
     role = "either"
+
+    def places(self, records: Records) -> range:
+        return records.inputs
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         width = spread(records.channel(place)) or 1.0

@@ -15,6 +15,7 @@ from swsysid.effects._base import Effect, Parameter, Place, spread
 __all__ = ["ClockLag", "SensorOffset"]
 
 _WORTH_A_FIT = 5.0  # nats
+_MISMATCH = 0.6  # of the squares of state and velocity that a late sensor leaves
 
 
 class _OfASensor(Effect):
@@ -28,9 +29,15 @@ class _OfASensor(Effect):
     def trials(self, bench: Bench) -> Iterator:
         return iter(())
 
+    def is_possible(self, bench: Bench, place: int) -> bool:
+        """False if the record itself contradicts the effect."""
+        return True
+
     def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
         """The correction of each sensor that lets the declared laws fit best."""
         for place in self.places(bench.records):
+            if not self.is_possible(bench, place):
+                continue
             (parameter,) = self.parameters(bench.records, place)
 
             def misfit(value, place=place):
@@ -76,6 +83,20 @@ class ClockLag(_OfASensor):
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         return (Parameter("delay", np.arange(0.0, 16.0) * records.step, "{time}"),)
+
+    def is_possible(self, bench: Bench, place: int) -> bool:
+        """The state's own velocity tells: a late state moves later than its velocity says.
+
+        Where both come from one sensor they agree, and to move the state alone towards its
+        future would only leak what is to be predicted.
+        """
+        if bench.n_targets <= place:
+            return False
+        errors = [
+            bench.mismatch(self.corrected(bench.records, place, delay), place)
+            for delay in np.arange(0.0, 16.0) * bench.records.step
+        ]
+        return min(errors) < _MISMATCH * errors[0]
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
         def ahead(t: Array, values: Array) -> Array:

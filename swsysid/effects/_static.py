@@ -82,12 +82,13 @@ class Trigonometric(Effect):
     """``amplitude * sin(wavenumber * x + phase)``: cogging, ripple, gravity on a link."""
 
     kind = "trigonometric"
+    # less than half a period in the data is a cubic, which has one parameter less
     meaning = "a force periodic in {channel} acts on {target}: cogging, ripple or gravity"
     terms = ("sine", "cosine")
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         width = spread(records.channel(place)) or 1.0
-        return (Parameter("wavenumber", np.geomspace(1.0, 12.0 * np.pi, 40) / width),)
+        return (Parameter("wavenumber", np.geomspace(np.pi, 12.0 * np.pi, 32) / width),)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         angle = theta[0] * records.channel(place)
