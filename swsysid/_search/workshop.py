@@ -184,7 +184,8 @@ class Workshop:
             won = term.effect.gain(bench, term)
             fewer = self.without(structure, place)
             p_value = won[1] if won is not None else self.structural_p_value(fewer, structure)
-            return Finding(None, term, min(1.0, p_value * self.n_structural), known)
+            p_value = min(1.0, p_value * self.n_structural)
+            return Finding(None, term, p_value, distinct(term, known))
         top, n_candidates = self.scanned(bench)
         own = [trial for trial in top if trial.candidate.signature == term.signature]
         if not own:

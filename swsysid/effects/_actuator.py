@@ -6,11 +6,12 @@ import numpy as np
 
 from swsysid._records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, quantile_levels
+from swsysid.effects._base import Effect, Parameter, Place, quantile_levels, spread
 
 __all__ = ["DeadZone", "GainChange", "Overflow", "PowerLaw", "Saturation"]
 
 _N_LEVELS = 24
+_NARROW = 0.03
 
 
 def _widths(records: Records, place: Place) -> Array:
@@ -21,7 +22,8 @@ def _widths(records: Records, place: Place) -> Array:
     if not used:
         return np.empty(0)
     highest = min(np.quantile(side, 0.95) for side in used)
-    lowest = np.quantile(np.abs(values), 0.03)
+    # narrower than that is friction, or nothing the samples could show
+    lowest = max(np.quantile(np.abs(values), 0.03), _NARROW * spread(values))
     return np.linspace(lowest, highest, _N_LEVELS) if lowest < highest else np.empty(0)
 
 

@@ -23,7 +23,9 @@ __all__ = ["ExtraMode", "GuardHysteresis", "Reset", "remembered"]
 Modes = NDArray[np.intp]
 
 _N_THRESHOLDS = 32
-_DEGREE = 0.002  # agreement that a higher degree must win
+_TERM = 0.0005  # agreement that one more term must win
+_REFINEMENTS = 5
+_SLIGHT = 0.1  # of the largest term
 _BAND = 0.002  # agreement that a band must win
 _FEWEST_JUMPS = 5
 _SAME_CROSSING = 0.7  # share of the jumps
@@ -105,15 +107,9 @@ class GuardHysteresis(_Structural):
         known[rows] = modes
         options = []
         for degree, turns in product((1, 2), (False, True)):
-            guard = _guard_with_memory(records, known, degree, turns)
-            if guard is None:
-                continue
-            values = guard(records.X)
-            levels = np.unique(np.quantile(values[rows], np.linspace(0.02, 0.98, _N_THRESHOLDS)))
-            for low_place, low in enumerate(levels):
-                for high in levels[low_place:]:
-                    agreed = np.mean(guard.modes(records, low, high)[rows] == modes)
-                    options.append((agreed - _DEGREE * degree, guard, (float(low), float(high))))
+            guard = _guard_with_memory(records, known, _all_terms(records, degree), turns)
+            few = guard and _guard_with_memory(records, known, _main_terms(guard, records), turns)
+            options += [_with_thresholds(one, records, rows, modes) for one in (guard, few) if one]
         return max(options, key=lambda option: option[0])[1:] if options else None
 
     def theta_names(self, records: Records, place: Any) -> tuple[str, ...]:
@@ -151,7 +147,46 @@ def _monomials(X: Array, terms) -> Array:
     return np.column_stack([np.prod(X[:, list(term)], axis=1) for term in terms])
 
 
-def _guard_with_memory(records: Records, known: Modes, degree: int, turns: bool) -> Guard | None:
+def _all_terms(records: Records, degree: int) -> tuple[tuple[int, ...], ...]:
+    """Monomials up to a degree, as the channels of their factors."""
+    channels = range(records.X.shape[1])
+    return tuple(
+        term
+        for power in range(1, degree + 1)
+        for term in combinations_with_replacement(channels, power)
+    )
+
+
+def _main_terms(guard: Guard, records: Records) -> tuple[tuple[int, ...], ...]:
+    """Terms of a guard that matter: the others are the classifier's margin, not the plant's."""
+    sizes = np.abs(guard.weights) * _monomials(records.X, guard.terms).std(axis=0)
+    kept = sizes >= _SLIGHT * sizes.max()
+    return tuple(term for term, keep in zip(guard.terms, kept, strict=True) if keep)
+
+
+def _with_thresholds(
+    guard: Guard, records: Records, rows: NDArray[np.intp], modes: Modes
+) -> tuple[float, Guard, tuple[float, float]]:
+    """The band of a guard that agrees best with the modes, and how well, less its terms' price."""
+    values = guard(records.X)
+    levels = np.unique(np.quantile(values[rows], np.linspace(0.02, 0.98, _N_THRESHOLDS)))
+
+    def agreement(band):
+        return float(np.mean(guard.modes(records, *band)[rows] == modes))
+
+    pairs = [(low, high) for place, low in enumerate(levels) for high in levels[place:]]
+    band = max(pairs, key=agreement)
+    step = 0.5 * float(np.max(np.diff(levels), initial=0.0))
+    for _ in range(_REFINEMENTS):
+        near = product(*((edge - step, edge, edge + step) for edge in band))
+        band = max((pair for pair in near if pair[0] <= pair[1]), key=agreement)
+        step *= 0.5
+    return agreement(band) - _TERM * len(guard.terms), guard, (float(band[0]), float(band[1]))
+
+
+def _guard_with_memory(
+    records: Records, known: Modes, terms: tuple[tuple[int, ...], ...], turns: bool
+) -> Guard | None:
     """Margin classifier of the mode from monomials and the mode of the sample before.
 
     Where samples are many between two switches, the mode before says it all of nearly every row and
@@ -166,12 +201,6 @@ def _guard_with_memory(records: Records, known: Modes, degree: int, turns: bool)
     if not turned.any():
         return None
     weight = np.where(turned & turns, np.sum(~turned) / np.sum(turned), 1.0)
-    channels = range(records.X.shape[1])
-    terms = tuple(
-        term
-        for power in range(1, degree + 1)
-        for term in combinations_with_replacement(channels, power)
-    )
     columns = _monomials(records.X, terms)
     centre, size = columns.mean(axis=0), columns.std(axis=0)
     size[size == 0.0] = 1.0

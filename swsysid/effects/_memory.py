@@ -26,8 +26,11 @@ def _shortest_trajectory(records: Records) -> float:
 class Delay(Effect):
     """``gain * u(t - delay)`` in the place of ``gain * u(t)``.
 
-    A state may only be replaced: beside its own present value a past one is its derivative,
-    which is what the equation is to predict.
+    Parameters
+    ----------
+    states : bool, default=False
+        Look for delays of states as well. A past state may only take the place of the present
+        one: beside it, it is its derivative, which is what the equation is to predict.
     """
 
     kind = "delay"
@@ -35,6 +38,12 @@ class Delay(Effect):
     terms = ("gain",)
     needs = frozenset({"order"})
     role = "either"
+
+    def __init__(self, states: bool = False):
+        self.states = states
+
+    def places(self, records: Records) -> list[int]:
+        return [*(records.states if self.states else ()), *records.inputs]
 
     def role_at(self, records: Records, place: Place) -> str:
         """Inputs may also act twice, at once and late."""
