@@ -12,7 +12,8 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: help demo test lint examples docs bench bench-quality figures clean
+.PHONY: help demo test lint examples docs bench bench-quality bench-undeclared bench-measured \
+	figures clean
 
 help:
 	@echo "make demo      identify the built-in example and draw it"
@@ -22,6 +23,8 @@ help:
 	@echo "make docs      build the documentation, warnings as errors"
 	@echo "make bench     the paper's tables beside ours"
 	@echo "make bench-quality  many systems and methods, into the documentation (hours)"
+	@echo "make bench-undeclared  planted effects: every kind, system and seed (hours; resumes)"
+	@echo "make bench-measured  measured data, before and after"
 	@echo "make figures   draw the README's figure and print its numbers"
 
 
@@ -50,6 +53,12 @@ bench: $(VENV)/.installed-bench
 bench-quality: $(VENV)/.installed-bench $(PARC)
 	$(BIN)/python -W ignore benchmarks/quality.py --jobs $(WORKERS) --parc $(PARC) \
 		--stress --count --scaling --timing --output $(QUALITY) --docs docs
+
+bench-undeclared: $(VENV)/.installed-bench
+	$(BIN)/python -W ignore benchmarks/undeclared.py --jobs $(WORKERS) --docs docs
+
+bench-measured: $(VENV)/.installed-bench
+	$(BIN)/python -W ignore benchmarks/measured.py
 
 $(PARC):
 	PYTHON=$(PYTHON) benchmarks/parc/build.sh $(PARC:/bin/python=)

@@ -1,0 +1,37 @@
+"""The benchmark of undeclared effects: its fast part runs, resumes, and finds what was planted."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+
+
+@pytest.fixture
+def benchmark(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+    import undeclared
+
+    yield undeclared
+    for name in ("undeclared", "undeclared_cells", "undeclared_tables"):
+        sys.modules.pop(name, None)
+
+
+def test_the_fast_part_finds_what_was_planted(benchmark, tmp_path, capsys):
+    benchmark.main(["--fast", "--output", str(tmp_path)])
+    lines = (tmp_path / "undeclared.jsonl").read_text().splitlines()
+    records = [json.loads(line) for line in lines]
+    planted = [record for record in records if record["cell"][1]]
+    clean = [record for record in records if not record["cell"][1]]
+    assert len(planted) == 5 and len(clean) == 4
+    for record in planted:
+        assert record["right"][0] or record["among_rivals"][0], record
+        assert record["ratio"] <= 1.15
+    assert [record["found"] for record in clean] == [[]] * 4
+    capsys.readouterr()
+    benchmark.main(["--fast", "--output", str(tmp_path)])
+    printed = capsys.readouterr().out
+    assert "| first effect right | 100.0% of 5 | 95 % |" in printed
+    assert "1/5" not in printed  # nothing is run twice
