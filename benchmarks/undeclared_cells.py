@@ -127,5 +127,7 @@ def coverage(search, data) -> list[bool]:
                     low, high = effect.intervals[own]
                     # an amplitude has no sign, its phase has
                     size = abs(value) if name == "amplitude" else value
+                    if name == "phase":  # whole turns are nothing
+                        size += 2 * np.pi * np.round(((low + high) / 2 - size) / (2 * np.pi))
                     inside.append(bool(low <= size <= high))
     return inside
