@@ -19,4 +19,3 @@ DECLARED = SwitchingSystemRegressor(n_modes=1, random_state=0)
 )
 def test_scikit_learn_checks(estimator, check):
     check(estimator)
-

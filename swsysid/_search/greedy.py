@@ -169,10 +169,13 @@ class Search(Workshop):
         finding = Finding(None, best.fit.terms[place], 1.0, ())
         for _ in range(_SWAPS):
             term = best.fit.terms[place]
-            if not term.effect.terms:
-                return self._reproposed(best, place), Finding(None, term, 0.0, ())
             bench = self.bench(best.fit, without=place)
             top, n_candidates = self.scanned(bench)
+            if not term.effect.terms:
+                best, better = self._questioned(best, place, top, bench)
+                if not better:
+                    return best, Finding(None, best.fit.terms[place], 0.0, ())
+                continue
             finding = self.chosen(bench, top, n_candidates)
             same = finding.candidate.signature == term.signature
             tried = self.structure(
@@ -184,6 +187,16 @@ class Search(Workshop):
             if same:
                 break
         return best, finding
+
+    def _questioned(self, best: Structure, place: int, top, bench) -> tuple[Structure, bool]:
+        """A term without columns with its parameters found anew, or columns in its place."""
+        best = self._reproposed(best, place)
+        if not top or not best.fit.terms[place].effect.shows_in_velocities:
+            return best, False
+        candidate = self.chosen(bench, top, len(top)).candidate
+        terms = exchanged(best.fit.terms, place, candidate)
+        tried = self.with_modes_anew(self.structure(terms, best.fit.modes))
+        return (tried, True) if tried.price < best.price - TIE else (best, False)
 
     def _reproposed(self, best: Structure, place: int) -> Structure:
         """The structure with the parameters of a term without columns found anew."""
