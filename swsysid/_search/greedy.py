@@ -24,6 +24,7 @@ __all__ = ["Round", "Search"]
 _RESTARTS = 10  # kinds with which the modes are sought anew
 _SWAPS = 3
 _SAME_MODES = 0.995
+_SHARE, _SHARE_OF_A_MODE = 0.01, 0.1  # of the squares that the declared model leaves over
 _WORTH = 0.05  # nats a row, which is a held-out error smaller by five per cent
 
 
@@ -42,20 +43,23 @@ class Search(Workshop):
 
     Attributes
     ----------
+    declared : JointFit
+        The declared model, fitted to the rows of the search.
     max_effects : int
     significance : float
     n_jobs : int or None
     verbose : int
     """
 
+    declared: JointFit
     max_effects: int = 5
     significance: float = 0.01
     n_jobs: int | None = None
     verbose: int = 0
 
-    def run(self, declared: JointFit) -> tuple[Structure, list[Round]]:
+    def run(self) -> tuple[Structure, list[Round]]:
         """Add effects until nothing significant is left."""
-        structure, rounds = self.priced(declared), []
+        structure, rounds = self.priced(self.declared), []
         bar = tqdm(total=self.max_effects, desc="effects", disable=not self.verbose)
         while len(structure.fit.terms) < self.max_effects:
             step = self.addition(structure)
@@ -94,12 +98,26 @@ class Search(Workshop):
             finding = replace(finding, p_value=min(1.0, n_tried * p_value))
         if gain < np.log(n_candidates / self.significance):
             return None
-        # a guard that remembers concerns the few rows inside its band
-        if shown and not best.fit.terms[-1].effect.remembers and gain < _WORTH * len(self.rows):
+        if shown and not self._is_worth_it(current, best, gain):
             return None
         if finding.p_value > self.significance or best.price >= current.price:
             return None
         return Round(finding, best, n_candidates)
+
+    def _is_worth_it(self, current: Structure, best: Structure, gain: float) -> bool:
+        """False for a gain that is real and small: every record has some of these.
+
+        It must lower the error, and explain a share of what the declared model left over; one
+        more mode, which can bend to anything, a larger one. A guard that remembers concerns the
+        few rows inside its band.
+        """
+        effect = best.fit.terms[-1].effect
+        if effect.remembers:
+            return True
+        before, after = (self.squared_errors(one.fit) for one in (current, best))
+        explained = np.max((before - after) / self.squared_errors(self.declared))
+        needed = _SHARE_OF_A_MODE if effect.n_more_modes else _SHARE
+        return gain >= _WORTH * len(self.rows) and bool(explained >= needed)
 
     def _preferred(self, options: list[Structure]) -> tuple[Structure, list[PlacedEffect]]:
         """The cheapest structure; of those as cheap, the simplest explanation, and the others."""

@@ -24,6 +24,7 @@ from swsysid._search.trials import Bench, PlacedEffect, Trial
 __all__ = ["TIE", "Finding", "Structure", "Workshop", "distinct", "exchanged"]
 
 _REFINED = 16  # trials whose nonlinear parameters are refined, besides the best of every kind
+_GROSS = 6.0  # robust standard deviations
 TIE = 3.0  # nats within which structures are as good as each other
 
 
@@ -106,6 +107,14 @@ class Workshop:
         if modes is not None and modes.max() >= most:
             modes = None  # modes of a structure that had more of them
         return self.priced(self._fit(terms, modes, rounds))
+
+    def squared_errors(self, fit: JointFit) -> Array:
+        """Mean squares of what a fit leaves over in each state, gross errors cut off."""
+        modes = fit.predict_modes(self.records)
+        modes[self.rows] = fit.modes
+        errors = self.targets - fit.predict(self.records, modes)[self.rows]
+        size = np.maximum(1.4826 * np.median(np.abs(errors), axis=0), exact_below(self.targets))
+        return np.mean(np.minimum(np.abs(errors), _GROSS * size) ** 2, axis=0)
 
     def structural_p_value(self, before: Structure, after: Structure) -> float:
         """Of so large a gain in each block of rows by chance, for effects without columns."""

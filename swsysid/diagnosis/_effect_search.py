@@ -184,12 +184,13 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             rows=rows,
             targets=targets[rows],
             folds=self._folds(records.take(rows), targets[rows], rng),
+            declared=declared,
             max_effects=self.max_effects,
             significance=self.significance,
             n_jobs=self.n_jobs,
             verbose=self.verbose,
         )
-        structure, rounds = search.run(declared)
+        structure, rounds = search.run()
         ladder = Ladder.of(search, declared, structure, targets, split)
         everything = np.arange(len(records))
         modes = structure.fit.predict_modes(records)
