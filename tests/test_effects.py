@@ -5,6 +5,7 @@ import pytest
 from sklearn.base import clone
 
 from swsysid._records import make_records
+from swsysid._search.robust import influence
 from swsysid.effects import (
     AsymmetricFriction,
     Backlash,
@@ -147,3 +148,18 @@ def test_exchangeable_rows_have_no_memory_and_say_so():
 def test_bad_records_are_refused_in_a_sentence(options, message):
     with pytest.raises(ValueError, match=message):
         records(COLUMN, **options)
+
+
+def test_influence_of_a_students_error_has_its_own_slope():
+    errors = np.array([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 3.0])
+    scale = 1.4826 * 1.0  # the median of the sizes is one
+    weight, slope = influence(errors)
+    squares = (errors / scale) ** 2
+    np.testing.assert_allclose(weight, 5.0 / (4.0 + squares), rtol=1e-14)
+    step = 1e-6
+
+    def pulled(values):
+        return 5.0 / (4.0 + (values / scale) ** 2) * values
+
+    numeric = (pulled(errors + step) - pulled(errors - step)) / (2.0 * step)
+    np.testing.assert_allclose(slope, numeric, atol=1e-8)

@@ -9,6 +9,7 @@ from swsysid._results import Array
 
 __all__ = [
     "exact_below",
+    "influence",
     "negative_log_likelihood",
     "robust_regression",
     "robust_weights",
@@ -41,6 +42,14 @@ def robust_weights(residuals: Array, floor: Array | float = _SMALLEST) -> Array:
     smallest = 1e-12 * np.abs(residuals).max(axis=0, initial=0.0)
     squares = np.mean((residuals / np.maximum(np.maximum(scale, smallest), floor)) ** 2, axis=1)
     return (_FREEDOM + 1.0) / (_FREEDOM + squares)
+
+
+def influence(errors: Array) -> tuple[Array, Array]:
+    """Weights w of a Student-t regression of one state, and the derivative of w e."""
+    scale = max(1.4826 * float(np.median(np.abs(errors))), _SMALLEST)
+    squares = (errors / scale) ** 2
+    weight = (_FREEDOM + 1.0) / (_FREEDOM + squares)
+    return weight, weight * (_FREEDOM - squares) / (_FREEDOM + squares)
 
 
 def robust_regression(design: Array, target: Array, robust: bool = True) -> Array:
