@@ -12,7 +12,9 @@ from swsysid.effects._base import Effect, Parameter, Place
 
 __all__ = ["Drift", "PeriodicForcing"]
 
-_MOST_FREQUENCIES = 1500
+_MOST_FREQUENCIES = 4000
+_PER_PEAK = 2.5  # frequencies scanned in the width of a peak, one over the duration
+_FASTEST = 0.25  # of the sampling rate
 
 
 class Drift(Effect):
@@ -45,11 +47,11 @@ class PeriodicForcing(Effect):
         return ["time"]
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        """Frequencies from one period in the record to half the sampling rate."""
+        """Frequencies from one period in a trajectory to a quarter of the sampling rate."""
         assert records.t is not None
         duration = float(np.ptp(records.t)) or 1.0
-        fastest = 0.5 / records.step
-        count = int(np.clip(3 * fastest * duration, 2, _MOST_FREQUENCIES))
+        fastest = _FASTEST / records.step
+        count = int(np.clip(_PER_PEAK * fastest * duration, 2, _MOST_FREQUENCIES))
         longest = float(max(np.ptp(records.t[rows]) for rows in records.trajectories)) or 1.0
         return (Parameter("frequency", np.linspace(0.7 / longest, fastest, count), "1/{time}"),)
 
