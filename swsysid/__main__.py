@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -93,7 +94,14 @@ def _parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add = parser.add_argument
+    _add_recording(parser.add_argument)
+    _add_model(parser.add_argument)
+    _add_diagnosis(parser.add_argument)
+    return parser
+
+
+def _add_recording(add: Callable) -> None:
+    """What was measured, and how velocities are made of it."""
     add("file", nargs="?", help="recording: .csv with a header, .npz or .mat (none: an example)")
     add("--states", nargs="+", default=[], metavar="NAME", help="columns of the measured states")
     add("--inputs", nargs="+", default=[], metavar="NAME", help="columns of the inputs")
@@ -106,7 +114,6 @@ def _parser() -> argparse.ArgumentParser:
         help="columns of measured derivatives, one for each state; else they are computed",
     )
     add("--groups", metavar="NAME", help="column that names the trajectory of each row")
-    add("--modes", default="2", help='number of modes, or "auto" (default: 2)')
     add(
         "--order",
         type=int,
@@ -114,6 +121,21 @@ def _parser() -> argparse.ArgumentParser:
         default=1,
         help="2: the states are positions and their second derivatives obey the law",
     )
+    add("--units", nargs="+", default=[], metavar="NAME=UNIT", help="such as q=m,force=N")
+    add(
+        "--method",
+        choices=("savitzky_golay", "butterworth", "finite_difference"),
+        default="savitzky_golay",
+        help="of differentiation (default: savitzky_golay)",
+    )
+    add("--window", type=int, help="samples of the savitzky_golay window (default: from noise)")
+    add("--cutoff", type=float, help="of the butterworth filter, in Hz (default: from noise)")
+    add("--decimate", type=int, metavar="K", help="keep every K-th row (default: about 5000 rows)")
+
+
+def _add_model(add: Callable) -> None:
+    """The law that is looked for, how, and where the answer goes."""
+    add("--modes", default="2", help='number of modes, or "auto" (default: 2)')
     add(
         "--library",
         choices=LIBRARIES,
@@ -134,18 +156,14 @@ def _parser() -> argparse.ArgumentParser:
         default="auto",
         help="with --order 2: may the law depend on the position? auto asks the data",
     )
-    add("--units", nargs="+", default=[], metavar="NAME=UNIT", help="such as q=m,force=N")
-    add(
-        "--method",
-        choices=("savitzky_golay", "butterworth", "finite_difference"),
-        default="savitzky_golay",
-        help="of differentiation (default: savitzky_golay)",
-    )
-    add("--window", type=int, help="samples of the savitzky_golay window (default: from noise)")
-    add("--cutoff", type=float, help="of the butterworth filter, in Hz (default: from noise)")
-    add("--decimate", type=int, metavar="K", help="keep every K-th row (default: about 5000 rows)")
     add("--test-fraction", type=float, default=0.3, help="held out for the error (default: 0.3)")
     add("--output", type=Path, default=Path("swsysid_output"), metavar="DIR", help="folder to fill")
+    add("--random-state", type=int, default=0, metavar="SEED", help="(default: 0)")
+    add("--jobs", type=int, metavar="N", help="starts searched in parallel")
+
+
+def _add_diagnosis(add: Callable) -> None:
+    """The search for what the model lacks."""
     add("--diagnose", action="store_true", help="search for effects that the model lacks")
     add(
         "--html",
@@ -167,9 +185,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar="KIND",
         help="with --diagnose: look for these only, such as coulomb_friction,backlash",
     )
-    add("--random-state", type=int, default=0, metavar="SEED", help="(default: 0)")
-    add("--jobs", type=int, metavar="N", help="starts searched in parallel")
-    return parser
 
 
 def _diagnosis(arguments: argparse.Namespace) -> tuple[list[Effect], Path | None]:

@@ -120,7 +120,7 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         )
 
     def equations(self, precision=3, format="text"):
-        """The law of every mode, and the effects' terms."""
+        """The law of every mode; the effects' terms are in `effects_` and `effect_coef_`."""
         check_is_fitted(self, "estimator_")
         return switching_step(self.estimator_)[1].equations(precision, format)
 

@@ -52,8 +52,10 @@ def bench_of(
         weight=_weight(fit, whole, rows, targets),
         folds=folds,
     )
+    # a corrected record is gone after the bench, and so are its columns
+    kept = kept if kept is not None and records is whole else {}
     taken = {(term.target, term.replaced) for term in others if term.replaced is not None}
-    return Bench(records, rows, regression, linear, fit, {} if kept is None else kept, taken)
+    return Bench(records, rows, regression, linear, fit, kept, taken)
 
 
 def _weight(fit: JointFit, records: Records, rows: NDArray[np.intp], targets: Array) -> Array:

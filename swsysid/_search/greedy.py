@@ -23,6 +23,7 @@ __all__ = ["Round", "Search"]
 
 _RESTARTS = 10  # kinds with which the modes are sought anew
 _SWAPS = 3
+_HOPEFUL = 0.5  # p-value up to which a candidate is fitted together with the modes
 _SAME_MODES = 0.995
 _SHARE, _SHARE_OF_A_MODE = 0.01, 0.1  # of the squares that the declared model leaves over
 _WORTH = 0.05  # nats a row, which is a held-out error smaller by five per cent
@@ -81,7 +82,7 @@ class Search(Workshop):
         n_candidates += len(options)
         if top:
             finding = self.chosen(bench, top, n_candidates)
-            if self._hopeful(finding, current):
+            if finding.p_value <= _HOPEFUL:
                 options += self._with_modes(current, finding.candidate, top)
         if not options:
             return None
@@ -134,10 +135,6 @@ class Search(Workshop):
             key=lambda option: option.price,
         )
         return best, [tie.fit.terms[-1] for tie in ties]
-
-    def _hopeful(self, finding: Finding, current: Structure) -> bool:
-        """True if the modes should be sought anew with candidates inside."""
-        return finding.p_value <= 0.5
 
     def _with_modes(self, current: Structure, first: PlacedEffect, top) -> list[Structure]:
         """The best candidate with the present modes, and others with modes sought anew."""
@@ -208,7 +205,7 @@ class Search(Workshop):
 
     def _questioned(self, best: Structure, place: int, top, bench) -> tuple[Structure, bool]:
         """A term without columns with its parameters found anew, or columns in its place."""
-        best = self._reproposed(best, place)
+        best = self._reproposed(best, place, bench)
         if not top or not best.fit.terms[place].effect.shows_in_velocities:
             return best, False
         candidate = self.chosen(bench, top, len(top)).candidate
@@ -216,9 +213,9 @@ class Search(Workshop):
         tried = self.with_modes_anew(self.structure(terms, best.fit.modes))
         return (tried, True) if tried.price < best.price - TIE else (best, False)
 
-    def _reproposed(self, best: Structure, place: int) -> Structure:
+    def _reproposed(self, best: Structure, place: int, bench: Bench) -> Structure:
         """The structure with the parameters of a term without columns found anew."""
-        term, bench = best.fit.terms[place], self.bench(best.fit, without=place)
+        term = best.fit.terms[place]
         if not (term.effect.shows_in_velocities and term.theta) or term.effect.remembers:
             return best
         for candidate in term.effect.proposals(bench):

@@ -83,11 +83,6 @@ class JointFit:
         transform, switching = switching_step(self.estimator)
         return switching.predict_mode_proba(transform(corrected(self.terms, records).X))
 
-    def surface_values(self, records: Records) -> Array:
-        """Values of the surfaces, (n_samples, n_surfaces)."""
-        transform, switching = switching_step(self.estimator)
-        return switching.surface_.surface_values(transform(corrected(self.terms, records).X))
-
     def mode_velocities(self, records: Records) -> Array:
         """Velocity in every mode, effects included, (n_modes, n_samples, n_states)."""
         seen = corrected(self.terms, records)
@@ -197,16 +192,12 @@ def _settled(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> JointFi
 
 def modes_with_columns(estimator: Any, columns: Array, records: Records, targets: Array) -> Modes:
     """Modes of an identification whose library has the effects' columns as well."""
-    transform, switching = switching_step(estimator)
-    if hasattr(estimator, "steps"):
-        transform = clone(estimator[:-1]).fit(records.X).transform
-    X = transform(records.X)
+    switching = switching_step(estimator)[1]
+    X, feature_map = _library(estimator, records.X)
     groups = np.zeros(len(X), np.intp) if records.groups is None else records.groups
     rows = canonical_rows(np.column_stack([X, columns]), targets, groups)
     extended, *rest = rows.arrays
     plain = CanonicalRows((extended[:, : X.shape[1]], *rest), rows.weight, rows.inverse)
-    names = [f"x{column}" for column in range(X.shape[1])]
-    feature_map = FeatureMap(switching.feature_library, X, names)
     problem = build_problem(switching, plain, feature_map)
     problem = replace(
         problem, features=np.column_stack([problem.features, extended[:, X.shape[1] :]])
@@ -215,6 +206,14 @@ def modes_with_columns(estimator: Any, columns: Array, records: Records, targets
         problem, build_search(switching, plain), check_random_state(switching.random_state)
     )
     return rows.restore(found.best.modes)
+
+
+def _library(estimator: Any, X: Array) -> tuple[Array, FeatureMap]:
+    """What the switching regressor of an estimator not fitted would see, and its library."""
+    if len(getattr(estimator, "steps", ())) > 1:
+        X = clone(estimator[:-1]).fit(X).transform(X)
+    names = [f"x{column}" for column in range(X.shape[1])]
+    return X, FeatureMap(switching_step(estimator)[1].feature_library, X, names)
 
 
 def corrected(terms: Sequence[PlacedEffect], records: Records) -> Records:
@@ -245,12 +244,9 @@ def _modes_of(fitted: Any) -> Modes:
 
 def _effect_coefficients(estimator, terms, columns, records, targets, modes) -> list[Array]:
     """Robust least squares of the library in each mode and of the effects, state by state."""
-    transform, switching = switching_step(estimator)
-    if hasattr(estimator, "steps"):
-        transform = clone(estimator[:-1]).fit(records.X).transform
-    X = transform(records.X)
-    names = [f"x{column}" for column in range(X.shape[1])]
-    features = FeatureMap(switching.feature_library, X, names)(X)
+    switching = switching_step(estimator)[1]
+    X, feature_map = _library(estimator, records.X)
+    features = feature_map(X)
     blocks = np.column_stack([features * (modes == mode)[:, None] for mode in np.unique(modes)])
     coef: list[Array] = [np.zeros(0) for _ in columns]
     n_modes = int(modes.max()) + 1

@@ -40,6 +40,8 @@ class Structure:
     n_parameters : int
         Beyond the declared model's.
     n_rows : int
+    rows : ndarray of shape (n_rows,) or None
+        Cost of each row.
     """
 
     fit: JointFit
@@ -165,14 +167,9 @@ class Workshop:
 
     def chosen(self, bench: Bench, top: list[Trial], n_candidates: int) -> Finding:
         """The trial with the fewest parameters within one standard error of the best."""
-        gains = _gains(bench, top)
-        behind = gains[0] - gains
-        error = behind.std(axis=1) * np.sqrt(behind.shape[1])
-        level = [place for place in range(len(top)) if behind[place].sum() <= error[place]]
-        best = min(
-            level, key=lambda place: (top[place].candidate.n_parameters, behind[place].sum())
-        )
-        rivals = tuple(top[place].candidate for place in level if place != best)
+        behind = _level_with(bench, top[0], top)
+        best = min(behind, key=lambda place: (top[place].candidate.n_parameters, behind[place]))
+        rivals = tuple(top[place].candidate for place in behind if place != best)
         p_value = min(1.0, n_candidates * bench.p_value(top[best]))
         return Finding(top[best], top[best].candidate, p_value, rivals)
 
@@ -199,14 +196,7 @@ class Workshop:
         own = [trial for trial in top if trial.candidate.signature == term.signature]
         if not own:
             return Finding(None, term, 1.0, known)
-        gains = _gains(bench, [own[0], *top])
-        behind = gains[0] - gains[1:]
-        error = behind.std(axis=1) * np.sqrt(behind.shape[1])
-        level = [
-            trial.candidate
-            for trial, lost, one in zip(top, behind.sum(axis=1), error, strict=True)
-            if lost <= one
-        ]
+        level = [top[place].candidate for place in _level_with(bench, own[0], top)]
         p_value = min(1.0, n_candidates * bench.p_value(own[0]))
         return Finding(own[0], term, p_value, distinct(term, level, known))
 
@@ -251,6 +241,17 @@ def distinct(found: PlacedEffect, *lists) -> tuple[PlacedEffect, ...]:
 
 def exchanged(terms, place: int, *candidates: PlacedEffect) -> tuple[PlacedEffect, ...]:
     return (*terms[:place], *candidates, *terms[place + 1 :])
+
+
+def _level_with(bench: Bench, best: Trial, trials: list[Trial]) -> dict[int, float]:
+    """Places of the trials within one standard error of one of them, and how far behind."""
+    gains = _gains(bench, [best, *trials])
+    behind = gains[0] - gains[1:]
+    error = behind.std(axis=1) * np.sqrt(behind.shape[1])
+    lost = behind.sum(axis=1)
+    return {
+        place: float(lost[place]) for place in range(len(trials)) if lost[place] <= error[place]
+    }
 
 
 def _gains(bench: Bench, trials: list[Trial]) -> Array:

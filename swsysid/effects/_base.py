@@ -167,7 +167,8 @@ class Effect(BaseEstimator):
 
     def trials(self, bench: Bench) -> Iterator[Trial]:
         """What the effect's columns could explain, at each of its places."""
-        yield from scan(bench, self, self.places(bench.records))
+        if self.terms:
+            yield from scan(bench, self, self.places(bench.records))
 
     def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
         """Candidates that are more than columns and have to be fitted to be judged."""

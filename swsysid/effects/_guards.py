@@ -32,10 +32,9 @@ _SAME_CROSSING = 0.7  # share of the jumps
 
 
 class _Structural(Effect):
-    terms = ()
+    """An effect without columns."""
 
-    def trials(self, bench: Bench) -> Iterator:
-        return iter(())
+    terms = ()
 
 
 class ExtraMode(_Structural):

@@ -5,6 +5,8 @@ Before the first sample of a trajectory every channel is taken to have had its f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.signal import lfilter
 
@@ -17,13 +19,34 @@ __all__ = ["Backlash", "Delay", "Lag", "play"]
 _LONGEST = 40  # samples
 
 
-def _shortest_trajectory(records: Records) -> float:
+def _usual_duration(records: Records) -> float:
     """Duration of a usual trajectory in the unit of time."""
     assert records.t is not None
     return float(np.median([np.ptp(records.t[rows]) for rows in records.trajectories]))
 
 
-class Delay(Effect):
+class _Remembering(Effect):
+    """``gain * w`` where w is the response of an input, trajectory by trajectory."""
+
+    terms = ("gain",)
+    needs = frozenset({"order"})
+    role = "either"
+
+    def places(self, records: Records) -> Sequence[int]:
+        return records.inputs
+
+    def response(self, t: Array, values: Array, *theta: float) -> Array:
+        """Response w along one trajectory."""
+        raise NotImplementedError
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        def respond(t, values):
+            return self.response(t, values, *theta)
+
+        return records.along(respond, records.channel(place))[:, None]
+
+
+class Delay(_Remembering):
     """``gain * u(t - delay)`` in the place of ``gain * u(t)``.
 
     Parameters
@@ -35,9 +58,6 @@ class Delay(Effect):
 
     kind = "delay"
     meaning = "{channel} acts on {target} after a delay"
-    terms = ("gain",)
-    needs = frozenset({"order"})
-    role = "either"
 
     def __init__(self, states: bool = False):
         self.states = states
@@ -50,15 +70,12 @@ class Delay(Effect):
         return "either" if place in records.inputs else "instead"
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        longest = min(_LONGEST * records.step, 0.25 * _shortest_trajectory(records))
+        longest = min(_LONGEST * records.step, 0.25 * _usual_duration(records))
         count = max(int(2 * longest / records.step), 2)
         return (Parameter("delay", np.linspace(0.5 * records.step, longest, count), "{time}"),)
 
-    def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        def late(t, values):
-            return np.interp(t - theta[0], t, values)
-
-        return records.along(late, records.channel(place))[:, None]
+    def response(self, t: Array, values: Array, *theta: float) -> Array:
+        return np.interp(t - theta[0], t, values)
 
     def instants(self, t: Array, *theta: float) -> Array:
         return t + theta[0]
@@ -69,51 +86,33 @@ class Delay(Effect):
         return records.take(np.arange(max(first, 0), len(records)))
 
 
-class Lag(Effect):
+class Lag(_Remembering):
     """``gain * w`` with ``time_constant * w' = u - w``, in the place of ``gain * u``."""
 
     kind = "lag"
     meaning = "{channel} acts on {target} through a first-order lag (actuator, hidden state)"
-    terms = ("gain",)
-    needs = frozenset({"order"})
-    role = "either"
-
-    def places(self, records: Records) -> range:
-        return records.inputs
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        longest = max(0.5 * _shortest_trajectory(records), 4 * records.step)
+        longest = max(0.5 * _usual_duration(records), 4 * records.step)
         constants = np.geomspace(0.4 * records.step, longest, 24)
         return (Parameter("time_constant", constants, "{time}"),)
 
-    def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        def filtered(t, values):
-            return first_order(t, values, theta[0])
-
-        return records.along(filtered, records.channel(place))[:, None]
+    def response(self, t: Array, values: Array, *theta: float) -> Array:
+        return first_order(t, values, theta[0])
 
 
-class Backlash(Effect):
+class Backlash(_Remembering):
     """``gain * w`` where the input u is followed by w with a free play of `width` in all."""
 
     kind = "backlash"
     meaning = "{channel} has to cross a gap before it acts in the other direction (backlash)"
-    terms = ("gain",)
-    needs = frozenset({"order"})
-    role = "either"
-
-    def places(self, records: Records) -> range:
-        return records.inputs
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         width = spread(records.channel(place)) or 1.0
         return (Parameter("width", np.linspace(0.02, 0.8, 24) * width, "{channel}"),)
 
-    def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        def followed(t, values):
-            return play(values, 0.5 * theta[0])
-
-        return records.along(followed, records.channel(place))[:, None]
+    def response(self, t: Array, values: Array, *theta: float) -> Array:
+        return play(values, 0.5 * theta[0])
 
     def shortened(self, records: Records, place: Place, *theta: float) -> Records:
         # a play that starts where this one has ended, in the middle of its gap

@@ -26,9 +26,6 @@ class _OfASensor(Effect):
     def places(self, records: Records) -> range:
         return records.states
 
-    def trials(self, bench: Bench) -> Iterator:
-        return iter(())
-
     def is_possible(self, bench: Bench, place: int) -> bool:
         """False if the record itself contradicts the effect."""
         return True
