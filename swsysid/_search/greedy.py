@@ -84,26 +84,49 @@ class Search(Workshop):
             finding = self.chosen(bench, top, n_candidates)
             if finding.p_value <= _HOPEFUL:
                 options += self._with_modes(current, finding.candidate, top)
-        if not options:
-            return None
-        best, ties = self._preferred(options)
+        options = [option for option in options if option.cost < current.cost]
+        while options:
+            best, ties = self._preferred(options)
+            found = self._accepted(current, best, ties, n_candidates)
+            if found is not None:
+                return found
+            # what looked best does not bear being questioned: perhaps another kind does
+            kind = best.fit.terms[-1].effect.kind
+            options = [
+                option
+                for option in options
+                if option.fit.terms[-1].effect.kind != kind
+                and self._is_promising(current, option, n_candidates)
+            ]
+        return None
+
+    def _accepted(
+        self, current: Structure, best: Structure, ties: list[PlacedEffect], n_candidates: int
+    ) -> Round | None:
+        """An addition whose effect and modes agree and that is significant, or None."""
         best = self.with_modes_anew(best)
         best, finding = self._agreed(best, len(current.fit.terms))
         finding = replace(finding, rivals=distinct(finding.candidate, finding.rivals, ties))
-        gain = current.cost - best.cost
-        shown = best.fit.terms[-1].effect.shows_in_velocities
         if finding.trial is None:
             # few of the candidates are structures; a ratio of held-out likelihoods is an e-value
-            p_value = self.structural_p_value(current, best) if shown else np.exp(-max(gain, 0.0))
+            shown = best.fit.terms[-1].effect.shows_in_velocities
+            won = max(current.cost - best.cost, 0.0)
+            p_value = self.structural_p_value(current, best) if shown else np.exp(-won)
             n_tried = self.n_structural if shown else n_candidates
             finding = replace(finding, p_value=min(1.0, n_tried * p_value))
-        if gain < np.log(n_candidates / self.significance):
+        if finding.p_value > self.significance:
             return None
-        if shown and not self._is_worth_it(current, best, gain):
-            return None
-        if finding.p_value > self.significance or best.price >= current.price:
+        if not self._is_promising(current, best, n_candidates):
             return None
         return Round(finding, best, n_candidates)
+
+    def _is_promising(self, current: Structure, best: Structure, n_candidates: int) -> bool:
+        """True for a gain that chance over all candidates would not give, and worth its terms."""
+        gain = current.cost - best.cost
+        if gain < np.log(n_candidates / self.significance) or best.price >= current.price:
+            return False
+        shown = best.fit.terms[-1].effect.shows_in_velocities
+        return not shown or self._is_worth_it(current, best, gain)
 
     def _is_worth_it(self, current: Structure, best: Structure, gain: float) -> bool:
         """False for a gain that is real and small: every record has some of these.
@@ -206,8 +229,9 @@ class Search(Workshop):
     def _questioned(self, best: Structure, place: int, top, bench) -> tuple[Structure, bool]:
         """A term without columns with its parameters found anew, or columns in its place."""
         best = self._reproposed(best, place, bench)
-        if not top or not best.fit.terms[place].effect.shows_in_velocities:
-            return best, False
+        effect = best.fit.terms[place].effect
+        if not top or effect.remembers or not effect.shows_in_velocities:
+            return best, False  # the cycle of a guard that remembers looks like a forcing
         candidate = self.chosen(bench, top, len(top)).candidate
         terms = exchanged(best.fit.terms, place, candidate)
         tried = self.with_modes_anew(self.structure(terms, best.fit.modes))

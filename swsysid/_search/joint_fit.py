@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,16 +166,21 @@ def fit_jointly(
     if modes is None:
         modes = modes_with_columns(estimator, np.column_stack(columns), seen, targets)
         modes = modes if like is None else _matching(modes, like)[modes]
+    features = _library_values(estimator, seen)
+    robust = switching_step(estimator)[1].loss != "squared"
     for _ in range(rounds):
-        coef = _effect_coefficients(estimator, terms, columns, seen, targets, modes)
+        coef = _effect_coefficients(features, robust, terms, columns, targets, modes)
+        lent = _lent(terms, coef, features, seen, int(modes.max()) + 1)
         added = _added(terms, columns, coef, modes, targets.shape)
-        fitted = _fitted(estimator, seen, targets - added, modes)
+        known = added - _lent_values(lent, features, modes, targets.shape)
+        fitted = _fitted(estimator, seen, targets - known, modes)
         order = _matching(modes, _modes_of(fitted))
+        _give_back(lent, fitted, order)
         terms = tuple(_renamed(term, order) for term in terms)
         before, modes = order[modes], _modes_of(fitted)
         if np.mean(before != modes) <= _SETTLED:
             break
-    coef = _effect_coefficients(estimator, terms, columns, seen, targets, modes)
+    coef = _effect_coefficients(features, robust, terms, columns, targets, modes)
     return _settled(JointFit(fitted, terms, tuple(coef), modes), whole, rows)
 
 
@@ -206,6 +211,12 @@ def modes_with_columns(estimator: Any, columns: Array, records: Records, targets
         problem, build_search(switching, plain), check_random_state(switching.random_state)
     )
     return rows.restore(found.best.modes)
+
+
+def _library_values(estimator: Any, records: Records) -> Array:
+    """Library of an estimator not fitted, (n_samples, n_features_out)."""
+    X, feature_map = _library(estimator, records.X)
+    return feature_map(X)
 
 
 def _library(estimator: Any, X: Array) -> tuple[Array, FeatureMap]:
@@ -242,11 +253,8 @@ def _modes_of(fitted: Any) -> Modes:
     return switching_step(fitted)[1].modes_
 
 
-def _effect_coefficients(estimator, terms, columns, records, targets, modes) -> list[Array]:
+def _effect_coefficients(features, robust, terms, columns, targets, modes) -> list[Array]:
     """Robust least squares of the library in each mode and of the effects, state by state."""
-    switching = switching_step(estimator)[1]
-    X, feature_map = _library(estimator, records.X)
-    features = feature_map(X)
     blocks = np.column_stack([features * (modes == mode)[:, None] for mode in np.unique(modes)])
     coef: list[Array] = [np.zeros(0) for _ in columns]
     n_modes = int(modes.max()) + 1
@@ -255,7 +263,6 @@ def _effect_coefficients(estimator, terms, columns, records, targets, modes) -> 
         if not acting:
             continue
         parts = [terms[place].design(columns[place], modes, n_modes) for place in acting]
-        robust = switching.loss != "squared"
         solved = robust_regression(np.column_stack([blocks, *parts]), targets[:, target], robust)
         start = blocks.shape[1]
         for place, part in zip(acting, parts, strict=True):
@@ -269,6 +276,46 @@ def _added(terms, columns, coef, modes, shape) -> Array:
     for term, part, values in zip(terms, columns, coef, strict=True):
         added[:, term.target] += term.design(part, modes, n_modes) @ values
     return added
+
+
+class _Lent(NamedTuple):
+    """Gains of one feature, by mode, that the columns of an effect in its place lend to it.
+
+    Modes that differ in the gain of this feature alone could not be told apart without it.
+    """
+
+    target: int
+    feature: int
+    gains: Array
+
+
+def _lent(terms, coef, features: Array, records: Records, n_modes: int) -> list[_Lent]:
+    """What every effect in the place of a feature lends, in the feature's own unit."""
+    lent = []
+    for term, values in zip(terms, coef, strict=True):
+        if term.replaced is not None:
+            column = features[:, term.replaced]
+            channel = records.channel(int(term.place))
+            unit = float(column @ channel) / max(float(column @ column), 1e-300)
+            gains = values.reshape(n_modes, -1).sum(axis=1)
+            lent.append(_Lent(term.target, term.replaced, unit * gains))
+    return lent
+
+
+def _lent_values(lent: list[_Lent], features: Array, modes: Modes, shape) -> Array:
+    values = np.zeros(shape)
+    for one in lent:
+        values[:, one.target] += one.gains[modes] * features[:, one.feature]
+    return values
+
+
+def _give_back(lent: list[_Lent], fitted: Any, order: Modes) -> None:
+    """Take what was lent out of the fitted laws, whose modes may have new numbers."""
+    laws = switching_step(fitted)[1].coef_
+    for one in lent:
+        for mode, gain in enumerate(one.gains):
+            if order[mode] < len(laws):
+                laws[order[mode], one.target, one.feature] -= gain
 
 
 def _matching(before: Modes, after: Modes) -> Modes:

@@ -14,11 +14,16 @@ _N_LEVELS = 24
 _NARROW = 0.03
 
 
-def _widths(records: Records, place: Place) -> Array:
-    """Thresholds that the channel passes, on both sides if it has two."""
+def _sides(records: Records, place: Place) -> list[Array]:
+    """Sizes of a channel above and below zero, a side that it hardly visits left out."""
     values = records.channel(place)
     sides = [values[values > 0], -values[values < 0]]
-    used = [side for side in sides if len(side) >= 0.05 * len(values)]
+    return [side for side in sides if len(side) >= 0.05 * len(values)]
+
+
+def _widths(records: Records, place: Place) -> Array:
+    """Thresholds that the channel passes, on both sides if it has two."""
+    values, used = records.channel(place), _sides(records, place)
     if not used:
         return np.empty(0)
     highest = min(np.quantile(side, 0.95) for side in used)
@@ -32,7 +37,15 @@ class _TwoSided(Effect):
         return (Parameter("threshold", _widths(records, place), "{channel}"),)
 
 
-class DeadZone(_TwoSided):
+class _AboutZero(_TwoSided):
+    """Of a state with one sign (a level, a temperature) zero is no middle: that is `Overflow`."""
+
+    def places(self, records: Records) -> list[int]:
+        two_sided = [state for state in records.states if len(_sides(records, state)) == 2]
+        return [*two_sided, *records.inputs]
+
+
+class DeadZone(_AboutZero):
     """``gain * (u - clip(u, -threshold, threshold))`` in the place of ``gain * u``."""
 
     kind = "dead_zone"
@@ -57,7 +70,7 @@ class Saturation(_TwoSided):
         return np.clip(records.channel(place), -theta[0], theta[0])[:, None]
 
 
-class GainChange(_TwoSided):
+class GainChange(_AboutZero):
     """``change * (u - clip(u, -threshold, threshold))`` beside a linear term of its own."""
 
     kind = "gain_change"

@@ -23,7 +23,7 @@ __all__ = ["ExtraMode", "GuardHysteresis", "Reset", "remembered"]
 Modes = NDArray[np.intp]
 
 _N_THRESHOLDS = 32
-_TERM = 0.0005  # agreement that one more term must win
+_TERM = (0.0005, 0.02)  # least and most agreement that one more term must win
 _REFINEMENTS = 5
 _SLIGHT = 0.1  # of the largest term
 _BAND = 0.002  # agreement that a band must win
@@ -104,12 +104,15 @@ class GuardHysteresis(_Structural):
         """Guard and thresholds that agree best with the modes of the data."""
         known = np.full(len(records), -1)
         known[rows] = modes
-        options = []
+        alone = [Guard(((state,),), (sign,), 1) for state in records.states for sign in (1.0, -1.0)]
+        options = [_with_thresholds(guard, records, rows, modes) for guard in alone]
         for degree, turns in product((1, 2), (False, True)):
             guard = _guard_with_memory(records, known, _all_terms(records, degree), turns)
             few = guard and _guard_with_memory(records, known, _main_terms(guard, records), turns)
             options += [_with_thresholds(one, records, rows, modes) for one in (guard, few) if one]
-        return max(options, key=lambda option: option[0])[1:] if options else None
+        missed = 1.0 - max(agreement for agreement, _, _ in options)
+        price = float(np.clip(missed, *_TERM))  # as much as the best of them leaves over
+        return max(options, key=lambda option: option[0] - price * len(option[1].terms))[1:]
 
     def theta_names(self, records: Records, place: Any) -> tuple[str, ...]:
         """Where the guard switches on the way down and on the way up."""
@@ -166,7 +169,7 @@ def _main_terms(guard: Guard, records: Records) -> tuple[tuple[int, ...], ...]:
 def _with_thresholds(
     guard: Guard, records: Records, rows: NDArray[np.intp], modes: Modes
 ) -> tuple[float, Guard, tuple[float, float]]:
-    """The band of a guard that agrees best with the modes, and how well, less its terms' price."""
+    """How well the best band of a guard agrees with the modes, the guard, and the band."""
     values = guard(records.X)
     levels = np.unique(np.quantile(values[rows], np.linspace(0.02, 0.98, _N_THRESHOLDS)))
 
@@ -180,7 +183,7 @@ def _with_thresholds(
         near = product(*((edge - step, edge, edge + step) for edge in band))
         band = max((pair for pair in near if pair[0] <= pair[1]), key=agreement)
         step *= 0.5
-    return agreement(band) - _TERM * len(guard.terms), guard, (float(band[0]), float(band[1]))
+    return agreement(band), guard, (float(band[0]), float(band[1]))
 
 
 def _guard_with_memory(

@@ -15,6 +15,7 @@ __all__ = ["Drift", "PeriodicForcing"]
 _MOST_FREQUENCIES = 4000
 _PER_PEAK = 2.5  # frequencies scanned in the width of a peak, one over the duration
 _FASTEST = 0.25  # of the sampling rate
+_FEWEST_PERIODS = 5.0  # of all trajectories together: fewer are a drift or a slow feedback
 
 
 class Drift(Effect):
@@ -47,13 +48,16 @@ class PeriodicForcing(Effect):
         return ["time"]
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        """Frequencies from one period in a trajectory to a quarter of the sampling rate."""
+        """Frequencies from one period in a trajectory, five in all, to a quarter of the rate."""
         assert records.t is not None
         duration = float(np.ptp(records.t)) or 1.0
         fastest = _FASTEST / records.step
         count = int(np.clip(_PER_PEAK * fastest * duration, 2, _MOST_FREQUENCIES))
-        longest = float(max(np.ptp(records.t[rows]) for rows in records.trajectories)) or 1.0
-        return (Parameter("frequency", np.linspace(0.7 / longest, fastest, count), "1/{time}"),)
+        lengths = [float(np.ptp(records.t[rows])) for rows in records.trajectories]
+        slowest = max(0.7 / (max(lengths) or 1.0), _FEWEST_PERIODS / (sum(lengths) or 1.0))
+        if slowest >= fastest:
+            return (Parameter("frequency", np.empty(0), "1/{time}"),)
+        return (Parameter("frequency", np.linspace(slowest, fastest, count), "1/{time}"),)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         assert records.t is not None
