@@ -106,6 +106,7 @@ class Search(Workshop):
         """An addition whose effect and modes agree and that is significant, or None."""
         best = self.with_modes_anew(best)
         best, finding = self._agreed(best, len(current.fit.terms))
+        best, finding = self._or_of_a_sensor(best, finding)
         finding = replace(finding, rivals=distinct(finding.candidate, finding.rivals, ties))
         if finding.trial is None:
             # few of the candidates are structures; a ratio of held-out likelihoods is an e-value
@@ -200,6 +201,9 @@ class Search(Workshop):
                 else:
                     start = None if candidate.theta == () else current.fit.modes
                     options.append(self.structure(terms, start))
+                    if effect.remembers:
+                        own = effect.switched(self.records, candidate.place, *candidate.theta)
+                        options.append(self.structure(terms, own[self.rows]))
         return options
 
     def _agreed(self, best: Structure, place: int) -> tuple[Structure, Finding]:
@@ -225,6 +229,22 @@ class Search(Workshop):
             if same:
                 break
         return best, finding
+
+    def _or_of_a_sensor(self, best: Structure, finding: Finding) -> tuple[Structure, Finding]:
+        """The last term or, where that is cheaper, an effect of a sensor in its place.
+
+        With wrong modes no correction of a record lets the laws fit; with those found it may.
+        """
+        place = len(best.fit.terms) - 1
+        term = best.fit.terms[place]
+        if not term.effect.terms:
+            return best, finding
+        bench = self.bench(best.fit, without=place)
+        others = list(self.without_columns(best, place, bench))
+        cheapest = min(others, key=lambda option: option.price, default=best)
+        if cheapest.price >= best.price - TIE:
+            return best, finding
+        return cheapest, Finding(None, cheapest.fit.terms[place], 0.0, (term,))
 
     def _questioned(self, best: Structure, place: int, top, bench) -> tuple[Structure, bool]:
         """A term without columns with its parameters found anew, or columns in its place."""

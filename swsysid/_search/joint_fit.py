@@ -189,9 +189,8 @@ def _settled(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> JointFi
     terms = list(fit.terms)
     for place, term in enumerate(terms):
         if term.effect.remembers:
-            found = term.effect.settled(records, rows, fit.modes)
-            if found is not None:
-                terms[place] = replace(term, place=found[0], theta=found[1])
+            guard, band = term.effect.settled(term.place, records, rows, fit.modes)
+            terms[place] = replace(term, place=guard, theta=band)
     return replace(fit, terms=tuple(terms))
 
 

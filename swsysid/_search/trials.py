@@ -51,7 +51,7 @@ class PlacedEffect:
     def n_parameters(self) -> int:
         """Parameters beyond those of the declared model."""
         own = len(self.effect.terms) - (self.replaced is not None)
-        return own + len(self.theta)
+        return own + len(self.theta) + self.effect.place_parameters(self.place)
 
     def physical(
         self, records: Records, coef: Array, theta: Array | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -202,15 +202,22 @@ class Workshop:
 
     def _structural_rivals(self, structure: Structure, place: int, bench: Bench):
         """Effects that are more than columns and as good in the place of a term."""
-        rivals = []
+        return tuple(
+            other.fit.terms[place]
+            for other in self.without_columns(structure, place, bench)
+            if other.price <= structure.price + TIE
+        )
+
+    def without_columns(
+        self, structure: Structure, place: int, bench: Bench
+    ) -> Iterator[Structure]:
+        """Structures with an effect of a sensor or clock in the place of a term."""
         for effect in self.usable:
             if effect.n_more_modes or not effect.shows_in_velocities or effect.remembers:
                 continue
             for candidate in effect.proposals(bench):
                 terms = exchanged(structure.fit.terms, place, candidate)
-                if self.structure(terms, structure.fit.modes).price <= structure.price + TIE:
-                    rivals.append(candidate)
-        return tuple(rivals)
+                yield self.structure(terms, structure.fit.modes)
 
     def spanned(self, fit: JointFit) -> tuple[str, ...]:
         """Candidates whose columns the declared library spans already on these data."""

@@ -133,9 +133,11 @@ class Effect(BaseEstimator):
         """Modes along the trajectories, for an effect that `remembers`."""
         raise NotImplementedError
 
-    def settled(self, records: Records, rows: Modes, modes: Modes) -> tuple[Place, tuple] | None:
+    def settled(
+        self, place: Place, records: Records, rows: Modes, modes: Modes
+    ) -> tuple[Place, tuple]:
         """Place and parameters of an effect that `remembers`, for modes known on some rows."""
-        return None
+        raise NotImplementedError
 
     # -- what a simulation asks ------------------------------------------------------------------
 
@@ -158,6 +160,10 @@ class Effect(BaseEstimator):
     def recorded(self, records: Records, place: Place, *theta: float) -> Records:
         """What sensors and clocks make of the true states, the inverse of `corrected`."""
         return records
+
+    def place_parameters(self, place: Place) -> int:
+        """How many numbers are fitted in the place itself."""
+        return 0
 
     def renamed(self, place: Place, order: Modes) -> Place:
         """The place where the modes were numbered anew; `order` holds the new number of each."""

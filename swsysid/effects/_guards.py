@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
 from typing import Any
 
@@ -23,7 +23,8 @@ __all__ = ["ExtraMode", "GuardHysteresis", "Reset", "remembered"]
 Modes = NDArray[np.intp]
 
 _N_THRESHOLDS = 32
-_TERM = (0.0005, 0.02)  # least and most agreement that one more term must win
+_TERM = 0.0005  # agreement that one more term must win
+_MOST_GUARDS = 3
 _REFINEMENTS = 5
 _SLIGHT = 0.1  # of the largest term
 _BAND = 0.002  # agreement that a band must win
@@ -93,26 +94,26 @@ class GuardHysteresis(_Structural):
     needs = frozenset({"order"})
 
     def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
-        """A guard with a band, if there are two modes."""
-        if bench.fit.n_modes == 2 and not any(t.effect.remembers for t in bench.fit.terms):
-            candidate = PlacedEffect(self, "guard", bench.loudest_state)
-            found = self.settled(bench.records, bench.rows, bench.regression.modes)
-            if found is not None and _has_band(bench, *found):
-                yield replace(candidate, place=found[0], theta=found[1])
+        """Guards with a band, of few monomials and of more, if there are two modes."""
+        if bench.fit.n_modes != 2 or any(term.effect.remembers for term in bench.fit.terms):
+            return
+        modes = bench.regression.modes
+        for _, guard, band in _worthwhile(_guards(bench.records, bench.rows, modes)):
+            if _has_band(bench, guard, band):
+                yield PlacedEffect(self, guard, bench.loudest_state, theta=band)
 
-    def settled(self, records: Records, rows: NDArray[np.intp], modes: Modes):
-        """Guard and thresholds that agree best with the modes of the data."""
-        known = np.full(len(records), -1)
-        known[rows] = modes
-        alone = [Guard(((state,),), (sign,), 1) for state in records.states for sign in (1.0, -1.0)]
-        options = [_with_thresholds(guard, records, rows, modes) for guard in alone]
-        for degree, turns in product((1, 2), (False, True)):
-            guard = _guard_with_memory(records, known, _all_terms(records, degree), turns)
-            few = guard and _guard_with_memory(records, known, _main_terms(guard, records), turns)
-            options += [_with_thresholds(one, records, rows, modes) for one in (guard, few) if one]
-        missed = 1.0 - max(agreement for agreement, _, _ in options)
-        price = float(np.clip(missed, *_TERM))  # as much as the best of them leaves over
-        return max(options, key=lambda option: option[0] - price * len(option[1].terms))[1:]
+    def settled(self, place: Any, records: Records, rows: NDArray[np.intp], modes: Modes):
+        """The guard and its thresholds for other modes, with the same monomials."""
+        known = _known(records, rows, modes)
+        guards = [_guard_with_memory(records, known, place.terms, turns) for turns in (False, True)]
+        options = [
+            _with_thresholds(guard, records, rows, modes) for guard in (place, *guards) if guard
+        ]
+        return max(options, key=lambda option: option[0])[1:]
+
+    def place_parameters(self, place: Any) -> int:
+        """Weights of the guard but one, which is a matter of scale."""
+        return len(place.terms) - 1
 
     def theta_names(self, records: Records, place: Any) -> tuple[str, ...]:
         """Where the guard switches on the way down and on the way up."""
@@ -134,6 +135,40 @@ class GuardHysteresis(_Structural):
             if abs(weight) > 1e-3 * max(map(abs, place.weights))
         ]
         return " ".join(parts)
+
+
+Option = tuple[float, Guard, tuple[float, float]]  # agreement with the modes, guard, band
+
+
+def _known(records: Records, rows: NDArray[np.intp], modes: Modes) -> Modes:
+    """Modes of the whole record, -1 where they are not known."""
+    known = np.full(len(records), -1)
+    known[rows] = modes
+    return known
+
+
+def _guards(records: Records, rows: NDArray[np.intp], modes: Modes) -> list[Option]:
+    """Guards that could have the modes: one state alone, and polynomials."""
+    known = _known(records, rows, modes)
+    guards = [Guard(((state,),), (sign,), 1) for state in records.states for sign in (1.0, -1.0)]
+    for degree, turns in product((1, 2), (False, True)):
+        found = _guard_with_memory(records, known, _all_terms(records, degree), turns)
+        if found is not None:
+            few = _guard_with_memory(records, known, _main_terms(found, records), turns)
+            guards += [guard for guard in (found, few) if guard is not None]
+    return [_with_thresholds(guard, records, rows, modes) for guard in guards]
+
+
+def _worthwhile(options: list[Option]) -> list[Option]:
+    """The best guards of each number of monomials, as long as more of them agree better."""
+    chosen: list[Option] = []
+    for option in sorted(options, key=lambda option: (len(option[1].terms), -option[0])):
+        if chosen:
+            more = len(option[1].terms) - len(chosen[-1][1].terms)
+            if option[0] <= chosen[-1][0] + _TERM * more:
+                continue
+        chosen.append(option)
+    return chosen[-_MOST_GUARDS:]
 
 
 def _has_band(bench: Bench, guard: Guard, theta: tuple[float, ...]) -> bool:
@@ -168,7 +203,7 @@ def _main_terms(guard: Guard, records: Records) -> tuple[tuple[int, ...], ...]:
 
 def _with_thresholds(
     guard: Guard, records: Records, rows: NDArray[np.intp], modes: Modes
-) -> tuple[float, Guard, tuple[float, float]]:
+) -> Option:
     """How well the best band of a guard agrees with the modes, the guard, and the band."""
     values = guard(records.X)
     levels = np.unique(np.quantile(values[rows], np.linspace(0.02, 0.98, _N_THRESHOLDS)))

@@ -15,6 +15,7 @@ from swsysid.effects._base import Effect, Parameter, Place, spread
 __all__ = ["ClockLag", "SensorOffset"]
 
 _WORTH_A_FIT = 5.0  # nats
+_OFFSETS = np.geomspace(0.005, 0.5, 8)  # of the range of the state
 _MISMATCH = 0.6  # of the squares of state and velocity that a late sensor leaves
 
 
@@ -59,8 +60,8 @@ class SensorOffset(_OfASensor):
     meaning = "the sensor of {channel} has an offset"
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        width = spread(records.channel(place)) or 1.0
-        return (Parameter("offset", np.linspace(-0.5, 0.5, 15) * width, "{channel}"),)
+        sizes = _OFFSETS * (spread(records.channel(place)) or 1.0)
+        return (Parameter("offset", np.concatenate([-sizes[::-1], [0.0], sizes]), "{channel}"),)
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
         X = records.X.copy()
