@@ -54,10 +54,14 @@ def _searched(name, estimator, train, test) -> Row:
     search = EffectSearchCV(estimator).fit(X, y, t=t, groups=groups)
     times = (process_time() - fitted) / (fitted - started)
     found = ", ".join(f"{e.kind} of {e.place}" for e in search.effects_) or "nothing"
-    errors = [
-        (_relative_error(model, test),)
-        for model in (search.declared_estimator_, search.best_estimator_)
-    ]
+    if test is None:
+        models = search.report_["errors"]
+        errors = [(model["held_out"][0] / np.std(y),) for model in (models[0], models[-1])]
+    else:
+        errors = [
+            (_relative_error(model, test),)
+            for model in (search.declared_estimator_, search.best_estimator_)
+        ]
     return Row(name, found, *errors, "", f"{times:.0f} fits")
 
 
@@ -140,13 +144,11 @@ def _incubator():
 
 
 def _thermostat():
+    """The whole record: its ten cycles are few enough; the search holds a quarter out itself."""
     record = fetch_incubator().thermostat
     q = differentiate(record.x, record.t, inputs=record.inputs, filter_inputs=False)
     table = pd.DataFrame(q.X[:, :2], columns=["T_box", "T_room"])
-    late = 4 * len(table) // 5  # seven of the nine cycles before it
-    parts = (table, q.Xdot, q.t, q.groups)
-    train, test = tuple(p[:late] for p in parts), tuple(p[late:] for p in parts)
-    return _linear(n_modes=2), train, test
+    return _linear(n_modes=2), (table, q.Xdot, q.t, q.groups), None
 
 
 def _damper():

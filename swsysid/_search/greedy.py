@@ -119,6 +119,10 @@ class Search(Workshop):
             return None
         if not self._is_promising(current, best, n_candidates):
             return None
+        if best.fit.terms[-1].effect.n_more_modes:
+            # one more surface is fitted to all rows, and bends to those that are to be predicted
+            if self.unseen_p_value(current, best) > self.significance:
+                return None
         return Round(finding, best, n_candidates)
 
     def _is_promising(self, current: Structure, best: Structure, n_candidates: int) -> bool:

@@ -22,7 +22,7 @@ from swsysid._search.joint_fit import JointFit, corrected
 from swsysid._search.regression import Regression, Solution
 from swsysid._search.robust import exact_below, robust_weights, scale_of, t_cost
 
-__all__ = ["held_out_cost"]
+__all__ = ["held_out_cost", "unseen_cost"]
 
 _SURPRISE = 0.002  # probability that a surface is wrong where it is sure
 
@@ -36,6 +36,22 @@ def held_out_cost(
     cost = t_cost(errors, scale_of(own, exact_below(targets))).sum(axis=2)
     with np.errstate(divide="ignore"):
         prior = np.log(_mode_probabilities(fit, records, rows)).T
+    return -logsumexp(prior - cost, axis=0)
+
+
+def unseen_cost(
+    fit: JointFit, records: Records, seen: tuple[NDArray, Array], unseen: tuple[NDArray, Array]
+) -> Array:
+    """Negative log likelihood of rows that no part of a fit has seen, its surface neither.
+
+    `seen` and `unseen` are rows of the record and their targets; the fit is to the former.
+    """
+    velocities = fit.mode_velocities(records)
+    (rows, targets), (new_rows, new_targets) = seen, unseen
+    scale = scale_of(targets - velocities[fit.modes, rows], exact_below(targets))
+    cost = t_cost(new_targets - velocities[:, new_rows], scale).sum(axis=2)
+    told = fit.mode_proba(records.take(new_rows))
+    prior = np.log((1.0 - _SURPRISE) * told + _SURPRISE / fit.n_modes).T
     return -logsumexp(prior - cost, axis=0)
 
 

@@ -18,7 +18,7 @@ from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, fit_jointly, switching_step
 from swsysid._search.robust import exact_below
 from swsysid._search.scan import refined
-from swsysid._search.scores import held_out_cost
+from swsysid._search.scores import held_out_cost, unseen_cost
 from swsysid._search.trials import Bench, PlacedEffect, Trial
 
 __all__ = ["TIE", "Finding", "Structure", "Workshop", "distinct", "exchanged"]
@@ -121,10 +121,26 @@ class Workshop:
     def structural_p_value(self, before: Structure, after: Structure) -> float:
         """Of so large a gain in each block of rows by chance, for effects without columns."""
         assert before.rows is not None and after.rows is not None
-        blocks = self.folds.blocks
-        gains = np.bincount(blocks, before.rows - after.rows, self.folds.n_blocks)
-        error = gains.std(ddof=1) / np.sqrt(len(gains))
-        return float(stats.t.sf(gains.mean() / max(error, 1e-300), len(gains) - 1))
+        return self._p_value(before.rows - after.rows)
+
+    def unseen_p_value(self, before: Structure, after: Structure) -> float:
+        """As `structural_p_value`, from fits that have not seen the block, surfaces included."""
+        return self._p_value(self._unseen_cost(before) - self._unseen_cost(after))
+
+    def _p_value(self, gains: Array) -> float:
+        """One-sided t-test of the mean gain of a block."""
+        sums = np.bincount(self.folds.blocks, gains, self.folds.n_blocks).astype(float)
+        error = sums.std(ddof=1) / np.sqrt(len(sums))
+        return float(stats.t.sf(sums.mean() / max(error, 1e-300), len(sums) - 1))
+
+    def _unseen_cost(self, structure: Structure) -> Array:
+        """Cost of every row, from a fit of the structure to the other folds."""
+        cost, terms, modes = np.empty(len(self.rows)), structure.fit.terms, structure.fit.modes
+        for parts in self.folds.parts:
+            seen, unseen = ((self.rows[part], self.targets[part]) for part in parts)
+            fit = fit_jointly(self.estimator, terms, self.records, *seen, modes[parts[0]], 1)
+            cost[parts[1]] = unseen_cost(fit, self.records, seen, unseen)
+        return cost
 
     def with_modes_anew(self, structure: Structure) -> Structure:
         """The structure with its modes sought anew, if that is better."""
