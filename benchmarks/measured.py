@@ -1,6 +1,6 @@
 """Measured data: errors of free runs before and after the effect that a first model lacks.
 
-    python benchmarks/measured.py [--sets emps mr_damper ...] [--output FOLDER]
+    python benchmarks/measured.py [--sets emps mr_damper ...] [--output FOLDER] [--table FILE]
 
 Every data set has a file ``measured_<name>.py`` beside this one with a function ``rows()``. Train
 and test are those of the data sets' own loaders; nothing is chosen on the test data. The data are
@@ -34,6 +34,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sets", nargs="+", choices=PARTS, default=PARTS, help="all by default")
     parser.add_argument("--output", default="output/measured", help="folder of the table")
+    parser.add_argument("--table", help="a file of the documentation to write the table to")
     options = parser.parse_args()
     lines = list(HEAD)
     print("\n".join(HEAD), flush=True)
@@ -49,6 +50,9 @@ def main() -> None:
     folder = Path(options.output)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "measured.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    if options.table:
+        marker = f"<!-- written by: benchmarks/measured.py --sets {' '.join(options.sets)} -->\n\n"
+        Path(options.table).write_text(marker + "\n".join(lines) + "\n", encoding="utf-8")
 
 
 def line(row: Row) -> str:

@@ -50,7 +50,8 @@ def main(arguments: list[str] | None = None) -> None:
     print(text)
     (folder / "undeclared.md").write_text(text)
     if options.docs:
-        (Path(options.docs) / "undeclared_tables.md").write_text(text)
+        marker = "<!-- written by: make bench-undeclared -->\n\n"
+        (Path(options.docs) / "undeclared_tables.md").write_text(marker + text)
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:

@@ -117,9 +117,10 @@ for fitted in (linear, model):
 # The same without modes: which effect is missing?
 # ------------------------------------------------
 # As the authors do, the force is regressed on acceleration and velocity, and the search is asked
-# what the linear law lacks. Offered dry friction alone it takes that; offered every effect it knows,
-# it says at once that friction depends on the direction, and nothing else. What it finds is tested on the other record.
-# Friction costs force, so that what opposes the motion in the law of q'' has a minus here.
+# what the linear law lacks. Offered dry friction alone it takes that; offered every effect it
+# knows, it says at once that friction depends on the direction, and nothing else. What it finds is
+# tested on the other record. Friction costs force, so that what opposes the motion in the law of
+# q'' has a minus here.
 
 
 def motion(rows):

@@ -59,7 +59,20 @@ class Search(Workshop):
     verbose: int = 0
 
     def run(self) -> tuple[Structure, list[Round]]:
-        """Add effects until nothing significant is left."""
+        """Add effects until nothing significant is left.
+
+        One more mode bends to whatever the first named effect leaves over. Where it was not the
+        only addition, the named effects have to show what they can do without it.
+        """
+        structure, rounds = self._climb()
+        if len(rounds) > 1 and any(term.effect.n_more_modes for term in structure.fit.terms):
+            named = [effect for effect in self.effects if not effect.n_more_modes]
+            other, other_rounds = replace(self, effects=named)._climb()
+            if other.price < structure.price:
+                return other, other_rounds
+        return structure, rounds
+
+    def _climb(self) -> tuple[Structure, list[Round]]:
         structure, rounds = self.priced(self.declared), []
         bar = tqdm(total=self.max_effects, desc="effects", disable=not self.verbose)
         while len(structure.fit.terms) < self.max_effects:
@@ -143,7 +156,7 @@ class Search(Workshop):
         effect = best.fit.terms[-1].effect
         if effect.remembers:
             return True
-        before, after = (self.squared_errors(one.fit) for one in (current, best))
+        before, after = (self.squared_errors(one.fit, current.fit) for one in (current, best))
         explained = np.max((before - after) / self.squared_errors(self.declared))
         needed = _SHARE_OF_A_MODE if effect.n_more_modes else _SHARE
         return gain >= _WORTH * len(self.rows) and bool(explained >= needed)

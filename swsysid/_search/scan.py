@@ -158,11 +158,11 @@ def _promising(background: Background, columns: Array) -> NDArray[np.intp]:
     if columns.shape[1] <= _MOST_SCANNED:
         return np.arange(columns.shape[1])
     train, weight = background.train, background.problem.weight[background.train]
-    some = columns[train]
+    some = columns[train].reshape(len(train), -1)
     left = background.left_over / np.sqrt((weight @ background.left_over**2) + 1e-300)
-    moment = np.einsum("igq,ik->gqk", some, weight[:, None] * left, optimize=True)
-    size = np.einsum("i,igq,igq->gq", weight, some, some, optimize=True) + 1e-300
-    gain = np.sum(moment**2 / size[:, :, None], axis=1).max(axis=1)
+    moment = some.T @ (weight[:, None] * left)
+    share = moment**2 / (weight @ (some * some) + 1e-300)[:, None]
+    gain = share.reshape(*columns.shape[1:], -1).sum(axis=1).max(axis=1)
     return np.sort(np.argsort(-gain)[:_MOST_SCANNED])
 
 

@@ -110,13 +110,21 @@ class Workshop:
             modes = None  # modes of a structure that had more of them
         return self.priced(self._fit(terms, modes, rounds))
 
-    def squared_errors(self, fit: JointFit) -> Array:
-        """Mean squares of what a fit leaves over in each state, gross errors cut off."""
+    def squared_errors(self, fit: JointFit, like: JointFit | None = None) -> Array:
+        """Mean squares of what a fit leaves over in each state, gross errors cut off.
+
+        What is gross may be said by another fit: of two models the one that explains most rows
+        exactly and the others not at all would otherwise have no errors.
+        """
+        errors = np.abs(self._errors(fit))
+        usual = errors if like is None else np.abs(self._errors(like))
+        size = np.maximum(1.4826 * np.median(usual, axis=0), exact_below(self.targets))
+        return np.mean(np.minimum(errors, _GROSS * size) ** 2, axis=0)
+
+    def _errors(self, fit: JointFit) -> Array:
         modes = fit.predict_modes(self.records)
         modes[self.rows] = fit.modes
-        errors = self.targets - fit.predict(self.records, modes)[self.rows]
-        size = np.maximum(1.4826 * np.median(np.abs(errors), axis=0), exact_below(self.targets))
-        return np.mean(np.minimum(np.abs(errors), _GROSS * size) ** 2, axis=0)
+        return self.targets - fit.predict(self.records, modes)[self.rows]
 
     def structural_p_value(self, before: Structure, after: Structure) -> float:
         """Of so large a gain in each block of rows by chance, for effects without columns."""
