@@ -59,6 +59,7 @@ PLANTED = [
     ("reset", "oscillator", STRUCTURES, "factor", "factor", 0.05),
     ("clock_lag", "oscillator", STRUCTURES, "delay", "delay", 0.1),
     ("sensor_offset", "pendulum", STRUCTURES, "offset", "offset", 0.1),
+    ("sensor_offset", "two_mass", [Bias(), *STRUCTURES], "offset", "offset", 0.1),
     ("guard_hysteresis", "oscillator", STRUCTURES, None, None, 0.0),
     ("extra_mode", "pendulum", STRUCTURES, None, None, 0.0),
 ]
@@ -131,6 +132,24 @@ def test_the_effect_corrects_modes_that_were_wrong_without_it():
     assert result.report_.guard_moved > 0.01
 
 
+@pytest.mark.parametrize("kind", ["lag", "backlash"])
+def test_modes_that_differ_only_in_a_replaced_gain_keep_their_surface(kind):
+    # the feed of the tanks is all that the level switch changes, and the lag takes its place
+    data = make_undeclared(kind, system="tanks", random_state=0)
+    result = search(data, [*ACTUATORS, Polynomial()])
+    (found,) = result.effects_
+    assert found.kind == kind
+    test = data.test
+    modes = result.predict_modes(test.X, t=test.t, groups=test.groups, signals=test.signals)
+    agreed = np.mean(modes == test.modes)
+    assert max(agreed, 1.0 - agreed) > 0.995
+    # b = 0.64 below the switch and 0.36 above; the laws beside have no feed of their own
+    gains = sorted(value for name, value in found.parameters.items() if "gain" in name)
+    np.testing.assert_allclose(gains, [0.36, 0.64], rtol=0.02)
+    laws = result.best_estimator_.estimator_.coef_[:, 0]
+    assert np.abs(laws[:, 2]).max() < 0.02
+
+
 def test_an_offset_of_a_sensor_on_a_linear_law_is_a_bias_and_says_so():
     # xdot = v, vdot = -x - v + b: x + b in the record is the same as a force b
     rng = np.random.default_rng(0)
@@ -144,6 +163,20 @@ def test_an_offset_of_a_sensor_on_a_linear_law_is_a_bias_and_says_so():
     assert found.kind == "bias"
     assert [rival.kind for rival in found.rivals] == ["sensor_offset"]
     assert found.parameters["offset"] == pytest.approx(0.4, abs=0.01)
+
+
+def test_one_more_mode_is_no_word_for_a_smooth_curve():
+    # the cubic has no border; folds that have not seen a surface say what it is worth
+    rng = np.random.default_rng(0)
+    t = np.arange(1500) * 0.05
+    x, u = 2.0 * np.sin(0.9 * t) * np.cos(0.23 * t), np.sin(1.7 * t) + np.cos(0.61 * t)
+    Xdot = -x - 0.4 * x**3 + u + 0.02 * rng.standard_normal(len(t))
+    declared = SwitchingSystemRegressor(n_modes=1, random_state=0)
+    result = EffectSearchCV(declared, effects=[Polynomial(), ExtraMode()])
+    result.fit(np.column_stack([x, u]), Xdot, t=t)
+    (found,) = result.effects_
+    assert (found.kind, found.place) == ("polynomial", "x0^3")
+    assert found.parameters["coefficient"] == pytest.approx(-0.4, rel=0.02)
 
 
 def test_what_the_library_spans_is_not_identifiable_and_never_found():

@@ -87,6 +87,26 @@ def test_time_and_signals():
     np.testing.assert_allclose(InputCoupling().columns(data, place)[:, 0], [5.0, 6.0, 7.0])
 
 
+def test_a_forcing_has_five_periods_in_the_record():
+    t = np.arange(1001) * 0.1  # 100 s
+    (one,) = PeriodicForcing().parameters(records(np.ones((1001, 1)), t=t), "time")
+    assert one.values[0] == pytest.approx(0.05) and one.values[-1] == pytest.approx(2.5)
+    # ten trajectories of 10 s: less than a period in each may do
+    many = records(np.ones((1001, 1)), t=t, groups=np.minimum(np.arange(1001) // 100, 9))
+    (ten,) = PeriodicForcing().parameters(many, "time")
+    assert 0.05 < ten.values[0] < 0.08
+    (short,) = PeriodicForcing().parameters(records(np.ones((9, 1)), t=t[:9]), "time")
+    assert len(short.values) == 0
+
+
+def test_zero_is_no_middle_of_a_level():
+    level, position = np.linspace(1.0, 9.0, 50), np.linspace(-1.0, 1.0, 50)
+    data = records(np.column_stack([level, position, level]), n_states=2)
+    for effect in (DeadZone(), GainChange()):
+        assert list(effect.places(data)) == [1, 2]  # the input may be one-sided
+    assert list(Overflow().places(data)) == [0, 1]
+
+
 def test_memory_stays_inside_a_trajectory():
     # two trajectories whose rows are interleaved; each begins at rest at its first value
     t = np.array([0.0, 0.0, 1.0, 1.0, 2.0, 2.0])
