@@ -27,7 +27,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from swsysid import EffectSearchCV, PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid.datasets import fetch_rc_vehicle
 from swsysid.differentiation import differentiate
 from swsysid.effects import CoulombFriction, PowerLaw
@@ -87,11 +87,9 @@ for name, search in searches.items():
 # Nothing suggested
 # -----------------
 # With the whole library, and as many effects as the data ask for, the answer is both: the throttle
-# acts through a power law, and what is left is dry friction. One more mode is among the effects; it
-# would have to begin at a straight line.
+# acts through a power law, and what is left is dry friction.
 
-straight = PolynomialSurfaceClassifier(degree=1)
-everything = EffectSearchCV(SwitchingSystemRegressor(n_modes=1, surface=straight))
+everything = EffectSearchCV(SwitchingSystemRegressor(n_modes=1))
 everything.fit(X, Xdot, t=t, groups=np.zeros(len(t)))
 print(everything.report_)
 

@@ -183,7 +183,7 @@ def test_the_whole_library_finds_both_in_the_vehicle(fetch_measured):
     record = data.train
     q = differentiate(record.x, record.t, inputs=record.inputs[:, :1], window=25, decimate=5)
     kept = abs(q.X[:, 0]) > 0.05
-    declared = SwitchingSystemRegressor(1, surface=PolynomialSurfaceClassifier(degree=1))
+    declared = SwitchingSystemRegressor(1)
     X = pd.DataFrame(q.X[kept], columns=["v", "throttle"])
     search = EffectSearchCV(declared).fit(X, q.Xdot[kept], t=q.t[kept], groups=q.groups[kept])
     found = [(effect.kind, effect.place) for effect in search.effects_]

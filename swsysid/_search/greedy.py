@@ -27,6 +27,7 @@ _HOPEFUL = 0.5  # p-value up to which a candidate is fitted together with the mo
 _SAME_MODES = 0.995
 _SHARE, _SHARE_OF_A_MODE = 0.01, 0.1  # of the squares that the declared model leaves over
 _WORTH = 0.05  # nats a row, which is a held-out error smaller by five per cent
+_CATCH_ALL = 0.25  # nats a row by which one more mode must be better than an effect with a name
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,7 @@ class Search(Workshop):
             if finding.p_value <= _HOPEFUL:
                 options += self._with_modes(current, finding.candidate, top)
         options = [option for option in options if option.cost < current.cost]
+        options = self._without_catch_all(current, options, n_candidates)
         while options:
             best, ties = self._preferred(options)
             found = self._accepted(current, best, ties, n_candidates)
@@ -137,6 +139,23 @@ class Search(Workshop):
             if self.unseen_p_value(current, best) > self.significance:
                 return None
         return Round(finding, best, n_candidates)
+
+    def _without_catch_all(
+        self, current: Structure, options: list[Structure], n_candidates: int
+    ) -> list[Structure]:
+        """Without one more mode, unless it is far better than every effect that has a name."""
+        named = [
+            option.price
+            for option in options
+            if not option.fit.terms[-1].effect.n_more_modes
+            and self._is_promising(current, option, n_candidates)
+        ]
+        limit = min(named, default=np.inf) - _CATCH_ALL * len(self.rows)
+        return [
+            option
+            for option in options
+            if not option.fit.terms[-1].effect.n_more_modes or option.price < limit
+        ]
 
     def _is_promising(self, current: Structure, best: Structure, n_candidates: int) -> bool:
         """True for a gain that chance over all candidates would not give, and worth its terms."""
