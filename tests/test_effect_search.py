@@ -25,6 +25,7 @@ from swsysid.effects import (
     GuardHysteresis,
     InputCoupling,
     Lag,
+    Overflow,
     Parameter,
     PlacedEffect,
     Polynomial,
@@ -177,6 +178,23 @@ def test_one_more_mode_is_no_word_for_a_smooth_curve():
     (found,) = result.effects_
     assert (found.kind, found.place) == ("polynomial", "x0^3")
     assert found.parameters["coefficient"] == pytest.approx(-0.4, rel=0.02)
+
+
+def test_a_contact_has_a_name_though_one_more_mode_could_say_it():
+    # a stop ten times stiffer than the spring: to the first look its rows are outliers
+    rng = np.random.default_rng(1)
+    t = np.arange(1600) * 0.02
+    x = 0.5 * np.sin(2.1 * t) * (1.0 + 0.4 * np.sin(0.37 * t))
+    v, force = np.gradient(x, t), 3.0 * np.sin(1.3 * t + 1.0) * np.cos(0.31 * t)
+    acceleration = force - 4.0 * x - 0.3 * v - 40.0 * np.maximum(x - 0.3, 0.0)
+    acceleration += 0.03 * rng.standard_normal(len(t))
+    declared = SwitchingSystemRegressor(n_modes=1, random_state=0)
+    result = EffectSearchCV(declared, effects=[Polynomial(), Overflow(), ExtraMode()])
+    result.fit(np.column_stack([x, v, force]), np.column_stack([v, acceleration]), t=t)
+    (found,) = result.effects_
+    assert (found.kind, found.place, found.target) == ("overflow", "x0", 1)
+    assert found.parameters["level"] == pytest.approx(0.3, abs=0.005)
+    assert found.parameters["rate"] == pytest.approx(40.0, rel=0.02)
 
 
 def test_what_the_library_spans_is_not_identifiable_and_never_found():

@@ -49,7 +49,7 @@ GROUPS = (
     _rollouts/segments metrics/__init__ datasets/_trajectories datasets/_undeclared_sizing""",
     # 5: one relaxation a file; the three steps of the alternation; the classifier; seeding
     """relaxations/_exact relaxations/_simplex relaxations/_moment _problem _classifier
-    _search/scan
+    _search/scan _search/lending
     _rollouts/shooting _seeding/seeding plotting/_style datasets/_generated
     datasets/_undeclared_actuators""",
     # 6: the alternation; the number of modes; the terms a mode needs; one display a file
@@ -68,8 +68,9 @@ GROUPS = (
     "_setup _warnings",
     "_regressor _search/joint_fit",
     "uncertainty datasets/_undeclared _search/bench _search/scores effects/_guards",
-    # 13 to 18: the search for effects
+    # 13 to 19: the search for effects
     "effects/__init__ _search/workshop _search/intervals _effect_simulation",
+    "_search/acceptance",
     "_search/greedy",
     "_effect_regressor diagnosis/_ladder diagnosis/_effect_shapes diagnosis/_effect_rollouts",
     "diagnosis/_findings diagnosis/_effect_data diagnosis/_effect_text",

@@ -15,9 +15,9 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from swsysid._search.joint_fit import JointFit
+from swsysid._search.acceptance import Acceptance
 from swsysid._search.trials import Bench, PlacedEffect
-from swsysid._search.workshop import TIE, Finding, Structure, Workshop, distinct, exchanged
+from swsysid._search.workshop import TIE, Finding, Structure, distinct, exchanged
 
 __all__ = ["Round", "Search"]
 
@@ -25,9 +25,6 @@ _RESTARTS = 10  # kinds with which the modes are sought anew
 _SWAPS = 3
 _HOPEFUL = 0.5  # p-value up to which a candidate is fitted together with the modes
 _SAME_MODES = 0.995
-_SHARE, _SHARE_OF_A_MODE = 0.01, 0.1  # of the squares that the declared model leaves over
-_WORTH = 0.05  # nats a row, which is a held-out error smaller by five per cent
-_CATCH_ALL = 0.25  # nats a row by which one more mode must be better than an effect with a name
 
 
 @dataclass(frozen=True)
@@ -40,22 +37,17 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Search(Workshop):
+class Search(Acceptance):
     """How to search.
 
     Attributes
     ----------
-    declared : JointFit
-        The declared model, fitted to the rows of the search.
     max_effects : int
-    significance : float
     n_jobs : int or None
     verbose : int
     """
 
-    declared: JointFit
     max_effects: int = 5
-    significance: float = 0.01
     n_jobs: int | None = None
     verbose: int = 0
 
@@ -99,21 +91,32 @@ class Search(Workshop):
             if finding.p_value <= _HOPEFUL:
                 options += self._with_modes(current, finding.candidate, top)
         options = [option for option in options if option.cost < current.cost]
-        options = self._without_catch_all(current, options, n_candidates)
+        options = self._fair(current, options, n_candidates)
         while options:
-            best, ties = self._preferred(options)
+            best, ties = self.preferred(options)
             found = self._accepted(current, best, ties, n_candidates)
             if found is not None:
                 return found
             # what looked best does not bear being questioned: perhaps another kind does
-            kind = best.fit.terms[-1].effect.kind
             options = [
                 option
                 for option in options
-                if option.fit.terms[-1].effect.kind != kind
-                and self._is_promising(current, option, n_candidates)
+                if option.last.effect.kind != best.last.effect.kind
+                and self.is_promising(current, option, n_candidates)
             ]
         return None
+
+    def _fair(self, current: Structure, options: list[Structure], n: int) -> list[Structure]:
+        """Options among which one more mode has had to compete with the best effect with a name.
+
+        The weights of the first scan are those of a model without the effect, and its parameters
+        are poor where what is missing is large; in a second look they are found again.
+        """
+        named = self.named(current, options, n)
+        if named and min(options, key=lambda option: option.price).last.effect.n_more_modes:
+            again, _ = self._agreed(named[0], len(current.fit.terms))
+            options, named = [*options, again], [*named, again]
+        return self.without_catch_all(options, named)
 
     def _accepted(
         self, current: Structure, best: Structure, ties: list[PlacedEffect], n_candidates: int
@@ -123,78 +126,10 @@ class Search(Workshop):
         best, finding = self._agreed(best, len(current.fit.terms))
         best, finding = self._or_of_a_sensor(best, finding)
         finding = replace(finding, rivals=distinct(finding.candidate, finding.rivals, ties))
-        if finding.trial is None:
-            # few of the candidates are structures; a ratio of held-out likelihoods is an e-value
-            shown = best.fit.terms[-1].effect.shows_in_velocities
-            won = max(current.cost - best.cost, 0.0)
-            p_value = self.structural_p_value(current, best) if shown else np.exp(-won)
-            n_tried = self.n_structural if shown else n_candidates
-            finding = replace(finding, p_value=min(1.0, n_tried * p_value))
-        if finding.p_value > self.significance:
+        finding = self.with_p_value(current, best, finding, n_candidates)
+        if not self.admits(current, best, finding, n_candidates):
             return None
-        if not self._is_promising(current, best, n_candidates):
-            return None
-        if best.fit.terms[-1].effect.n_more_modes:
-            # one more surface is fitted to all rows, and bends to those that are to be predicted
-            if self.unseen_p_value(current, best) > self.significance:
-                return None
         return Round(finding, best, n_candidates)
-
-    def _without_catch_all(
-        self, current: Structure, options: list[Structure], n_candidates: int
-    ) -> list[Structure]:
-        """Without one more mode, unless it is far better than every effect that has a name."""
-        named = [
-            option.price
-            for option in options
-            if not option.fit.terms[-1].effect.n_more_modes
-            and self._is_promising(current, option, n_candidates)
-        ]
-        limit = min(named, default=np.inf) - _CATCH_ALL * len(self.rows)
-        return [
-            option
-            for option in options
-            if not option.fit.terms[-1].effect.n_more_modes or option.price < limit
-        ]
-
-    def _is_promising(self, current: Structure, best: Structure, n_candidates: int) -> bool:
-        """True for a gain that chance over all candidates would not give, and worth its terms."""
-        gain = current.cost - best.cost
-        if gain < np.log(n_candidates / self.significance) or best.price >= current.price:
-            return False
-        shown = best.fit.terms[-1].effect.shows_in_velocities
-        return not shown or self._is_worth_it(current, best, gain)
-
-    def _is_worth_it(self, current: Structure, best: Structure, gain: float) -> bool:
-        """False for a gain that is real and small: every record has some of these.
-
-        It must lower the error, and explain a share of what the declared model left over; one
-        more mode, which can bend to anything, a larger one. A guard that remembers concerns the
-        few rows inside its band.
-        """
-        effect = best.fit.terms[-1].effect
-        if effect.remembers:
-            return True
-        before, after = (self.squared_errors(one.fit, current.fit) for one in (current, best))
-        explained = np.max((before - after) / self.squared_errors(self.declared))
-        needed = _SHARE_OF_A_MODE if effect.n_more_modes else _SHARE
-        return gain >= _WORTH * len(self.rows) and bool(explained >= needed)
-
-    def _preferred(self, options: list[Structure]) -> tuple[Structure, list[PlacedEffect]]:
-        """The cheapest structure; of those as cheap, the simplest explanation, and the others."""
-        least = min(option.price for option in options)
-        ties = [option for option in options if option.price <= least + TIE]
-        rank = {effect.kind: place for place, effect in enumerate(self.effects)}
-        best = min(ties, key=lambda option: rank[option.fit.terms[-1].effect.kind])
-        best = min(
-            (
-                tie
-                for tie in ties
-                if tie.fit.terms[-1].effect.kind == best.fit.terms[-1].effect.kind
-            ),
-            key=lambda option: option.price,
-        )
-        return best, [tie.fit.terms[-1] for tie in ties]
 
     def _with_modes(self, current: Structure, first: PlacedEffect, top) -> list[Structure]:
         """The best candidate with the present modes, and others with modes sought anew."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from swsysid._identification import identify
 from swsysid._records import Records
 from swsysid._results import Array
 from swsysid._rows import CanonicalRows, canonical_rows
+from swsysid._search.lending import loans
 from swsysid._search.robust import robust_regression
 from swsysid._search.trials import PlacedEffect
 from swsysid._setup import build_problem, build_search
@@ -170,12 +171,14 @@ def fit_jointly(
     robust = switching_step(estimator)[1].loss != "squared"
     for _ in range(rounds):
         coef = _effect_coefficients(features, robust, terms, columns, targets, modes)
-        lent = _lent(terms, coef, features, seen, int(modes.max()) + 1)
-        added = _added(terms, columns, coef, modes, targets.shape)
-        known = added - _lent_values(lent, features, modes, targets.shape)
-        fitted = _fitted(estimator, seen, targets - known, modes)
+        rest = targets - _added(terms, columns, coef, modes, targets.shape)
+        lent = loans(terms, coef, features, seen, int(modes.max()) + 1)
+        for loan in lent:
+            rest[:, loan.target] += loan.values(features, modes)
+        fitted = _fitted(estimator, seen, rest, modes)
         order = _matching(modes, _modes_of(fitted))
-        _give_back(lent, fitted, order)
+        for loan in lent:
+            loan.give_back(switching_step(fitted)[1].coef_, order)
         terms = tuple(_renamed(term, order) for term in terms)
         before, modes = order[modes], _modes_of(fitted)
         if np.mean(before != modes) <= _SETTLED:
@@ -275,46 +278,6 @@ def _added(terms, columns, coef, modes, shape) -> Array:
     for term, part, values in zip(terms, columns, coef, strict=True):
         added[:, term.target] += term.design(part, modes, n_modes) @ values
     return added
-
-
-class _Lent(NamedTuple):
-    """Gains of one feature, by mode, that the columns of an effect in its place lend to it.
-
-    Modes that differ in the gain of this feature alone could not be told apart without it.
-    """
-
-    target: int
-    feature: int
-    gains: Array
-
-
-def _lent(terms, coef, features: Array, records: Records, n_modes: int) -> list[_Lent]:
-    """What every effect in the place of a feature lends, in the feature's own unit."""
-    lent = []
-    for term, values in zip(terms, coef, strict=True):
-        if term.replaced is not None:
-            column = features[:, term.replaced]
-            channel = records.channel(int(term.place))
-            unit = float(column @ channel) / max(float(column @ column), 1e-300)
-            gains = values.reshape(n_modes, -1).sum(axis=1)
-            lent.append(_Lent(term.target, term.replaced, unit * gains))
-    return lent
-
-
-def _lent_values(lent: list[_Lent], features: Array, modes: Modes, shape) -> Array:
-    values = np.zeros(shape)
-    for one in lent:
-        values[:, one.target] += one.gains[modes] * features[:, one.feature]
-    return values
-
-
-def _give_back(lent: list[_Lent], fitted: Any, order: Modes) -> None:
-    """Take what was lent out of the fitted laws, whose modes may have new numbers."""
-    laws = switching_step(fitted)[1].coef_
-    for one in lent:
-        for mode, gain in enumerate(one.gains):
-            if order[mode] < len(laws):
-                laws[order[mode], one.target, one.feature] -= gain
 
 
 def _matching(before: Modes, after: Modes) -> Modes:

@@ -51,6 +51,11 @@ class Structure:
     rows: Array | None = None
 
     @property
+    def last(self) -> PlacedEffect:
+        """The term that was added last."""
+        return self.fit.terms[-1]
+
+    @property
     def price(self) -> float:
         """Cost and half a log of the number of rows for each parameter (Schwarz)."""
         return self.cost + 0.5 * self.n_parameters * np.log(self.n_rows)
