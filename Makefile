@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: help demo test lint examples docs bench bench-quality bench-undeclared bench-measured \
+.PHONY: help demo test lint examples docs bench bench-quality bench-undeclared bench-measured bench-speed \
 	figures clean
 
 help:
@@ -25,6 +25,7 @@ help:
 	@echo "make bench-quality  many systems and methods, into the documentation (hours)"
 	@echo "make bench-undeclared  planted effects: every kind, system and seed (hours; resumes)"
 	@echo "make bench-measured  measured data, before and after"
+	@echo "make bench-speed     structured solvers and whole fits, in ratios"
 	@echo "make figures   draw the README's figure and print its numbers"
 
 
@@ -59,6 +60,9 @@ bench-undeclared: $(VENV)/.installed-bench
 
 bench-measured: $(VENV)/.installed-bench
 	$(BIN)/python -W ignore benchmarks/measured.py
+
+bench-speed: $(VENV)/.installed-bench
+	OMP_NUM_THREADS=1 $(BIN)/python -W ignore benchmarks/speed.py
 
 $(PARC):
 	PYTHON=$(PYTHON) benchmarks/parc/build.sh $(PARC:/bin/python=)

@@ -1,0 +1,119 @@
+"""Speed in ratios: structured solvers against general ones, whole fits against known labels.
+
+    python benchmarks/speed.py [--parts assignment fit ...] [--repeats 5] [--largest 1e6]
+                               [--output FOLDER]
+
+Both sides of a ratio run in turn in one process, on the same data; a figure is the median of the
+ratios of at least five turns (two for parts of minutes). Machines differ and are noisy, ratios
+less so. Set OMP_NUM_THREADS=1 for one thread on both sides. The result is a table and
+FOLDER/speed.json with a description of the machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+from speed_parts import PARTS
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One ratio: how many times as long the other side takes, or what is said in `name`."""
+
+    part: str
+    name: str
+    ratio: float
+    spread: tuple[float, float]
+    seconds: tuple[float, float]
+    goal: str
+    note: str = ""
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure, print and write."""
+    options = parse(arguments)
+    figures = []
+    print("| part | figure | ratio | smallest, largest | seconds | goal | note |")
+    print("|---|---|---|---|---|---|---|")
+    for part in options.parts:
+        for case in PARTS[part](options):
+            figure = measured(part, case, min(options.repeats, case.most_turns))
+            figures.append(figure)
+            print(line(figure), flush=True)
+    folder = Path(options.output)
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"machine": machine(), "figures": [asdict(one) for one in figures]}, indent=1)
+    (folder / "speed.json").write_text(text + "\n", encoding="utf-8")
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--largest", type=float, default=1e6, help="rows of the largest fit")
+    parser.add_argument("--output", default="output/speed", help="folder of the results")
+    return parser.parse_args(arguments)
+
+
+def measured(part: str, case, n_turns: int) -> Figure:
+    """Both sides in turn."""
+    ratios, seconds = [], []
+    for _ in range(n_turns):
+        other, ours = _seconds(case.other), _seconds(case.ours)
+        ratios.append(other / ours if case.faster else ours / other)
+        seconds.append((ours, other))
+    return Figure(
+        part,
+        case.name,
+        float(np.median(ratios)),
+        (min(ratios), max(ratios)),
+        tuple(float(value) for value in np.median(seconds, axis=0)),
+        case.goal,
+        case.note(),
+    )
+
+
+def _seconds(run: Callable[[], object]) -> float:
+    started = perf_counter()
+    taken = run()
+    # a side that measures itself, in another process, returns its seconds
+    return taken if isinstance(taken, float) else perf_counter() - started
+
+
+def line(figure: Figure) -> str:
+    """A line of the table."""
+    low, high = figure.spread
+    ours, other = figure.seconds
+    return (
+        f"| {figure.part} | {figure.name} | {figure.ratio:.3g} | {low:.3g}, {high:.3g} | "
+        f"{ours:.3g} against {other:.3g} | {figure.goal} | {figure.note} |"
+    )
+
+
+def machine() -> dict[str, str]:
+    """Where it was measured."""
+    import scipy
+    import sklearn
+
+    return {
+        "processor": platform.processor() or platform.machine(),
+        "cores": str(os.cpu_count()),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "scikit-learn": sklearn.__version__,
+        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
+    }
+
+
+if __name__ == "__main__":
+    main()

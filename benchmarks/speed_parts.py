@@ -1,0 +1,215 @@
+"""What `speed.py` measures: two ways to the same answer, the ratio between them, and the goal."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+from sklearn.model_selection import GridSearchCV, KFold
+from sklearn.preprocessing import PolynomialFeatures
+
+from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid._losses import get_loss
+from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator
+from swsysid.relaxations import ExactRelaxation, SimplexRelaxation
+
+__all__ = ["PARTS", "Case"]
+
+N_PAPER = 2000
+
+
+@dataclass(frozen=True)
+class Case:
+    """Two ways to one answer.
+
+    Attributes
+    ----------
+    name : str
+    ours, other : callable
+        Without arguments.
+    goal : str
+    faster : bool
+        The figure is how many times faster ours is; otherwise how many times slower.
+    most_turns : int
+    note : callable
+        What is said after the turns, such as by how much the answers differ.
+    """
+
+    name: str
+    ours: Callable[[], object]
+    other: Callable[[], object]
+    goal: str
+    faster: bool = True
+    most_turns: int = 99
+    note: Callable[[], str] = str
+
+
+def assignment(options) -> Iterator[Case]:
+    """Memberships for given laws, against the vectorised LP."""
+    data = make_damped_oscillator(N_PAPER, noise=0.05, random_state=0)
+    laws = np.array([[[0.0, 1.0], [-1.0, -0.5]], [[0.0, 1.0], [-1.0, -0.1]]])
+    candidates = np.matmul(data.X, laws.transpose(0, 2, 1))
+    reference = SimplexRelaxation()
+    reference.solver = "clarabel"
+    answers: dict[str, float] = {}
+
+    def run(relaxation, name):
+        def assign():
+            membership = relaxation.assign(candidates, data.Xdot).membership
+            mixed = np.einsum("im,mik->ik", membership, candidates)
+            answers[name] = float(np.abs(data.Xdot - mixed).sum())
+
+        return assign
+
+    def difference():
+        gap = answers["simplex"] / answers["reference"] - 1.0
+        return f"objective of the simplex relative to the LP: {gap:+.1e}"
+
+    other = run(reference, "reference")
+    yield Case("exact assignment, N = 2000", run(ExactRelaxation(), "exact"), other, "500")
+    yield Case(
+        "simplex assignment, N = 2000",
+        run(SimplexRelaxation(), "simplex"),
+        other,
+        "500",
+        note=difference,
+    )
+
+
+def l1_fit(options) -> Iterator[Case]:
+    """Least absolute deviations of one mode, against the LP."""
+    data = make_quartic_oscillator(N_PAPER, noise=0.05, random_state=0)
+    design = PolynomialFeatures(3).fit_transform(data.X)
+    answers: dict[str, float] = {}
+
+    def run(solver):
+        def fit():
+            coef = get_loss("l1").fit(design, data.Xdot, solver=solver).coef
+            answers[solver] = float(np.abs(data.Xdot - design @ coef.T).sum())
+
+        return fit
+
+    def difference():
+        gap = answers["auto"] / answers["clarabel"] - 1.0
+        return f"objective relative to the LP: {gap:+.1e}"
+
+    yield Case("l1 fit, N = 2000, 10 columns", run("auto"), run("clarabel"), "10", note=difference)
+
+
+def whole_fit(options) -> Iterator[Case]:
+    """The paper's algorithm with structured solvers, against cvxpy and Clarabel inside."""
+    data = make_damped_oscillator(N_PAPER, noise=0.05, random_state=0)
+
+    def run(solver):
+        return lambda: SwitchingSystemRegressor(
+            2,
+            relaxation="simplex",
+            coupling=0.0,
+            init="random",
+            n_init=3,
+            surface=PolynomialSurfaceClassifier(degree=2, standardize=False, solver=solver),
+            solver=solver,
+            random_state=0,
+        ).fit(data.X, data.Xdot)
+
+    yield Case("whole SLS fit, N = 2000", run("auto"), run("clarabel"), "20", most_turns=5)
+
+
+def rows(options) -> Iterator[Case]:
+    """Whole fits of many rows, against least squares per mode with known labels."""
+    for name, make, library, degree in (
+        ("SLS", make_damped_oscillator, 1, 2),
+        ("SPS", make_quartic_oscillator, 3, 4),
+    ):
+        taken: list[tuple[int, float]] = []
+        for n_rows in np.geomspace(1e4, options.largest, 3).astype(int).tolist():
+            yield _row_case(name, make(n_rows, noise=0.05, random_state=0), library, degree, taken)
+
+
+def _row_case(name, data, library, degree, taken) -> Case:
+    n_rows = len(data.X)
+
+    def fit():
+        started = perf_counter()
+        SwitchingSystemRegressor(
+            2,
+            feature_library=library,
+            surface=PolynomialSurfaceClassifier(degree=degree),
+            random_state=0,
+        ).fit(data.X, data.Xdot)
+        seconds = perf_counter() - started
+        taken.append((n_rows, seconds))
+        return seconds
+
+    def least_squares():
+        design = PolynomialFeatures(library).fit_transform(data.X)
+        for mode in range(2):
+            some = data.modes == mode
+            np.linalg.lstsq(design[some], data.Xdot[some], rcond=None)
+
+    def exponent():
+        sizes, seconds = np.log(np.array(taken)).T
+        if np.ptp(sizes) == 0.0:
+            return ""
+        return f"time grows as N to the {np.polyfit(sizes, seconds, 1)[0]:.2f} up to here"
+
+    goal = "8" if n_rows >= 1e6 else ""
+    return Case(
+        f"{name}, N = {n_rows:.0e}", fit, least_squares, goal, False, most_turns=3, note=exponent
+    )
+
+
+def grid_search(options) -> Iterator[Case]:
+    """A grid of degrees and beta in five folds on two cores, against as many single fits."""
+    data = make_quartic_oscillator(N_PAPER, noise=0.05, random_state=0)
+    model = SwitchingSystemRegressor(
+        2, feature_library=3, surface=PolynomialSurfaceClassifier(degree=4), random_state=0
+    )
+    grid = {"surface__beta": [1e-4, 1e-3, 5e-3, 1e-2, 1e-1], "surface__degree": [1, 2, 3, 4, 5]}
+
+    def search():
+        folds = KFold(5)
+        GridSearchCV(model, grid, cv=folds, n_jobs=2, refit=False).fit(data.X, data.Xdot)
+
+    def singles():
+        started = perf_counter()
+        for degree in grid["surface__degree"]:
+            model.set_params(surface__degree=degree).fit(
+                data.X[: 4 * N_PAPER // 5], data.Xdot[: 4 * N_PAPER // 5]
+            )
+        return 25 * (perf_counter() - started)
+
+    yield Case("125 fits of a grid search on two cores", search, singles, "1.6", most_turns=1)
+
+
+def imports(options) -> Iterator[Case]:
+    """Import of the package, against that of scikit-learn's linear models."""
+
+    def run(module):
+        def load():
+            command = (
+                "from time import perf_counter as now; s = now(); "
+                f"import {module}; print(now() - s)"
+            )
+            done = subprocess.run(
+                [sys.executable, "-c", command], check=True, capture_output=True, text=True
+            )
+            return float(done.stdout)
+
+        return load
+
+    yield Case("import", run("swsysid"), run("sklearn.linear_model"), "at most 1.5", False)
+
+
+PARTS: dict[str, Callable[..., Iterator[Case]]] = {
+    "assignment": assignment,
+    "l1_fit": l1_fit,
+    "whole_fit": whole_fit,
+    "rows": rows,
+    "grid_search": grid_search,
+    "imports": imports,
+}
