@@ -127,7 +127,9 @@ def rows(options) -> Iterator[Case]:
     ):
         taken: list[tuple[int, float]] = []
         for n_rows in np.geomspace(1e4, options.largest, 3).astype(int).tolist():
-            yield _row_case(name, make(n_rows, noise=0.05, random_state=0), library, degree, taken)
+            # a trajectory has 1001 points
+            data = make(n_rows, n_trajectories=200 + n_rows // 900, noise=0.05, random_state=0)
+            yield _row_case(name, data, library, degree, taken)
 
 
 def _row_case(name, data, library, degree, taken) -> Case:
