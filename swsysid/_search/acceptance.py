@@ -37,14 +37,6 @@ class Acceptance(Workshop):
     declared: JointFit
     significance: float = 0.01
 
-    def admits(self, current: Structure, best: Structure, finding: Finding, n: int) -> bool:
-        """True if the last term of a structure may stay; `n` candidates were tried."""
-        if finding.p_value > self.significance or not self.is_promising(current, best, n):
-            return False
-        # one more surface is fitted to all rows, and bends to those that are to be predicted
-        bends = best.last.effect.n_more_modes > 0
-        return not bends or self.unseen_p_value(current, best) <= self.significance
-
     def with_p_value(
         self, current: Structure, best: Structure, finding: Finding, n: int
     ) -> Finding:

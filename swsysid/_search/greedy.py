@@ -126,10 +126,10 @@ class Search(Acceptance):
         best, finding = self._agreed(best, len(current.fit.terms))
         best, finding = self._or_of_a_sensor(best, finding)
         finding = replace(finding, rivals=distinct(finding.candidate, finding.rivals, ties))
-        finding = self.with_p_value(current, best, finding, n_candidates)
-        if not self.admits(current, best, finding, n_candidates):
+        if not self.is_promising(current, best, n_candidates):
             return None
-        return Round(finding, best, n_candidates)
+        finding = self.with_p_value(current, best, finding, n_candidates)
+        return Round(finding, best, n_candidates) if finding.p_value <= self.significance else None
 
     def _with_modes(self, current: Structure, first: PlacedEffect, top) -> list[Structure]:
         """The best candidate with the present modes, and others with modes sought anew."""

@@ -132,13 +132,15 @@ class Workshop:
         return self.targets - fit.predict(self.records, modes)[self.rows]
 
     def structural_p_value(self, before: Structure, after: Structure) -> float:
-        """Of so large a gain in each block of rows by chance, for effects without columns."""
+        """Of so large a gain in each block of rows by chance, for effects without columns.
+
+        One more surface is fitted to all rows and bends to those that are to be predicted; it is
+        judged by fits that have not seen them.
+        """
+        if after.fit.n_modes > before.fit.n_modes:
+            return self._p_value(self._unseen_cost(before) - self._unseen_cost(after))
         assert before.rows is not None and after.rows is not None
         return self._p_value(before.rows - after.rows)
-
-    def unseen_p_value(self, before: Structure, after: Structure) -> float:
-        """As `structural_p_value`, from fits that have not seen the block, surfaces included."""
-        return self._p_value(self._unseen_cost(before) - self._unseen_cost(after))
 
     def _p_value(self, gains: Array) -> float:
         """One-sided t-test of the mean gain of a block."""
