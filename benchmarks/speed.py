@@ -4,8 +4,8 @@
                                [--output FOLDER]
 
 Both sides of a ratio run in turn in one process, on the same data; a figure is the median of the
-ratios of at least five turns (two for parts of minutes). Machines differ and are noisy, ratios
-less so. Set OMP_NUM_THREADS=1 for one thread on both sides. The result is a table and
+ratios of five turns, of one for the grid search, which takes minutes. Machines differ and are
+noisy, ratios less so. Set OMP_NUM_THREADS=1 for one thread on both sides. The result is a table and
 FOLDER/speed.json with a description of the machine.
 """
 

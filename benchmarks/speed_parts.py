@@ -116,7 +116,7 @@ def whole_fit(options) -> Iterator[Case]:
             random_state=0,
         ).fit(data.X, data.Xdot)
 
-    yield Case("whole SLS fit, N = 2000", run("auto"), run("clarabel"), "20", most_turns=5)
+    yield Case("whole SLS fit, N = 2000", run("auto"), run("clarabel"), "20")
 
 
 def rows(options) -> Iterator[Case]:
@@ -160,9 +160,7 @@ def _row_case(name, data, library, degree, taken) -> Case:
         return f"time grows as N to the {np.polyfit(sizes, seconds, 1)[0]:.2f} up to here"
 
     goal = "8" if n_rows >= 1e6 else ""
-    return Case(
-        f"{name}, N = {n_rows:.0e}", fit, least_squares, goal, False, most_turns=3, note=exponent
-    )
+    return Case(f"{name}, N = {n_rows:.0e}", fit, least_squares, goal, faster=False, note=exponent)
 
 
 def grid_search(options) -> Iterator[Case]:

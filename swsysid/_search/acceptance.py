@@ -8,9 +8,11 @@ chance over all candidates would give *and* worth its terms.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from swsysid._results import Array
 from swsysid._search.joint_fit import JointFit
 from swsysid._search.trials import PlacedEffect
 from swsysid._search.workshop import TIE, Finding, Structure, Workshop
@@ -37,8 +39,12 @@ class Acceptance(Workshop):
     declared: JointFit
     significance: float = 0.01
 
+    @cached_property
+    def _declared_squares(self) -> Array:
+        return self.squared_errors(self.declared)
+
     def with_p_value(
-        self, current: Structure, best: Structure, finding: Finding, n: int
+        self, current: Structure, best: Structure, finding: Finding, n_candidates: int
     ) -> Finding:
         """The finding of a structure without columns with its corrected p-value."""
         if finding.trial is not None:
@@ -47,13 +53,13 @@ class Acceptance(Workshop):
         shown = best.last.effect.shows_in_velocities
         won = max(current.cost - best.cost, 0.0)
         p_value = self.structural_p_value(current, best) if shown else float(np.exp(-won))
-        n_tried = self.n_structural if shown else n
+        n_tried = self.n_structural if shown else n_candidates
         return replace(finding, p_value=min(1.0, n_tried * p_value))
 
-    def is_promising(self, current: Structure, best: Structure, n: int) -> bool:
+    def is_promising(self, current: Structure, best: Structure, n_candidates: int) -> bool:
         """True for a gain that chance over all candidates would not give, and worth its terms."""
         gain = current.cost - best.cost
-        if gain < np.log(n / self.significance) or best.price >= current.price:
+        if gain < np.log(n_candidates / self.significance) or best.price >= current.price:
             return False
         shown = best.last.effect.shows_in_velocities
         return not shown or self._is_worth_it(current, best, gain)
@@ -69,16 +75,19 @@ class Acceptance(Workshop):
         if effect.remembers:
             return True
         before, after = (self.squared_errors(one.fit, current.fit) for one in (current, best))
-        explained = np.max((before - after) / self.squared_errors(self.declared))
+        explained = np.max((before - after) / self._declared_squares)
         needed = _SHARE_OF_A_MODE if effect.n_more_modes else _SHARE
         return gain >= _WORTH * len(self.rows) and bool(explained >= needed)
 
-    def named(self, current: Structure, options: list[Structure], n: int) -> list[Structure]:
+    def named(
+        self, current: Structure, options: list[Structure], n_candidates: int
+    ) -> list[Structure]:
         """Promising structures whose last term is more than one more mode, the cheapest first."""
         named = [
             option
             for option in options
-            if not option.last.effect.n_more_modes and self.is_promising(current, option, n)
+            if not option.last.effect.n_more_modes
+            and self.is_promising(current, option, n_candidates)
         ]
         return sorted(named, key=lambda option: option.price)
 

@@ -106,13 +106,15 @@ class Search(Acceptance):
             ]
         return None
 
-    def _fair(self, current: Structure, options: list[Structure], n: int) -> list[Structure]:
+    def _fair(
+        self, current: Structure, options: list[Structure], n_candidates: int
+    ) -> list[Structure]:
         """Options among which one more mode has had to compete with the best effect with a name.
 
         The weights of the first scan are those of a model without the effect, and its parameters
         are poor where what is missing is large; in a second look they are found again.
         """
-        named = self.named(current, options, n)
+        named = self.named(current, options, n_candidates)
         if named and min(options, key=lambda option: option.price).last.effect.n_more_modes:
             again, _ = self._agreed(named[0], len(current.fit.terms))
             options, named = [*options, again], [*named, again]

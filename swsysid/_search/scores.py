@@ -50,8 +50,7 @@ def unseen_cost(
     (rows, targets), (new_rows, new_targets) = seen, unseen
     scale = scale_of(targets - velocities[fit.modes, rows], exact_below(targets))
     cost = t_cost(new_targets - velocities[:, new_rows], scale).sum(axis=2)
-    told = fit.mode_proba(records.take(new_rows))
-    prior = np.log((1.0 - _SURPRISE) * told + _SURPRISE / fit.n_modes).T
+    prior = np.log(_surface_probabilities(fit, records, new_rows)).T
     return -logsumexp(prior - cost, axis=0)
 
 
@@ -59,12 +58,18 @@ def _mode_probabilities(fit: JointFit, records: Records, rows: NDArray[np.intp])
     """What the surface, or a guard that remembers, says of the modes, (n_rows, n_modes)."""
     if any(term.effect.remembers for term in fit.terms):
         modes = fit.predict_modes(records)
-        wrong = _doubt(records, rows, modes, fit.modes)
-        told = np.eye(fit.n_modes)[modes[rows]]
-    else:
-        told = fit.mode_proba(records.take(rows))
-        wrong = np.full(len(rows), _SURPRISE)
-    return (1.0 - wrong[:, None]) * told + wrong[:, None] / fit.n_modes
+        wrong = _doubt(records, rows, modes, fit.modes)[:, None]
+        return _softened(np.eye(fit.n_modes)[modes[rows]], wrong)
+    return _surface_probabilities(fit, records, rows)
+
+
+def _surface_probabilities(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Array:
+    return _softened(fit.mode_proba(records.take(rows)), _SURPRISE)
+
+
+def _softened(told: Array, wrong: Array | float) -> Array:
+    """Probabilities of the modes if what is told of them is wrong now and then."""
+    return (1.0 - wrong) * told + wrong / told.shape[1]
 
 
 def _doubt(records: Records, rows: NDArray[np.intp], modes: NDArray, own: NDArray) -> Array:

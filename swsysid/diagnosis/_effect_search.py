@@ -191,7 +191,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             verbose=self.verbose,
         )
         structure, rounds = search.run()
-        ladder = Ladder.of(search, declared, structure, targets, split)
+        ladder = Ladder.of(search, structure, targets, split)
         everything = np.arange(len(records))
         modes = structure.fit.predict_modes(records)
         modes[rows] = structure.fit.modes

@@ -44,12 +44,10 @@ class Ladder:
     split: Split
 
     @classmethod
-    def of(
-        cls, search: Search, declared: JointFit, structure: Structure, targets: Array, split: Split
-    ) -> Ladder:
+    def of(cls, search: Search, structure: Structure, targets: Array, split: Split) -> Ladder:
         """Order the effects of a structure by what is lost without them, and climb."""
         terms, findings = ordered_findings(search, structure)
-        fits = [declared]
+        fits = [search.declared]
         for count in range(1, len(terms) + 1):
             if count == len(terms):
                 fits.append(replace_terms(structure.fit, terms))
