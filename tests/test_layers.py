@@ -32,7 +32,7 @@ GROUPS = (
     """_search/folds weak_form diagnosis/_whiteness diagnosis/_noise_floor
     diagnosis/_spectrum diagnosis/_text
     diagnosis/_samples diagnosis/_shapes
-    _mip _solvers/lad _surfaces/hinge _surfaces/polynomials _surfaces/posterior
+    _mip _solvers/lad _solvers/hulls _surfaces/hinge _surfaces/polynomials _surfaces/posterior
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
     _simulation/signals _simulation/effect_system
     _rollouts/system _command/samples metrics/_errors metrics/_modes datasets/_undeclared_plants

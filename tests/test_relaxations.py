@@ -286,7 +286,7 @@ def test_degenerate_hulls_are_solved(loss):
 
 
 def test_the_nearest_face_is_kept_where_rounding_hides_its_proof(monkeypatch):
-    monkeypatch.setattr("swsysid.relaxations._simplex.ACCURACY", 1e-30)
+    monkeypatch.setattr("swsysid._solvers.hulls.ACCURACY", 1e-30)
     candidates, targets, _ = problem(5, 60, 2, 0.5, seed=1)
     value = prepared("simplex", "l2").assign(candidates, targets).lower_bound
     assert value == pytest.approx(simplex_reference(candidates, targets, "l2"), rel=1e-8)

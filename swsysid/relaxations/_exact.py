@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from swsysid._results import Array, Assignment, Status
-from swsysid.relaxations._base import Relaxation, one_hot
+from swsysid.relaxations._base import Relaxation, first_least, one_hot
 
 __all__ = ["ExactRelaxation"]
 
@@ -44,9 +44,8 @@ class ExactRelaxation(Relaxation):
         """
         candidates, targets = self.checked(candidates, targets)
         losses = self.mode_losses(candidates, targets)
-        modes = losses.argmin(axis=1)
-        objective = float(losses[np.arange(len(modes)), modes].sum())
-        everywhere = np.ones(len(modes), dtype=bool)
+        modes, least = first_least(losses)
+        objective, everywhere = float(least.sum()), np.ones(len(modes), dtype=bool)
         return Assignment(
             one_hot(modes, len(candidates)), objective, objective, everywhere, Status.OPTIMAL
         )

@@ -16,7 +16,8 @@ import numpy as np
 
 from swsysid._results import Array, Assignment, Status
 from swsysid._solvers.conic import HAS_VALUES, modelling, solve
-from swsysid.relaxations._base import Relaxation, on_simplex
+from swsysid._solvers.hulls import on_simplex
+from swsysid.relaxations._base import Relaxation
 
 __all__ = ["MomentRelaxation"]
 
