@@ -26,7 +26,9 @@ def test_every_dependency_says_why():
 
 
 def test_extras():
-    assert {"plot", "test", "docs", "bench"} <= set(CONFIG["project"]["optional-dependencies"])
+    assert {"plot", "dask", "test", "docs", "bench"} <= set(
+        CONFIG["project"]["optional-dependencies"]
+    )
 
 
 def test_no_other_configuration_file():

@@ -1,0 +1,91 @@
+"""Searches on the workers of a Dask cluster give what they give in one process, bit for bit."""
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from joblib import parallel_config
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from swsysid import EffectSearchCV, PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid.datasets import make_damped_oscillator, make_undeclared
+from swsysid.effects import CoulombFriction, QuadraticDrag
+
+# As docs/large_data.md recommends: with Dask's own threshold fits spend half their time on memory.
+SETTING = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
+
+
+@pytest.fixture(scope="module")
+def client():
+    dask = pytest.importorskip("dask")
+    distributed = pytest.importorskip("dask.distributed")
+    with (
+        dask.config.set(SETTING),
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",  # any free port: others may run a cluster too
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def executed(client):
+    """Tasks that each worker has run so far."""
+    counts = client.run(lambda dask_worker: dask_worker.state.executed_count)
+    return np.array([counts[name] for name in sorted(counts)])
+
+
+@contextmanager
+def on_every_worker(client):
+    """joblib sends its tasks to the cluster; at the end each worker must have run some."""
+    before = executed(client)
+    with parallel_config("dask"):
+        yield
+    assert (executed(client) > before).all()
+
+
+def in_one_process_and_on(client, search, *arguments, **options):
+    """The same search fitted twice."""
+    alone = clone(search).fit(*arguments, **options)
+    with on_every_worker(client):
+        spread = clone(search).fit(*arguments, **options)
+    return alone, spread
+
+
+def test_grid_search(client):
+    data = make_damped_oscillator(400, noise=0.05, random_state=0)
+    surface = PolynomialSurfaceClassifier(degree=2)
+    model = SwitchingSystemRegressor(2, surface=surface, n_init=4, random_state=0)
+    grid = {
+        "switchingsystemregressor__surface__degree": [1, 2],
+        "switchingsystemregressor__relaxation": ["exact", "simplex"],
+    }
+    search = GridSearchCV(make_pipeline(StandardScaler(), model), grid, cv=3)
+    alone, spread = in_one_process_and_on(client, search, data.X, data.Xdot)
+    names = [name for name in alone.cv_results_ if name.endswith("_test_score")]
+    assert len(names) == 3 + 3  # of every fold; mean, standard deviation and rank
+    for name in names:
+        assert np.array_equal(spread.cv_results_[name], alone.cv_results_[name]), name
+    assert spread.best_params_ == alone.best_params_
+    X = alone.best_estimator_[:-1].transform(data.X)
+    one, two = alone.best_estimator_[-1], spread.best_estimator_[-1]
+    for attribute in ("coef_", "modes_", "membership_", "objective_"):
+        assert np.array_equal(getattr(one, attribute), getattr(two, attribute)), attribute
+    assert np.array_equal(one.predict_mode_proba(X), two.predict_mode_proba(X))
+
+
+def test_effect_search(client):
+    data = make_undeclared("coulomb_friction", system="oscillator", random_state=1)
+    search = EffectSearchCV(data.estimator, effects=[CoulombFriction(), QuadraticDrag()])
+    record = {"t": data.t, "groups": data.groups}
+    alone, spread = in_one_process_and_on(client, search, data.X, data.Xdot, **record)
+    assert [effect.kind for effect in spread.effects_] == ["coulomb_friction"]
+    assert spread.report_.to_dict() == alone.report_.to_dict()
+    assert np.array_equal(spread.predict(data.X, **record), alone.predict(data.X, **record))
