@@ -117,9 +117,15 @@ PROBLEMS = {
 }
 
 
+# Rows up to which steps along edges come first: all of these problems, or none.
+ROUTES = {"edges": lad.SHORT, "interior point": 0}
+
+
+@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("bound", [None, 0.3])
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_agrees_with_an_independent_solver_and_proves_itself(name, bound):
+def test_agrees_with_an_independent_solver_and_proves_itself(name, bound, route, monkeypatch):
+    monkeypatch.setattr(lad, "SHORT", ROUTES[route])
     design, target = PROBLEMS[name]()
     fit = least_absolute_deviations(design, target[:, None], coef_bound=bound)
     reference = highs(design, target, np.inf if bound is None else bound)
@@ -283,20 +289,26 @@ def _half_from_another_mode(n_samples):
     return design, np.where(design[:, 0] > 0.1, design @ truth, design @ np.roll(truth, 1))
 
 
+@pytest.mark.parametrize("walkable", [0, 5000])
 @pytest.mark.parametrize("bound", [None, 0.5])
 @pytest.mark.parametrize(
     "make", [_in_time_order, _rare_features, _quantised, _half_from_another_mode]
 )
-def test_merging_rows_is_exact(make, bound, monkeypatch):
+def test_merging_rows_is_exact(make, bound, walkable, monkeypatch):
     design, target = make(12_000)
+    along_edges = least_absolute_deviations(design, target[:, None], coef_bound=bound)
+    monkeypatch.setattr(lad, "SHORT", walkable)
     merged = least_absolute_deviations(design, target[:, None], coef_bound=bound)
     np.testing.assert_allclose(merged.lower_bound, merged.objective, rtol=1e-9)
+    np.testing.assert_allclose(merged.objective, along_edges.objective, rtol=1e-10)
+    monkeypatch.setattr(lad, "SHORT", 0)
     monkeypatch.setattr(lad, "FEW", np.inf)  # every row reaches the interior point
     whole = least_absolute_deviations(design, target[:, None], coef_bound=bound)
     np.testing.assert_allclose(merged.objective, whole.objective, rtol=1e-10)
 
 
 def test_merging_is_used_for_many_rows(monkeypatch):
+    monkeypatch.setattr(lad, "SHORT", 10_000)
     design, _, target = random_problem(17, 12_000)
     sizes = []
     direct = lad._direct
@@ -335,10 +347,27 @@ def test_small_integer_problems(n_samples, n_features, bound, data):
     )
     table = np.array(rows, dtype=float)
     design, target = table[:, :-1], table[:, -1]
-    fit = least_absolute_deviations(design, target[:, None], coef_bound=bound)
     reference = highs(design, target, np.inf if bound is None else bound)
-    assert fit.objective[0] == pytest.approx(reference, abs=1e-9)
-    assert fit.lower_bound[0] == pytest.approx(reference, abs=1e-9)
+    for n_rows in ROUTES.values():
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(lad, "SHORT", n_rows)
+            fit = least_absolute_deviations(design, target[:, None], coef_bound=bound)
+        assert fit.objective[0] == pytest.approx(reference, abs=1e-9)
+        assert fit.lower_bound[0] == pytest.approx(reference, abs=1e-9)
+
+
+@pytest.mark.parametrize("n_features", [1, 2, 4, 8])
+@pytest.mark.parametrize("n_modes", [1, 2])
+def test_edges_lead_to_the_optimum_by_themselves(n_modes, n_features, monkeypatch):
+    """Also where most residuals vanish at many vertices, as for memberships between modes."""
+    monkeypatch.setattr(lad, "interior_point", None)
+    for seed in range(5):
+        design, truth, target = random_problem(seed, 400, n_features)
+        if n_modes == 2:
+            target = design @ truth + np.where(np.arange(400) % 3, 0.0, target)
+        fit = least_absolute_deviations(design, target[:, None], start=np.ones((1, n_features)))
+        np.testing.assert_allclose(fit.objective[0], highs(design, target), rtol=1e-9)
+        np.testing.assert_allclose(fit.lower_bound, fit.objective, rtol=1e-11)
 
 
 def test_row_space_of_a_large_design_with_a_rare_feature():
@@ -355,6 +384,7 @@ def test_kept_rows_do_not_lead_to_each_other_for_ever(monkeypatch):
     """On these rows two sets of kept rows each called for the other."""
     import swsysid._solvers.lad as solver
 
+    monkeypatch.setattr(solver, "SHORT", 0)
     merge, merged = solver._merge, []
 
     def counted(*args):

@@ -22,7 +22,7 @@ GROUPS = (
     _rollouts/__init__""",
     # 1: one tool each
     """_rollouts/losses _rollouts/certainty
-    _rows _model differentiation _solvers/conic _solvers/euclidean
+    _rows _model differentiation _solvers/conic _solvers/edges _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
     _seeding/designs _simulation/events _simulation/inputs metrics/_surfaces datasets/_measured
     datasets/_undeclared_records

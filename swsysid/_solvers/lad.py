@@ -1,12 +1,13 @@
 """Exact least absolute deviations with few columns and many rows.
 
-One regression takes four ideas, each in its own place:
+One regression takes five ideas, each in its own place:
 
 - `row_space` writes the problem in coordinates of full rank;
 - `interior_point` comes near the optimum in about ten weighted Gram matrices;
 - `vertex` goes the last step exactly and proves it by a dual certificate;
+- `edges` goes all the way by such steps, which is faster where the columns are few;
 - here, rows whose residual surely keeps its sign are merged beforehand (Portnoy and Koenker,
-  Statistical Science 12, 1997), so that the first two see only some (n p)^(2/3) of n rows.
+  Statistical Science 12, 1997), so that the others see only some (n p)^(2/3) of n rows.
 
 A merged set G of rows with signs s enters as the single row |sum_G s_i r_i|. It is at most
 sum_G |r_i|, so the merged problem bounds the whole one from below whatever the signs, and
@@ -24,6 +25,7 @@ import numpy as np
 
 from swsysid._results import Array, Status
 from swsysid._rows import spread_rows
+from swsysid._solvers.edges import along_edges
 from swsysid._solvers.interior_point import interior_point
 from swsysid._solvers.row_space import RowSpace, rounding
 from swsysid._solvers.vertex import Certified, certify, to_vertex
@@ -39,6 +41,9 @@ SAMPLED, KEPT, DIRECT, FEW = 0.5, 0.8, 4.0, 1000
 WRONG = 0.1  # share of the kept rows that may have been missed before their number is doubled
 ROUNDING = 1e-13  # of the targets: residuals and gaps below it are errors of floats
 WARM_STEPS = 8
+# Up to so many columns steps along edges lead to the optimum first, and up to so many rows
+# without merging; steps for each column after which the interior point takes over.
+NARROW, SHORT, PATIENCE = 8, 20_000, 30
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,11 @@ class _Rows:
     def scale(self) -> int:
         """(n p)^(2/3), the number of rows that merging leaves, up to a factor."""
         return int((self.n_light * self.design.shape[1]) ** (2 / 3)) + 1
+
+    @property
+    def walkable(self) -> bool:
+        """True if it is solved fastest along the edges, with all its rows."""
+        return self.design.shape[1] <= NARROW and self.n_light <= SHORT
 
     def residuals(self, coef: Array) -> Array:
         return self.targets - self.design @ coef
@@ -166,7 +176,7 @@ def _fit_outputs(design, targets, bound, start, tol) -> list[Certified]:
         elif clean:
             fit = Certified(least_squares, _objective(rows, least_squares))
         else:
-            warm = _warm(rows, guess, tol) if near else None
+            warm = _warm(rows, guess, tol) if near and not rows.walkable else None
             fit = warm or _solve(rows, guess, near=near)
         fit = Certified(space.coef(fit.coef), fit.gap)
         if np.abs(fit.coef).max() > bound:
@@ -198,7 +208,7 @@ def _boxed(design, targets, bound) -> _Rows:
 def _solve(rows: _Rows, start: Array, *, near: bool = False) -> Certified:
     """Merge rows of sure sign, solve the rest, verify all rows; repeat until it holds."""
     size = int(KEPT * rows.scale)
-    if rows.n_light < max(DIRECT * size, FEW):
+    if rows.walkable or rows.n_light < max(DIRECT * size, FEW):
         return _direct(rows, start)
     coef = _solve(_sample(rows), start).coef
     if near and _objective(rows, start) < _objective(rows, coef):
@@ -272,6 +282,12 @@ def _sample(rows) -> _Rows:
 def _direct(rows, start) -> Certified:
     """Interior point, then the vertex; once more and closer if the vertex cannot be proved."""
     fits = []
+    if rows.walkable:
+        error, n_steps = rounding(rows.design, rows.targets, start), PATIENCE * len(start)
+        fit = along_edges(rows.design, rows.targets, start, error, max_steps=n_steps)
+        if fit and fit.gap <= TIGHT * _objective(rows, fit.coef):
+            return fit
+        fits += [fit] if fit else []
     for tol in (HANDOVER, TIGHT):
         guess = interior_point(rows.design, rows.targets, start, n_heavy=rows.n_heavy, tol=tol)
         fit = _vertex(rows, guess.coef, guess.weight, guess.dual, 20 + len(start))

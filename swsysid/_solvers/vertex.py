@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 from scipy.linalg.lapack import dposv
 
-__all__ = ["Certified", "certify", "to_vertex"]
+__all__ = ["Certified", "basic_rows", "basis_inverse", "certify", "duality_gap", "to_vertex"]
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Certified(NamedTuple):
 def certify(design: Array, targets: Array, coef: Array, dual: Array) -> Certified:
     """The gap of coefficients by a dual from the interior."""
     dual = _made_feasible(design, dual, 1.0 - np.square(dual))
-    return Certified(coef, _gap(targets - design @ coef, dual))
+    return Certified(coef, duality_gap(targets - design @ coef, dual))
 
 
 def to_vertex(
@@ -65,9 +65,9 @@ def to_vertex(
     Certified or None
         None where no p independent rows were found among the heaviest.
     """
-    basis = _basic_rows(design, weight)
+    basis = basic_rows(design, weight)
     for step in range(max_steps + 1):
-        inverse = _inverse(design[basis])
+        inverse = basis_inverse(design[basis])
         if inverse is None:
             return None
         coef = inverse @ targets[basis]
@@ -87,10 +87,10 @@ def to_vertex(
         # those rows, and a dual from the interior is a good choice there.
         free = residuals == 0.0
         signs = _spread(design, np.where(free, dual, signs), free)
-    return Certified(coef, _gap(residuals, signs))
+    return Certified(coef, duality_gap(residuals, signs))
 
 
-def _basic_rows(design, weight):
+def basic_rows(design: Array, weight: Array) -> NDArray[np.intp]:
     """Rows of large weight, one for each column, as independent as possible."""
     n_rows, n_columns = design.shape
     n_heaviest = min(n_rows, 4 * n_columns)
@@ -102,7 +102,7 @@ def _basic_rows(design, weight):
     return rows[pivots[:n_columns]]
 
 
-def _inverse(square):
+def basis_inverse(square: Array) -> Array | None:
     """Inverse of the basic rows, or None where they are dependent."""
     # Rows of a basis may stand for one sample or for a million: scale them first.
     scale = np.abs(square).max(axis=1)
@@ -172,6 +172,7 @@ def _made_feasible(design, dual, freedom):
     return dual if feasible.all() else np.zeros_like(dual)
 
 
-def _gap(residuals, dual):
+def duality_gap(residuals: Array, dual: Array) -> float:
+    """Gap of residuals by a dual with D^T u = 0, made to fit into [-1, 1]."""
     dual = dual / max(1.0, np.abs(dual).max())
     return float((np.abs(residuals) - dual * residuals).sum())
