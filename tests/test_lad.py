@@ -356,9 +356,18 @@ def test_small_integer_problems(n_samples, n_features, bound, data):
         assert fit.lower_bound[0] == pytest.approx(reference, abs=1e-9)
 
 
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_edges_need_no_interior_point(name, monkeypatch):
+    monkeypatch.setattr(lad, "interior_point", None)
+    design, target = PROBLEMS[name]()
+    for scale in (1.0, np.logspace(-5, 5, design.shape[1])):
+        fit = least_absolute_deviations(design * scale, target[:, None])
+        np.testing.assert_allclose(fit.objective[0], highs(design, target), rtol=1e-8)
+
+
 @pytest.mark.parametrize("n_features", [1, 2, 4, 8])
 @pytest.mark.parametrize("n_modes", [1, 2])
-def test_edges_lead_to_the_optimum_by_themselves(n_modes, n_features, monkeypatch):
+def test_edges_lead_to_the_optimum_from_anywhere(n_modes, n_features, monkeypatch):
     """Also where most residuals vanish at many vertices, as for memberships between modes."""
     monkeypatch.setattr(lad, "interior_point", None)
     for seed in range(5):

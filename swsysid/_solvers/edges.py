@@ -14,9 +14,10 @@ residual is of the size of the movement: what that costs is part of the gap.
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from swsysid._results import Array
-from swsysid._solvers.vertex import Certified, basic_rows, basis_inverse, duality_gap
+from swsysid._solvers.vertex import Certified, basis_inverse, duality_gap
 
 __all__ = ["along_edges"]
 
@@ -46,39 +47,54 @@ def along_edges(
     Certified or None
         None where the rows of a vertex are dependent.
     """
-    moved = targets + MOVED * rounding * (GOLDEN * np.arange(len(targets)) % 1.0 - 0.5)
-    sizes = np.abs(moved - design @ start)
-    basis = basic_rows(design, 1.0 / np.maximum(sizes, np.finfo(float).tiny))
-    inverse = basis_inverse(design[basis])
-    if inverse is None:
+    factor, failed = dpotrf(design.T @ design)
+    if failed:
         return None
-    walk = _Walk(design, moved, basis, inverse)
+    size = MOVED * (rounding + 0.01 * rounding.mean())
+    moved = targets + size * (GOLDEN * np.arange(len(targets)) % 1.0 - 0.5)
+    # In coordinates in which the columns are orthonormal no unit tells how steep an edge is.
+    walk = _Walk(design @ dtrtri(factor)[0], moved - design @ start)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for _ in range(max_steps):
             if not walk.step():
                 break
-    return walk.end(targets)
+    return _certified(design, targets, walk.basis, walk.signs)
+
+
+def _certified(design, targets, basis, signs) -> Certified | None:
+    """The vertex of a basis, by the dual that has these signs outside the basis."""
+    inverse = basis_inverse(design[basis])
+    if inverse is None or basis.min() < 0:
+        return None
+    coef = inverse @ targets[basis]
+    residuals = targets - design @ coef
+    residuals[basis] = 0.0
+    signs[basis] = -(signs @ design) @ inverse
+    return Certified(coef, duality_gap(residuals, signs))
 
 
 class _Walk:
-    """A vertex: its basis, the residuals, and their signs outside the basis."""
+    """A point, the rows whose residuals vanish there (the basis), and the signs of the others.
 
-    def __init__(self, design, targets, basis, inverse):
-        self.design, self.basis, self.inverse = design, basis, inverse
-        self.residuals = targets - design @ (inverse @ targets[basis])
-        self.signs = np.sign(self.residuals)
-        self.signs[basis] = 0.0
+    The walk starts anywhere, with artificial rows in the basis, number -1. They may leave it at
+    no cost and do so one after the other, each along an edge like any other.
+    """
+
+    def __init__(self, design, residuals):
+        self.design, self.residuals = design, residuals
+        self.basis, self.inverse = np.full(design.shape[1], -1), np.eye(design.shape[1])
+        self.signs = np.sign(residuals)
         self.pull = self.signs @ design
 
     def step(self) -> bool:
         """Follow the steepest edge to the lowest point; False if none falls."""
         design, basis, inverse, signs = self.design, self.basis, self.inverse, self.signs
         dual = -(self.pull @ inverse)
-        excess = np.maximum(np.abs(dual) - 1.0, 0.0)
-        leaving = int((np.square(excess) / np.square(inverse).sum(axis=0)).argmax())
+        excess = np.abs(dual) - np.where(basis < 0, -2.0 * SLOPE_TOL, 1.0)
+        leaving = int((excess / np.sqrt(np.square(inverse).sum(axis=0))).argmax())
         if excess[leaving] <= SLOPE_TOL:
             return False
-        side = -np.sign(dual[leaving])
+        side = -1.0 if dual[leaving] > 0.0 else 1.0
         speed = design @ (side * inverse[:, leaving])
         crossed, entering, length = self._crossed(speed, excess[leaving])
         if entering is None:
@@ -86,8 +102,11 @@ class _Walk:
         # Signs outside the basis, and their sum with the rows: crossed residuals change theirs.
         self.pull -= 2.0 * signs[crossed] @ design[crossed]
         signs[crossed] *= -1.0
-        self.pull -= signs[entering] * design[entering] + side * design[basis[leaving]]
-        signs[entering], signs[basis[leaving]] = 0.0, -side
+        self.pull -= signs[entering] * design[entering]
+        signs[entering] = 0.0
+        if basis[leaving] >= 0:
+            self.pull -= side * design[basis[leaving]]
+            signs[basis[leaving]] = -side
         self.residuals -= length * speed
         # The inverse after one row of the basis has been replaced.
         row = design[entering] @ inverse
@@ -100,7 +119,7 @@ class _Walk:
     def _crossed(self, speed, excess):
         """Rows whose residuals change sign along an edge, the row at its end, and its length."""
         times = self.residuals / speed
-        times[self.basis] = 0.0
+        times[self.basis[self.basis >= 0]] = 0.0
         ahead = np.flatnonzero(times > 0.0)
         n_sorted = CROSSINGS
         while ahead.size:
@@ -116,14 +135,3 @@ class _Walk:
                 break
             n_sorted *= 4
         return ahead, None, 0.0
-
-    def end(self, targets) -> Certified | None:
-        """The vertex for other targets, with the dual of this one."""
-        inverse = basis_inverse(self.design[self.basis])
-        if inverse is None:
-            return None
-        coef = inverse @ targets[self.basis]
-        residuals = targets - self.design @ coef
-        residuals[self.basis] = 0.0
-        self.signs[self.basis] = -(self.signs @ self.design) @ inverse
-        return Certified(coef, duality_gap(residuals, self.signs))

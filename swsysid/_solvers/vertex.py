@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 from scipy.linalg.lapack import dposv
 
-__all__ = ["Certified", "basic_rows", "basis_inverse", "certify", "duality_gap", "to_vertex"]
+__all__ = ["Certified", "basis_inverse", "certify", "duality_gap", "to_vertex"]
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def to_vertex(
     Certified or None
         None where no p independent rows were found among the heaviest.
     """
-    basis = basic_rows(design, weight)
+    basis = _basic_rows(design, weight)
     for step in range(max_steps + 1):
         inverse = basis_inverse(design[basis])
         if inverse is None:
@@ -90,7 +90,7 @@ def to_vertex(
     return Certified(coef, duality_gap(residuals, signs))
 
 
-def basic_rows(design: Array, weight: Array) -> NDArray[np.intp]:
+def _basic_rows(design, weight):
     """Rows of large weight, one for each column, as independent as possible."""
     n_rows, n_columns = design.shape
     n_heaviest = min(n_rows, 4 * n_columns)
@@ -104,16 +104,22 @@ def basic_rows(design: Array, weight: Array) -> NDArray[np.intp]:
 
 def basis_inverse(square: Array) -> Array | None:
     """Inverse of the basic rows, or None where they are dependent."""
-    # Rows of a basis may stand for one sample or for a million: scale them first.
-    scale = np.abs(square).max(axis=1)
-    if not scale.all():
+    # Rows of a basis may stand for one sample or for a million, and columns have units: scale
+    # both first.
+    rows = np.abs(square).max(axis=1)
+    if not rows.all():
         return None
+    square = square / rows[:, None]
+    columns = np.abs(square).max(axis=0)
+    if not columns.all():
+        return None
+    square /= columns
     try:
-        inverse = np.linalg.inv(square / scale[:, None]) / scale
+        inverse = np.linalg.inv(square)
     except np.linalg.LinAlgError:
         return None
     dependent = np.abs(inverse @ square - np.eye(len(square))).max() > 1e-6
-    return None if dependent else inverse
+    return None if dependent else inverse / rows / columns[:, None]
 
 
 def _leaving(design, residuals, basis, inverse, dual):
