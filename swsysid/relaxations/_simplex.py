@@ -98,7 +98,10 @@ class SimplexRelaxation(Relaxation):
             found = loss.values(offset - trial[:, None] * along)
             place = np.where(found < value * (1.0 - ROUNDING), trial, place)
             value = np.fmin(value, found)
-        return np.stack([1.0 - place, place]).T, value, Status.OPTIMAL
+        membership = np.empty(losses.shape)
+        np.subtract(1.0, place, out=membership[0])
+        membership[1] = place
+        return membership.T, value, Status.OPTIMAL
 
     def _on_hulls(self, residuals, losses):
         """Memberships, their losses and the status for any number of modes."""
