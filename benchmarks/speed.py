@@ -1,12 +1,13 @@
 """Speed in ratios: structured solvers against general ones, whole fits against known labels.
 
     python benchmarks/speed.py [--parts assignment fit ...] [--repeats 5] [--largest 1e6]
-                               [--output FOLDER]
+                               [--parc PYTHON] [--output FOLDER]
 
 Both sides of a ratio run in turn in one process, on the same data; a figure is the median of the
-ratios of five turns, of one for the grid search, which takes minutes. Machines differ and are
-noisy, ratios less so. Set OMP_NUM_THREADS=1 for one thread on both sides. The result is a table and
-FOLDER/speed.json with a description of the machine.
+ratios of five turns. Machines differ and are noisy, ratios less so. Set OMP_NUM_THREADS=1 for one
+thread on both sides. ``--parc`` names the interpreter that ``benchmarks/parc/build.sh`` builds;
+without it PARC is left out. The result is a table and FOLDER/speed.json with a description of the
+machine.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def main(arguments: list[str] | None = None) -> None:
     print("|---|---|---|---|---|---|---|")
     for part in options.parts:
         for case in PARTS[part](options):
-            figure = measured(part, case, min(options.repeats, case.most_turns))
+            figure = measured(part, case, options.repeats)
             figures.append(figure)
             print(line(figure), flush=True)
     folder = Path(options.output)
@@ -60,6 +61,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--largest", type=float, default=1e6, help="rows of the largest fit")
+    parser.add_argument("--parc", metavar="PYTHON", help="interpreter that has pyparc")
     parser.add_argument("--output", default="output/speed", help="folder of the results")
     return parser.parse_args(arguments)
 

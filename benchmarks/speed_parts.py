@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from time import perf_counter
+from itertools import cycle
+from time import perf_counter, process_time
 
 import numpy as np
-from sklearn.model_selection import GridSearchCV, KFold
+from joblib.externals.loky import get_reusable_executor
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV, KFold, ParameterGrid
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid._losses import get_loss
 from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator
+from swsysid.metrics import balanced_mode_accuracy
 from swsysid.relaxations import ExactRelaxation, SimplexRelaxation
 
 __all__ = ["PARTS", "Case"]
@@ -34,7 +39,6 @@ class Case:
     goal : str
     faster : bool
         The figure is how many times faster ours is; otherwise how many times slower.
-    most_turns : int
     note : callable
         What is said after the turns, such as by how much the answers differ.
     """
@@ -44,7 +48,6 @@ class Case:
     other: Callable[[], object]
     goal: str
     faster: bool = True
-    most_turns: int = 99
     note: Callable[[], str] = str
 
 
@@ -164,26 +167,87 @@ def _row_case(name, data, library, degree, taken) -> Case:
 
 
 def grid_search(options) -> Iterator[Case]:
-    """A grid of degrees and beta in five folds on two cores, against as many single fits."""
+    """A grid of degrees and beta in five folds on two cores, against as many single fits.
+
+    A turn takes the 25 single fits of one fold for a fifth of all; five turns see every fold.
+    """
     data = make_quartic_oscillator(N_PAPER, noise=0.05, random_state=0)
     model = SwitchingSystemRegressor(
         2, feature_library=3, surface=PolynomialSurfaceClassifier(degree=4), random_state=0
     )
     grid = {"surface__beta": [1e-4, 1e-3, 5e-3, 1e-2, 1e-1], "surface__degree": [1, 2, 3, 4, 5]}
+    folds, turns = KFold(5), cycle(KFold(5).split(data.X))
+    spent: dict[str, list[float]] = {"search": [], "singles": []}
 
     def search():
-        folds = KFold(5)
+        started, before = perf_counter(), sum(os.times()[:4])
         GridSearchCV(model, grid, cv=folds, n_jobs=2, refit=False).fit(data.X, data.Xdot)
+        seconds = perf_counter() - started
+        # the next turn starts its workers anew, and only those that ended are counted
+        get_reusable_executor().shutdown(wait=True)
+        spent["search"].append(sum(os.times()[:4]) - before)
+        return seconds
 
     def singles():
-        started = perf_counter()
-        for degree in grid["surface__degree"]:
-            model.set_params(surface__degree=degree).fit(
-                data.X[: 4 * N_PAPER // 5], data.Xdot[: 4 * N_PAPER // 5]
-            )
-        return 25 * (perf_counter() - started)
+        rows, _ = next(turns)
+        started, before = perf_counter(), process_time()
+        for parameters in ParameterGrid(grid):
+            clone(model).set_params(**parameters).fit(data.X[rows], data.Xdot[rows])
+        spent["singles"].append(5 * (process_time() - before))
+        return 5 * (perf_counter() - started)
 
-    yield Case("125 fits of a grid search on two cores", search, singles, "1.6", most_turns=1)
+    def processor():
+        ratio = np.median(spent["search"]) / np.median(spent["singles"])
+        return f"CPU time of the search over that of the fits: {ratio:.2f}"
+
+    yield Case("125 fits of a grid search on two cores", search, singles, "1.6", note=processor)
+
+
+def parc(options) -> Iterator[Case]:
+    """Whole SLS fits, ours and PARC's; nothing where `--parc` names no interpreter."""
+    if options.parc is None:
+        return
+    # the quality benchmark knows how PARC is run
+    from quality_cases import MAIN
+    from quality_methods import methods_with_parc
+
+    for scenario in MAIN[:2]:
+        yield from _parc_cases(scenario, methods_with_parc(options.parc))
+
+
+def _parc_cases(scenario, methods) -> Iterator[Case]:
+    """CPU seconds of ours and PARC, in turn, every turn another seed.
+
+    PARC is fitted ten times, and the fit with the smallest training error is kept; ours includes
+    its starts and their choice, so all ten are the like of it.
+    """
+    from quality_cases import CASES, make_data
+
+    answers: dict[str, list] = {"ours": [], "parc": []}
+    right: dict[str, list[float]] = {"ours": [], "parc": []}
+
+    def run(method):
+        seed = len(answers[method])
+        data = make_data(CASES["SLS"], scenario, seed)
+        answer = methods[method](data, seed)
+        answers[method].append(answer)
+        right[method].append(balanced_mode_accuracy(data.modes_test, answer.modes))
+        return answer.seconds
+
+    def accuracy():
+        ours, other = (np.median(right[method]) for method in ("ours", "parc"))
+        return f"CPU seconds; balanced accuracy of the modes {ours:.3f} against {other:.3f}"
+
+    name = f"SLS, N = 2000, {scenario.name}: PARC's"
+    yield Case(f"{name} kept fit", lambda: run("ours"), lambda: run("parc"), "10", note=accuracy)
+    # the same runs once more, with the seconds of all fits
+    ours, every = (iter(answers[method]) for method in ("ours", "parc"))
+    yield Case(
+        f"{name} ten fits",
+        lambda: next(ours).seconds,
+        lambda: next(every).notes["seconds_all"],
+        "10",
+    )
 
 
 def imports(options) -> Iterator[Case]:
@@ -211,5 +275,6 @@ PARTS: dict[str, Callable[..., Iterator[Case]]] = {
     "whole_fit": whole_fit,
     "rows": rows,
     "grid_search": grid_search,
+    "parc": parc,
     "imports": imports,
 }
