@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import warnings
+from copy import copy
 
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import check_random_state
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._printing import check_format, linear_combination, symbol
-from swsysid._results import IdentificationWarning, MarginCertificate
 from swsysid._rows import canonical_rows, check_sample_weight, places_between
-from swsysid._surfaces.book_program import choose_mode_book, fit_mode_book, surface_scale
+from swsysid._surfaces.book_program import (
+    choose_mode_book,
+    fit_mode_book,
+    surface_scale,
+    warn_if_doubtful,
+)
+from swsysid._surfaces.fitted import FittedSurfaces
 from swsysid._surfaces.margin_program import worst_status
 from swsysid._surfaces.margins import certify_margin, nonzero_margin
 from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
@@ -273,9 +277,22 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         ``sum_l max(0, margin - s_jl f_l(x))`` over the surfaces of the class: with weights and
         `complexity_` this is the objective of the linear program for any labels.
         """
-        agreement = self.surface_values(X)[:, None, :] * self.mode_book_
-        slack = np.maximum(0.0, self.margin_ - agreement)
-        return np.where(self.mode_book_ == 0, 0.0, slack).sum(axis=2)
+        values = self.surface_values(X)
+        return self.fitted_surfaces.penalty(values)
+
+    @property
+    def fitted_surfaces(self):
+        """The surfaces and their margin LP, as a pass over many rows needs them."""
+        return FittedSurfaces(
+            self._basis, self._fitted_coef, self.mode_book_, self.classes_, *self._program()
+        )
+
+    def refitted(self, fits, X, y, sample_weight):
+        """A copy with other surfaces, one `SurfaceFit` each, fitted to more rows than these."""
+        other, labels = copy(self), np.searchsorted(self.classes_, y)
+        rows = canonical_rows(X, labels, sample_weight=sample_weight)
+        other._store(self._basis(rows.arrays[0]), rows.arrays[1], rows, self.mode_book_, fits)
+        return other
 
     def margin_certificate(self, X, y):
         """What can be promised about the margin on labelled data.
@@ -299,13 +316,8 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         if unknown.any():
             raise ValueError(f"y holds the class {y[unknown][0]!r}, which fit has not seen.")
         rows = canonical_rows(X, np.searchsorted(self.classes_, y))
-        certificate: MarginCertificate = certify_margin(
-            self._basis(rows.arrays[0]),
-            self.mode_book_[rows.arrays[1]].astype(float),
-            rows.weight,
-            *self._program(),
-        )
-        return certificate
+        signs = self.mode_book_[rows.arrays[1]].astype(float)
+        return certify_margin(self._basis(rows.arrays[0]), signs, rows.weight, *self._program())
 
     def equations(self, precision=3, format="text", input_features=None):
         """The surfaces as equations in the user's units.
@@ -367,19 +379,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         self.objective_ = float(sum(fit.objective for fit in fits))
         self.complexity_ = float(self.beta_ * np.abs(self._fitted_coef).sum())
         self.status_ = worst_status(fit.status for fit in fits)
-        if not self.status_.ok:
-            warnings.warn(
-                f"the margin LP ended with status '{self.status_.value}'. {self.status_.advice}",
-                ConvergenceWarning,
-                stacklevel=3,
-            )
-        if (self._fitted_coef == 0.0).all(axis=1).any():
-            warnings.warn(
-                "a surface vanished: its sparsity outweighs all slack; decrease beta or increase "
-                "margin.",
-                IdentificationWarning,
-                stacklevel=3,
-            )
+        warn_if_doubtful(self.status_, self._fitted_coef)
 
     # -- small things ----------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.preprocessing import PolynomialFeatures
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-__all__ = ["FeatureMap", "FunctionLibrary", "monomials_at"]
+__all__ = ["FeatureMap", "FunctionLibrary", "Monomials", "monomials_at"]
 
 
 class FunctionLibrary(TransformerMixin, BaseEstimator):
@@ -139,6 +139,40 @@ def monomials_at(point: np.ndarray, powers: np.ndarray) -> np.ndarray:
     return np.multiply.reduce(point**powers, axis=1)
 
 
+class Monomials:
+    """Monomials with exponents `powers` (n_monomials, n_columns), column by column.
+
+    Each is the product of a column and an earlier monomial, the same as in scikit-learn's
+    ``PolynomialFeatures``, without its checks and in a third of its time.
+
+    Examples
+    --------
+    >>> Monomials(np.array([[0, 0], [1, 0], [1, 2]]))(np.array([[2.0, 3.0]]))
+    array([[ 1.,  2., 18.]])
+    """
+
+    def __init__(self, powers: np.ndarray):
+        self.factors = [np.repeat(np.arange(powers.shape[1]), row) for row in powers]
+        places = {tuple(factors): place for place, factors in enumerate(self.factors)}
+        # the monomial without its first factor, if it comes earlier
+        rest = [places.get(tuple(factors[1:])) for factors in self.factors]
+        self.rest = [
+            earlier if earlier is not None and earlier < place else None
+            for place, earlier in enumerate(rest)
+        ]
+
+    def __call__(self, X: np.ndarray) -> np.ndarray:
+        """Values at the rows of `X`, shape (n_samples, n_monomials)."""
+        columns = np.ascontiguousarray(X.T)
+        values = np.empty((len(self.factors), len(X)))
+        for out, factors, rest in zip(values, self.factors, self.rest, strict=True):
+            if rest is None:
+                out[:] = np.multiply.reduce(columns[factors[::-1]], axis=0, initial=1.0)
+            else:
+                np.multiply(columns[factors[0]], values[rest], out=out)
+        return values.T
+
+
 class FeatureMap:
     """A fitted copy of a feature library, with plain arrays and names at its boundary.
 
@@ -155,6 +189,7 @@ class FeatureMap:
     def __init__(self, library, X, names: Sequence[str]):
         self.library = _as_transformer(library).fit(X)
         self.names_in = list(names)
+        self._monomials = _monomials_of(self.library)
         features = self(X)
         self.n_features_out = features.shape[1]
         self.sizes = np.abs(features).max(axis=0)  # what a coefficient of each can amount to
@@ -184,7 +219,10 @@ class FeatureMap:
 
     def __call__(self, X) -> np.ndarray:
         """Phi(X), shape (n_samples, n_features_out), a plain array of finite floats."""
-        features = np.asarray(self.library.transform(X), dtype=float)
+        if self._monomials is not None and isinstance(X, np.ndarray):
+            features = self._monomials(X)
+        else:
+            features = np.asarray(self.library.transform(X), dtype=float)
         if features.ndim != 2 or len(features) != len(X):
             raise ValueError(
                 f"feature_library returned an array of shape {features.shape} for {len(X)} "
@@ -196,6 +234,11 @@ class FeatureMap:
                 "range of the data."
             )
         return features
+
+
+def _monomials_of(library) -> Monomials | None:
+    """All monomials up to a degree, if that is what a library is."""
+    return Monomials(library.powers_) if type(library) is PolynomialFeatures else None
 
 
 def _as_transformer(library):

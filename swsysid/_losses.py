@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from swsysid._solvers.dynamics_program import DynamicsProgram, boxed_least_squar
 from swsysid._solvers.euclidean import least_euclidean_norms
 from swsysid._solvers.lad import least_absolute_deviations
 from swsysid._solvers.row_space import RowSpace
+from swsysid._solvers.summaries import GramSummary, NewtonSummary, SignSummary
 
 __all__ = ["LOSSES", "DynamicsFit", "L1Loss", "L2Loss", "Loss", "SquaredLoss", "get_loss"]
 
@@ -61,6 +63,8 @@ class Loss(ABC):
 
     name: str
     separable = True  # a sum over outputs
+    summary: Any  # class of `_solvers.summaries`: what many rows say about coefficients
+    additive = False  # rows can be added to a summary, and taken away, at any coefficients
 
     @abstractmethod
     def values(self, residuals: Array) -> Array:
@@ -229,9 +233,11 @@ class L1Loss(_NormLoss):
     """Sum of absolute residuals: sum_k |r_k| (the paper's p = 1)."""
 
     name = "l1"
+    summary = SignSummary
 
     def values(self, residuals):
-        return np.abs(residuals).sum(axis=-1)
+        # a product with ones is many times as fast as a sum along a short axis
+        return np.abs(residuals) @ np.ones(np.shape(residuals)[-1])
 
     def subgradient(self, residuals):
         return np.sign(residuals)
@@ -280,6 +286,7 @@ class L2Loss(_NormLoss):
     """Euclidean norm of the residual: (sum_k r_k^2)^(1/2) (the paper's p = 2)."""
 
     name = "l2"
+    summary = NewtonSummary
     separable = False
 
     def values(self, residuals):
@@ -324,6 +331,7 @@ class SquaredLoss(Loss):
     """Sum of squared residuals: sum_k r_k^2."""
 
     name = "squared"
+    summary, additive = GramSummary, True
 
     def values(self, residuals):
         return np.square(residuals).sum(axis=-1)

@@ -153,10 +153,15 @@ class SwitchingProblem:
         The penalty for disagreeing with the surface enters as one more coordinate of the
         residual (`Loss.extra_coordinate`), so that a relaxation sees an ordinary assignment.
         """
-        candidates, targets = self.velocities(coef) / self.scale, self.targets / self.scale
+        return self.assign_velocities(self.velocities(coef), penalty)
+
+    def assign_velocities(self, velocities: Array, penalty: Array | None = None) -> Assignment:
+        """The same for velocities of every mode, (n_modes, n_samples, n_states)."""
+        candidates, targets = velocities / self.scale, self.targets / self.scale
         if penalty is None:
             return self._relax(candidates, targets)
-        candidates = np.where(self.outlying[:, None], targets, candidates)
+        if self.outlying.any():
+            candidates = np.where(self.outlying[:, None], targets, candidates)
         losses = self.loss.values(targets - candidates)
         extra = self.loss.extra_coordinate(losses, self.coupling * penalty.T)
         return self._relax(
@@ -234,9 +239,14 @@ class SwitchingProblem:
 
         A mode unknown to the surface, because it had no samples, costs as much as the dearest.
         """
-        known = surface.mode_penalty(self.coordinates)
+        return self.penalty_of_all(surface.classes_, surface.mode_penalty(self.coordinates))
+
+    def penalty_of_all(self, classes: Modes, known: Array) -> Array:
+        """Slack in every mode, from that in the modes `classes` that a surface knows."""
+        if len(classes) == self.n_modes:
+            return known
         penalty = np.repeat(known.max(axis=1, keepdims=True), self.n_modes, axis=1)
-        penalty[:, surface.classes_] = known
+        penalty[:, classes] = known
         return penalty
 
     def some(self, rows: NDArray[np.intp]) -> SwitchingProblem:

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from swsysid._answer import Answer, answer_of_all
 from swsysid._certificates import certify
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._evidence import tell_likelihood
 from swsysid._features import FeatureMap
 from swsysid._guard import check_guard
-from swsysid._identification import Identification, identify
+from swsysid._identification import identify
+from swsysid._large import drawn_rows, fit_all_rows
 from swsysid._model import SwitchingModel
 from swsysid._monomials import surface_candidates
-from swsysid._problem import fit_weighted, one_hot
-from swsysid._rows import CanonicalRows, canonical_rows, check_sample_weight
+from swsysid._problem import one_hot
+from swsysid._rows import canonical_rows
 from swsysid._setup import (
     build_problem,
     build_search,
     check_parameters,
+    checked_blocks,
     input_names,
     trajectory_codes,
 )
@@ -207,22 +208,28 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             If a named solver is not installed.
         """
         check_parameters(self)
-        X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        targets = np.asarray(y, dtype=float).reshape(len(y), -1)
-        weight = check_sample_weight(sample_weight, len(X))
-        self._one_target = y.ndim == 1
-        self._feature_map = FeatureMap(self.feature_library, X[weight > 0], input_names(self))
+        blocks, self._one_target = checked_blocks(self, X, y, sample_weight, groups)
+        sample = drawn_rows(blocks)
+        rows = canonical_rows(
+            sample.rows.X,
+            sample.rows.targets,
+            trajectory_codes(sample.rows.groups, len(sample.rows)),
+            sample_weight=sample.rows.weight,
+        )
+        some = sample.rows.X[sample.rows.weight > 0]
+        self._feature_map = FeatureMap(self.feature_library, some, input_names(self))
         self.feature_names_out_ = self._feature_map.names_out
 
-        rows = canonical_rows(X, targets, trajectory_codes(groups, len(X)), sample_weight=weight)
-        found = identify(
-            build_problem(self, rows, self._feature_map),
-            build_search(self, rows),
-            check_random_state(self.random_state),
-        )
-        self._store(found, rows)
-        self._store_rows(X, targets, weight, rows, found)
-        guard = check_guard(found.problem, found.best.coef, found.best.modes, self.surface_)
+        problem = build_problem(self, rows, self._feature_map)
+        search = build_search(self, rows, sample)
+        found = identify(problem, search, check_random_state(self.random_state))
+        if sample.is_everything:
+            answer = answer_of_all(sample.rows, rows, found, self._feature_map)
+        else:
+            answer = fit_all_rows(blocks, sample, found, self._feature_map, search)
+        self._store(answer)
+        found = answer.found
+        guard = check_guard(found.problem, self.coef_, found.best.modes, self.surface_)
         self.guard_score_ = guard.score
         warn_about(self, found, guard, len(rows.weight))
         return self
@@ -358,39 +365,25 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     # -- parts of fit ------------------------------------------------------------------------
 
-    def _store(self, found: Identification, rows: CanonicalRows) -> None:
-        best = found.best
-        self.coef_ = best.coef
-        self.objective_ = found.problem.hard_loss(best.coef, best.modes)
-        self.history_ = [
-            replace(record, modes=rows.restore(record.modes, -1)) for record in best.history
-        ]
-        self.n_iter_ = len(best.history)
+    def _store(self, answer: Answer) -> None:
+        found, best = answer.found, answer.found.best
+        self.coef_, self.surface_, self.modes_ = best.coef, answer.surface, answer.modes
+        self._membership, self.objective_ = answer.membership, answer.objective
+        self.history_, self.n_iter_ = answer.history, len(answer.history)
         self.converged_ = best.converged
         self.n_modes_ = len(best.coef)
         self.stability_ = found.stability
         self.mode_selection_ = list(found.candidates)
-
-    def _store_rows(self, X, targets, weight, rows, found: Identification) -> None:
-        """Carry the modes from the canonical rows back to the user's, and fit the surface.
-
-        Rows of weight zero took no part; they get the mode that fits them best.
-        """
-        best, problem = found.best, found.problem
-        modes = rows.restore(best.modes)
-        self.surface_ = fit_weighted(clone(problem.surface), X, modes, weight)
-        tell_likelihood(self.surface_, problem, best.coef, best.modes)
+        tell_likelihood(self.surface_, found.problem, best.coef, best.modes)
         self.surface_candidates_ = surface_candidates(
-            problem, found.monomials, self.surface_, best.modes
+            found.problem, found.monomials, self.surface_, best.modes
         )
-        membership = rows.restore(best.membership)
-        dropped = rows.inverse < 0
-        if dropped.any():
-            features = self._model.feature_map(X[dropped])
-            rest = problem.on_rows(features, targets[dropped], X[dropped])
-            penalty = rest.penalty(self.surface_) if rest.coupling else None
-            membership[dropped] = rest.assign(best.coef, penalty).membership
-        self.membership_, self.modes_ = membership, membership.argmax(axis=1)
+
+    @property
+    def membership_(self):
+        """Membership before hardening, shape (n_samples, `n_modes_`)."""
+        kept = self._membership
+        return one_hot(self.modes_, self.n_modes_) if kept is None else kept
 
     @property
     def _model(self) -> SwitchingModel:

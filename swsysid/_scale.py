@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._problem import Modes, SwitchingProblem
 from swsysid._results import Array
 
-__all__ = ["calibrate", "weighted_median"]
+__all__ = ["OUTLYING", "calibrate", "may_discard", "weighted_median"]
 
 # Residuals beyond this many scales belong to no mode ...
-_OUTLYING = 10.0
+OUTLYING = 10.0
 # ... unless that would discard more than this fraction of a mode: then it is the mode that fits
 # badly, not the rows.
 _MOST_OUTLYING = 0.5
@@ -27,18 +28,29 @@ def calibrate(problem: SwitchingProblem, coef: Array, modes: Modes) -> Switching
     The scale is that of a Laplace distribution with the residuals' median size, so that a
     scaled l1 loss is a negative log-likelihood in nats.
     """
-    size = np.abs(problem.residuals(coef, modes))
-    if not problem.loss.separable:
-        size = np.repeat(size.mean(axis=1, keepdims=True), size.shape[1], axis=1)
+    size = _sizes(problem, coef, modes)
     spread = np.abs(problem.targets - weighted_median(problem.targets, problem.weight)).max(axis=0)
     floor = _SCALE_FLOOR * np.where(spread > 0, spread, 1.0)
     scale = np.maximum(weighted_median(size, problem.weight) / np.log(2.0), floor)
-    outlying = (size / scale).max(axis=1) > _OUTLYING
-    for mode in range(problem.n_modes):
-        rows = modes == mode
-        if problem.weight[rows & outlying].sum() > _MOST_OUTLYING * problem.weight[rows].sum():
-            outlying[rows] = False
-    return replace(problem, scale=scale, outlying=outlying)
+    problem = replace(problem, scale=scale)
+    outlying = (size / scale).max(axis=1) > OUTLYING
+    return replace(problem, outlying=outlying & may_discard(problem, coef, modes)[modes])
+
+
+def may_discard(problem: SwitchingProblem, coef: Array, modes: Modes) -> NDArray[np.bool_]:
+    """Modes of which not too many rows would be outlying, (n_modes,)."""
+    outlying = (_sizes(problem, coef, modes) / problem.scale).max(axis=1) > OUTLYING
+    members = np.bincount(modes, problem.weight, problem.n_modes)
+    discarded = np.bincount(modes, problem.weight * outlying, problem.n_modes)
+    return discarded <= _MOST_OUTLYING * members
+
+
+def _sizes(problem: SwitchingProblem, coef: Array, modes: Modes) -> Array:
+    """Sizes of the residuals, the same for all outputs if the loss does not separate them."""
+    size = np.abs(problem.residuals(coef, modes))
+    if not problem.loss.separable:
+        size = np.repeat(size.mean(axis=1, keepdims=True), size.shape[1], axis=1)
+    return size
 
 
 def weighted_median(values: Array, weight: Array) -> Array:

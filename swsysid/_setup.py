@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import clone
+from sklearn.utils.validation import validate_data
 
+from swsysid._blocks.sampling import Sample
+from swsysid._blocks.sources import RowBlocks, holds_blocks, row_blocks
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._features import FeatureMap
 from swsysid._identification import Search
@@ -20,6 +23,7 @@ from swsysid.relaxations import get_relaxation
 __all__ = [
     "build_problem",
     "build_search",
+    "checked_blocks",
     "check_parameters",
     "input_names",
     "trajectory_codes",
@@ -83,10 +87,10 @@ def build_problem(estimator: Any, rows: CanonicalRows, feature_map: FeatureMap) 
     )
 
 
-def build_search(estimator: Any, rows: CanonicalRows) -> Search:
-    """How to look for the answer."""
+def build_search(estimator: Any, rows: CanonicalRows, sample: Sample | None = None) -> Search:
+    """How to look for the answer on the canonical rows, of all data or of a sample of them."""
     return Search(
-        init=_resolve_init(estimator, rows),
+        init=_resolve_init(estimator, rows, sample),
         n_init=None if estimator.n_init == "auto" else int(estimator.n_init),
         max_iter=estimator.max_iter,
         tol=estimator.tol,
@@ -97,6 +101,26 @@ def build_search(estimator: Any, rows: CanonicalRows) -> Search:
         n_jobs=estimator.n_jobs,
         verbose=estimator.verbose,
     )
+
+
+def checked_blocks(
+    estimator: Any, X: Any, y: Any, sample_weight: Any, groups: Any
+) -> tuple[RowBlocks, bool]:
+    """The rows of the data, and whether `y` has one velocity without a column of its own.
+
+    Rows in memory are checked at once, blocks when they are read.
+    """
+    if not holds_blocks(X):
+        X, y = validate_data(estimator, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
+        trajectory_codes(groups, len(X))
+        y = np.asarray(y, dtype=float)
+        groups = None if groups is None else np.asarray(groups)
+        return row_blocks(X, y, sample_weight, groups), y.ndim == 1
+    blocks = row_blocks(X, y, sample_weight, groups)
+    first, target = (X, y) if hasattr(X, "shape") else (X[0], y[0])
+    names = first[:1] if hasattr(first, "columns") else np.zeros((1, np.shape(first)[1]))
+    validate_data(estimator, names)
+    return blocks, len(np.shape(target)) == 1
 
 
 def input_names(estimator: Any) -> list[str]:
@@ -135,7 +159,7 @@ def _margin(surface: Any) -> float:
     return _USUAL_MARGIN if isinstance(margin, str) else margin
 
 
-def _resolve_init(estimator: Any, rows: CanonicalRows) -> Any:
+def _resolve_init(estimator: Any, rows: CanonicalRows, sample: Sample | None) -> Any:
     """The start as a name, coefficients, or labels of the canonical rows."""
     if isinstance(estimator.init, str):
         return estimator.init
@@ -144,7 +168,7 @@ def _resolve_init(estimator: Any, rows: CanonicalRows) -> Any:
         raise ValueError("An array for init fixes the number of modes; give n_modes as a number.")
     if init.ndim == 3:
         return init.astype(float)
-    n_samples, n_modes = len(rows.inverse), estimator.n_modes
+    n_samples, n_modes = len(rows.inverse) if sample is None else sample.n_rows, estimator.n_modes
     if init.shape != (n_samples,) or not np.isin(init, np.arange(n_modes)).all():
         raise ValueError(
             f"init has shape {init.shape}; give 'auto', 'random', labels 0..{n_modes - 1} of "
@@ -152,7 +176,7 @@ def _resolve_init(estimator: Any, rows: CanonicalRows) -> Any:
         )
     labels = np.empty(len(rows.weight), dtype=np.intp)
     kept = rows.inverse >= 0
-    labels[rows.inverse[kept]] = init[kept]
+    labels[rows.inverse[kept]] = (init if sample is None else init[sample.place])[kept]
     return labels
 
 

@@ -16,7 +16,7 @@ PACKAGE = Path(swsysid.__file__).parent
 GROUPS = (
     # 0: records, words, and numerical tools that know nothing of the package
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
-    _solvers/vertex _command/tables datasets/_sources
+    _solvers/vertex _command/tables _blocks/__init__ datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
     _command/__init__ _search/__init__ _page/__init__ _page/markup
     _rollouts/__init__""",
@@ -36,7 +36,9 @@ GROUPS = (
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
     _simulation/signals _simulation/effect_system
     _rollouts/system _command/samples metrics/_errors metrics/_modes datasets/_undeclared_plants
-    datasets/_undeclared_mechanisms""",
+    datasets/_undeclared_mechanisms _blocks/sources""",
+    # what many rows say; a sample of them
+    "_solvers/summaries _blocks/sampling",
     # 3: the losses; the margin program; mixtures of experts
     """diagnosis/_dependence diagnosis/_sizes _search/regression
     _losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
@@ -45,7 +47,7 @@ GROUPS = (
     datasets/_undeclared_simulation""",
     # 4: what a relaxation is; what a margin certifies; the search for starts
     """diagnosis/_cases _search/trials
-    relaxations/_base _surfaces/margins _surfaces/book_program _seeding/search
+    relaxations/_base _surfaces/fitted _surfaces/margins _surfaces/book_program _seeding/search
     _rollouts/segments metrics/__init__ datasets/_trajectories datasets/_undeclared_sizing""",
     # 5: one relaxation a file; the three steps of the alternation; the classifier; seeding
     """relaxations/_exact relaxations/_simplex relaxations/_moment _problem _classifier
@@ -60,12 +62,13 @@ GROUPS = (
     plotting/_diagnosis plotting/_timeline plotting/_effect_panels""",
     # 7: monomials and labels of the surface; 8 to 11: from the data to the estimator, and how
     # sure it is
-    """_evidence _rollouts/estimation diagnosis/_report
+    """_evidence _passes _rollouts/estimation diagnosis/_report
     effects/_actuator effects/_friction effects/_memory effects/_sensors effects/_static
     effects/_time""",
-    "_monomials refinement diagnosis/_residuals",
+    "_monomials _polish refinement diagnosis/_residuals",
     "_identification _guard _certificates",
-    "_setup _warnings",
+    "_setup _answer _warnings",
+    "_large",
     "_regressor _search/joint_fit",
     "uncertainty datasets/_undeclared _search/bench _search/scores effects/_guards",
     # 13 to 19: the search for effects
@@ -86,7 +89,7 @@ GROUPS = (
 )
 LAYERS = {name: layer for layer, names in enumerate(GROUPS) for name in names.split()}
 MAX_LINES = 400
-HEAVY = {"cvxpy", "pysindy", "matplotlib", "pandas", "pooch", "statsmodels"}
+HEAVY = {"cvxpy", "pysindy", "matplotlib", "pandas", "pooch", "statsmodels", "dask", "distributed"}
 FILES = sorted(
     path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py")
 )

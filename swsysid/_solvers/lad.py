@@ -100,6 +100,7 @@ def least_absolute_deviations(
     sample_weight: Array | None = None,
     coef_bound: float | None = None,
     start: Array | None = None,
+    n_heavy: int = 0,
     tol: float = 1e-9,
 ) -> LadFit:
     r"""Solve :math:`\min_c \sum_i w_i |y_i - d_i^T c|` s.t. :math:`|c| \le B` for every output.
@@ -115,6 +116,8 @@ def least_absolute_deviations(
     start : ndarray of shape (n_outputs, n_features), default=None
         Coefficients thought to be near the optimum, such as those for slightly different
         rows. They save time and do not change the optimum.
+    n_heavy : int, default=0
+        The last rows stand for many others, whose sum they are; positive weights only.
     tol : float, default=1e-9
         Relative duality gap up to which the answer counts as optimal. Rounding is the only
         source of a gap where the optimum is a vertex, which is the usual case.
@@ -151,7 +154,7 @@ def least_absolute_deviations(
         return LadFit(np.zeros((n_outputs, n_features)), objective, objective, Status.OPTIMAL)
     targets = np.ascontiguousarray(targets.T)
     bound = np.inf if coef_bound is None else float(coef_bound)
-    fits = _fit_outputs(design, targets, bound, start, tol)
+    fits = _fit_outputs(design, targets, bound, start, n_heavy, tol)
     coef = np.stack([fit.coef for fit in fits]).clip(-bound, bound)
     objective = np.array(
         [np.abs(row - design @ one).sum() for row, one in zip(targets, coef, strict=True)]
@@ -162,25 +165,32 @@ def least_absolute_deviations(
     return LadFit(coef, objective, np.maximum(objective - gap, 0.0), status)
 
 
-def _fit_outputs(design, targets, bound, start, tol) -> list[Certified]:
+def _fit_outputs(design, targets, bound, start, n_heavy, tol) -> list[Certified]:
     """One certified fit for each row of `targets`."""
-    space = RowSpace(design)
-    inner, perfect = space.first_guess(targets)
+    n_light = len(design) - n_heavy
+    space = RowSpace(design[:n_light])
+    if n_heavy and space.rank < design.shape[1]:
+        space = RowSpace(design)
+    inner, perfect = space.first_guess(targets[:, : len(space.design)])
     near = start is not None
     guesses = space.inner(np.asarray(start, dtype=float)) if near else inner
     fits = []
+    reduced = space.design
+    if len(reduced) < len(design):
+        reduced = np.vstack([reduced, space.rows(design[n_light:])])
     for row, guess, least_squares, clean in zip(targets, guesses, inner, perfect, strict=True):
-        rows = _Rows(space.design, row)
+        rows = _Rows(reduced, row, n_heavy)
         if space.rank == 0:
             fit = Certified(least_squares, 0.0)
-        elif clean:
+        elif clean and not n_heavy:
             fit = Certified(least_squares, _objective(rows, least_squares))
         else:
             warm = _warm(rows, guess, tol) if near and not rows.walkable else None
-            fit = warm or _solve(rows, guess, near=near)
+            # Rows left by an earlier merge are all near: merging again does not pay.
+            fit = warm or (_direct(rows, guess) if n_heavy else _solve(rows, guess, near=near))
         fit = Certified(space.coef(fit.coef), fit.gap)
         if np.abs(fit.coef).max() > bound:
-            fit = _solve(_boxed(design, row, bound), fit.coef.clip(-bound, bound))
+            fit = _solve(_boxed(design, row, bound, n_heavy), fit.coef.clip(-bound, bound))
         fits.append(fit)
     return fits
 
@@ -193,7 +203,7 @@ def _warm(rows, coef, tol) -> Certified | None:
     return fit if fit and fit.gap <= tol * _objective(rows, fit.coef) else None
 
 
-def _boxed(design, targets, bound) -> _Rows:
+def _boxed(design, targets, bound, n_heavy) -> _Rows:
     """The regression with two heavy rows for each column that keep it inside the box."""
     strength = np.abs(design).sum(axis=0)
     strength[strength == 0] = 1.0
@@ -201,7 +211,7 @@ def _boxed(design, targets, bound) -> _Rows:
     return _Rows(
         np.vstack([design, walls, walls]),
         np.concatenate([targets, bound * strength, -bound * strength]),
-        n_heavy=2 * len(strength),
+        n_heavy=n_heavy + 2 * len(strength),
     )
 
 

@@ -74,6 +74,10 @@ class RowSpace:
             return coef
         return np.asarray(np.linalg.lstsq(self._lift.T, coef.T, rcond=None)[0].T, dtype=float)
 
+    def rows(self, design: Array) -> Array:
+        """Other rows of the features in these coordinates."""
+        return design if self._lift is None else design @ self._lift.T
+
     def least_squares(self, targets: Array) -> Array:
         """Least-squares coefficients of `self.design`, for targets of shape (k, n_samples)."""
         return _normal_equations(self.design, targets)

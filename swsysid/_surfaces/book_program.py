@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.exceptions import ConvergenceWarning
 
-from swsysid._results import Array
+from swsysid._results import Array, IdentificationWarning, Status
 from swsysid._rows import spread_rows
 from swsysid._surfaces.hinge import MarginProgram, least_squares
 from swsysid._surfaces.margin_program import SurfaceFit, fit_programs
 from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement, pairwise_book
 
-__all__ = ["choose_mode_book", "fit_mode_book", "surface_scale"]
+__all__ = ["choose_mode_book", "fit_mode_book", "surface_scale", "warn_if_doubtful"]
 
 # Rows that decide about the mode-book, and the accuracy that many surfaces must gain over few.
 _DECIDING = 1000
@@ -134,3 +136,20 @@ def surface_scale(values: Array, weight: Array) -> Array:
     """Weighted mean of |f| of every surface, which makes surfaces comparable; 1 where f is 0."""
     size = weight @ np.abs(values) / weight.sum()
     return np.where(size > 0.0, size, 1.0)
+
+
+def warn_if_doubtful(status: Status, coef: Array) -> None:
+    """Warn the caller of `fit` if surfaces are not optimal, or if one of them vanished."""
+    if not status.ok:
+        warnings.warn(
+            f"the margin LP ended with status '{status.value}'. {status.advice}",
+            ConvergenceWarning,
+            stacklevel=4,
+        )
+    if (coef == 0.0).all(axis=1).any():
+        warnings.warn(
+            "a surface vanished: its sparsity outweighs all slack; decrease beta or increase "
+            "margin.",
+            IdentificationWarning,
+            stacklevel=4,
+        )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import comb
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._features import FeatureMap, monomials_at
+from swsysid._features import FeatureMap, Monomials, monomials_at
 from swsysid._results import Array
 from swsysid._surfaces.parameters import check_relevance
 
@@ -39,12 +39,13 @@ class PolynomialBasis:
             self.centre, self.scale = _centre_and_scale(X, weight)
         self.monomials = PolynomialFeatures(degree).fit(X[:1])
         self.powers = self.monomials.powers_  # recomputed by scikit-learn at every access
+        self.values = Monomials(self.powers)
         self.reach = np.abs(X).max(axis=0)
 
     def __call__(self, X: Array) -> Array:
         """Features in fitting coordinates, shape (n_samples, n_features_out)."""
         with np.errstate(over="ignore", invalid="ignore"):
-            features = self.monomials.transform((X - self.centre) / self.scale)
+            features = self.values((X - self.centre) / self.scale)
         if not np.isfinite(features).all():
             raise ValueError(
                 "the monomials of X overflow; rescale X to order one or lower the degree."
@@ -53,8 +54,7 @@ class PolynomialBasis:
 
     def of_user(self, X: Array) -> Array:
         """The user's own monomials, shape (n_samples, n_features_out)."""
-        monomials: Array = self.monomials.transform(X)
-        return monomials
+        return self.values(X)
 
     def at(self, point: Array) -> Array:
         """Features at one point, shape (n_features_out,), without checks."""

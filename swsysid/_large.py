@@ -1,0 +1,138 @@
+"""Many rows: identify on a sample of them, then pass over all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+
+from swsysid._answer import Answer
+from swsysid._blocks.sampling import Sample, draw_sample
+from swsysid._blocks.sources import RowBlocks, row_blocks
+from swsysid._features import FeatureMap
+from swsysid._identification import Identification, Search
+from swsysid._passes import Pass, PassResult
+from swsysid._polish import Polished, Sampled, polish
+from swsysid._problem import Modes, SwitchingProblem, fit_weighted, one_hot
+from swsysid._results import Array
+from swsysid._scale import may_discard
+
+__all__ = ["IDENTIFIED", "WHOLE", "drawn_rows", "fit_all_rows"]
+
+# Data of at most this many rows are fitted as a whole. Of more, this many are identified, ...
+WHOLE, IDENTIFIED = 40_000, 10_000
+# ... then a larger sample is passed over, and then all rows. It is this many times the rows to the
+# power 2/3, as are those that a pass keeps.
+_LARGER = 4.0
+
+
+def drawn_rows(blocks: RowBlocks) -> Sample:
+    """All rows, if they are not too many, or a sample for `fit_all_rows`."""
+    return draw_sample(blocks, IDENTIFIED, WHOLE)
+
+
+def fit_all_rows(
+    blocks: RowBlocks,
+    sample: Sample,
+    found: Identification,
+    feature_map: FeatureMap,
+    search: Search,
+) -> Answer:
+    """Pass over larger samples, then over all rows, from the answer of the first sample."""
+    n_larger = int(_LARGER * sample.n_rows ** (2 / 3))
+    larger = sample if n_larger <= len(sample.rows) else draw_sample(blocks, n_larger, 0)
+    in_memory = row_blocks(larger.rows.X, larger.rows.targets, larger.rows.weight)
+    settle = partial(polish, max_iter=search.max_iter, tol=search.tol)
+
+    def passed_over(start: _Start) -> Polished:
+        sampled = Sampled(start.problem, len(larger.rows), len(sample.rows))
+        near = settle(partial(_run, in_memory), start.look(feature_map, sampled), sampled)
+        sampled = Sampled(start.problem, sample.n_rows, len(larger.rows))
+        return settle(partial(_run, blocks), _with_widths(near.look, sampled), sampled)
+
+    start = _Start(found.problem, found.best.coef, found.best.modes)
+    polished = passed_over(start)
+    order = np.argsort(-polished.result.weight, kind="stable")
+    if (order[1:] < order[:-1]).any():  # the most populated mode is another one than in the sample
+        start = start.reordered(order, polished.look)
+        polished = passed_over(start)
+    return start.answer(found, polished)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Vector fields and modes of the sampled rows, from which the passes begin."""
+
+    problem: SwitchingProblem
+    coef: Array
+    modes: Modes
+
+    @cached_property
+    def surface(self) -> Any:
+        """The classifier fitted to the sampled rows."""
+        problem = self.problem
+        return fit_weighted(clone(problem.surface), problem.coordinates, self.modes, problem.weight)
+
+    def look(self, feature_map: FeatureMap, sampled: Sampled) -> Pass:
+        """The first pass."""
+        problem, surface = self.problem, None
+        if problem.n_modes > 1 and hasattr(self.surface, "fitted_surfaces"):
+            surface = self.surface.fitted_surfaces
+        elif problem.coupling:
+            surface = self.surface
+        nothing = np.empty((0, problem.features.shape[1]))
+        look = Pass(
+            problem.on_rows(nothing, problem.targets[:0], problem.coordinates[:0]),
+            feature_map,
+            self.coef,
+            surface,
+            may_discard(problem, self.coef, self.modes),
+            (),
+            0.0,
+        )
+        return _with_widths(look, sampled)
+
+    def reordered(self, order: Modes, look: Pass) -> _Start:
+        """The start with its modes in another order, at the vector fields of a pass."""
+        problem, rank = self.problem, np.argsort(order)
+        if problem.support is not None:
+            problem = replace(problem, support=problem.support[order])
+        return _Start(problem, look.coef[order], rank[look.modes_of(self.problem)])
+
+    def answer(self, found: Identification, polished: Polished) -> Answer:
+        """What was found, with the sampled rows as all rows say."""
+        problem, look, result = self.problem, polished.look, polished.result
+        modes = look.modes_of(problem)
+        surface: Any = replace(self, coef=look.coef, modes=modes).surface
+        if polished.fits:
+            surface = self.surface.refitted(
+                polished.fits, problem.coordinates, modes, problem.weight
+            )
+        best = replace(
+            found.best,
+            coef=look.coef,
+            membership=one_hot(modes, problem.n_modes),
+            modes=modes,
+            surface=surface,
+            objective=polished.history[-1].objective,
+            history=polished.history,
+            converged=found.best.converged and polished.converged,
+        )
+        found = replace(found, best=best, problem=problem)
+        return Answer(found, surface, result.modes, None, result.hard_loss, list(polished.history))
+
+
+def _run(blocks: RowBlocks, look: Pass, before: NDArray[np.int8] | None) -> PassResult:
+    return PassResult.joined(list(blocks.map(look, before)))
+
+
+def _with_widths(look: Pass, sampled: Sampled) -> Pass:
+    modes = look.modes_of(sampled.problem)
+    near = 0.0
+    if hasattr(look.surface, "summarise"):
+        near = sampled.margin_width(look.surface, modes)
+    return replace(look, reach=sampled.reach(look.coef, modes), margin_width=near)

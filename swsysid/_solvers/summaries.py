@@ -1,0 +1,213 @@
+r"""What many rows say about the coefficients of one regression, in a few numbers.
+
+A summary is made of a block of rows at given coefficients, summaries of blocks are joined, and the
+joined one leads to better coefficients. Which numbers these are depends on the loss:
+
+- absolute deviations: a residual that is far from zero keeps its sign while the coefficients move
+  a little, so that its row enters linearly; such rows are summed, and only the others are kept
+  (`SignSummary`; Portnoy and Koenker 1997);
+- squares: the Gram matrix, to which a row can be added and from which it can be taken again
+  (`GramSummary`);
+- Euclidean norms: gradient and Hessian (`NewtonSummary`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+from swsysid._solvers.dynamics_program import boxed_least_squares
+from swsysid._solvers.lad import least_absolute_deviations
+
+__all__ = ["GramSummary", "NewtonSummary", "Reach", "SignSummary"]
+
+# Residuals shorter than this share of the longest ones have no direction.
+_NO_DIRECTION = 1e-12
+
+
+@dataclass(frozen=True)
+class Reach:
+    r"""How far the residual of a row may still move: rows of much leverage move most.
+
+    A change :math:`\Delta` of the coefficients with :math:`\Delta^T G \Delta \le s^2` moves the
+    residual of a row d by at most :math:`s \, (d^T G^{-1} d)^{1/2}`, with equality for one of them.
+
+    Attributes
+    ----------
+    metric : ndarray of shape (n_features, rank)
+        A root of the inverse of G, the Gram matrix of the rows that the coefficients are known
+        from.
+    size : ndarray of shape (n_outputs,)
+        The number s of each output; negative for one whose coefficients stay.
+    """
+
+    metric: Array
+    size: Array
+
+    def of(self, design: Array) -> Array:
+        """Reach of every row for every output, (n_rows, n_outputs)."""
+        whitened = design @ self.metric
+        return np.sqrt(np.einsum("ij,ij->i", whitened, whitened))[:, None] * self.size
+
+    def scaled(self, factor: float) -> Reach:
+        """The reach of larger changes."""
+        return Reach(self.metric, factor * self.size)
+
+
+@dataclass(frozen=True)
+class SignSummary:
+    r"""Rows for least absolute deviations: those whose residual may change its sign, and sums.
+
+    A set G of rows with residuals of one sign s enters as
+    :math:`|\sum_{i \in G} w_i r_i| \le \sum_{i \in G} w_i |r_i|`, with equality where all signs
+    turn out right: the summary bounds the objective of all rows from below for any coefficients.
+
+    Attributes
+    ----------
+    near : tuple of ndarray of shape (n_near, n_features + 1)
+        For each output: features and target of its rows, times their weight.
+    sums : ndarray of shape (2, n_outputs, n_features + 1)
+        Weighted sums of the rows with positive and with negative residuals, for each output.
+    """
+
+    near: tuple[Array, ...]
+    sums: Array
+
+    @classmethod
+    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
+        """Summary of a block at coefficients (n_outputs, n_features).
+
+        Rows with residuals within their reach are kept.
+        """
+        residuals = targets - design @ coef.T
+        near, sums = [], np.empty((2, targets.shape[1], design.shape[1] + 1))
+        rows = np.column_stack([design, np.empty(len(design))])
+        for output, distance in enumerate(reach.of(design).T):
+            rows[:, -1] = targets[:, output]
+            chosen = np.flatnonzero(np.abs(residuals[:, output]) <= distance)
+            near.append(rows[chosen] * weight[chosen, None])
+            sides = np.stack([residuals[:, output] > distance, residuals[:, output] < -distance])
+            sums[:, output] = (sides * weight) @ rows
+        return cls(tuple(near), sums)
+
+    @classmethod
+    def joined(cls, parts: Sequence[SignSummary]) -> SignSummary:
+        """Summary of several blocks."""
+        near = tuple(
+            np.concatenate(each) for each in zip(*(part.near for part in parts), strict=True)
+        )
+        return cls(near, np.sum([part.sums for part in parts], axis=0))
+
+    def fit(self, coef: Array, bound: float, support: NDArray[np.bool_]) -> Array:
+        """Coefficients of least absolute deviations; an output without near rows keeps its own."""
+        coef = coef.copy()
+        for output, near in enumerate(self.near):
+            features = np.flatnonzero(support[output])
+            if len(near) < len(features) or not features.size:
+                continue
+            rows = np.vstack([near, self.sums[:, output]])
+            fit = least_absolute_deviations(
+                rows[:, features],
+                rows[:, -1:],
+                coef_bound=bound,
+                start=coef[output : output + 1, features],
+                n_heavy=2,
+            )
+            coef[output, features] = fit.coef[0]
+        return coef
+
+
+@dataclass(frozen=True)
+class GramSummary:
+    """Sums of products of features and targets, (n_features + n_outputs) squared."""
+
+    gram: Array
+
+    @classmethod
+    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
+        """Summary of a block; weights may be negative, to take rows away."""
+        rows = np.hstack([design, targets])
+        return cls(rows.T @ (rows * weight[:, None]))
+
+    @classmethod
+    def joined(cls, parts: Sequence[GramSummary]) -> GramSummary:
+        """Summary of several blocks."""
+        return cls(np.sum([part.gram for part in parts], axis=0))
+
+    def fit(self, coef: Array, bound: float, support: NDArray[np.bool_]) -> Array:
+        """Coefficients of least squares in the box."""
+        n_features = coef.shape[1]
+        coef = np.zeros_like(coef)
+        moments = self.gram[:n_features, n_features:]
+        for output, free in enumerate(support):
+            features = np.flatnonzero(free)
+            gram = self.gram[np.ix_(features, features)]
+            size = np.sqrt(np.diagonal(gram))
+            size[size == 0.0] = 1.0
+            values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+            kept = values > values.max(initial=0.0) * len(values) * 8 * np.finfo(float).eps
+            root, vectors = np.sqrt(values[kept]), vectors[:, kept]
+            right = (vectors.T @ (moments[features, output] / size)) / root
+            found = (vectors @ (right / root)) / size
+            if np.abs(found).max(initial=0.0) > bound:
+                # |D c - y|^2 and |root vectors' (size c) - right|^2 differ by a constant.
+                factor = (root[:, None] * vectors.T) * size
+                found = boxed_least_squares(factor, right[:, None], bound)[0]
+            coef[output, features] = found
+        return coef
+
+
+@dataclass(frozen=True)
+class NewtonSummary:
+    """Derivatives of the sum of Euclidean norms of the residuals.
+
+    Attributes
+    ----------
+    gradient : ndarray of shape (n_outputs, n_features)
+    hessian : ndarray of shape (n_outputs, n_features, n_outputs, n_features)
+    """
+
+    gradient: Array
+    hessian: Array
+
+    @classmethod
+    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
+        """Summary of a block at coefficients (n_outputs, n_features)."""
+        residuals = targets - design @ coef.T
+        length = np.linalg.norm(residuals, axis=1)
+        told = length > _NO_DIRECTION * length.max(initial=0.0)
+        design, residuals, length = design[told], residuals[told], length[told]
+        unit, weight = residuals / length[:, None], weight[told]
+        n_outputs, n_features = coef.shape
+        hessian = np.empty((n_outputs, n_features, n_outputs, n_features))
+        for one in range(n_outputs):
+            for two in range(one + 1):
+                curvature = weight * (float(one == two) - unit[:, one] * unit[:, two]) / length
+                block = design.T @ (design * curvature[:, None])
+                hessian[one, :, two], hessian[two, :, one] = block, block.T
+        return cls(-(unit * weight[:, None]).T @ design, hessian)
+
+    @classmethod
+    def joined(cls, parts: Sequence[NewtonSummary]) -> NewtonSummary:
+        """Summary of several blocks."""
+        return cls(
+            np.sum([part.gradient for part in parts], axis=0),
+            np.sum([part.hessian for part in parts], axis=0),
+        )
+
+    def fit(self, coef: Array, bound: float, support: NDArray[np.bool_]) -> Array:
+        """The coefficients after one step of Newton's method, kept inside the box."""
+        free = np.flatnonzero(support)
+        hessian = self.hessian.reshape(coef.size, coef.size)[np.ix_(free, free)]
+        size = np.sqrt(np.diagonal(hessian))
+        size[size == 0.0] = 1.0
+        step = np.linalg.lstsq(
+            hessian / np.outer(size, size), self.gradient.ravel()[free] / size, rcond=1e-12
+        )[0]
+        moved = coef.ravel().copy()
+        moved[free] -= step / size
+        return np.clip(moved, -bound, bound).reshape(coef.shape)

@@ -1,0 +1,166 @@
+"""Fitted surfaces as a program on many rows: penalties, and the rows that decide about them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+from swsysid._surfaces.hinge import MarginProgram
+from swsysid._surfaces.margin_program import SurfaceFit, fit_programs
+
+__all__ = ["Anchors", "FittedSurfaces", "HingeSummary"]
+
+
+@dataclass(frozen=True)
+class HingeSummary:
+    """What many rows say about one surface, next to the fitted one.
+
+    A row beyond its margin costs nothing while the surface moves a little, and one with much slack
+    enters linearly: the rows of slack are one row, their sum.
+
+    Attributes
+    ----------
+    near : ndarray of shape (n_near, n_surface_features)
+        Features times the sign of the row.
+    weight : ndarray of shape (n_near,)
+    slack : ndarray of shape (n_surface_features,)
+        Weighted sum of the rows with much slack.
+    slack_weight : float
+    """
+
+    near: Array
+    weight: Array
+    slack: Array
+    slack_weight: float
+
+    @classmethod
+    def joined(cls, parts: Sequence[HingeSummary]) -> HingeSummary:
+        """Summary of several blocks."""
+        return cls(
+            np.concatenate([part.near for part in parts]),
+            np.concatenate([part.weight for part in parts]),
+            np.sum([part.slack for part in parts], axis=0),
+            sum(part.slack_weight for part in parts),
+        )
+
+    def program(self, added: tuple[Array, Array], *options: float) -> MarginProgram:
+        """The margin LP around the fitted surface, with more rows and their weights."""
+        signed, weight = [self.near, added[0]], [self.weight, added[1]]
+        if self.slack_weight:
+            signed.append(self.slack[None, :] / self.slack_weight)
+            weight.append(np.array([self.slack_weight]))
+        return MarginProgram(np.concatenate(signed), np.concatenate(weight), *options)
+
+
+@dataclass(frozen=True)
+class Anchors:
+    """Some rows that hold a surface where it is, beyond the width within which all are kept.
+
+    A surface that is left alone by the rows far away could move among them.
+
+    Attributes
+    ----------
+    X : ndarray of shape (n_anchors, n_features_in)
+    labels : ndarray of shape (n_anchors,), int
+        Places in the classes of the surfaces.
+    weight : ndarray of shape (n_anchors,)
+        Of the rows that each stands for.
+    width : float
+    """
+
+    X: Array
+    labels: NDArray[np.intp]
+    weight: Array
+    width: float
+
+
+@dataclass(frozen=True)
+class FittedSurfaces:
+    """Surfaces in fitting coordinates and the margin LP that they solve.
+
+    Attributes
+    ----------
+    basis : callable
+        Features (n_rows, n_surface_features) of coordinates.
+    coef : ndarray of shape (n_surfaces, n_surface_features)
+    book : ndarray of shape (n_classes, n_surfaces)
+    classes : ndarray of shape (n_classes,)
+    margin, beta, bound : float
+    solver : str
+    """
+
+    basis: Any
+    coef: Array
+    book: NDArray[np.int64]
+    classes: NDArray
+    margin: float
+    beta: float
+    bound: float
+    solver: str
+
+    def values(self, X: Array) -> Array:
+        """Values of the surfaces, (n_rows, n_surfaces)."""
+        return np.asarray(self.basis(X) @ self.coef.T, dtype=float)
+
+    def penalty(self, values: Array) -> Array:
+        """Slack that each class would cost each row, (n_rows, n_classes)."""
+        penalty = np.zeros((len(values), len(self.book)))
+        for surface, signs in enumerate(self.book.T):
+            for column, sign in enumerate(signs):
+                if sign:
+                    penalty[:, column] += np.maximum(0.0, self.margin - sign * values[:, surface])
+        return penalty
+
+    def distance(self, X: Array, labels: NDArray) -> Array:
+        """How far each row is beyond the margin of each surface; infinite if it has no say."""
+        return self._distance(self.values(X), labels)
+
+    def _distance(self, values: Array, labels: NDArray) -> Array:
+        signs = self.book[labels]
+        return np.where(signs == 0, np.inf, signs * values - self.margin)
+
+    def summarise(
+        self, X: Array, values: Array, labels: NDArray, weight: Array, width: float
+    ) -> list[HingeSummary]:
+        """One summary for each surface; rows nearer to their margin than `width` are kept.
+
+        `labels` are places in `classes`.
+        """
+        distance = self._distance(values, labels)
+        summaries = []
+        for surface, signs in enumerate(self.book.T):
+            rows = np.flatnonzero(distance[:, surface] < width)
+            is_near = distance[rows, surface] > -width
+            signed = self.basis(X[rows]) * signs[labels[rows], None] if rows.size else self.empty
+            slack_weight = np.where(is_near, 0.0, weight[rows])
+            summaries.append(
+                HingeSummary(
+                    signed[is_near],
+                    weight[rows[is_near]],
+                    slack_weight @ signed,
+                    float(slack_weight.sum()),
+                )
+            )
+        return summaries
+
+    def refit(self, summaries: Sequence[HingeSummary], anchors: Anchors) -> list[SurfaceFit]:
+        """Solve the margin LPs of the summaries, from these surfaces."""
+        programs = []
+        features, distance = self.basis(anchors.X), self.distance(anchors.X, anchors.labels)
+        for surface, summary in enumerate(summaries):
+            far = np.flatnonzero(distance[:, surface] >= anchors.width)
+            far = far[np.isfinite(distance[far, surface])]
+            signs = self.book[anchors.labels[far], surface]
+            added = features[far] * signs[:, None], anchors.weight[far]
+            programs.append(summary.program(added, self.margin, self.beta, self.bound))
+        return fit_programs(programs, self.solver, self.coef)
+
+    @property
+    def empty(self) -> Array:
+        """Features of no rows."""
+        return np.empty((0, self.coef.shape[1]))
