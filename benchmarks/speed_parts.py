@@ -58,18 +58,20 @@ def assignment(options) -> Iterator[Case]:
     candidates = np.matmul(data.X, laws.transpose(0, 2, 1))
     reference = SimplexRelaxation()
     reference.solver = "clarabel"
-    answers: dict[str, float] = {}
+    memberships: dict[str, np.ndarray] = {}
 
     def run(relaxation, name):
         def assign():
-            membership = relaxation.assign(candidates, data.Xdot).membership
-            mixed = np.einsum("im,mik->ik", membership, candidates)
-            answers[name] = float(np.abs(data.Xdot - mixed).sum())
+            memberships[name] = relaxation.assign(candidates, data.Xdot).membership
 
         return assign
 
+    def objective(name):
+        mixed = np.einsum("im,mik->ik", memberships[name], candidates)
+        return float(np.abs(data.Xdot - mixed).sum())
+
     def difference():
-        gap = answers["simplex"] / answers["reference"] - 1.0
+        gap = objective("simplex") / objective("reference") - 1.0
         return f"objective of the simplex relative to the LP: {gap:+.1e}"
 
     other = run(reference, "reference")
