@@ -166,9 +166,10 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
     if search.sparsity is not None:
         problem, best = _sparsify(problem, best, search)
     order = _canonical_order(problem, best)
+    support = None if problem.support is None else problem.support[order]
     return Identification(
         best=relabel(best, order),
-        problem=replace(problem, n_modes=len(order)),
+        problem=replace(problem, n_modes=len(order), support=support),
         hits=hits,
         stability=hits / sum(starts.hits),
         n_starts=starts.n_drawn,
