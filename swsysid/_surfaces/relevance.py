@@ -197,8 +197,17 @@ class _Subsets:
 
 def _loss(values: Array, log_ratio: Array, weight: Array) -> Array:
     """-sum_i w_i log[(sigma(z) e^rho + sigma(-z)) / max(e^rho, 1)], for a batch of z."""
-    nats = np.logaddexp(0.0, values) - np.logaddexp(0.0, values + log_ratio)
+    nats = _softplus(values) - _softplus(values + log_ratio)
     return (nats + np.maximum(log_ratio, 0.0)) @ weight
+
+
+def _softplus(values: Array) -> Array:
+    """log(1 + e^z), to an absolute error of rounding; a third of the time of ``logaddexp``."""
+    small = np.exp(-np.abs(values))
+    small += 1.0
+    np.log(small, out=small)
+    small += np.maximum(values, 0.0)
+    return small
 
 
 def _derivatives(values: Array, log_ratio: Array, weight: Array) -> tuple[Array, Array]:
