@@ -28,8 +28,9 @@ from swsysid._solvers.conic import linear_program, modelling, solve
 from swsysid._solvers.dynamics_program import DynamicsProgram, boxed_least_squares
 from swsysid._solvers.euclidean import least_euclidean_norms
 from swsysid._solvers.lad import least_absolute_deviations
+from swsysid._solvers.norm_summary import NormSummary
 from swsysid._solvers.row_space import RowSpace
-from swsysid._solvers.summaries import GramSummary, NewtonSummary, SignSummary
+from swsysid._solvers.summaries import GramSummary, SignSummary
 
 __all__ = ["LOSSES", "DynamicsFit", "L1Loss", "L2Loss", "Loss", "SquaredLoss", "get_loss"]
 
@@ -286,7 +287,7 @@ class L2Loss(_NormLoss):
     """Euclidean norm of the residual: (sum_k r_k^2)^(1/2) (the paper's p = 2)."""
 
     name = "l2"
-    summary = NewtonSummary
+    summary = NormSummary
     separable = False
 
     def values(self, residuals):

@@ -188,7 +188,8 @@ def polish(
     while not converged and len(history) < max_iter:
         trial = passes(_next(best, sampled))
         gain = best.objective - trial.objective
-        settled = trial.changes == 0 or abs(gain) <= tol * abs(best.objective)
+        solved = trial.changes == 0 and look.problem.loss.summary.exact
+        settled = solved or abs(gain) <= tol * abs(best.objective)
         if settled or gain > 0.0:
             converged, tries = settled, 0
             best = trial if gain >= 0.0 else best

@@ -39,6 +39,7 @@ GROUPS = (
     datasets/_undeclared_mechanisms _blocks/sources""",
     # what many rows say; a sample of them
     "_solvers/summaries _blocks/sampling",
+    "_solvers/norm_summary",
     # 3: the losses; the margin program; mixtures of experts
     """diagnosis/_dependence diagnosis/_sizes _search/regression
     _losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers

@@ -134,7 +134,7 @@ class _Iterate:
         free = self.support.ravel()
         size = free.size
         move = np.zeros(size)
-        move[free] = _solve(
+        move[free] = solve_scaled(
             hessian.reshape(size, size)[np.ix_(free, free)], (unit.T @ self.design).ravel()[free]
         )
         return move.reshape(self.coef.shape) if np.isfinite(move).all() else None
@@ -162,7 +162,8 @@ class _Iterate:
         self.dual = dual / np.maximum(1.0, np.linalg.norm(dual, axis=1, keepdims=True))
 
 
-def _solve(matrix, right):
+def solve_scaled(matrix, right):
+    """Solution of a positive semidefinite system, of least norm where it has many."""
     scale = np.sqrt(np.diagonal(matrix).clip(min=np.finfo(float).tiny))
     _, solution, failed = dposv(matrix / np.outer(scale, scale), right / scale)
     if failed or not np.isfinite(solution).all():
@@ -176,7 +177,7 @@ def _orthogonal(design, dual, support):
     for output, columns in enumerate(support):
         part = design[:, columns]
         if part.shape[1]:
-            dual[:, output] -= part @ _solve(part.T @ part, part.T @ dual[:, output])
+            dual[:, output] -= part @ solve_scaled(part.T @ part, part.T @ dual[:, output])
     return dual
 
 

@@ -8,7 +8,7 @@ joined one leads to better coefficients. Which numbers these are depends on the 
   (`SignSummary`; Portnoy and Koenker 1997);
 - squares: the Gram matrix, to which a row can be added and from which it can be taken again
   (`GramSummary`);
-- Euclidean norms: gradient and Hessian (`NewtonSummary`).
+- Euclidean norms: see `norm_summary`.
 """
 
 from __future__ import annotations
@@ -23,10 +23,7 @@ from swsysid._results import Array
 from swsysid._solvers.dynamics_program import boxed_least_squares
 from swsysid._solvers.lad import least_absolute_deviations
 
-__all__ = ["GramSummary", "NewtonSummary", "Reach", "SignSummary"]
-
-# Residuals shorter than this share of the longest ones have no direction.
-_NO_DIRECTION = 1e-12
+__all__ = ["GramSummary", "Reach", "SignSummary"]
 
 
 @dataclass(frozen=True)
@@ -76,6 +73,7 @@ class SignSummary:
 
     near: tuple[Array, ...]
     sums: Array
+    exact = True  # within reach
 
     @classmethod
     def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
@@ -126,6 +124,7 @@ class GramSummary:
     """Sums of products of features and targets, (n_features + n_outputs) squared."""
 
     gram: Array
+    exact = True
 
     @classmethod
     def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
@@ -159,55 +158,3 @@ class GramSummary:
                 found = boxed_least_squares(factor, right[:, None], bound)[0]
             coef[output, features] = found
         return coef
-
-
-@dataclass(frozen=True)
-class NewtonSummary:
-    """Derivatives of the sum of Euclidean norms of the residuals.
-
-    Attributes
-    ----------
-    gradient : ndarray of shape (n_outputs, n_features)
-    hessian : ndarray of shape (n_outputs, n_features, n_outputs, n_features)
-    """
-
-    gradient: Array
-    hessian: Array
-
-    @classmethod
-    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
-        """Summary of a block at coefficients (n_outputs, n_features)."""
-        residuals = targets - design @ coef.T
-        length = np.linalg.norm(residuals, axis=1)
-        told = length > _NO_DIRECTION * length.max(initial=0.0)
-        design, residuals, length = design[told], residuals[told], length[told]
-        unit, weight = residuals / length[:, None], weight[told]
-        n_outputs, n_features = coef.shape
-        hessian = np.empty((n_outputs, n_features, n_outputs, n_features))
-        for one in range(n_outputs):
-            for two in range(one + 1):
-                curvature = weight * (float(one == two) - unit[:, one] * unit[:, two]) / length
-                block = design.T @ (design * curvature[:, None])
-                hessian[one, :, two], hessian[two, :, one] = block, block.T
-        return cls(-(unit * weight[:, None]).T @ design, hessian)
-
-    @classmethod
-    def joined(cls, parts: Sequence[NewtonSummary]) -> NewtonSummary:
-        """Summary of several blocks."""
-        return cls(
-            np.sum([part.gradient for part in parts], axis=0),
-            np.sum([part.hessian for part in parts], axis=0),
-        )
-
-    def fit(self, coef: Array, bound: float, support: NDArray[np.bool_]) -> Array:
-        """The coefficients after one step of Newton's method, kept inside the box."""
-        free = np.flatnonzero(support)
-        hessian = self.hessian.reshape(coef.size, coef.size)[np.ix_(free, free)]
-        size = np.sqrt(np.diagonal(hessian))
-        size[size == 0.0] = 1.0
-        step = np.linalg.lstsq(
-            hessian / np.outer(size, size), self.gradient.ravel()[free] / size, rcond=1e-12
-        )[0]
-        moved = coef.ravel().copy()
-        moved[free] -= step / size
-        return np.clip(moved, -bound, bound).reshape(coef.shape)
