@@ -65,7 +65,7 @@ class RowBlocks(ABC):
 
     @abstractmethod
     def map(self, function: Callable[..., Any], carried: NDArray | None = None) -> Iterator[Any]:
-        """`function` of every block, in the order of the blocks.
+        """`function` of every block that has rows, in the order of the blocks.
 
         A block's answer must not depend on another block: it may be computed anywhere, and again
         if a machine is lost. `carried`, (n_samples,), gives the function the entries of the
@@ -90,11 +90,21 @@ class _Sequence(RowBlocks):
     parts: Sequence[tuple]
 
     def map(self, function, carried=None):
-        end = 0
-        for part in self.parts:
-            rows = _as_rows(*part)
+        end, first = 0, None
+        for number in range(len(self.parts)):
+            part = self.parts[number]
+            rows = _as_rows(number, *part)
+            columns = _columns(part[0], rows.X), _columns(part[1], rows.targets)
+            first = first or columns
+            if columns != first:
+                raise ValueError(
+                    f"Block {number} has the columns {columns} and block 0 {first}, of X and of y; "
+                    "give all blocks the same columns in the same order."
+                )
             start, end = end, end + len(rows)
-            yield function(rows) if carried is None else function(rows, carried[start:end])
+            if len(rows):
+                yield function(rows) if carried is None else function(rows, carried[start:end])
+            del part, rows  # before the next ones are read
 
 
 @dataclass(frozen=True)
@@ -118,12 +128,16 @@ class _Dask(RowBlocks):
             extra = [(part,) for part in np.split(carried, self.ends[:-1])]
         # The function is one node of the graph: every worker gets it once.
         run, function = delayed(_on_part, pure=False), delayed(function, pure=False)
-        tasks = [run(function, part, *more) for part, more in zip(self.parts, extra, strict=True)]
-        yield from compute(*tasks)
+        tasks = [
+            run(function, number, part, *more)
+            for number, (part, more) in enumerate(zip(self.parts, extra, strict=True))
+        ]
+        yield from (answer for answer in compute(*tasks) if answer is not None)
 
 
-def _on_part(function, part, *more):
-    return function(_as_rows(*part), *more)
+def _on_part(function, number, part, *more):
+    rows = _as_rows(number, *part)
+    return function(rows, *more) if len(rows) else None
 
 
 class _Slices(Sequence):
@@ -183,10 +197,14 @@ def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) ->
         return _Array(Rows(X, np.reshape(y, (len(X), -1)), weight, groups))
     given = {"y": y, "sample_weight": sample_weight, "groups": groups}
     if _is_on_disk(X):
+        _require_columns(X)
         for name, other in given.items():
-            if other is not None and np.shape(other)[:1] != (X.shape[0],):
+            if other is None:
+                continue
+            given[name] = other = other if hasattr(other, "shape") else np.asarray(other)
+            if other.shape[:1] != X.shape[:1]:
                 raise ValueError(
-                    f"{name} has shape {np.shape(other)}; it must have one row for each of the "
+                    f"{name} has shape {other.shape}; it must have one row for each of the "
                     f"{X.shape[0]} rows of X."
                 )
         others = [None if other is None else _Slices(other) for other in given.values()]
@@ -199,20 +217,39 @@ def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) ->
     return _Sequence(_Parts(X, *given.values()))
 
 
-def _as_rows(X: Any, y: Any, weight: Any, groups: Any) -> Rows:
+def _as_rows(number: int, X: Any, y: Any, weight: Any, groups: Any) -> Rows:
     """A block as plain arrays."""
-    X = check_array(X, dtype=np.float64, input_name="X")
-    targets = check_array(y, dtype=np.float64, ensure_2d=False, input_name="y")
-    if len(targets) != len(X):
+    options = {"dtype": np.float64, "ensure_min_samples": 0}
+    try:
+        X = check_array(X, input_name="X", **options)
+        targets = check_array(y, ensure_2d=False, input_name="y", **options)
+        if len(targets) != len(X):
+            raise ValueError(f"X has {len(X)} rows and y {len(targets)}; give both as many.")
+        # A block all of whose weights are zero is no mistake.
+        weight = np.ones(len(X)) if weight is None else np.asarray(weight, dtype=float)
+        if weight.any() or weight.shape != (len(X),):
+            weight = check_sample_weight(weight, len(X))
+        groups = None if groups is None else np.asarray(groups)
+        if groups is not None and groups.shape != (len(X),):
+            raise ValueError(
+                f"groups has shape {groups.shape}; give one trajectory name for each of the "
+                f"{len(X)} samples."
+            )
+    except ValueError as error:
+        raise ValueError(f"Block {number}: {error}") from error
+    return Rows(X, targets if targets.ndim == 2 else targets[:, None], weight, groups)
+
+
+def _columns(given: Any, rows: Array) -> list:
+    """Names of the columns of a data frame, numbers of those of an array."""
+    return list(getattr(given, "columns", range(rows.shape[1])))
+
+
+def _require_columns(X: Any) -> None:
+    if len(X.shape) != 2:
         raise ValueError(
-            f"A block has {len(X)} rows of X and {len(targets)} of y; they must be as many."
+            f"X has shape {X.shape}; give a two-dimensional array, one column for each state."
         )
-    # A block all of whose weights are zero is no mistake.
-    weight = np.ones(len(X)) if weight is None else np.asarray(weight, dtype=float)
-    if weight.any() or weight.shape != (len(X),):
-        weight = check_sample_weight(weight, len(X))
-    groups = None if groups is None else np.asarray(groups)
-    return Rows(X, targets.reshape(len(X), -1), weight, groups)
 
 
 def _is_dask(X: Any) -> bool:
@@ -235,6 +272,7 @@ def _is_sequence(X: Any) -> bool:
 def _dask_parts(X, y, sample_weight, groups) -> list[tuple]:
     import dask.array as da
 
+    _require_columns(X)
     X = X.rechunk({1: -1})
     chunks = X.chunks[0]
 
@@ -243,6 +281,7 @@ def _dask_parts(X, y, sample_weight, groups) -> list[tuple]:
             return [None] * len(chunks)
         if not _is_dask(values):
             values = da.from_array(np.asarray(values), chunks=-1)
+        values = values.rechunk({axis: -1 for axis in range(1, values.ndim)})
         if np.isnan(chunks).any() or np.isnan(values.chunks[0]).any():
             if len(values.chunks[0]) != len(chunks):
                 raise ValueError(
@@ -255,7 +294,7 @@ def _dask_parts(X, y, sample_weight, groups) -> list[tuple]:
                 f"{X.shape[0]} rows of X."
             )
         else:
-            values = values.rechunk({0: chunks} | {axis: -1 for axis in range(1, values.ndim)})
+            values = values.rechunk({0: chunks})
         return list(values.to_delayed().ravel())
 
     others = {"y": y, "sample_weight": sample_weight, "groups": groups}
