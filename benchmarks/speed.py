@@ -1,7 +1,7 @@
 """Speed in ratios: structured solvers against general ones, whole fits against known labels.
 
     python benchmarks/speed.py [--parts assignment fit ...] [--repeats 5] [--largest 1e6]
-                               [--parc PYTHON] [--output FOLDER]
+                               [--on-disk 1e7] [--parc PYTHON] [--output FOLDER]
 
 Both sides of a ratio run in turn in one process, on the same data; a figure is the median of the
 ratios of five turns. Machines differ and are noisy, ratios less so. Set OMP_NUM_THREADS=1 for one
@@ -61,6 +61,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS))
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--largest", type=float, default=1e6, help="rows of the largest fit")
+    parser.add_argument("--on-disk", type=float, default=1e7, help="rows of the fit from disk")
     parser.add_argument("--parc", metavar="PYTHON", help="interpreter that has pyparc")
     parser.add_argument("--output", default="output/speed", help="folder of the results")
     return parser.parse_args(arguments)

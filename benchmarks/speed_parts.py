@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import cycle
 from time import perf_counter, process_time
 
@@ -15,6 +14,8 @@ from joblib.externals.loky import get_reusable_executor
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV, KFold, ParameterGrid
 from sklearn.preprocessing import PolynomialFeatures
+from speed_case import Case
+from speed_rows import growth, memory, on_disk, rows
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid._losses import get_loss
@@ -22,62 +23,43 @@ from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator
 from swsysid.metrics import balanced_mode_accuracy
 from swsysid.relaxations import ExactRelaxation, SimplexRelaxation
 
-__all__ = ["PARTS", "Case"]
+__all__ = ["PARTS"]
 
 N_PAPER = 2000
-
-
-@dataclass(frozen=True)
-class Case:
-    """Two ways to one answer.
-
-    Attributes
-    ----------
-    name : str
-    ours, other : callable
-        Without arguments.
-    goal : str
-    faster : bool
-        The figure is how many times faster ours is; otherwise how many times slower.
-    note : callable
-        What is said after the turns, such as by how much the answers differ.
-    """
-
-    name: str
-    ours: Callable[[], object]
-    other: Callable[[], object]
-    goal: str
-    faster: bool = True
-    note: Callable[[], str] = str
 
 
 def assignment(options) -> Iterator[Case]:
     """Memberships for given laws, against the vectorised LP."""
     data = make_damped_oscillator(N_PAPER, noise=0.05, random_state=0)
-    laws = np.array([[[0.0, 1.0], [-1.0, -0.5]], [[0.0, 1.0], [-1.0, -0.1]]])
-    candidates = np.matmul(data.X, laws.transpose(0, 2, 1))
+    for dampings in ((0.5, 0.1), (0.5, 0.3, 0.1)):
+        laws = np.array([[[0.0, 1.0], [-1.0, -damping]] for damping in dampings])
+        candidates = np.matmul(data.X, laws.transpose(0, 2, 1))
+        yield from _assignments(candidates, data.Xdot)
+
+
+def _assignments(candidates, targets) -> Iterator[Case]:
     reference = SimplexRelaxation()
     reference.solver = "clarabel"
     memberships: dict[str, np.ndarray] = {}
 
     def run(relaxation, name):
         def assign():
-            memberships[name] = relaxation.assign(candidates, data.Xdot).membership
+            memberships[name] = relaxation.assign(candidates, targets).membership
 
         return assign
 
     def objective(name):
         mixed = np.einsum("im,mik->ik", memberships[name], candidates)
-        return float(np.abs(data.Xdot - mixed).sum())
+        return float(np.abs(targets - mixed).sum())
 
     def difference():
         gap = objective("simplex") / objective("reference") - 1.0
         return f"objective of the simplex relative to the LP: {gap:+.1e}"
 
-    other = run(reference, "reference")
-    yield Case("exact assignment, N = 2000", run(ExactRelaxation(), "exact"), other, "500")
+    other, size = run(reference, "reference"), f"{len(candidates)} modes, N = {len(targets)}"
+    yield Case(f"exact assignment, {size}", run(ExactRelaxation(), "exact"), other, "500")
     yield Case(
-        "simplex assignment, N = 2000",
+        f"simplex assignment, {size}",
         run(SimplexRelaxation(), "simplex"),
         other,
         "500",
@@ -122,50 +104,6 @@ def whole_fit(options) -> Iterator[Case]:
         ).fit(data.X, data.Xdot)
 
     yield Case("whole SLS fit, N = 2000", run("auto"), run("clarabel"), "20")
-
-
-def rows(options) -> Iterator[Case]:
-    """Whole fits of many rows, against least squares per mode with known labels."""
-    for name, make, library, degree in (
-        ("SLS", make_damped_oscillator, 1, 2),
-        ("SPS", make_quartic_oscillator, 3, 4),
-    ):
-        taken: list[tuple[int, float]] = []
-        for n_rows in np.geomspace(1e4, options.largest, 3).astype(int).tolist():
-            # a trajectory has 1001 points
-            data = make(n_rows, n_trajectories=200 + n_rows // 900, noise=0.05, random_state=0)
-            yield _row_case(name, data, library, degree, taken)
-
-
-def _row_case(name, data, library, degree, taken) -> Case:
-    n_rows = len(data.X)
-
-    def fit():
-        started = perf_counter()
-        SwitchingSystemRegressor(
-            2,
-            feature_library=library,
-            surface=PolynomialSurfaceClassifier(degree=degree),
-            random_state=0,
-        ).fit(data.X, data.Xdot)
-        seconds = perf_counter() - started
-        taken.append((n_rows, seconds))
-        return seconds
-
-    def least_squares():
-        design = PolynomialFeatures(library).fit_transform(data.X)
-        for mode in range(2):
-            some = data.modes == mode
-            np.linalg.lstsq(design[some], data.Xdot[some], rcond=None)
-
-    def exponent():
-        sizes, seconds = np.log(np.array(taken)).T
-        if np.ptp(sizes) == 0.0:
-            return ""
-        return f"time grows as N to the {np.polyfit(sizes, seconds, 1)[0]:.2f} up to here"
-
-    goal = "8" if n_rows >= 1e6 else ""
-    return Case(f"{name}, N = {n_rows:.0e}", fit, least_squares, goal, faster=False, note=exponent)
 
 
 def grid_search(options) -> Iterator[Case]:
@@ -276,6 +214,9 @@ PARTS: dict[str, Callable[..., Iterator[Case]]] = {
     "l1_fit": l1_fit,
     "whole_fit": whole_fit,
     "rows": rows,
+    "growth": growth,
+    "memory": memory,
+    "on_disk": on_disk,
     "grid_search": grid_search,
     "parc": parc,
     "imports": imports,

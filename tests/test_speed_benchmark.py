@@ -16,7 +16,7 @@ def speed(monkeypatch):
     import speed
 
     yield speed
-    for name in ("speed", "speed_parts"):
+    for name in ("speed", "speed_parts", "speed_rows", "speed_case"):
         sys.modules.pop(name, None)
 
 
@@ -26,13 +26,17 @@ def test_structured_and_general_solvers_agree(speed, tmp_path):
     written = json.loads((tmp_path / "speed.json").read_text())
     assert {"cores", "numpy", "threads"} <= set(written["machine"])
     gaps = [float(one["note"].split()[-1]) for one in written["figures"] if one["note"]]
-    assert len(gaps) == 2 and max(map(abs, gaps)) < 1e-7  # Clarabel stops at 1e-8
+    assert len(gaps) == 3 and max(map(abs, gaps)) < 1e-7  # Clarabel stops at 1e-8
 
 
-def test_growth_and_imports_are_measured(speed, tmp_path):
+def test_rows_growth_memory_and_imports_are_measured(speed, tmp_path):
     options = ["--repeats", "1", "--output", str(tmp_path), "--largest", "1.2e4"]
-    speed.main([*options, "--parts", "rows", "imports"])
+    parts = ["rows", "growth", "memory", "on_disk", "imports"]
+    speed.main([*options, "--on-disk", "4.1e4", "--parts", *parts])
     figures = json.loads((tmp_path / "speed.json").read_text())["figures"]
-    assert [one["part"] for one in figures] == ["rows"] * 6 + ["imports"]
+    counts = [12, 4, 2, 1, 1]
+    assert [one["part"] for one in figures] == [
+        part for part, count in zip(parts, counts, strict=True) for _ in range(count)
+    ]
     assert all(min(one["seconds"]) > 0.0 for one in figures)
-    assert "N to the" in figures[2]["note"]
+    assert "N to the" in figures[13]["note"] and "MB of memory" in figures[18]["note"]
