@@ -72,13 +72,14 @@ class Sampled:
         rows = self._members(modes, mode)
         features = self.problem.features[rows]
         if not rows.size:
-            return Reach(np.zeros((features.shape[1], 0)), np.full(coef.shape[1], -1.0))
+            return Reach(np.zeros((features.shape[1], 0)), np.full(coef.shape[1], -1.0), 0.0)
         metric = whiten(features, np.ones(len(rows))).transform / np.sqrt(self._known(rows))
         sizes = np.abs(self.problem.residuals(coef, modes)[rows])
-        leverage = np.sqrt(np.square(features @ metric).sum(axis=1)).mean()
-        most = self._within_memory(_DEVIATIONS * leverage) / leverage
+        leverage = _leverage(features, metric)
+        moving = self._within_memory(_DEVIATIONS * leverage.mean()) / leverage.mean()
         exact = np.median(sizes, axis=0) <= _EXACT * np.ptp(self.problem.targets, axis=0)
-        return Reach(metric, np.where(exact, -1.0, most * _sparsity(sizes)))
+        size = np.where(exact, -1.0, moving * _sparsity(sizes))
+        return Reach(metric, size, float(leverage.max()))
 
     def nearer(self, reach: Reach, mode: int, coef: Array, moved: Array, modes: Modes) -> Reach:
         """The reach after a step of one mode from `coef` to `moved`."""
@@ -88,10 +89,10 @@ class Sampled:
         features, n_known = self.problem.features[rows], self._known(rows)
         step = np.sqrt(n_known * np.square(features @ (moved[mode] - coef[mode]).T).mean(axis=0))
         sparsity = _sparsity(np.abs(self.problem.residuals(moved, modes)[rows]))
-        leverage = np.sqrt(np.square(features @ reach.metric).sum(axis=1)).mean()
+        leverage = _leverage(features, reach.metric).mean()
         n_rows = self.n_rows * len(rows) / len(modes)
         fewest = _FEWEST * features.shape[1] / (n_rows * leverage) * sparsity
-        return Reach(reach.metric, np.minimum(reach.size, np.maximum(_REACH * step, fewest)))
+        return replace(reach, size=np.minimum(reach.size, np.maximum(_REACH * step, fewest)))
 
     def _members(self, modes: Modes, mode: int) -> Modes:
         return np.flatnonzero((modes == mode) & ~self.problem.outlying)
@@ -285,6 +286,11 @@ def _next(trial: _Trial, sampled: Sampled) -> Pass:
     surface = replace(look.surface, coef=np.array([fit.coef for fit in fits]))
     near = sampled.narrower_margin(look.margin_width, look.surface, surface, modes)
     return replace(look, coef=coef, reach=reach, surface=surface, margin_width=near)
+
+
+def _leverage(features: Array, metric: Array) -> Array:
+    """Root of the leverage of every row."""
+    return np.asarray(np.linalg.norm(features @ metric, axis=1), dtype=float)
 
 
 def _sparsity(sizes: Array) -> Array:

@@ -14,7 +14,7 @@ joined one leads to better coefficients. Which numbers these are depends on the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +40,23 @@ class Reach:
         from.
     size : ndarray of shape (n_outputs,)
         The number s of each output; negative for one whose coefficients stay.
+    most : float
+        Leverage of a row that no row is expected to exceed.
     """
 
     metric: Array
     size: Array
+    most: float = np.inf
+
+    def near(self, design: Array, residuals: Array) -> list[NDArray[np.intp]]:
+        """For each output the rows whose residual is within their reach.
+
+        Leverages are not computed for residuals out of reach of any expected row.
+        """
+        sizes = np.abs(residuals)
+        some = np.flatnonzero((sizes <= self.most * self.size).any(axis=1))
+        inside = sizes[some] <= self.of(design[some])
+        return [some[chosen] for chosen in inside.T]
 
     def of(self, design: Array) -> Array:
         """Reach of every row for every output, (n_rows, n_outputs)."""
@@ -52,7 +65,7 @@ class Reach:
 
     def scaled(self, factor: float) -> Reach:
         """The reach of larger changes."""
-        return Reach(self.metric, factor * self.size)
+        return replace(self, size=factor * self.size)
 
 
 @dataclass(frozen=True)
@@ -82,15 +95,18 @@ class SignSummary:
         Rows with residuals within their reach are kept.
         """
         residuals = targets - design @ coef.T
-        near, sums = [], np.empty((2, targets.shape[1], design.shape[1] + 1))
-        rows = np.column_stack([design, np.empty(len(design))])
-        for output, distance in enumerate(reach.of(design).T):
-            rows[:, -1] = targets[:, output]
-            chosen = np.flatnonzero(np.abs(residuals[:, output]) <= distance)
-            near.append(rows[chosen] * weight[chosen, None])
-            sides = np.stack([residuals[:, output] > distance, residuals[:, output] < -distance])
-            sums[:, output] = (sides * weight) @ rows
-        return cls(tuple(near), sums)
+        near = reach.near(design, residuals)
+        sides = np.stack([residuals.T > 0.0, residuals.T < 0.0]) * weight
+        for output, rows in enumerate(near):
+            sides[:, output, rows] = 0.0
+        sums = np.empty((*sides.shape[:2], design.shape[1] + 1))
+        sums[..., :-1] = sides @ design
+        sums[..., -1] = np.einsum("skn,nk->sk", sides, targets)
+        kept = tuple(
+            np.column_stack([design[rows], targets[rows, output]]) * weight[rows, None]
+            for output, rows in enumerate(near)
+        )
+        return cls(kept, sums)
 
     @classmethod
     def joined(cls, parts: Sequence[SignSummary]) -> SignSummary:
