@@ -133,7 +133,9 @@ class Pass:
         return problem.assign(self.coef, self._penalty(problem, values)).modes
 
     def _piece(self, rows: Rows, before: NDArray[np.int8] | None) -> PassResult:
-        problem = self.problem.on_rows(self.feature_map(rows.X), rows.targets, rows.X)
+        # In memory one state after the other, as velocities are: passes over few long columns.
+        targets = np.asfortranarray(rows.targets)
+        problem = self.problem.on_rows(self.feature_map(rows.X), targets, rows.X)
         velocities = problem.velocities(self.coef)
         losses = problem.loss.values((problem.targets - velocities) / problem.scale)
         problem = replace(
@@ -205,7 +207,7 @@ class Pass:
 
     def _summary(self, problem: SwitchingProblem, mode: int, rows: Modes, sign: float):
         return problem.loss.summary.of(
-            problem.features[rows],
+            np.take(problem.features.T, rows, axis=1).T,
             problem.targets[rows],
             sign * problem.weight[rows],
             self.coef[mode],
@@ -218,10 +220,8 @@ class Pass:
         classes = self.surface.classes
         place = np.full(self.problem.n_modes, -1)
         place[classes] = np.arange(len(classes))
-        known = np.flatnonzero(place[modes] >= 0)  # a mode without samples has no surface
-        labels = place[modes[known]]
-        return tuple(
-            self.surface.summarise(
-                rows.X[known], values[known], labels, rows.weight[known], self.margin_width
-            )
-        )
+        labels = place[modes]
+        known = labels >= 0
+        if not known.all():  # a mode without samples has no surface
+            rows, values, labels = rows.take(known), values[known], labels[known]
+        return tuple(self.surface.summarise(rows.X, values, labels, rows.weight, self.margin_width))

@@ -36,6 +36,8 @@ _MOST_KEPT = 400_000
 _REACH = 0.3
 # Where the width was too small it grows by this factor, at most so often.
 _WIDER, _MOST_TRIES = 2.0, 3
+# Passes for the surfaces alone, at most.
+_MOST_LOOKS = 10
 # Residuals that are smaller than this share of the targets' spread are none.
 _EXACT = 1e-9
 # Below this share of the rows, quantiles are extrapolated from the density there.
@@ -200,7 +202,29 @@ def polish(
             best = passes(best.look.widened(_WIDER**tries))
         else:
             converged = True
+    if not look.problem.coupling:
+        best = _with_settled_surfaces(best, passes, sampled, tol)
     return Polished(best.look, best.result, best.refit(sampled), tuple(history), converged)
+
+
+def _with_settled_surfaces(best: _Trial, passes: _Passes, sampled: Sampled, tol: float) -> _Trial:
+    """A pass that looks at all rows with surfaces that their summaries cannot improve.
+
+    Without coupling the labels settle whether the surfaces have settled or not.
+    """
+    for _ in range(_MOST_LOOKS):
+        fits = best.refit(sampled)
+        within_reach = sum(fit.objective for fit in fits)
+        if best.surface_objective - within_reach <= tol * best.surface_objective:
+            break
+        trial = passes(
+            _with_surfaces(best.look, fits, sampled, best.look.modes_of(sampled.problem))
+        )
+        if trial.surface_objective < best.surface_objective:
+            best = trial
+        else:
+            best = passes(best.look.widened(_WIDER))
+    return best
 
 
 class _Passes:
@@ -245,6 +269,16 @@ class _Trial:
             complexity = surface.beta * float(np.abs(surface.coef).sum())
         return result.loss + coupling * (result.slack + complexity)
 
+    @property
+    def surface_objective(self) -> float:
+        """Objective of the margin LPs; zero for a classifier that solves none."""
+        surface, total = self.look.surface, 0.0
+        for summary, coef in zip(self.result.surfaces, getattr(surface, "coef", ()), strict=True):
+            nothing = np.empty((0, len(coef))), np.empty(0)
+            program = summary.program(nothing, surface.margin, surface.beta, surface.bound)
+            total += program.objective(coef, program.signed @ coef)
+        return total
+
     def record(self, iteration: int) -> IterationRecord:
         """What the history says of it; labels of so many rows are not kept."""
         result = self.result
@@ -281,11 +315,16 @@ def _next(trial: _Trial, sampled: Sampled) -> Pass:
         sampled.nearer(each, mode, look.coef, coef, modes) for mode, each in enumerate(look.reach)
     )
     fits = trial.refit(sampled)
+    return _with_surfaces(replace(look, coef=coef, reach=reach), fits, sampled, modes)
+
+
+def _with_surfaces(look: Pass, fits: list[SurfaceFit], sampled: Sampled, modes: Modes) -> Pass:
+    """The next pass with these surfaces, and how far they may still move."""
     if not fits:
-        return replace(look, coef=coef, reach=reach)
+        return look
     surface = replace(look.surface, coef=np.array([fit.coef for fit in fits]))
     near = sampled.narrower_margin(look.margin_width, look.surface, surface, modes)
-    return replace(look, coef=coef, reach=reach, surface=surface, margin_width=near)
+    return replace(look, surface=surface, margin_width=near)
 
 
 def _leverage(features: Array, metric: Array) -> Array:

@@ -157,17 +157,22 @@ class SwitchingProblem:
 
     def assign_velocities(self, velocities: Array, penalty: Array | None = None) -> Assignment:
         """The same for velocities of every mode, (n_modes, n_samples, n_states)."""
-        candidates, targets = velocities / self.scale, self.targets / self.scale
-        if penalty is None:
-            return self._relax(candidates, targets)
-        if self.outlying.any():
-            candidates = np.where(self.outlying[:, None], targets, candidates)
-        losses = self.loss.values(targets - candidates)
-        extra = self.loss.extra_coordinate(losses, self.coupling * penalty.T)
-        return self._relax(
-            np.concatenate([candidates, extra[..., None]], axis=2),
-            np.concatenate([targets, np.zeros((len(targets), 1))], axis=1),
+        n_modes, n_samples, n_states = velocities.shape
+        # In memory one state after the other, and the surface after them.
+        n_coordinates = n_states + (penalty is not None)
+        candidates, targets = (
+            np.empty((n_modes, n_coordinates, n_samples)),
+            np.zeros((n_coordinates, n_samples)),
         )
+        targets[:n_states] = self.targets.T / self.scale[:, None]
+        scaled = candidates[:, :n_states]
+        np.divide(velocities.transpose(0, 2, 1), self.scale[:, None], out=scaled)
+        if penalty is not None:
+            if self.outlying.any():
+                scaled[:, :, self.outlying] = targets[:n_states, self.outlying]
+            losses = self.loss.values((targets[:n_states] - scaled).transpose(0, 2, 1))
+            candidates[:, -1] = self.loss.extra_coordinate(losses, self.coupling * penalty.T)
+        return self._relax(candidates.transpose(0, 2, 1), targets.T)
 
     def fit_surface(self, modes: Modes) -> CoupledSurface | None:
         """A surface fitted to the modes, None if the two are not coupled."""
@@ -227,8 +232,13 @@ class SwitchingProblem:
         return np.where(self.outlying, 0.0, self.weight)
 
     def velocities(self, coef: Array) -> Array:
-        """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states)."""
-        return np.matmul(self.features, coef.transpose(0, 2, 1))
+        """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states).
+
+        In memory it is one state after the other.
+        """
+        n_modes, n_states, n_features = coef.shape
+        every = coef.reshape(-1, n_features) @ self.features.T
+        return every.reshape(n_modes, n_states, -1).transpose(0, 2, 1)
 
     def residuals(self, coef: Array, modes: Modes) -> Array:
         """Measured minus modelled velocities, shape (n_samples, n_states)."""

@@ -49,14 +49,14 @@ class Reach:
     most: float = np.inf
 
     def near(self, design: Array, residuals: Array) -> list[NDArray[np.intp]]:
-        """For each output the rows whose residual is within their reach.
+        """For each output the rows whose residual, (n_outputs, n_rows), is within their reach.
 
         Leverages are not computed for residuals out of reach of any expected row.
         """
         sizes = np.abs(residuals)
-        some = np.flatnonzero((sizes <= self.most * self.size).any(axis=1))
-        inside = sizes[some] <= self.of(design[some])
-        return [some[chosen] for chosen in inside.T]
+        some = np.flatnonzero(np.any(sizes <= (self.most * self.size)[:, None], axis=0))
+        inside = sizes[:, some] <= self.of(design[some]).T
+        return [some[chosen] for chosen in inside]
 
     def of(self, design: Array) -> Array:
         """Reach of every row for every output, (n_rows, n_outputs)."""
@@ -94,14 +94,15 @@ class SignSummary:
 
         Rows with residuals within their reach are kept.
         """
-        residuals = targets - design @ coef.T
+        residuals = targets.T - coef @ design.T
         near = reach.near(design, residuals)
-        sides = np.stack([residuals.T > 0.0, residuals.T < 0.0]) * weight
+        sides = np.concatenate([residuals > 0.0, residuals < 0.0]) * weight
+        by_output = sides.reshape(2, *residuals.shape)
         for output, rows in enumerate(near):
-            sides[:, output, rows] = 0.0
-        sums = np.empty((*sides.shape[:2], design.shape[1] + 1))
-        sums[..., :-1] = sides @ design
-        sums[..., -1] = np.einsum("skn,nk->sk", sides, targets)
+            by_output[:, output, rows] = 0.0
+        sums = np.empty((*by_output.shape[:2], design.shape[1] + 1))
+        sums[..., :-1] = (sides @ design).reshape(*by_output.shape[:2], design.shape[1])
+        sums[..., -1] = np.einsum("skn,nk->sk", by_output, targets)
         kept = tuple(
             np.column_stack([design[rows], targets[rows, output]]) * weight[rows, None]
             for output, rows in enumerate(near)
