@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._blocks.pieces import pieces
 from swsysid._features import FeatureMap
 from swsysid._printing import check_format, linear_combination, symbol
 from swsysid._results import Array
@@ -41,11 +42,22 @@ class SwitchingModel:
 
     def modes(self, X: Array) -> NDArray[np.intp]:
         """The mode that the surface assigns to every sample."""
-        return self.surface.predict(X)
+        return np.concatenate([self.surface.predict(X[rows]) for rows in pieces(len(X))])
+
+    def mode_probabilities(self, X: Array) -> Array:
+        """Probability of every mode at every sample, 0 or 1 if the surface gives none."""
+        for name in ("class_posterior", "predict_proba"):
+            if hasattr(self.surface, name):
+                return np.asarray(getattr(self.surface, name)(X))
+        return np.eye(len(self.coef))[self.surface.predict(X)]
 
     def predict(self, X: Array) -> Array:
         """Velocity of the active mode at every sample, shape (n_samples, n_states)."""
-        return self.velocities(X)[self.modes(X), np.arange(len(X))]
+        active = np.empty((len(X), self.n_states))
+        for rows in pieces(len(X)):
+            some = X[rows]
+            active[rows] = self.velocities(some)[self.surface.predict(some), np.arange(len(some))]
+        return active
 
     def equations(self, precision: int, style: str) -> list[str]:
         """One equation for every mode and state."""

@@ -8,6 +8,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._answer import Answer, answer_of_all
+from swsysid._blocks.sources import over_blocks
 from swsysid._certificates import certify
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._evidence import tell_likelihood
@@ -95,7 +96,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     ----------
     coef_ : ndarray of shape (n_modes_, n_states, n_features_out)
         Vector fields, the most populated mode first.
-    modes_ : ndarray of shape (n_samples,)
+    modes_ : ndarray of shape (n_samples,), int
         Mode of every training sample.
     membership_ : ndarray of shape (n_samples, n_modes_)
         Membership before hardening.
@@ -108,7 +109,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     objective_ : float
         Weighted sum of the losses of the hard modes, in the user's units.
     history_ : list of IterationRecord
-        Of the winning start.
+        Of the winning start; of the passes over all rows, if these are more than 40,000.
     n_modes_ : int
     stability_ : float
         Fraction of the starts that found the winner.
@@ -188,7 +189,8 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_states + n_inputs)
-            States, then inputs.
+            States, then inputs. Also a memory map, a Dask array, or a sequence of blocks of rows;
+            the other arguments are then of the same kind.
         y : array-like of shape (n_samples,) or (n_samples, n_states)
             Xdot, the measured velocities (next states in discrete time).
         sample_weight : array-like of shape (n_samples,), default=None
@@ -210,21 +212,17 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         check_parameters(self)
         blocks, self._one_target = checked_blocks(self, X, y, sample_weight, groups)
         sample = drawn_rows(blocks)
-        rows = canonical_rows(
-            sample.rows.X,
-            sample.rows.targets,
-            trajectory_codes(sample.rows.groups, len(sample.rows)),
-            sample_weight=sample.rows.weight,
-        )
-        some = sample.rows.X[sample.rows.weight > 0]
-        self._feature_map = FeatureMap(self.feature_library, some, input_names(self))
+        drawn, codes = sample.rows, trajectory_codes(sample.rows.groups, len(sample.rows))
+        rows = canonical_rows(drawn.X, drawn.targets, codes, sample_weight=drawn.weight)
+        names = input_names(self)
+        self._feature_map = FeatureMap(self.feature_library, drawn.X[drawn.weight > 0], names)
         self.feature_names_out_ = self._feature_map.names_out
 
         problem = build_problem(self, rows, self._feature_map)
         search = build_search(self, rows, sample)
         found = identify(problem, search, check_random_state(self.random_state))
         if sample.is_everything:
-            answer = answer_of_all(sample.rows, rows, found, self._feature_map)
+            answer = answer_of_all(drawn, rows, found, self._feature_map)
         else:
             answer = fit_all_rows(blocks, sample, found, self._feature_map, search)
         self._store(answer)
@@ -235,15 +233,19 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return self
 
     def predict(self, X):
-        """Velocity of the active mode, of the shape that `y` had in `fit`."""
+        """Velocity of the active mode, of the shape that `y` had in `fit`.
+
+        Block by block if `X` has blocks: a Dask array for one, a list for a sequence.
+        """
         check_is_fitted(self)
-        velocity = self._model.predict(self._validated(X))
-        return velocity[:, 0] if self._one_target else velocity
+        columns = () if self._one_target else (self.coef_.shape[1],)
+        return over_blocks(self._predicted, X, float, *columns)
 
     def predict_modes(self, X):
         """Mode of every sample according to the surface, shape (n_samples,)."""
         check_is_fitted(self)
-        return self.surface_.predict(self._validated(X))
+        modes = self._model.modes
+        return over_blocks(lambda part: modes(self._validated(part)), X, int)
 
     def predict_mode_proba(self, X):
         """Probability of every mode, shape (n_samples, `n_modes_`).
@@ -252,11 +254,10 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         has no ``predict_proba``.
         """
         check_is_fitted(self)
-        X = self._validated(X)
-        for name in ("class_posterior", "predict_proba"):
-            if hasattr(self.surface_, name):
-                return getattr(self.surface_, name)(X)
-        return one_hot(self.surface_.predict(X), self.n_modes_)
+        probabilities = self._model.mode_probabilities
+        return over_blocks(
+            lambda part: probabilities(self._validated(part)), X, float, self.n_modes_
+        )
 
     def mode_velocities(self, X):
         """Velocity of every mode at every sample, (`n_modes_`, n_samples, n_states)."""
@@ -384,6 +385,10 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """Membership before hardening, shape (n_samples, `n_modes_`)."""
         kept = self._membership
         return one_hot(self.modes_, self.n_modes_) if kept is None else kept
+
+    def _predicted(self, X):
+        velocity = self._model.predict(self._validated(X))
+        return velocity[:, 0] if self._one_target else velocity
 
     @property
     def _model(self) -> SwitchingModel:

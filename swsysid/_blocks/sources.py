@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import check_array
 
+from swsysid._blocks.pieces import pieces
 from swsysid._results import Array
 from swsysid._rows import check_sample_weight
 
-__all__ = ["RowBlocks", "Rows", "holds_blocks", "row_blocks"]
+__all__ = ["RowBlocks", "Rows", "holds_blocks", "over_blocks", "row_blocks"]
 
-# Rows that are worked on at once: their features stay in the processor's cache.
-_AT_ONCE = 1 << 14
 # Rows that are read at once from a file.
 _READ_AT_ONCE = 1 << 18
 
@@ -51,8 +50,8 @@ class Rows:
 
     def pieces(self) -> Iterator[Rows]:
         """The rows in pieces small enough for a processor's cache."""
-        for start in range(0, len(self), _AT_ONCE):
-            yield self.take(slice(start, start + _AT_ONCE))
+        for piece in pieces(len(self)):
+            yield self.take(piece)
 
     def take(self, rows: Any) -> Rows:
         """Some of the rows."""
@@ -172,6 +171,26 @@ class _Parts(Sequence):
 def holds_blocks(X: Any) -> bool:
     """True for a Dask array, an array on disk, or a sequence of two-dimensional blocks."""
     return _is_dask(X) or _is_on_disk(X) or _is_sequence(X)
+
+
+def over_blocks(function: Callable[[Any], NDArray], X: Any, dtype: Any, *columns: int) -> Any:
+    r"""`function` of `X`; of every block, if it has blocks.
+
+    Parameters
+    ----------
+    function : callable
+        Rows to an ndarray (n_rows, \*columns) of the type `dtype`.
+    X : array-like, Dask array or sequence of blocks
+
+    Returns
+    -------
+    ndarray, Dask array (not computed yet) or list of ndarray
+    """
+    if _is_dask(X):
+        X = X.rechunk({1: -1})
+        shape = {"chunks": (X.chunks[0], columns)} if columns else {"drop_axis": 1}
+        return X.map_blocks(function, dtype=dtype, **shape)
+    return [function(block) for block in X] if _is_sequence(X) else function(X)
 
 
 def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) -> RowBlocks:
