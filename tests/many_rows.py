@@ -11,7 +11,7 @@ A = np.array([[[0.0, 1.0], [-1.0, -0.1]], [[0.0, 1.0], [-1.0, -0.5]]])
 B = np.array([[[1.0, 0.0], [0.0, 1.0]], [[-2.0, 1.0], [0.0, -1.0]], [[0.0, -3.0], [2.0, 0.0]]])
 
 
-def oscillator(n_samples=6000, noise=0.05, seed=0):
+def oscillator(n_samples=4000, noise=0.05, seed=0):
     """States of a damped oscillator, velocities, and modes: which side of x = 0.3 they are on."""
     rng = np.random.default_rng(seed)
     X = rng.uniform(-3, 3, (n_samples, 2))
@@ -20,7 +20,7 @@ def oscillator(n_samples=6000, noise=0.05, seed=0):
     return X, Xdot, modes
 
 
-def three_stripes(n_samples=6000, noise=0.05, seed=0):
+def three_stripes(n_samples=4000, noise=0.05, seed=0):
     """The same of three modes side by side."""
     rng = np.random.default_rng(seed)
     X = rng.uniform(-1, 1, (n_samples, 2))
@@ -29,7 +29,7 @@ def three_stripes(n_samples=6000, noise=0.05, seed=0):
     return X, Xdot, modes
 
 
-def take_for_many(monkeypatch, whole=2000, identified=1000):
+def take_for_many(monkeypatch, whole=1500, identified=800):
     """From now on more than `whole` rows are identified on a sample of `identified`."""
     monkeypatch.setattr(swsysid._large, "WHOLE", whole)
     monkeypatch.setattr(swsysid._large, "IDENTIFIED", identified)
