@@ -75,36 +75,47 @@ def draw_sample(blocks: RowBlocks, n_rows: int, most_rows: int) -> Sample:
 
     Rows without weight are never among the sampled ones.
     """
+    if blocks.n_rows is not None and blocks.n_rows <= most_rows:
+        return _everything(blocks)
     parts: list[_Drawn] = []
-    everything: list[Rows] | None = []
-    total, weight = 0, 0.0
-    for n_block, block_weight, whole, drawn in blocks.map(_Draw(n_rows, most_rows)):
+    total = 0
+    for n_block, drawn in blocks.map(_Draw(n_rows)):
         parts.append(_moved(drawn, total))
         total += n_block
-        weight += block_weight
-        everything = None if everything is None or whole is None else [*everything, whole]
-        everything = None if total > most_rows else everything
         if sum(len(part.numbers) for part in parts) > _SLACK * n_rows:
             parts = [_joined(parts).smallest(n_rows)]
-    if total == 0:
-        raise ValueError("Found array with 0 sample(s) while a minimum of 1 is required.")
-    if not weight > 0.0:
-        raise ValueError("all sample weights are zero; give at least one sample a positive weight.")
-    if everything is not None:
-        return Sample(_joined_rows(everything), np.arange(total), total)
+    if total <= most_rows:
+        return _everything(blocks)
     drawn = _joined(parts).smallest(n_rows)
+    _refuse_nothing(drawn.rows)
     return Sample(drawn.rows, drawn.place, total)
+
+
+def _everything(blocks: RowBlocks) -> Sample:
+    rows = _joined_rows(list(blocks.map(_whole)))
+    if len(rows) == 0:
+        raise ValueError("Found array with 0 sample(s) while a minimum of 1 is required.")
+    _refuse_nothing(rows)
+    return Sample(rows, np.arange(len(rows)), len(rows))
+
+
+def _whole(block: Rows) -> Rows:
+    return block
+
+
+def _refuse_nothing(rows: Rows) -> None:
+    if not rows.weight.any():
+        raise ValueError("all sample weights are zero; give at least one sample a positive weight.")
 
 
 @dataclass(frozen=True)
 class _Draw:
-    """The sample of one block, and the whole block if it is small."""
+    """Number of rows, and the sample, of one block."""
 
     n_rows: int
-    most_rows: int
 
-    def __call__(self, block: Rows) -> tuple[int, float, Rows | None, _Drawn]:
-        found: list[_Drawn] = []
+    def __call__(self, block: Rows) -> tuple[int, _Drawn]:
+        found = [_Drawn(_empty(np.uint64), _empty(np.intp), block.take(slice(0)))]
         limit, start = None, 0
         for piece in block.pieces():
             numbers = row_numbers(np.column_stack([piece.X, piece.targets]))
@@ -118,9 +129,7 @@ class _Draw:
                 found = [_joined(found).smallest(self.n_rows)]
                 if len(found[0].numbers) == self.n_rows:
                     limit = found[0].numbers[-1]
-        whole = block if len(block) <= self.most_rows else None
-        drawn = _joined(found or [_Drawn(_empty(np.uint64), _empty(np.intp), block)])
-        return len(block), float(block.weight.sum()), whole, drawn.smallest(self.n_rows)
+        return len(block), _joined(found).smallest(self.n_rows)
 
 
 def row_numbers(values: Array) -> NDArray[np.uint64]:

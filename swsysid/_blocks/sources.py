@@ -60,7 +60,15 @@ class Rows:
 
 
 class RowBlocks(ABC):
-    """Rows in blocks, and the map over them."""
+    """Rows in blocks, and the map over them.
+
+    Attributes
+    ----------
+    n_rows : int or None
+        Number of rows, None if only a pass over them tells.
+    """
+
+    n_rows: int | None = None
 
     @abstractmethod
     def map(self, function: Callable[..., Any], carried: NDArray | None = None) -> Iterator[Any]:
@@ -77,6 +85,11 @@ class _Array(RowBlocks):
     """Rows in memory: one block."""
 
     rows: Rows
+
+    @property
+    def n_rows(self):
+        """Number of rows."""
+        return len(self.rows)
 
     def map(self, function, carried=None):
         yield function(self.rows) if carried is None else function(self.rows, carried)
@@ -111,6 +124,7 @@ class _Dask(RowBlocks):
     """Blocks of Dask arrays: the function runs where they are."""
 
     parts: Sequence[tuple]
+    n_rows: int | None = None
 
     @cached_property
     def ends(self) -> NDArray[np.intp]:
@@ -210,7 +224,8 @@ def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) ->
         If they are not of the same length or kind.
     """
     if _is_dask(X):
-        return _Dask(_dask_parts(X, y, sample_weight, groups))
+        n_rows = None if np.isnan(X.shape[0]) else int(X.shape[0])
+        return _Dask(_dask_parts(X, y, sample_weight, groups), n_rows)
     if not holds_blocks(X):
         weight = check_sample_weight(sample_weight, len(X))
         return _Array(Rows(X, np.reshape(y, (len(X), -1)), weight, groups))
@@ -227,7 +242,7 @@ def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) ->
                     f"{X.shape[0]} rows of X."
                 )
         others = [None if other is None else _Slices(other) for other in given.values()]
-        return _Sequence(_Parts(_Slices(X), *others))
+        return _Sequence(_Parts(_Slices(X), *others), X.shape[0])
     for name, other in given.items():
         if other is not None and (not hasattr(other, "__getitem__") or len(other) != len(X)):
             raise TypeError(
