@@ -100,6 +100,7 @@ class _Sequence(RowBlocks):
     """Blocks one after another, each in memory only while it is worked on."""
 
     parts: Sequence[tuple]
+    n_rows: int | None = None
 
     def map(self, function, carried=None):
         end, first = 0, None
