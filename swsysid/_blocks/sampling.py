@@ -92,9 +92,10 @@ def draw_sample(blocks: RowBlocks, n_rows: int, most_rows: int) -> Sample:
 
 
 def _everything(blocks: RowBlocks) -> Sample:
-    rows = _joined_rows(list(blocks.map(_whole)))
-    if len(rows) == 0:
+    parts = list(blocks.map(_whole))
+    if not sum(map(len, parts)):
         raise ValueError("Found array with 0 sample(s) while a minimum of 1 is required.")
+    rows = _joined_rows(parts)
     _refuse_nothing(rows)
     return Sample(rows, np.arange(len(rows)), len(rows))
 
