@@ -61,8 +61,8 @@ bench-undeclared: $(VENV)/.installed-bench
 bench-measured: $(VENV)/.installed-bench
 	$(BIN)/python -W ignore benchmarks/measured.py
 
-bench-speed: $(VENV)/.installed-bench
-	OMP_NUM_THREADS=1 $(BIN)/python -W ignore benchmarks/speed.py
+bench-speed: $(VENV)/.installed-bench $(PARC)
+	OMP_NUM_THREADS=1 $(BIN)/python -W ignore benchmarks/speed.py --parc $(PARC) --docs docs
 
 $(PARC):
 	PYTHON=$(PYTHON) benchmarks/parc/build.sh $(PARC:/bin/python=)

@@ -1,13 +1,14 @@
 """Speed in ratios: structured solvers against general ones, whole fits against known labels.
 
     python benchmarks/speed.py [--parts assignment fit ...] [--repeats 5] [--largest 1e6]
-                               [--on-disk 1e7] [--parc PYTHON] [--output FOLDER]
+                               [--on-disk 1e7] [--parc PYTHON] [--docs docs]
+                               [--output FOLDER]
 
 Both sides of a ratio run in turn in one process, on the same data; a figure is the median of the
 ratios of five turns. Machines differ and are noisy, ratios less so. Set OMP_NUM_THREADS=1 for one
 thread on both sides. ``--parc`` names the interpreter that ``benchmarks/parc/build.sh`` builds;
 without it PARC is left out. The result is a table and FOLDER/speed.json with a description of the
-machine.
+machine; parts that are not measured this time stay in it.
 """
 
 from __future__ import annotations
@@ -24,6 +25,11 @@ from time import perf_counter
 import numpy as np
 from speed_parts import PARTS
 
+HEAD = (
+    "| figure | ratio | smallest to largest | ours against the other, s | goal | note |",
+    "|---|---|---|---|---|---|",
+)
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -39,20 +45,26 @@ class Figure:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Measure, print and write."""
+    """Measure, print and write; parts measured before are kept."""
     options = parse(arguments)
-    figures = []
-    print("| part | figure | ratio | smallest, largest | seconds | goal | note |")
-    print("|---|---|---|---|---|---|---|")
+    file = Path(options.output) / "speed.json"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    known = json.loads(file.read_text(encoding="utf-8"))["figures"] if file.exists() else []
+    print("\n".join(HEAD))
     for part in options.parts:
+        known = [one for one in known if one["part"] != part]
         for case in PARTS[part](options):
-            figure = measured(part, case, options.repeats)
-            figures.append(figure)
+            figure = asdict(measured(part, case, options.repeats))
+            known.append(figure)
             print(line(figure), flush=True)
-    folder = Path(options.output)
-    folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"machine": machine(), "figures": [asdict(one) for one in figures]}, indent=1)
-    (folder / "speed.json").write_text(text + "\n", encoding="utf-8")
+        known.sort(key=lambda one: list(PARTS).index(one["part"]))
+        found = {"machine": machine(), "figures": known}
+        file.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if options.docs:
+        where = ", ".join(f"{name} {value}" for name, value in machine().items())
+        lines = [f"On {where}.", "", *HEAD, *(line(one) for one in known)]
+        page = Path(options.docs) / "speed_tables.md"
+        page.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -63,6 +75,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--largest", type=float, default=1e6, help="rows of the largest fit")
     parser.add_argument("--on-disk", type=float, default=1e7, help="rows of the fit from disk")
     parser.add_argument("--parc", metavar="PYTHON", help="interpreter that has pyparc")
+    parser.add_argument("--docs", metavar="FOLDER", help="write the page's table")
     parser.add_argument("--output", default="output/speed", help="folder of the results")
     return parser.parse_args(arguments)
 
@@ -98,13 +111,13 @@ def _seconds(run: Callable[[], object]) -> float:
     return spent / n_calls
 
 
-def line(figure: Figure) -> str:
+def line(figure: dict) -> str:
     """A line of the table."""
-    low, high = figure.spread
-    ours, other = figure.seconds
+    low, high = figure["spread"]
+    ours, other = figure["seconds"]
     return (
-        f"| {figure.part} | {figure.name} | {figure.ratio:.3g} | {low:.3g}, {high:.3g} | "
-        f"{ours:.3g} against {other:.3g} | {figure.goal} | {figure.note} |"
+        f"| {figure['name']} | {figure['ratio']:.3g} | {low:.3g} to {high:.3g} | "
+        f"{ours:.3g} against {other:.3g} | {figure['goal']} | {figure['note']} |"
     )
 
 

@@ -28,6 +28,7 @@ exclude_patterns = [
     "measured_effects.md",
     "quality_summary.md",
     "undeclared_tables.md",
+    "speed_tables.md",
 ]
 html_theme = "pydata_sphinx_theme"
 html_static_path = ["_static"]
