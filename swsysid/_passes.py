@@ -78,7 +78,9 @@ class PassResult:
     @property
     def modes(self) -> NDArray[np.int8]:
         """Mode of every row."""
-        return np.where(self.labels < 0, -1 - self.labels, self.labels)
+        modes, outlying = self.labels.copy(), np.flatnonzero(self.labels < 0)
+        modes[outlying] = -1 - modes[outlying]
+        return modes
 
 
 _SUMS = ("loss", "hard_loss", "relaxed_loss", "slack", "tight", "weight")

@@ -21,7 +21,7 @@ __all__ = ["Sample", "draw_sample"]
 _FIRST, _SECOND = np.uint64(0xFF51AFD7ED558CCD), np.uint64(0xC4CEB9FE1A85EC53)
 _SHIFT, _START = np.uint64(33), np.uint64(0x9E3779B97F4A7C15)
 # The rows that grow until this many samples' worth of them is cut down.
-_SLACK = 4
+_SLACK = 2
 
 
 @dataclass(frozen=True)
