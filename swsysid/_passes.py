@@ -34,7 +34,8 @@ class PassResult:
     labels : ndarray of shape (n_rows,), int8
         Mode of every row; ``-1 - mode`` for a row that no mode explains.
     loss : float
-        Weighted sum of the losses over their scale, of the rows that vote.
+        Weighted sum of the losses over their scale; a row that no mode explains counts as much
+        as one that is just explained, so that nothing is gained by explaining fewer rows.
     hard_loss, relaxed_loss : float
         Weighted sums in the user's units, for the labels and for the relaxed memberships.
     slack : float
@@ -151,7 +152,7 @@ class Pass:
         labels = np.where(problem.outlying, -1 - modes, modes).astype(np.int8)
         return PassResult(
             labels,
-            loss=float(problem.informative_weight @ losses[modes, each]),
+            loss=float(rows.weight @ np.where(problem.outlying, self._cap, losses[modes, each])),
             hard_loss=float(rows.weight @ hard),
             relaxed_loss=float(
                 rows.weight @ hard
@@ -164,6 +165,14 @@ class Pass:
             dynamics=self._dynamics(problem, labels, before),
             surfaces=self._surfaces(rows, values, modes),
         )
+
+    @property
+    def _cap(self) -> float:
+        """Smallest loss, over the scale, of a row that no mode explains."""
+        loss, size = self.problem.loss, np.full(self.coef.shape[1], OUTLYING)
+        if loss.separable:
+            size[1:] = 0.0
+        return float(loss.values(size))
 
     def _outlying(self, problem, velocities, losses) -> NDArray[np.bool_]:
         """Rows that their best mode does not explain either; see `calibrate`."""

@@ -8,6 +8,7 @@ from many_rows import A, cut, fitted, oscillator, take_for_many, three_stripes
 from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
+import swsysid._large
 from swsysid import PolynomialSurfaceClassifier
 from swsysid._certificates import certify
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
@@ -180,6 +181,31 @@ def test_gross_outliers_do_not_move_the_fields(monkeypatch, loss):
     assert np.abs(model.coef_ - whole.coef_).max() < 1e-4
     assert np.abs(model.coef_ - A[[1, 0]]).max() < 0.01
     assert mode_accuracy(modes, model.predict_modes(X)) > 0.99
+
+
+@each_loss
+@pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.filterwarnings("ignore:Of .* samples whose residuals decide")
+def test_rows_next_to_the_limit_of_outliers(monkeypatch, loss, seed):
+    """Tails so heavy that rows change sides with every step: the others are fitted all the same."""
+    take_for_many(monkeypatch, 2000, 1000)
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(-3, 3, (20_000, 2))
+    modes = (X[:, 0] <= 0.3).astype(int)
+    Xdot = np.einsum("ikl,il->ik", A[modes], X) + 0.05 * rng.standard_t(1.5, X.shape)
+    kept, polish = [], swsysid._large.polish
+
+    def watched(*arguments, **options):
+        kept.append(polish(*arguments, **options))
+        return kept[-1]
+
+    monkeypatch.setattr(swsysid._large, "polish", watched)
+    model = fitted(X, Xdot, loss=loss)
+    explained = kept[-1].result.labels >= 0
+    assert 100 < np.sum(~explained) < 700
+    options = {"labels": model.modes_[explained]}
+    certificate = certify(X[explained], Xdot[explained], model.coef_, loss, **options)
+    assert certificate.dynamics_gap <= 1e-5 * certificate.objective
 
 
 @each_loss
