@@ -33,6 +33,8 @@ class Answer:
     objective : float
         Weighted sum of the losses, in the user's units.
     history : list of IterationRecord
+    stalled : bool
+        True if passes over all rows could not improve the answer of a sample.
     """
 
     found: Identification
@@ -41,6 +43,7 @@ class Answer:
     membership: Array | None
     objective: float
     history: list[IterationRecord]
+    stalled: bool = False
 
 
 def answer_of_all(

@@ -16,10 +16,13 @@ from swsysid._blocks.sources import RowBlocks, row_blocks
 from swsysid._features import FeatureMap
 from swsysid._identification import Identification, Search
 from swsysid._passes import Pass, PassResult
-from swsysid._polish import Polished, Sampled, polish
+from swsysid._polish import Polished, polish
 from swsysid._problem import Modes, SwitchingProblem, fit_weighted, one_hot
+from swsysid._reach import Sampled
 from swsysid._results import Array
 from swsysid._scale import may_discard
+from swsysid._solvers.summaries import Reach
+from swsysid._surfaces.fitted import FittedSurfaces
 
 __all__ = ["IDENTIFIED", "WHOLE", "drawn_rows", "fit_all_rows"]
 
@@ -52,7 +55,7 @@ def fit_all_rows(
         sampled = Sampled(start.problem, len(larger.rows), len(sample.rows))
         near = settle(partial(_run, in_memory), start.look(feature_map, sampled), sampled)
         sampled = Sampled(start.problem, sample.n_rows, len(larger.rows))
-        return settle(partial(_run, blocks), _with_widths(near.look, sampled), sampled)
+        return settle(partial(_run, blocks), _with_reach(near.look, sampled), sampled)
 
     start = _Start(found.problem, found.best.coef, found.best.modes)
     polished = passed_over(start)
@@ -89,12 +92,13 @@ class _Start:
             problem.on_rows(nothing, problem.targets[:0], problem.coordinates[:0]),
             feature_map,
             self.coef,
+            self.coef,
             surface,
             may_discard(problem, self.coef, self.modes),
             (),
-            0.0,
+            Reach(np.empty((0, 0)), np.empty(0)),
         )
-        return _with_widths(look, sampled)
+        return _with_reach(look, sampled)
 
     def reordered(self, order: Modes, look: Pass) -> _Start:
         """The start with its modes in another order, at the vector fields of a pass."""
@@ -123,16 +127,18 @@ class _Start:
             converged=found.best.converged and polished.converged,
         )
         found = replace(found, best=best, problem=problem)
-        return Answer(found, surface, result.modes, None, result.hard_loss, list(polished.history))
+        history = list(polished.history)
+        objective = result.hard_loss
+        return Answer(found, surface, result.modes, None, objective, history, polished.stalled)
 
 
 def _run(blocks: RowBlocks, look: Pass, before: NDArray[np.int8] | None) -> PassResult:
     return PassResult.joined(list(blocks.map(look, before)))
 
 
-def _with_widths(look: Pass, sampled: Sampled) -> Pass:
+def _with_reach(look: Pass, sampled: Sampled) -> Pass:
     modes = look.modes_of(sampled.problem)
-    near = 0.0
-    if hasattr(look.surface, "summarise"):
-        near = sampled.margin_width(look.surface, modes)
-    return replace(look, reach=sampled.reach(look.coef, modes), margin_width=near)
+    look = replace(look, reach=sampled.reach(look.coef, modes), reference=look.coef)
+    if not isinstance(look.surface, FittedSurfaces):
+        return look
+    return replace(look, margin_reach=sampled.margin_reach(look.surface, modes))

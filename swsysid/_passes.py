@@ -34,8 +34,7 @@ class PassResult:
     labels : ndarray of shape (n_rows,), int8
         Mode of every row; ``-1 - mode`` for a row that no mode explains.
     loss : float
-        Weighted sum of the losses over their scale; a row that no mode explains counts as much
-        as one that is just explained, so that nothing is gained by explaining fewer rows.
+        Weighted sum of the losses over their scale, of the rows that vote.
     hard_loss, relaxed_loss : float
         Weighted sums in the user's units, for the labels and for the relaxed memberships.
     slack : float
@@ -87,6 +86,10 @@ class PassResult:
 _SUMS = ("loss", "hard_loss", "relaxed_loss", "slack", "tight", "weight")
 
 
+# Rows are suspected to be outliers from this share of the limit on.
+_SUSPECTED = 0.5
+
+
 @dataclass(frozen=True)
 class Pass:
     """What a pass looks at the rows with.
@@ -97,6 +100,9 @@ class Pass:
         Without rows.
     feature_map : FeatureMap
     coef : ndarray of shape (n_modes, n_states, n_features_out)
+    reference : ndarray of shape (n_modes, n_states, n_features_out)
+        Vector fields that say which rows no mode explains. They stay while `coef` moves: else
+        rows would come and go, and the objective with them.
     surface : FittedSurfaces, other classifier, or None
         What the assignment is coupled to; where it is not coupled, `FittedSurfaces` next to which
         the labels are summarised.
@@ -104,17 +110,18 @@ class Pass:
         Modes whose rows may be outliers.
     reach : tuple of Reach
         How far the residuals of each mode may move; rows within it are kept.
-    margin_width : float
-        Distances to a margin up to which rows are kept.
+    margin_reach : Reach
+        How far distances to the margins may move; rows within it are kept.
     """
 
     problem: SwitchingProblem
     feature_map: FeatureMap
     coef: Array
+    reference: Array
     surface: Any
     discards: NDArray[np.bool_]
     reach: tuple[Reach, ...]
-    margin_width: float
+    margin_reach: Reach
 
     def __call__(self, rows: Rows, before: NDArray[np.int8] | None = None) -> PassResult:
         """The result for a block; `before` are its labels of the pass before."""
@@ -128,7 +135,7 @@ class Pass:
     def widened(self, factor: float) -> Pass:
         """The same pass, which keeps more rows."""
         reach = tuple(each.scaled(factor) for each in self.reach)
-        return replace(self, reach=reach, margin_width=factor * self.margin_width)
+        return replace(self, reach=reach, margin_reach=self.margin_reach.scaled(factor))
 
     def modes_of(self, problem: SwitchingProblem) -> Modes:
         """Labels of the rows of a problem."""
@@ -141,9 +148,7 @@ class Pass:
         problem = self.problem.on_rows(self.feature_map(rows.X), targets, rows.X)
         velocities = problem.velocities(self.coef)
         losses = problem.loss.values((problem.targets - velocities) / problem.scale)
-        problem = replace(
-            problem, weight=rows.weight, outlying=self._outlying(problem, velocities, losses)
-        )
+        problem = replace(problem, weight=rows.weight, outlying=self._outlying(problem, losses))
         values = self._surface_values(rows.X)
         penalty = self._penalty(problem, values)
         assignment = problem.assign_velocities(velocities, penalty)
@@ -152,7 +157,7 @@ class Pass:
         labels = np.where(problem.outlying, -1 - modes, modes).astype(np.int8)
         return PassResult(
             labels,
-            loss=float(rows.weight @ np.where(problem.outlying, self._cap, losses[modes, each])),
+            loss=float(problem.informative_weight @ losses[modes, each]),
             hard_loss=float(rows.weight @ hard),
             relaxed_loss=float(
                 rows.weight @ hard
@@ -166,26 +171,25 @@ class Pass:
             surfaces=self._surfaces(rows, values, modes),
         )
 
-    @property
-    def _cap(self) -> float:
-        """Smallest loss, over the scale, of a row that no mode explains."""
-        loss, size = self.problem.loss, np.full(self.coef.shape[1], OUTLYING)
-        if loss.separable:
-            size[1:] = 0.0
-        return float(loss.values(size))
-
-    def _outlying(self, problem, velocities, losses) -> NDArray[np.bool_]:
-        """Rows that their best mode does not explain either; see `calibrate`."""
+    def _outlying(self, problem, losses) -> NDArray[np.bool_]:
+        """Rows that their best mode of the reference does not explain either; see `calibrate`."""
         outlying = np.zeros(len(problem.targets), dtype=bool)
         if not (problem.coupling and self.discards.any()):
             return outlying
-        # A loss in units of its scale is at least the largest residual, where that exceeds one.
-        far = np.flatnonzero(losses.min(axis=0) > OUTLYING)
-        own = losses[:, far].argmin(axis=0)
-        size = np.abs(problem.targets[far] - velocities[own, far])
+        # A loss is at least that of its largest residual. It is looked at well below the limit, as
+        # the vector fields have moved since.
+        near = np.full(self.coef.shape[1], _SUSPECTED * OUTLYING)
+        near[1:] *= not problem.loss.separable
+        far = np.flatnonzero(losses.min(axis=0) > problem.loss.values(near))
+        some = problem.on_rows(
+            problem.features[far], problem.targets[far], problem.coordinates[far]
+        )
+        residuals = (some.targets - some.velocities(self.reference)) / problem.scale
+        own = problem.loss.values(residuals).argmin(axis=0)
+        size = np.abs(residuals[own, np.arange(len(far))])
         if not problem.loss.separable:
             size = size.mean(axis=1, keepdims=True)
-        outlying[far] = ((size / problem.scale).max(axis=1) > OUTLYING) & self.discards[own]
+        outlying[far] = (size.max(axis=1, initial=0.0) > OUTLYING) & self.discards[own]
         return outlying
 
     def _surface_values(self, X: Array) -> Array | None:
@@ -235,4 +239,4 @@ class Pass:
         known = labels >= 0
         if not known.all():  # a mode without samples has no surface
             rows, values, labels = rows.take(known), values[known], labels[known]
-        return tuple(self.surface.summarise(rows.X, values, labels, rows.weight, self.margin_width))
+        return tuple(self.surface.summarise(rows.X, values, labels, rows.weight, self.margin_reach))

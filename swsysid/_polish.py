@@ -16,128 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._passes import Pass, PassResult
-from swsysid._problem import Modes, SwitchingProblem
-from swsysid._results import Array, IterationRecord
-from swsysid._seeding.designs import whiten
-from swsysid._solvers.summaries import Reach
-from swsysid._surfaces.fitted import Anchors, FittedSurfaces
+from swsysid._problem import Modes
+from swsysid._reach import Sampled
+from swsysid._results import IterationRecord
+from swsysid._surfaces.fitted import FittedSurfaces
 from swsysid._surfaces.margin_program import SurfaceFit
 
-__all__ = ["Polished", "Sampled", "polish"]
+__all__ = ["Polished", "polish"]
 
-# Standard deviations that a residual may move from the vector fields of a sample to those of all
-# rows, and rows kept at least for each column.
-_DEVIATIONS, _FEWEST = 4.0, 10
-# Rows kept next to a margin, in units of p / m, and never fewer than some for each feature.
-_KEPT_NEAR, _FEWEST_NEAR = 10.0, 20
-# Rows that a pass keeps at most, over all outputs.
-_MOST_KEPT = 400_000
-# Residuals and margins may move this share of what they moved in the step before.
-_REACH = 0.3
 # Where the width was too small it grows by this factor, at most so often.
 _WIDER, _MOST_TRIES = 2.0, 3
+# Nats a row that are none.
+_NOTHING = 1e-9
 # Passes for the surfaces alone, at most.
 _MOST_LOOKS = 10
-# Residuals that are smaller than this share of the targets' spread are none.
-_EXACT = 1e-9
-# Below this share of the rows, quantiles are extrapolated from the density there.
-_RESOLVED = 0.1
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """Rows of a sample as a problem, to judge distances by.
-
-    Attributes
-    ----------
-    problem : SwitchingProblem
-    n_rows : int
-        How many rows the sample stands for.
-    n_known : int
-        How many rows the vector fields and surfaces are known from when the passes begin.
-    """
-
-    problem: SwitchingProblem
-    n_rows: int
-    n_known: int
-
-    def reach(self, coef: Array, modes: Modes) -> tuple[Reach, ...]:
-        r"""How far the residuals of each mode may move from vector fields of as many rows.
-
-        Coefficients of least absolute deviations have the covariance :math:`\tau^2 G^{-1}` with
-        :math:`\tau = 1 / (2 f(0))`, where f is the density of the residuals (Koenker and Bassett
-        1978). Coefficients of an output that a mode meets exactly stay.
-        """
-        return tuple(self._reach(coef, modes, mode) for mode in range(len(coef)))
-
-    def _reach(self, coef: Array, modes: Modes, mode: int) -> Reach:
-        rows = self._members(modes, mode)
-        features = self.problem.features[rows]
-        if not rows.size:
-            return Reach(np.zeros((features.shape[1], 0)), np.full(coef.shape[1], -1.0), 0.0)
-        metric = whiten(features, np.ones(len(rows))).transform / np.sqrt(self._known(rows))
-        sizes = np.abs(self.problem.residuals(coef, modes)[rows])
-        leverage = _leverage(features, metric)
-        moving = self._within_memory(_DEVIATIONS * leverage.mean()) / leverage.mean()
-        exact = np.median(sizes, axis=0) <= _EXACT * np.ptp(self.problem.targets, axis=0)
-        size = np.where(exact, -1.0, moving * _sparsity(sizes))
-        return Reach(metric, size, float(leverage.max()))
-
-    def nearer(self, reach: Reach, mode: int, coef: Array, moved: Array, modes: Modes) -> Reach:
-        """The reach after a step of one mode from `coef` to `moved`."""
-        rows = self._members(modes, mode)
-        if not rows.size:
-            return reach
-        features, n_known = self.problem.features[rows], self._known(rows)
-        step = np.sqrt(n_known * np.square(features @ (moved[mode] - coef[mode]).T).mean(axis=0))
-        sparsity = _sparsity(np.abs(self.problem.residuals(moved, modes)[rows]))
-        leverage = _leverage(features, reach.metric).mean()
-        n_rows = self.n_rows * len(rows) / len(modes)
-        fewest = _FEWEST * features.shape[1] / (n_rows * leverage) * sparsity
-        return replace(reach, size=np.minimum(reach.size, np.maximum(_REACH * step, fewest)))
-
-    def _members(self, modes: Modes, mode: int) -> Modes:
-        return np.flatnonzero((modes == mode) & ~self.problem.outlying)
-
-    def _known(self, rows: Modes) -> float:
-        """From how many rows the vector field of these rows is known."""
-        return self.n_known * len(rows) / len(self.problem.weight)
-
-    def margin_width(self, surface: FittedSurfaces, modes: Modes) -> float:
-        """Distances to the margins up to which rows are kept in the first pass."""
-        distance = self._distance(surface, modes)
-        return self._near(distance, _KEPT_NEAR * surface.coef.shape[1] / self.n_known)
-
-    def narrower_margin(
-        self, width: float, surface: FittedSurfaces, moved: FittedSurfaces, modes: Modes
-    ) -> float:
-        """Distances for the pass after a step from `surface` to `moved`."""
-        distance = self._distance(moved, modes)
-        n_features = surface.coef.shape[1]
-        near = distance <= _quantile(distance, _RESOLVED)
-        X = self.problem.coordinates[near]
-        step = np.abs(moved.values(X) - surface.values(X)).max(initial=0.0)
-        fewest = self._near(distance, _FEWEST_NEAR * n_features / self.n_rows)
-        return float(min(width, max(_REACH * step, fewest)))
-
-    def _distance(self, surface: FittedSurfaces, modes: Modes) -> Array:
-        """Distance of every row to the nearest margin."""
-        place = np.searchsorted(surface.classes, modes)
-        return np.abs(surface.distance(self.problem.coordinates, place)).min(axis=1)
-
-    def anchors(self, look: Pass) -> Anchors:
-        """The rows that hold the surfaces of a pass."""
-        problem = self.problem
-        labels = np.searchsorted(look.surface.classes, look.modes_of(problem))
-        weight = problem.weight * (self.n_rows / len(problem.weight))
-        return Anchors(problem.coordinates, labels, weight, look.margin_width)
-
-    def _near(self, distance: Array, share: float) -> float:
-        return float(_quantile(distance, self._within_memory(share)))
-
-    def _within_memory(self, share: float) -> float:
-        n_outputs = self.problem.targets.shape[1]
-        return min(share, _MOST_KEPT / (self.n_rows * n_outputs))
 
 
 @dataclass(frozen=True)
@@ -154,6 +46,8 @@ class Polished:
         Surfaces fitted to these labels; empty for a classifier that is no `FittedSurfaces`.
     history : tuple of IterationRecord
     converged : bool
+    stalled : bool
+        True if the passes ended because no width was enough.
     """
 
     look: Pass
@@ -161,6 +55,7 @@ class Polished:
     fits: list[SurfaceFit]
     history: tuple[IterationRecord, ...]
     converged: bool
+    stalled: bool
 
 
 def polish(
@@ -188,23 +83,21 @@ def polish(
     passes = _Passes(run)
     best = passes(look)
     history, converged, tries = [best.record(1)], False, 0
-    while not converged and len(history) < max_iter:
+    while not converged and len(history) < max_iter and tries <= _MOST_TRIES:
         trial = passes(_next(best, sampled))
         gain = best.objective - trial.objective
-        solved = trial.changes == 0 and look.problem.loss.summary.exact
-        settled = solved or abs(gain) <= tol * abs(best.objective)
-        if settled or gain > 0.0:
-            converged, tries = settled, 0
-            best = trial if gain >= 0.0 else best
+        least = tol * abs(best.objective) + _NOTHING * float(best.result.weight.sum())
+        if gain >= -least:
+            converged = gain <= least or (trial.changes == 0 and look.problem.loss.summary.exact)
+            best, tries = (trial if gain >= 0.0 else best), 0
             history.append(best.record(len(history) + 1))
-        elif tries < _MOST_TRIES:  # rows moved farther than they were expected to
+        else:  # rows moved farther than they were expected to
             tries += 1
             best = passes(best.look.widened(_WIDER**tries))
-        else:
-            converged = True
     if not look.problem.coupling:
         best = _with_settled_surfaces(best, passes, sampled, tol)
-    return Polished(best.look, best.result, best.refit(sampled), tuple(history), converged)
+    stalled, fits = tries > _MOST_TRIES, best.refit(sampled)
+    return Polished(best.look, best.result, fits, tuple(history), converged, stalled)
 
 
 def _with_settled_surfaces(best: _Trial, passes: _Passes, sampled: Sampled, tol: float) -> _Trial:
@@ -323,22 +216,5 @@ def _with_surfaces(look: Pass, fits: list[SurfaceFit], sampled: Sampled, modes: 
     if not fits:
         return look
     surface = replace(look.surface, coef=np.array([fit.coef for fit in fits]))
-    near = sampled.narrower_margin(look.margin_width, look.surface, surface, modes)
-    return replace(look, surface=surface, margin_width=near)
-
-
-def _leverage(features: Array, metric: Array) -> Array:
-    """Root of the leverage of every row."""
-    return np.asarray(np.linalg.norm(features @ metric, axis=1), dtype=float)
-
-
-def _sparsity(sizes: Array) -> Array:
-    """1 / (2 f(0)) of every column, where f is the density of residuals of these sizes."""
-    return np.asarray(np.quantile(sizes, _RESOLVED, axis=0)) / _RESOLVED
-
-
-def _quantile(values: Array, share: float) -> Array:
-    """Quantile of each column; where it is not resolved, in proportion to one that is."""
-    if share >= _RESOLVED:
-        return np.asarray(np.quantile(values, min(share, 1.0), axis=0))
-    return np.asarray(np.quantile(values, _RESOLVED, axis=0) * (share / _RESOLVED))
+    near = sampled.nearer_margin(look.margin_reach, look.surface, surface, modes)
+    return replace(look, surface=surface, margin_reach=near)

@@ -229,7 +229,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         found = answer.found
         guard = check_guard(found.problem, self.coef_, found.best.modes, self.surface_)
         self.guard_score_ = guard.score
-        warn_about(self, found, guard, len(rows.weight))
+        warn_about(self, answer, guard, len(rows.weight))
         return self
 
     def predict(self, X):

@@ -7,8 +7,8 @@ from typing import Any
 
 from sklearn.exceptions import ConvergenceWarning
 
+from swsysid._answer import Answer
 from swsysid._guard import GuardCheck
-from swsysid._identification import Identification
 from swsysid._results import IdentificationWarning, Status
 
 __all__ = ["warn_about"]
@@ -17,8 +17,9 @@ __all__ = ["warn_about"]
 _STACK_LEVEL = 4
 
 
-def warn_about(estimator: Any, found: Identification, guard: GuardCheck, n_rows: int) -> None:
+def warn_about(estimator: Any, answer: Answer, guard: GuardCheck, n_rows: int) -> None:
     """Warn if the data do not determine the answer, or if it is not converged or not stable."""
+    found = answer.found
     n_unknowns = found.n_modes_asked * estimator.coef_.shape[2]
     if n_rows < n_unknowns:
         _warn(
@@ -33,7 +34,13 @@ def warn_about(estimator: Any, found: Identification, guard: GuardCheck, n_rows:
             "others were dropped; use a smaller n_modes.",
             IdentificationWarning,
         )
-    if not estimator.converged_:
+    if answer.stalled:
+        _warn(
+            "The passes over all rows could not improve the answer of a sample: a few rows "
+            "far from the others decide; leave these out, or use a smaller feature_library or degree.",
+            ConvergenceWarning,
+        )
+    elif not estimator.converged_:
         _warn(
             f"The alternation stopped after max_iter={estimator.max_iter} iterations. "
             f"{Status.ITERATION_LIMIT.advice}",

@@ -66,10 +66,11 @@ GROUPS = (
     """_evidence _passes _rollouts/estimation diagnosis/_report
     effects/_actuator effects/_friction effects/_memory effects/_sensors effects/_static
     effects/_time""",
-    "_monomials _polish refinement diagnosis/_residuals",
+    "_monomials _reach refinement diagnosis/_residuals",
+    "_polish",
     "_identification _guard _certificates",
-    "_setup _answer _warnings",
-    "_large",
+    "_setup _answer",
+    "_large _warnings",
     "_regressor _search/joint_fit",
     "uncertainty datasets/_undeclared _search/bench _search/scores effects/_guards",
     # 13 to 19: the search for effects

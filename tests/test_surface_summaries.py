@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from swsysid import PolynomialSurfaceClassifier
+from swsysid._solvers.summaries import Reach
 from swsysid._surfaces.fitted import Anchors, HingeSummary
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
 
@@ -46,8 +47,13 @@ def programs(fitted, X, labels, weight):
         )
 
 
-def nobody(width=np.inf):
-    return Anchors(np.empty((0, 2)), np.empty(0, dtype=int), np.empty(0), width)
+def reaching(fitted, width):
+    """The same reach for every row: only a change of the constant feature moves a surface."""
+    return Reach(np.eye(fitted.coef.shape[1])[:, :1], np.array([width]))
+
+
+def nobody(fitted):
+    return Anchors(np.empty((0, 2)), np.empty(0, dtype=int), np.empty(0), reaching(fitted, 1e9))
 
 
 @each_book
@@ -70,8 +76,8 @@ def test_penalty_is_that_of_the_classifier(n_classes, book):
 def test_refit_with_all_rows_is_the_margin_program(n_classes, book):
     X, labels, weight, classifier = surfaces_of(n_classes, book)
     fitted = classifier.fitted_surfaces
-    summaries = fitted.summarise(X, fitted.values(X), labels, weight, np.inf)
-    fits = fitted.refit(summaries, nobody())
+    summaries = fitted.summarise(X, fitted.values(X), labels, weight, reaching(fitted, 1e9))
+    fits = fitted.refit(summaries, nobody(fitted))
     for surface, rows, program in programs(fitted, X, labels, weight):
         assert summaries[surface].weight.sum() == rows[2].sum()
         exact = fit_surface(*rows, fitted.margin, fitted.beta, fitted.bound)
@@ -86,7 +92,7 @@ def test_rows_near_the_margin_suffice(n_classes, book, seed):
     """The rows within some margins, and a tenth of the others with hardly any weight."""
     X, labels, weight, classifier = surfaces_of(n_classes, book, seed)
     fitted = classifier.fitted_surfaces
-    values, width = fitted.values(X), 5 * fitted.margin
+    values, width = fitted.values(X), reaching(fitted, 5 * fitted.margin)
     summaries = fitted.summarise(X, values, labels, weight, width)
     anchors = Anchors(X[::10], labels[::10], np.full(len(X[::10]), 1e-3), width)
     fits = fitted.refit(summaries, anchors)
@@ -103,7 +109,9 @@ def test_rows_near_the_margin_suffice(n_classes, book, seed):
 def test_hinges_bound_the_program_from_below(n_classes, book):
     X, labels, weight, classifier = surfaces_of(n_classes, book)
     fitted = classifier.fitted_surfaces
-    summaries = fitted.summarise(X, fitted.values(X), labels, weight, 2 * fitted.margin)
+    summaries = fitted.summarise(
+        X, fitted.values(X), labels, weight, reaching(fitted, 2 * fitted.margin)
+    )
     options = fitted.margin, fitted.beta, fitted.bound
     rng = np.random.default_rng(4)
     for surface, _, program in programs(fitted, X, labels, weight):
@@ -123,7 +131,7 @@ def test_hinges_bound_the_program_from_below(n_classes, book):
 def test_hinges_of_blocks_are_joined(n_classes, book):
     X, labels, weight, classifier = surfaces_of(n_classes, book)
     fitted = classifier.fitted_surfaces
-    values, width = fitted.values(X), 2 * fitted.margin
+    values, width = fitted.values(X), reaching(fitted, 2 * fitted.margin)
     whole = fitted.summarise(X, values, labels, weight, width)
     blocks = [slice(0, 5), slice(5, 2000), slice(2000, None)]
     parts = [fitted.summarise(X[b], values[b], labels[b], weight[b], width) for b in blocks]
@@ -141,3 +149,16 @@ def test_rows_without_a_say_are_infinitely_far():
     distance = fitted.distance(X, labels)
     assert np.array_equal(np.isinf(distance), fitted.book[labels] == 0)
     assert np.isinf(distance).any()
+
+
+def test_rows_of_much_leverage_are_kept_farther_away():
+    X, labels, weight, classifier = surfaces_of(2)
+    fitted = classifier.fitted_surfaces
+    features = fitted.basis(X)
+    metric = np.linalg.inv(np.linalg.cholesky(features.T @ features / len(X))).T
+    reach = Reach(metric, np.array([fitted.margin]))
+    (summary,) = fitted.summarise(X, fitted.values(X), labels, weight, reach)
+    leverage = np.linalg.norm(features @ metric, axis=1)
+    near = np.abs(fitted.distance(X, labels)[:, 0]) <= fitted.margin * leverage
+    assert len(summary.weight) == near.sum() < len(X)
+    assert np.array_equal(summary.weight, weight[near])

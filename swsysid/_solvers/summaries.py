@@ -64,8 +64,8 @@ class Reach:
         return np.sqrt(np.einsum("ij,ij->i", whitened, whitened))[:, None] * self.size
 
     def scaled(self, factor: float) -> Reach:
-        """The reach of larger changes."""
-        return replace(self, size=factor * self.size)
+        """The reach of larger changes, of rows of any leverage."""
+        return replace(self, size=factor * self.size, most=np.inf)
 
 
 @dataclass(frozen=True)
@@ -138,40 +138,53 @@ class SignSummary:
 
 @dataclass(frozen=True)
 class GramSummary:
-    """Sums of products of features and targets, (n_features + n_outputs) squared."""
+    """Sums of products of features and targets.
+
+    Attributes
+    ----------
+    gram : ndarray of shape (n_features + n_outputs, n_features + n_outputs)
+        Of combinations of the features that are nearly orthonormal, and the targets: a Gram matrix
+        has the square of the condition of its rows.
+    basis : ndarray of shape (n_features, n_features)
+        These combinations, by columns.
+    """
 
     gram: Array
+    basis: Array
     exact = True
 
     @classmethod
     def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
         """Summary of a block; weights may be negative, to take rows away."""
-        rows = np.hstack([design, targets])
-        return cls(rows.T @ (rows * weight[:, None]))
+        # Features that depend on others are not in the metric; they stand for themselves.
+        dependent = np.flatnonzero(~reach.metric.any(axis=1))
+        basis = np.hstack([reach.metric, np.eye(design.shape[1])[:, dependent]])
+        rows = np.hstack([design @ basis, targets])
+        return cls(rows.T @ (rows * weight[:, None]), basis)
 
     @classmethod
     def joined(cls, parts: Sequence[GramSummary]) -> GramSummary:
         """Summary of several blocks."""
-        return cls(np.sum([part.gram for part in parts], axis=0))
+        return cls(np.sum([part.gram for part in parts], axis=0), parts[0].basis)
 
     def fit(self, coef: Array, bound: float, support: NDArray[np.bool_]) -> Array:
-        """Coefficients of least squares in the box."""
+        """Coefficients of least squares in the box, of least norm where there are many."""
         n_features = coef.shape[1]
+        gram, moments = self.gram[:n_features, :n_features], self.gram[:n_features, n_features:]
+        size = np.sqrt(np.diagonal(gram))
+        size[size == 0.0] = 1.0
+        values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+        kept = values > values.max(initial=0.0) * len(values) * 8 * np.finfo(float).eps
+        root, vectors = np.sqrt(values[kept]), vectors[:, kept]
+        # |D c - y|^2 is |factor c - right|^2 and a constant, with as many rows as D has rank.
+        factor = np.linalg.solve(self.basis.T, (root[:, None] * vectors.T * size).T).T
+        right = (vectors.T @ (moments / size[:, None])) / root[:, None]
         coef = np.zeros_like(coef)
-        moments = self.gram[:n_features, n_features:]
         for output, free in enumerate(support):
             features = np.flatnonzero(free)
-            gram = self.gram[np.ix_(features, features)]
-            size = np.sqrt(np.diagonal(gram))
-            size[size == 0.0] = 1.0
-            values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-            kept = values > values.max(initial=0.0) * len(values) * 8 * np.finfo(float).eps
-            root, vectors = np.sqrt(values[kept]), vectors[:, kept]
-            right = (vectors.T @ (moments[features, output] / size)) / root
-            found = (vectors @ (right / root)) / size
+            found = np.linalg.lstsq(factor[:, features], right[:, output], rcond=None)[0]
             if np.abs(found).max(initial=0.0) > bound:
-                # |D c - y|^2 and |root vectors' (size c) - right|^2 differ by a constant.
-                factor = (root[:, None] * vectors.T) * size
-                found = boxed_least_squares(factor, right[:, None], bound)[0]
+                target = right[:, output : output + 1]
+                found = boxed_least_squares(factor[:, features], target, bound)[0]
             coef[output, features] = found
         return coef

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
+from swsysid._solvers.summaries import Reach
 from swsysid._surfaces.hinge import MarginProgram
 from swsysid._surfaces.margin_program import SurfaceFit, fit_programs
 
@@ -59,7 +60,7 @@ class HingeSummary:
 
 @dataclass(frozen=True)
 class Anchors:
-    """Some rows that hold a surface where it is, beyond the width within which all are kept.
+    """Some rows that hold a surface where it is, beyond the reach within which all are kept.
 
     A surface that is left alone by the rows far away could move among them.
 
@@ -70,13 +71,14 @@ class Anchors:
         Places in the classes of the surfaces.
     weight : ndarray of shape (n_anchors,)
         Of the rows that each stands for.
-    width : float
+    reach : Reach
+        How far from their margin rows are kept.
     """
 
     X: Array
     labels: NDArray[np.intp]
     weight: Array
-    width: float
+    reach: Reach
 
 
 @dataclass(frozen=True)
@@ -125,23 +127,25 @@ class FittedSurfaces:
         return np.where(signs == 0, np.inf, signs * values - self.margin)
 
     def summarise(
-        self, X: Array, values: Array, labels: NDArray, weight: Array, width: float
+        self, X: Array, values: Array, labels: NDArray, weight: Array, reach: Reach
     ) -> list[HingeSummary]:
-        """One summary for each surface; rows nearer to their margin than `width` are kept.
+        """One summary for each surface; rows within reach of their margin are kept.
 
         `labels` are places in `classes`.
         """
         distance = self._distance(values, labels)
         summaries = []
         for surface, signs in enumerate(self.book.T):
-            rows = np.flatnonzero(distance[:, surface] < width)
-            is_near = distance[rows, surface] > -width
-            signed = self.basis(X[rows]) * signs[labels[rows], None] if rows.size else self.empty
-            slack_weight = np.where(is_near, 0.0, weight[rows])
+            some = np.flatnonzero(distance[:, surface] <= reach.most * reach.size)
+            signed = self.basis(X[some]) * signs[labels[some], None] if some.size else self.empty
+            beyond = distance[some, surface]
+            within = reach.of(signed)[:, 0]
+            is_near = np.abs(beyond) <= within
+            slack_weight = np.where(beyond < -within, weight[some], 0.0)
             summaries.append(
                 HingeSummary(
                     signed[is_near],
-                    weight[rows[is_near]],
+                    weight[some[is_near]],
                     slack_weight @ signed,
                     float(slack_weight.sum()),
                 )
@@ -152,9 +156,10 @@ class FittedSurfaces:
         """Solve the margin LPs of the summaries, from these surfaces."""
         programs = []
         features, distance = self.basis(anchors.X), self.distance(anchors.X, anchors.labels)
+        within = anchors.reach.of(features)[:, 0]
         for surface, summary in enumerate(summaries):
-            far = np.flatnonzero(distance[:, surface] >= anchors.width)
-            far = far[np.isfinite(distance[far, surface])]
+            beyond = distance[:, surface]
+            far = np.flatnonzero((beyond > within) & np.isfinite(beyond))
             signs = self.book[anchors.labels[far], surface]
             added = features[far] * signs[:, None], anchors.weight[far]
             programs.append(summary.program(added, self.margin, self.beta, self.bound))

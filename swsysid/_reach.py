@@ -1,0 +1,146 @@
+"""How far residuals and margins may still move, judged on a sample of the rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swsysid._passes import Pass
+from swsysid._problem import Modes, SwitchingProblem
+from swsysid._results import Array
+from swsysid._seeding.designs import whiten
+from swsysid._solvers.summaries import Reach
+from swsysid._surfaces.fitted import Anchors, FittedSurfaces
+
+__all__ = ["Sampled"]
+
+# Standard deviations that a residual may move from the vector fields of a sample to those of all
+# rows, and rows kept at least for each column.
+_DEVIATIONS, _FEWEST = 4.0, 10
+# Rows kept next to a margin, in units of p / m, and never fewer than some for each feature.
+_KEPT_NEAR, _FEWEST_NEAR = 10.0, 20
+# No row of all is expected to have more than this many times the leverage of those of the sample.
+_BEYOND = 3.0
+# Rows that a pass keeps at most, over all outputs.
+_MOST_KEPT = 400_000
+# Residuals and margins may move this share of what they moved in the step before.
+_REACH = 0.3
+# Residuals that are smaller than this share of the targets' spread are none.
+_EXACT = 1e-9
+# Below this share of the rows, quantiles are extrapolated from the density there.
+_RESOLVED = 0.1
+_SMALL = 1e-300
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Rows of a sample as a problem, to judge distances by.
+
+    Attributes
+    ----------
+    problem : SwitchingProblem
+    n_rows : int
+        How many rows the sample stands for.
+    n_known : int
+        How many rows the vector fields and surfaces are known from when the passes begin.
+    """
+
+    problem: SwitchingProblem
+    n_rows: int
+    n_known: int
+
+    def reach(self, coef: Array, modes: Modes) -> tuple[Reach, ...]:
+        r"""How far the residuals of each mode may move from vector fields of as many rows.
+
+        Coefficients of least absolute deviations have the covariance :math:`\tau^2 G^{-1}` with
+        :math:`\tau = 1 / (2 f(0))`, where f is the density of the residuals (Koenker and Bassett
+        1978). Coefficients of an output that a mode meets exactly stay.
+        """
+        return tuple(self._reach(coef, modes, mode) for mode in range(len(coef)))
+
+    def _reach(self, coef: Array, modes: Modes, mode: int) -> Reach:
+        rows = self._members(modes, mode)
+        features = self.problem.features[rows]
+        if not rows.size:
+            return Reach(np.zeros((features.shape[1], 0)), np.full(coef.shape[1], -1.0), 0.0)
+        metric = whiten(features, np.ones(len(rows))).transform / np.sqrt(self._known(rows))
+        sizes = np.abs(self.problem.residuals(coef, modes)[rows])
+        leverage = _leverage(features, metric)
+        moving = self._within_memory(_DEVIATIONS * leverage.mean()) / leverage.mean()
+        exact = np.median(sizes, axis=0) <= _EXACT * np.ptp(self.problem.targets, axis=0)
+        size = np.where(exact, -1.0, moving * _sparsity(sizes))
+        return Reach(metric, size, _BEYOND * float(leverage.max()))
+
+    def nearer(self, reach: Reach, mode: int, coef: Array, moved: Array, modes: Modes) -> Reach:
+        """The reach after a step of one mode from `coef` to `moved`."""
+        rows = self._members(modes, mode)
+        if not rows.size:
+            return reach
+        features, n_known = self.problem.features[rows], self._known(rows)
+        step = np.sqrt(n_known * np.square(features @ (moved[mode] - coef[mode]).T).mean(axis=0))
+        sparsity = _sparsity(np.abs(self.problem.residuals(moved, modes)[rows]))
+        leverage = _leverage(features, reach.metric).mean()
+        n_rows = self.n_rows * len(rows) / len(modes)
+        fewest = _FEWEST * features.shape[1] / (n_rows * leverage) * sparsity
+        return replace(reach, size=np.minimum(reach.size, np.maximum(_REACH * step, fewest)))
+
+    def _members(self, modes: Modes, mode: int) -> Modes:
+        return np.flatnonzero((modes == mode) & ~self.problem.outlying)
+
+    def _known(self, rows: Modes) -> float:
+        """From how many rows the vector field of these rows is known."""
+        return self.n_known * len(rows) / len(self.problem.weight)
+
+    def margin_reach(self, surface: FittedSurfaces, modes: Modes) -> Reach:
+        """How far distances to the margins may move from surfaces of as many rows."""
+        features, distance = self._from_margins(surface, modes)
+        metric = whiten(features, np.ones(len(features))).transform
+        leverage = _leverage(features, metric)
+        share = self._within_memory(_KEPT_NEAR * features.shape[1] / self.n_known)
+        size = _quantile(distance / np.maximum(leverage, _SMALL), share)
+        return Reach(metric, np.atleast_1d(size), _BEYOND * float(leverage.max()))
+
+    def nearer_margin(
+        self, reach: Reach, surface: FittedSurfaces, moved: FittedSurfaces, modes: Modes
+    ) -> Reach:
+        """The reach after a step from `surface` to `moved`."""
+        features, distance = self._from_margins(moved, modes)
+        step = np.sqrt(np.square(features @ (moved.coef - surface.coef).T).mean(axis=0).max())
+        share = self._within_memory(_FEWEST_NEAR * features.shape[1] / self.n_rows)
+        ratio = distance / np.maximum(_leverage(features, reach.metric), _SMALL)
+        fewest = _quantile(ratio, share)
+        return replace(reach, size=np.minimum(reach.size, np.maximum(_REACH * step, fewest)))
+
+    def _from_margins(self, surface: FittedSurfaces, modes: Modes) -> tuple[Array, Array]:
+        """Surface features of every row, and its distance from the nearest margin."""
+        X, place = self.problem.coordinates, np.searchsorted(surface.classes, modes)
+        return surface.basis(X), np.abs(surface.distance(X, place)).min(axis=1)
+
+    def anchors(self, look: Pass) -> Anchors:
+        """The rows that hold the surfaces of a pass."""
+        problem = self.problem
+        labels = np.searchsorted(look.surface.classes, look.modes_of(problem))
+        weight = problem.weight * (self.n_rows / len(problem.weight))
+        return Anchors(problem.coordinates, labels, weight, look.margin_reach)
+
+    def _within_memory(self, share: float) -> float:
+        n_outputs = self.problem.targets.shape[1]
+        return min(share, _MOST_KEPT / (self.n_rows * n_outputs))
+
+
+def _leverage(features: Array, metric: Array) -> Array:
+    """Root of the leverage of every row."""
+    return np.asarray(np.linalg.norm(features @ metric, axis=1), dtype=float)
+
+
+def _sparsity(sizes: Array) -> Array:
+    """1 / (2 f(0)) of every column, where f is the density of residuals of these sizes."""
+    return np.asarray(np.quantile(sizes, _RESOLVED, axis=0)) / _RESOLVED
+
+
+def _quantile(values: Array, share: float) -> Array:
+    """Quantile of each column; where it is not resolved, in proportion to one that is."""
+    if share >= _RESOLVED:
+        return np.asarray(np.quantile(values, min(share, 1.0), axis=0))
+    return np.asarray(np.quantile(values, _RESOLVED, axis=0) * (share / _RESOLVED))
