@@ -36,8 +36,9 @@ def warn_about(estimator: Any, answer: Answer, guard: GuardCheck, n_rows: int) -
         )
     if answer.stalled:
         _warn(
-            "The passes over all rows could not improve the answer of a sample: a few rows "
-            "far from the others decide; leave them out, or use a smaller feature_library or degree.",
+            "The passes over all rows could not improve the answer of a sample: a few rows far "
+            "from the others decide; leave them out, or use a smaller feature_library or a smaller "
+            "degree.",
             ConvergenceWarning,
         )
     elif not estimator.converged_:
