@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
+from tqdm import tqdm
 
 from swsysid._answer import Answer
 from swsysid._blocks.sampling import Sample, draw_sample
@@ -53,9 +54,10 @@ def fit_all_rows(
 
     def passed_over(start: _Start) -> Polished:
         sampled = Sampled(start.problem, len(larger.rows), len(sample.rows))
-        near = settle(partial(_run, in_memory), start.look(feature_map, sampled), sampled)
+        near = settle(partial(_run, in_memory, False), start.look(feature_map, sampled), sampled)
         sampled = Sampled(start.problem, sample.n_rows, len(larger.rows))
-        return settle(partial(_run, blocks), _with_reach(near.look, sampled), sampled)
+        run = partial(_run, blocks, bool(search.verbose))
+        return settle(run, _with_reach(near.look, sampled), sampled)
 
     start = _Start(found.problem, found.best.coef, found.best.modes)
     polished = passed_over(start)
@@ -132,8 +134,11 @@ class _Start:
         return Answer(found, surface, result.modes, None, objective, history, polished.stalled)
 
 
-def _run(blocks: RowBlocks, look: Pass, before: NDArray[np.int8] | None) -> PassResult:
-    return PassResult.joined(list(blocks.map(look, before)))
+def _run(
+    blocks: RowBlocks, verbose: bool, look: Pass, before: NDArray[np.int8] | None
+) -> PassResult:
+    results = tqdm(blocks.map(look, before), desc="blocks of a pass", disable=not verbose)
+    return PassResult.joined(list(results))
 
 
 def _with_reach(look: Pass, sampled: Sampled) -> Pass:

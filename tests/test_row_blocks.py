@@ -268,3 +268,37 @@ def test_dask_arrays_that_do_not_fit_are_refused(da):
     third = X.copy()
     third[2007, 1] = np.nan
     refused(ValueError, "Block 2: Input X contains NaN", da.from_array(third, chunks=(1000, 2)), Y)
+
+
+def test_dask_frames_are_refused_with_what_to_give():
+    class Frame:
+        dask = to_delayed = to_dask_array = None
+
+    X, Xdot, _ = oscillator()
+    refused(TypeError, r"give X.to_dask_array\(lengths=True\)", Frame(), Xdot)
+
+
+# -- predictions ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("one_target", [False, True])
+def test_predictions_of_blocks(many, da, tmp_path, one_target):
+    X, Xdot, _ = oscillator()
+    model = fitted(X, Xdot[:, 1] if one_target else Xdot)
+    for predict in (model.predict, model.predict_modes, model.predict_mode_proba):
+        expected = predict(X)
+        assert np.array_equal(predict(mapped(tmp_path, "X", X)), expected)
+        blocks = predict(cut(X, 1000, 2500))
+        assert [len(block) for block in blocks] == [1000, 1500, 1500]
+        assert np.array_equal(np.concatenate(blocks), expected)
+        lazy = predict(da.from_array(X, chunks=(1000, 1)))
+        assert isinstance(lazy, da.Array) and lazy.shape == expected.shape
+        assert lazy.dtype == expected.dtype and np.array_equal(lazy.compute(), expected)
+
+
+def test_predictions_of_many_rows_go_in_pieces(many):
+    X, Xdot, _ = oscillator()
+    model = fitted(X, Xdot)
+    many = np.tile(X, (9, 1))  # 36,000 rows are three pieces
+    assert np.array_equal(model.predict(many), np.tile(model.predict(X), (9, 1)))
+    assert np.array_equal(model.predict_modes(many), np.tile(model.predict_modes(X), 9))

@@ -224,6 +224,11 @@ def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) ->
     ValueError, TypeError
         If they are not of the same length or kind.
     """
+    for name, values in {"X": X, "y": y}.items():
+        if hasattr(values, "to_dask_array"):
+            raise TypeError(
+                f"{name} is a Dask data frame; give {name}.to_dask_array(lengths=True) instead."
+            )
     if _is_dask(X):
         n_rows = None if np.isnan(X.shape[0]) else int(X.shape[0])
         return _Dask(_dask_parts(X, y, sample_weight, groups), n_rows)
