@@ -12,14 +12,14 @@ from sklearn.base import clone
 from tqdm import tqdm
 
 from swsysid._answer import Answer
-from swsysid._blocks.sampling import Sample, draw_sample
-from swsysid._blocks.sources import RowBlocks, row_blocks
+from swsysid._blocks.sampling import Sample, Thinned, draw_sample
+from swsysid._blocks.sources import RowBlocks, Rows, row_blocks
 from swsysid._features import FeatureMap
 from swsysid._identification import Identification, Search
 from swsysid._passes import Pass, PassResult
 from swsysid._polish import Polished, polish
 from swsysid._problem import Modes, SwitchingProblem, fit_weighted, one_hot
-from swsysid._reach import Sampled
+from swsysid._reach import Sampled, rows_to_know
 from swsysid._results import Array
 from swsysid._scale import may_discard
 from swsysid._solvers.summaries import Reach
@@ -32,6 +32,9 @@ WHOLE, IDENTIFIED = 40_000, 10_000
 # ... then a larger sample is passed over, and then all rows. It is this many times the rows to the
 # power 2/3, as are those that a pass keeps.
 _LARGER = 4.0
+# If a pass over all rows would keep too many of them, passes over fewer rows come before, at least
+# this many times fewer.
+_FEWER = 4
 
 
 def drawn_rows(blocks: RowBlocks) -> Sample:
@@ -53,11 +56,20 @@ def fit_all_rows(
     settle = partial(polish, max_iter=search.max_iter, tol=search.tol)
 
     def passed_over(start: _Start) -> Polished:
-        sampled = Sampled(start.problem, len(larger.rows), len(sample.rows))
-        near = settle(partial(_run, in_memory, False), start.look(feature_map, sampled), sampled)
-        sampled = Sampled(start.problem, sample.n_rows, len(larger.rows))
-        run = partial(_run, blocks, bool(search.verbose))
-        return settle(run, _with_reach(near.look, sampled), sampled)
+        n_known = len(larger.rows)
+        sampled = Sampled(start.problem, n_known, len(sample.rows))
+        polished = settle(
+            partial(_run, in_memory, False), start.look(feature_map, sampled), sampled
+        )
+        seen = start.seen(larger.rows, polished)
+        for n_rows in _stages(sample.n_rows, n_known, seen):
+            whole = n_rows == sample.n_rows
+            source = blocks if whole else Thinned(blocks, n_rows / sample.n_rows)
+            sampled = Sampled(seen, n_rows, n_known)
+            look = _with_reach(polished.look, sampled)
+            polished = settle(partial(_run, source, bool(search.verbose)), look, sampled)
+            n_known = n_rows
+        return polished
 
     start = _Start(found.problem, found.best.coef, found.best.modes)
     polished = passed_over(start)
@@ -66,6 +78,18 @@ def fit_all_rows(
         start = start.reordered(order, polished.look)
         polished = passed_over(start)
     return start.answer(found, polished)
+
+
+def _stages(n_rows: int, n_known: int, problem: SwitchingProblem) -> list[int]:
+    """Numbers of rows to pass over one after the other, so that each pass keeps few of them."""
+    stages = [n_rows]
+    shape = problem.features.shape[1], problem.targets.shape[1]
+    while not problem.loss.additive and (needed := rows_to_know(stages[0], *shape)) > n_known:
+        fewer = min(needed, stages[0] // _FEWER)
+        if fewer <= n_known:
+            break
+        stages.insert(0, fewer)
+    return stages
 
 
 @dataclass(frozen=True)
@@ -101,6 +125,13 @@ class _Start:
             Reach(np.empty((0, 0)), np.empty(0)),
         )
         return _with_reach(look, sampled)
+
+    def seen(self, rows: Rows, polished: Polished) -> SwitchingProblem:
+        """Other rows as a problem, after passes over them."""
+        features = polished.look.feature_map(rows.X)
+        outlying = polished.result.labels < 0
+        problem = self.problem.on_rows(features, rows.targets, rows.X)
+        return replace(problem, weight=rows.weight, outlying=outlying)
 
     def reordered(self, order: Modes, look: Pass) -> _Start:
         """The start with its modes in another order, at the vector fields of a pass."""

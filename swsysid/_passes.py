@@ -134,8 +134,9 @@ class Pass:
 
     def widened(self, factor: float) -> Pass:
         """The same pass, which keeps more rows."""
-        reach = tuple(each.scaled(factor) for each in self.reach)
-        return replace(self, reach=reach, margin_reach=self.margin_reach.scaled(factor))
+        reach = tuple(each.scaled(factor).of_any_row for each in self.reach)
+        margin_reach = self.margin_reach.scaled(factor).of_any_row
+        return replace(self, reach=reach, margin_reach=margin_reach)
 
     def modes_of(self, problem: SwitchingProblem) -> Modes:
         """Labels of the rows of a problem."""

@@ -13,7 +13,7 @@ from swsysid._seeding.designs import whiten
 from swsysid._solvers.summaries import Reach
 from swsysid._surfaces.fitted import Anchors, FittedSurfaces
 
-__all__ = ["Sampled"]
+__all__ = ["Sampled", "rows_to_know"]
 
 # Standard deviations that a residual may move from the vector fields of a sample to those of all
 # rows, and rows kept at least for each column.
@@ -23,7 +23,7 @@ _KEPT_NEAR, _FEWEST_NEAR = 10.0, 20
 # No row of all is expected to have more than this many times the leverage of those of the sample.
 _BEYOND = 3.0
 # Rows that a pass keeps at most, over all outputs.
-_MOST_KEPT = 400_000
+_MOST_KEPT = 1_000_000
 # Residuals and margins may move this share of what they moved in the step before.
 _REACH = 0.3
 # Residuals that are smaller than this share of the targets' spread are none.
@@ -31,6 +31,14 @@ _EXACT = 1e-9
 # Below this share of the rows, quantiles are extrapolated from the density there.
 _RESOLVED = 0.1
 _SMALL = 1e-300
+
+
+def rows_to_know(n_rows: int, n_features: int, n_outputs: int) -> int:
+    r"""From how many rows vector fields must be known for a pass over `n_rows` to keep enough.
+
+    Of n rows it keeps :math:`4 n K \sqrt{p / m}` for K outputs and p features known from m rows.
+    """
+    return int(n_features * (_DEVIATIONS * n_rows * n_outputs / _MOST_KEPT) ** 2)
 
 
 @dataclass(frozen=True)
@@ -57,20 +65,24 @@ class Sampled:
         :math:`\tau = 1 / (2 f(0))`, where f is the density of the residuals (Koenker and Bassett
         1978). Coefficients of an output that a mode meets exactly stay.
         """
-        return tuple(self._reach(coef, modes, mode) for mode in range(len(coef)))
+        first = [self._reach(coef, modes, mode) for mode in range(len(coef))]
+        kept = sum(n_kept for _, n_kept in first)
+        return tuple(reach.scaled(min(1.0, _MOST_KEPT / max(kept, 1.0))) for reach, _ in first)
 
-    def _reach(self, coef: Array, modes: Modes, mode: int) -> Reach:
+    def _reach(self, coef: Array, modes: Modes, mode: int) -> tuple[Reach, float]:
+        """The reach of one mode, and how many rows it will keep, over all outputs."""
         rows = self._members(modes, mode)
         features = self.problem.features[rows]
         if not rows.size:
-            return Reach(np.zeros((features.shape[1], 0)), np.full(coef.shape[1], -1.0), 0.0)
+            return Reach(np.zeros((features.shape[1], 0)), np.full(coef.shape[1], -1.0), 0.0), 0.0
         metric = whiten(features, np.ones(len(rows))).transform / np.sqrt(self._known(rows))
         sizes = np.abs(self.problem.residuals(coef, modes)[rows])
         leverage = _leverage(features, metric)
-        moving = self._within_memory(_DEVIATIONS * leverage.mean()) / leverage.mean()
         exact = np.median(sizes, axis=0) <= _EXACT * np.ptp(self.problem.targets, axis=0)
-        size = np.where(exact, -1.0, moving * _sparsity(sizes))
-        return Reach(metric, size, _BEYOND * float(leverage.max()))
+        size = np.where(exact, -1.0, _DEVIATIONS * _sparsity(sizes))
+        n_rows = self.n_rows * len(rows) / len(modes)
+        n_kept = n_rows * _DEVIATIONS * float(leverage.mean()) * np.count_nonzero(~exact)
+        return Reach(metric, size, _BEYOND * float(leverage.max())), n_kept
 
     def nearer(self, reach: Reach, mode: int, coef: Array, moved: Array, modes: Modes) -> Reach:
         """The reach after a step of one mode from `coef` to `moved`."""

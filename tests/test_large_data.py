@@ -9,6 +9,7 @@ from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
 import swsysid._large
+import swsysid._reach
 from swsysid import PolynomialSurfaceClassifier
 from swsysid._certificates import certify
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
@@ -339,3 +340,23 @@ def test_weight_zero_everywhere_is_refused():
     X, Xdot, _ = oscillator()
     with pytest.raises(ValueError, match="give at least one sample a positive weight"):
         fitted(X, Xdot, sample_weight=np.zeros(len(X)))
+
+
+@each_loss
+def test_passes_that_keep_few_rows_are_prepared_by_passes_over_fewer(monkeypatch, loss):
+    """Of 9000 rows a pass may keep 600: then 2250 come before, and the answer is the same."""
+    X, Xdot, _ = oscillator(9000)
+    expected = fitted(X, Xdot, loss=loss)
+    stages, known = [], swsysid._large._stages
+
+    def watched(*arguments):
+        stages.append(known(*arguments))
+        return stages[-1]
+
+    monkeypatch.setattr(swsysid._large, "_stages", watched)
+    monkeypatch.setattr(swsysid._reach, "_MOST_KEPT", 600)
+    model = fitted(X, Xdot, loss=loss)
+    assert stages == [[9000] if loss == "squared" else [2250, 9000]]
+    assert model.objective_ == pytest.approx(expected.objective_, rel=1e-6)
+    assert np.mean(model.modes_ != expected.modes_) < 1e-3
+    assert dynamics_gap(model, X, Xdot) <= 1e-6

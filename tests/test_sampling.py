@@ -5,7 +5,7 @@ import pytest
 from many_rows import cut
 from scipy.stats import chisquare
 
-from swsysid._blocks.sampling import draw_sample, row_numbers
+from swsysid._blocks.sampling import Thinned, draw_sample, row_numbers
 from swsysid._blocks.sources import row_blocks
 
 
@@ -152,3 +152,20 @@ def test_nothing_to_draw_is_refused():
     ones = np.ones((3, 2))
     with pytest.raises(ValueError, match="give at least one sample a positive weight"):
         drawn([ones, ones], [ones, ones], [np.zeros(3), np.zeros(3)])
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3])
+def test_thinned_rows_are_those_of_the_smallest_numbers(share):
+    X, y = some_rows()
+    numbers = row_numbers(np.hstack([X, y]))
+    chosen = numbers < share * 2.0**64
+    for ends in ((), (7, 9000, 9001, 39_999)):
+        source = row_blocks(cut(X, *ends), cut(y, *ends)) if ends else row_blocks(X, y)
+        blocks = list(Thinned(source, share).map(lambda rows: rows))
+        assert np.array_equal(np.concatenate([block.X for block in blocks]), X[chosen])
+        assert np.array_equal(np.concatenate([block.targets for block in blocks]), y[chosen])
+    # 30,000 distinct rows: five deviations of a binomial share
+    expected = share * 30_000
+    assert abs(len(np.unique(numbers[chosen])) - expected) < 5 * np.sqrt(expected)
+    smaller = drawn(X, y, n_rows=300)
+    assert chosen[smaller.place].all()

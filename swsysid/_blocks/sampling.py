@@ -7,7 +7,9 @@ smallest of all blocks are among the smallest of each: a sample of samples is th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from swsysid._blocks.sources import RowBlocks, Rows
 from swsysid._results import Array
 
-__all__ = ["Sample", "draw_sample"]
+__all__ = ["Sample", "Thinned", "draw_sample"]
 
 # Multipliers and shifts of a mixing function of 64 bits (the finalizer of MurmurHash3).
 _FIRST, _SECOND = np.uint64(0xFF51AFD7ED558CCD), np.uint64(0xC4CEB9FE1A85EC53)
@@ -131,6 +133,33 @@ class _Draw:
                 if len(found[0].numbers) == self.n_rows:
                     limit = found[0].numbers[-1]
         return len(block), _joined(found).smallest(self.n_rows)
+
+
+@dataclass(frozen=True)
+class Thinned(RowBlocks):
+    """A share of the rows of other blocks, those of the smallest numbers."""
+
+    blocks: RowBlocks
+    share: float
+
+    def map(self, function, carried=None):
+        """`function` of the chosen rows of every block, which carry nothing."""
+        return self.blocks.map(_OfSome(function, np.uint64(self.share * 2.0**63) * np.uint64(2)))
+
+
+@dataclass(frozen=True)
+class _OfSome:
+    """A function of the rows whose numbers are below a limit."""
+
+    function: Callable[[Rows], Any]
+    limit: np.uint64
+
+    def __call__(self, block: Rows) -> Any:
+        chosen = [
+            row_numbers(np.column_stack([piece.X, piece.targets])) < self.limit
+            for piece in block.pieces()
+        ]
+        return self.function(block.take(np.concatenate(chosen)))
 
 
 def row_numbers(values: Array) -> NDArray[np.uint64]:

@@ -64,8 +64,13 @@ class Reach:
         return np.sqrt(np.einsum("ij,ij->i", whitened, whitened))[:, None] * self.size
 
     def scaled(self, factor: float) -> Reach:
-        """The reach of larger changes, of rows of any leverage."""
-        return replace(self, size=factor * self.size, most=np.inf)
+        """The reach of changes that are so many times as large."""
+        return replace(self, size=factor * self.size)
+
+    @property
+    def of_any_row(self) -> Reach:
+        """The same reach for rows of any leverage."""
+        return replace(self, most=np.inf)
 
 
 @dataclass(frozen=True)
