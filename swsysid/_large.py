@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from swsysid._answer import Answer
 from swsysid._blocks.sampling import Sample, Thinned, draw_sample
-from swsysid._blocks.sources import RowBlocks, Rows, row_blocks
+from swsysid._blocks.sources import RowBlocks, row_blocks
 from swsysid._features import FeatureMap
 from swsysid._identification import Identification, Search
 from swsysid._passes import Pass, PassResult
@@ -61,11 +61,10 @@ def fit_all_rows(
         polished = settle(
             partial(_run, in_memory, False), start.look(feature_map, sampled), sampled
         )
-        seen = start.seen(larger.rows, polished)
-        for n_rows in _stages(sample.n_rows, n_known, seen):
+        for n_rows in _stages(sample.n_rows, n_known, start.problem):
             whole = n_rows == sample.n_rows
             source = blocks if whole else Thinned(blocks, n_rows / sample.n_rows)
-            sampled = Sampled(seen, n_rows, n_known)
+            sampled = Sampled(start.problem, n_rows, n_known)
             look = _with_reach(polished.look, sampled)
             polished = settle(partial(_run, source, bool(search.verbose)), look, sampled)
             n_known = n_rows
@@ -125,13 +124,6 @@ class _Start:
             Reach(np.empty((0, 0)), np.empty(0)),
         )
         return _with_reach(look, sampled)
-
-    def seen(self, rows: Rows, polished: Polished) -> SwitchingProblem:
-        """Other rows as a problem, after passes over them."""
-        features = polished.look.feature_map(rows.X)
-        outlying = polished.result.labels < 0
-        problem = self.problem.on_rows(features, rows.targets, rows.X)
-        return replace(problem, weight=rows.weight, outlying=outlying)
 
     def reordered(self, order: Modes, look: Pass) -> _Start:
         """The start with its modes in another order, at the vector fields of a pass."""

@@ -112,6 +112,8 @@ class Pass:
         How far the residuals of each mode may move; rows within it are kept.
     margin_reach : Reach
         How far distances to the margins may move; rows within it are kept.
+    exact : bool, default=False
+        True if `coef` is known to be optimal for the labels of the pass before.
     """
 
     problem: SwitchingProblem
@@ -122,6 +124,7 @@ class Pass:
     discards: NDArray[np.bool_]
     reach: tuple[Reach, ...]
     margin_reach: Reach
+    exact: bool = False
 
     def __call__(self, rows: Rows, before: NDArray[np.int8] | None = None) -> PassResult:
         """The result for a block; `before` are its labels of the pass before."""

@@ -88,7 +88,7 @@ def polish(
         gain = best.objective - trial.objective
         least = tol * abs(best.objective) + _NOTHING * float(best.result.weight.sum())
         if gain >= -least:
-            converged = gain <= least or (trial.changes == 0 and look.problem.loss.summary.exact)
+            converged = gain <= least or (trial.changes == 0 and trial.look.exact)
             best, tries = (trial if gain >= 0.0 else best), 0
             history.append(best.record(len(history) + 1))
         else:  # rows moved farther than they were expected to
@@ -204,11 +204,21 @@ def _next(trial: _Trial, sampled: Sampled) -> Pass:
     for mode in np.flatnonzero(result.weight):  # a mode without samples keeps its vector field
         coef[mode] = result.dynamics[mode].fit(coef[mode], bound, support[mode])
     modes = look.modes_of(sampled.problem)
+    within = all(
+        sampled.is_within(each, mode, coef[mode] - look.coef[mode], modes)
+        for mode, each in enumerate(look.reach)
+    )
     reach = tuple(
         sampled.nearer(each, mode, look.coef, coef, modes) for mode, each in enumerate(look.reach)
     )
     fits = trial.refit(sampled)
-    return _with_surfaces(replace(look, coef=coef, reach=reach), fits, sampled, modes)
+    look = replace(
+        look,
+        coef=coef,
+        reach=reach,
+        exact=problem.loss.additive or (within and problem.loss.summary.exact),
+    )
+    return _with_surfaces(look, fits, sampled, modes)
 
 
 def _with_surfaces(look: Pass, fits: list[SurfaceFit], sampled: Sampled, modes: Modes) -> Pass:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from swsysid._passes import Pass
 from swsysid._problem import Modes, SwitchingProblem
@@ -15,9 +16,9 @@ from swsysid._surfaces.fitted import Anchors, FittedSurfaces
 
 __all__ = ["Sampled", "rows_to_know"]
 
-# Standard deviations that a residual may move from the vector fields of a sample to those of all
-# rows, and rows kept at least for each column.
-_DEVIATIONS, _FEWEST = 4.0, 10
+# Chance that vector fields of a sample are farther from those of all rows than was expected, and
+# rows kept at least for each column.
+_RARELY, _FEWEST = 0.01, 10
 # Rows kept next to a margin, in units of p / m, and never fewer than some for each feature.
 _KEPT_NEAR, _FEWEST_NEAR = 10.0, 20
 # No row of all is expected to have more than this many times the leverage of those of the sample.
@@ -36,9 +37,16 @@ _SMALL = 1e-300
 def rows_to_know(n_rows: int, n_features: int, n_outputs: int) -> int:
     r"""From how many rows vector fields must be known for a pass over `n_rows` to keep enough.
 
-    Of n rows it keeps :math:`4 n K \sqrt{p / m}` for K outputs and p features known from m rows.
+    Of n rows it keeps :math:`\chi_p n K \sqrt{p / m}` for K outputs and p features that are known
+    from m rows; see `Sampled.reach`.
     """
-    return int(n_features * (_DEVIATIONS * n_rows * n_outputs / _MOST_KEPT) ** 2)
+    kept_of_one = _radius(n_features) * np.sqrt(n_features) * n_rows * n_outputs
+    return int((kept_of_one / _MOST_KEPT) ** 2)
+
+
+def _radius(n_features: int) -> float:
+    """Distance from the origin that a standard normal vector rarely exceeds."""
+    return float(np.sqrt(chdtri(n_features, _RARELY)))
 
 
 @dataclass(frozen=True)
@@ -63,7 +71,9 @@ class Sampled:
 
         Coefficients of least absolute deviations have the covariance :math:`\tau^2 G^{-1}` with
         :math:`\tau = 1 / (2 f(0))`, where f is the density of the residuals (Koenker and Bassett
-        1978). Coefficients of an output that a mode meets exactly stay.
+        1978): changes are within :math:`\tau \chi_p` in the metric of G, with the quantile
+        :math:`\chi_p` of the length of a standard normal vector. Coefficients of an output that a
+        mode meets exactly stay.
         """
         first = [self._reach(coef, modes, mode) for mode in range(len(coef))]
         kept = sum(n_kept for _, n_kept in first)
@@ -79,9 +89,10 @@ class Sampled:
         sizes = np.abs(self.problem.residuals(coef, modes)[rows])
         leverage = _leverage(features, metric)
         exact = np.median(sizes, axis=0) <= _EXACT * np.ptp(self.problem.targets, axis=0)
-        size = np.where(exact, -1.0, _DEVIATIONS * _sparsity(sizes))
+        radius = _radius(metric.shape[1])
+        size = np.where(exact, -1.0, radius * _sparsity(sizes))
         n_rows = self.n_rows * len(rows) / len(modes)
-        n_kept = n_rows * _DEVIATIONS * float(leverage.mean()) * np.count_nonzero(~exact)
+        n_kept = n_rows * radius * float(leverage.mean()) * np.count_nonzero(~exact)
         return Reach(metric, size, _BEYOND * float(leverage.max())), n_kept
 
     def nearer(self, reach: Reach, mode: int, coef: Array, moved: Array, modes: Modes) -> Reach:
@@ -89,13 +100,24 @@ class Sampled:
         rows = self._members(modes, mode)
         if not rows.size:
             return reach
-        features, n_known = self.problem.features[rows], self._known(rows)
-        step = np.sqrt(n_known * np.square(features @ (moved[mode] - coef[mode]).T).mean(axis=0))
+        features, step = self.problem.features[rows], self._step(rows, moved[mode] - coef[mode])
         sparsity = _sparsity(np.abs(self.problem.residuals(moved, modes)[rows]))
         leverage = _leverage(features, reach.metric).mean()
         n_rows = self.n_rows * len(rows) / len(modes)
         fewest = _FEWEST * features.shape[1] / (n_rows * leverage) * sparsity
         return replace(reach, size=np.minimum(reach.size, np.maximum(_REACH * step, fewest)))
+
+    def is_within(self, reach: Reach, mode: int, change: Array, modes: Modes) -> bool:
+        """True if a change of the vector field of a mode moves no residual out of its reach."""
+        rows = self._members(modes, mode)
+        return not rows.size or bool(
+            (self._step(rows, change) <= np.maximum(reach.size, 0.0)).all()
+        )
+
+    def _step(self, rows: Modes, change: Array) -> Array:
+        """Size of a change of the vector field in the metric of a reach, (n_states,)."""
+        moved = np.square(self.problem.features[rows] @ change.T).mean(axis=0)
+        return np.sqrt(self._known(rows) * moved)
 
     def _members(self, modes: Modes, mode: int) -> Modes:
         return np.flatnonzero((modes == mode) & ~self.problem.outlying)
