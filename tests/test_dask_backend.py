@@ -4,6 +4,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from dask_cluster import executed, two_workers
 from joblib import parallel_config
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV
@@ -14,32 +15,14 @@ from swsysid import EffectSearchCV, PolynomialSurfaceClassifier, SwitchingSystem
 from swsysid.datasets import make_damped_oscillator, make_undeclared
 from swsysid.effects import CoulombFriction, QuadraticDrag
 
-# As docs/large_data.md recommends: with Dask's own threshold fits spend half their time on memory.
-SETTING = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
-
 
 @pytest.fixture(scope="module")
 def client():
-    dask = pytest.importorskip("dask")
-    distributed = pytest.importorskip("dask.distributed")
     with (
-        dask.config.set(SETTING),
-        distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",  # any free port: others may run a cluster too
-        ) as cluster,
-        distributed.Client(cluster) as client,
+        two_workers() as cluster,
+        pytest.importorskip("dask.distributed").Client(cluster) as client,
     ):
         yield client
-
-
-def executed(client):
-    """Tasks that each worker has run so far."""
-    counts = client.run(lambda dask_worker: dask_worker.state.executed_count)
-    return np.array([counts[name] for name in sorted(counts)])
 
 
 @contextmanager

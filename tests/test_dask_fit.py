@@ -5,29 +5,19 @@ import signal
 
 import numpy as np
 import pytest
+from dask_cluster import executed, two_workers
 from many_rows import fitted, oscillator, take_for_many
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("dask.distributed")
 da = pytest.importorskip("dask.array")
 
-SETTING = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
 ANSWER = ("coef_", "modes_", "membership_", "objective_")
 
 
 @pytest.fixture(scope="module")
 def cluster():
-    with (
-        dask.config.set(SETTING),
-        distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",  # any free port: others may run a cluster too
-            silence_logs=50,  # a worker that is killed is told of
-        ) as cluster,
-    ):
+    with two_workers() as cluster:
         yield cluster
 
 
@@ -57,11 +47,6 @@ def assert_bit_equal(one, two):
         assert np.array_equal(getattr(one, name), getattr(two, name)), name
     records = [[(each.objective, each.loss) for each in model.history_] for model in (one, two)]
     assert records[0] == records[1]
-
-
-def executed(client):
-    counts = client.run(lambda dask_worker: dask_worker.state.executed_count)
-    return np.array([counts[name] for name in sorted(counts)])
 
 
 @pytest.mark.parametrize("loss", ["l1", "l2", "squared"])
