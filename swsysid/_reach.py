@@ -29,8 +29,9 @@ _MOST_KEPT = 1_000_000
 _REACH = 0.3
 # Residuals that are smaller than this share of the targets' spread are none.
 _EXACT = 1e-9
-# Below this share of the rows, quantiles are extrapolated from the density there.
-_RESOLVED = 0.1
+# Share of the smallest residuals that tell their density at zero; number of the smallest distances
+# that tell how many are smaller still.
+_RESOLVED, _COUNTED = 0.1, 20
 _SMALL = 1e-300
 
 
@@ -173,8 +174,7 @@ def _sparsity(sizes: Array) -> Array:
     return np.asarray(np.quantile(sizes, _RESOLVED, axis=0)) / _RESOLVED
 
 
-def _quantile(values: Array, share: float) -> Array:
-    """Quantile of each column; where it is not resolved, in proportion to one that is."""
-    if share >= _RESOLVED:
-        return np.asarray(np.quantile(values, min(share, 1.0), axis=0))
-    return np.asarray(np.quantile(values, _RESOLVED, axis=0) * (share / _RESOLVED))
+def _quantile(values: Array, share: float) -> float:
+    """Quantile of few values; below the smallest few in proportion to these."""
+    resolved = min(1.0, max(share, _COUNTED / len(values)))
+    return float(np.quantile(values, resolved)) * min(1.0, share / resolved)
