@@ -86,6 +86,9 @@ class PassResult:
 _SUMS = ("loss", "hard_loss", "relaxed_loss", "slack", "tight", "weight")
 
 
+# Where too few rows were kept, residuals and margins reach so many times as far. Few rows are next
+# to a margin, and what a surface does far from them is hard to foresee.
+_WIDER, _WIDER_MARGINS = 2.0, 8.0
 # Rows are suspected to be outliers from this share of the limit on.
 _SUSPECTED = 0.5
 
@@ -135,10 +138,10 @@ class Pass:
             start = end
         return PassResult.joined(results)
 
-    def widened(self, factor: float) -> Pass:
+    def widened(self) -> Pass:
         """The same pass, which keeps more rows."""
-        reach = tuple(each.scaled(factor).of_any_row for each in self.reach)
-        margin_reach = self.margin_reach.scaled(factor).of_any_row
+        reach = tuple(each.scaled(_WIDER).of_any_row for each in self.reach)
+        margin_reach = self.margin_reach.scaled(_WIDER_MARGINS).of_any_row
         return replace(self, reach=reach, margin_reach=margin_reach)
 
     def modes_of(self, problem: SwitchingProblem) -> Modes:

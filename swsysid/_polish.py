@@ -8,7 +8,7 @@ which rows were kept. Where this fails the objective tells, and the width grows.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -19,13 +19,16 @@ from swsysid._passes import Pass, PassResult
 from swsysid._problem import Modes
 from swsysid._reach import Sampled
 from swsysid._results import IterationRecord
-from swsysid._surfaces.fitted import FittedSurfaces
+from swsysid._surfaces.fitted import FittedSurfaces, HingeSummary
 from swsysid._surfaces.margin_program import SurfaceFit
 
 __all__ = ["Polished", "polish"]
 
-# Where the width was too small it grows by this factor, at most so often.
-_WIDER, _MOST_TRIES = 2.0, 3
+# What passes found at surfaces that were no better.
+Refused = Sequence[Sequence[HingeSummary]]
+
+# Where what passes kept was too little they keep more, at most so often.
+_MOST_TRIES = 3
 # Nats a row that are none.
 _NOTHING = 1e-9
 # Passes for the surfaces alone, at most.
@@ -82,21 +85,22 @@ def polish(
     """
     passes = _Passes(run)
     best = passes(look)
-    history, converged, tries = [best.record(1)], False, 0
-    while not converged and len(history) < max_iter and tries <= _MOST_TRIES:
-        trial = passes(_next(best, sampled))
+    history, converged = [best.record(1)], False
+    refused: list[Sequence[HingeSummary]] = []
+    while not converged and len(history) < max_iter and len(refused) <= _MOST_TRIES:
+        trial = passes(_next(best, sampled, refused))
         gain = best.objective - trial.objective
         least = tol * abs(best.objective) + _NOTHING * float(best.result.weight.sum())
         if gain >= -least:
             converged = gain <= least or (trial.changes == 0 and trial.look.exact)
-            best, tries = (trial if gain >= 0.0 else best), 0
+            best, refused = (trial if gain >= 0.0 else best), []
             history.append(best.record(len(history) + 1))
         else:  # rows moved farther than they were expected to
-            tries += 1
-            best = passes(best.look.widened(_WIDER**tries))
+            refused.append(trial.result.surfaces)
+            best = passes(best.look.widened())
     if not look.problem.coupling:
         best = _with_settled_surfaces(best, passes, sampled, tol)
-    stalled, fits = tries > _MOST_TRIES, best.refit(sampled)
+    stalled, fits = len(refused) > _MOST_TRIES, best.refit(sampled)
     return Polished(best.look, best.result, fits, tuple(history), converged, stalled)
 
 
@@ -116,7 +120,7 @@ def _with_settled_surfaces(best: _Trial, passes: _Passes, sampled: Sampled, tol:
         if trial.surface_objective < best.surface_objective:
             best = trial
         else:
-            best = passes(best.look.widened(_WIDER))
+            best = passes(best.look.widened())
     return best
 
 
@@ -167,8 +171,7 @@ class _Trial:
         """Objective of the margin LPs; zero for a classifier that solves none."""
         surface, total = self.look.surface, 0.0
         for summary, coef in zip(self.result.surfaces, getattr(surface, "coef", ()), strict=True):
-            nothing = np.empty((0, len(coef))), np.empty(0)
-            program = summary.program(nothing, surface.margin, surface.beta, surface.bound)
+            program = summary.program([], surface.margin, surface.beta, surface.bound)
             total += program.objective(coef, program.signed @ coef)
         return total
 
@@ -186,14 +189,15 @@ class _Trial:
             modes=np.empty(0, dtype=np.int8),
         )
 
-    def refit(self, sampled: Sampled) -> list[SurfaceFit]:
+    def refit(self, sampled: Sampled, refused: Refused = ()) -> list[SurfaceFit]:
         """Surfaces for the labels; none for a classifier that cannot be fitted to summaries."""
         if not self.result.surfaces:
             return []
-        return self.look.surface.refit(self.result.surfaces, sampled.anchors(self.look))
+        anchors = sampled.anchors(self.look)
+        return self.look.surface.refit(self.result.surfaces, anchors, refused)
 
 
-def _next(trial: _Trial, sampled: Sampled) -> Pass:
+def _next(trial: _Trial, sampled: Sampled, refused: Refused) -> Pass:
     """Better vector fields and surfaces, and how far they may still move."""
     look, result, problem = trial.look, trial.result, trial.look.problem
     bound = np.inf if problem.coef_bound is None else float(problem.coef_bound)
@@ -211,7 +215,7 @@ def _next(trial: _Trial, sampled: Sampled) -> Pass:
     reach = tuple(
         sampled.nearer(each, mode, look.coef, coef, modes) for mode, each in enumerate(look.reach)
     )
-    fits = trial.refit(sampled)
+    fits = trial.refit(sampled, refused)
     look = replace(
         look,
         coef=coef,

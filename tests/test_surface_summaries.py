@@ -115,8 +115,7 @@ def test_hinges_bound_the_program_from_below(n_classes, book):
     options = fitted.margin, fitted.beta, fitted.bound
     rng = np.random.default_rng(4)
     for surface, _, program in programs(fitted, X, labels, weight):
-        none = np.empty((0, fitted.coef.shape[1])), np.empty(0)
-        summary = summaries[surface].program(none, *options)
+        summary = summaries[surface].program([], *options)
         for size in (0.0, 1e-3, 0.1, 1.0):
             step = rng.standard_normal(fitted.coef.shape[1])
             coef = fitted.coef[surface] + size * step * np.abs(fitted.coef[surface]).max()

@@ -49,13 +49,18 @@ class HingeSummary:
             sum(part.slack_weight for part in parts),
         )
 
-    def program(self, added: tuple[Array, Array], *options: float) -> MarginProgram:
+    @property
+    def cut(self) -> tuple[Array, Array]:
+        """The rows with much slack as one row, and its weight; no row if there are none."""
+        n_rows = int(self.slack_weight > 0.0)
+        weight = np.full(n_rows, self.slack_weight)
+        return np.repeat(self.slack[None, :], n_rows, axis=0) / weight[:, None], weight
+
+    def program(self, added: Sequence[tuple[Array, Array]], *options: float) -> MarginProgram:
         """The margin LP around the fitted surface, with more rows and their weights."""
-        signed, weight = [self.near, added[0]], [self.weight, added[1]]
-        if self.slack_weight:
-            signed.append(self.slack[None, :] / self.slack_weight)
-            weight.append(np.array([self.slack_weight]))
-        return MarginProgram(np.concatenate(signed), np.concatenate(weight), *options)
+        rows = [(self.near, self.weight), self.cut, *added]
+        signed, weight = (np.concatenate(each) for each in zip(*rows, strict=True))
+        return MarginProgram(signed, weight, *options)
 
 
 @dataclass(frozen=True)
@@ -152,8 +157,17 @@ class FittedSurfaces:
             )
         return summaries
 
-    def refit(self, summaries: Sequence[HingeSummary], anchors: Anchors) -> list[SurfaceFit]:
-        """Solve the margin LPs of the summaries, from these surfaces."""
+    def refit(
+        self,
+        summaries: Sequence[HingeSummary],
+        anchors: Anchors,
+        refused: Sequence[Sequence[HingeSummary]] = (),
+    ) -> list[SurfaceFit]:
+        """Solve the margin LPs of the summaries, from these surfaces.
+
+        `refused` are summaries at surfaces that were no better: what had much slack there is one
+        row more, so that they are not found again.
+        """
         programs = []
         features, distance = self.basis(anchors.X), self.distance(anchors.X, anchors.labels)
         within = anchors.reach.of(features)[:, 0]
@@ -162,7 +176,8 @@ class FittedSurfaces:
             far = np.flatnonzero((beyond > within) & np.isfinite(beyond))
             signs = self.book[anchors.labels[far], surface]
             added = features[far] * signs[:, None], anchors.weight[far]
-            programs.append(summary.program(added, self.margin, self.beta, self.bound))
+            cuts = [each[surface].cut for each in refused]
+            programs.append(summary.program([added, *cuts], self.margin, self.beta, self.bound))
         return fit_programs(programs, self.solver, self.coef)
 
     @property
