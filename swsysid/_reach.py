@@ -24,7 +24,7 @@ _KEPT_NEAR, _FEWEST_NEAR = 10.0, 20
 # No row of all is expected to have more than this many times the leverage of those of the sample.
 _BEYOND = 3.0
 # Rows that a pass keeps at most, over all outputs.
-_MOST_KEPT = 1_000_000
+_MOST_KEPT = 5_000_000
 # Residuals and margins may move this share of what they moved in the step before.
 _REACH = 0.3
 # Residuals that are smaller than this share of the targets' spread are none.
