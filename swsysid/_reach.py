@@ -92,7 +92,7 @@ class Sampled:
         exact = np.median(sizes, axis=0) <= _EXACT * np.ptp(self.problem.targets, axis=0)
         radius = _radius(metric.shape[1])
         size = np.where(exact, -1.0, radius * _sparsity(sizes))
-        n_rows = self.n_rows * len(rows) / len(modes)
+        n_rows = self.n_rows * self._share(rows)
         n_kept = n_rows * radius * float(leverage.mean()) * np.count_nonzero(~exact)
         return Reach(metric, size, _BEYOND * float(leverage.max())), n_kept
 
@@ -104,7 +104,7 @@ class Sampled:
         features, step = self.problem.features[rows], self._step(rows, moved[mode] - coef[mode])
         sparsity = _sparsity(np.abs(self.problem.residuals(moved, modes)[rows]))
         leverage = _leverage(features, reach.metric).mean()
-        n_rows = self.n_rows * len(rows) / len(modes)
+        n_rows = self.n_rows * self._share(rows)
         fewest = _FEWEST * features.shape[1] / (n_rows * leverage) * sparsity
         return replace(reach, size=np.minimum(reach.size, np.maximum(_REACH * step, fewest)))
 
@@ -125,7 +125,10 @@ class Sampled:
 
     def _known(self, rows: Modes) -> float:
         """From how many rows the vector field of these rows is known."""
-        return self.n_known * len(rows) / len(self.problem.weight)
+        return self.n_known * self._share(rows)
+
+    def _share(self, rows: Modes) -> float:
+        return len(rows) / len(self.problem.weight)
 
     def margin_reach(self, surface: FittedSurfaces, modes: Modes) -> Reach:
         """How far distances to the margins may move from surfaces of as many rows."""

@@ -11,11 +11,11 @@ A = np.array([[[0.0, 1.0], [-1.0, -0.1]], [[0.0, 1.0], [-1.0, -0.5]]])
 B = np.array([[[1.0, 0.0], [0.0, 1.0]], [[-2.0, 1.0], [0.0, -1.0]], [[0.0, -3.0], [2.0, 0.0]]])
 
 
-def oscillator(n_samples=4000, noise=0.05, seed=0):
-    """States of a damped oscillator, velocities, and modes: which side of x = 0.3 they are on."""
+def oscillator(n_samples=4000, noise=0.05, seed=0, guard=0.3):
+    """States of a damped oscillator, velocities, and modes: which side of the guard they are on."""
     rng = np.random.default_rng(seed)
     X = rng.uniform(-3, 3, (n_samples, 2))
-    modes = (X[:, 0] <= 0.3).astype(int)
+    modes = (X[:, 0] <= guard).astype(int)
     Xdot = np.einsum("ikl,il->ik", A[modes], X) + noise * rng.standard_normal(X.shape)
     return X, Xdot, modes
 

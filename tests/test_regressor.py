@@ -2,8 +2,10 @@
 
 import warnings
 
+import many_rows
 import numpy as np
 import pytest
+from many_rows import A
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
@@ -22,19 +24,13 @@ from swsysid.datasets import make_quartic_oscillator
 from swsysid.metrics import match_modes, mode_accuracy
 from swsysid.relaxations import ExactRelaxation, Relaxation
 
-A = np.array([[[0.0, 1.0], [-1.0, -0.1]], [[0.0, 1.0], [-1.0, -0.5]]])  # x > 0, x <= 0
-
 # Searches of a few random starts, and systems without an answer, find their best only once.
 pytestmark = pytest.mark.filterwarnings("ignore:The best answer was found by only")
 
 
 def oscillator(n_samples=400, noise=0.0, seed=0):
     """Uniform states of the paper's damped oscillator, and which mode each is in."""
-    rng = np.random.default_rng(seed)
-    X = rng.uniform(-3, 3, (n_samples, 2))
-    modes = (X[:, 0] <= 0).astype(int)
-    Xdot = np.einsum("ikl,il->ik", A[modes], X) + noise * rng.standard_normal(X.shape)
-    return X, Xdot, modes
+    return many_rows.oscillator(n_samples, noise, seed, guard=0.0)
 
 
 def fitted(X, Xdot, **parameters):

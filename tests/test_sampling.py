@@ -169,3 +169,11 @@ def test_thinned_rows_are_those_of_the_smallest_numbers(share):
     assert abs(len(np.unique(numbers[chosen])) - expected) < 5 * np.sqrt(expected)
     smaller = drawn(X, y, n_rows=300)
     assert chosen[smaller.place].all()
+
+
+def test_blocks_of_which_no_row_is_chosen_are_left_out():
+    X, y = some_rows(200)
+    blocks = Thinned(row_blocks(cut(X, *range(1, 200)), cut(y, *range(1, 200))), 0.1)
+    chosen = row_numbers(np.hstack([X, y])) < 0.1 * 2.0**64
+    sizes = list(blocks.map(len))
+    assert sizes == [1] * np.count_nonzero(chosen) and 0 < len(sizes) < 200

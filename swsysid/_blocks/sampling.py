@@ -143,13 +143,15 @@ class Thinned(RowBlocks):
     share: float
 
     def map(self, function, carried=None):
-        """`function` of the chosen rows of every block, which carry nothing."""
-        return self.blocks.map(_OfSome(function, np.uint64(self.share * 2.0**63) * np.uint64(2)))
+        """`function` of the chosen rows of every block that has some; they carry nothing."""
+        limit = np.uint64(self.share * 2.0**63) * np.uint64(2)
+        answers = self.blocks.map(_OfSome(function, limit))
+        return (answer for answer in answers if answer is not None)
 
 
 @dataclass(frozen=True)
 class _OfSome:
-    """A function of the rows whose numbers are below a limit."""
+    """A function of the rows whose numbers are below a limit; None if there are none."""
 
     function: Callable[[Rows], Any]
     limit: np.uint64
@@ -159,7 +161,8 @@ class _OfSome:
             row_numbers(np.column_stack([piece.X, piece.targets])) < self.limit
             for piece in block.pieces()
         ]
-        return self.function(block.take(np.concatenate(chosen)))
+        rows = block.take(np.concatenate(chosen))
+        return self.function(rows) if len(rows) else None
 
 
 def row_numbers(values: Array) -> NDArray[np.uint64]:
