@@ -8,9 +8,10 @@ import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from swsysid._effect_equations import guards_with_effects, laws_with_effects
 from swsysid._effect_simulation import simulate_with_effects
 from swsysid._records import Records, make_records
-from swsysid._search.joint_fit import JointFit, fit_jointly, switching_step
+from swsysid._search.joint_fit import JointFit, fit_jointly
 from swsysid._search.trials import PlacedEffect
 
 __all__ = ["EffectRegressor"]
@@ -82,7 +83,7 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         start = None if modes is None else np.asarray(modes)
         rows = np.arange(len(X))
         fit = fit_jointly(self.estimator, self.effects, records, rows, targets, start)
-        return self._adopt(fit)
+        return self._adopt(fit, records.names)
 
     def predict(self, X, *, t=None, groups=None, signals=None):
         """Velocities, of the shape that `y` had in `fit`."""
@@ -120,14 +121,46 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         )
 
     def equations(self, precision=3, format="text"):
-        """The law of every mode; the effects' terms are in `effects_` and `effect_coef_`."""
+        """The law of every mode, with the terms of the effects.
+
+        Parameters
+        ----------
+        precision : int, default=3
+        format : {"text", "latex"}, default="text"
+
+        Returns
+        -------
+        list of str
+            One equation for each mode and state, mode by mode; then one line for each effect of
+            a sensor or a clock. ``clip(u, a, b)`` is u held between a and b, ``play(u, w)`` a
+            play of width w, ``lag(u, T)`` a first-order lag of time constant T, ``u(t - T)`` a
+            delay, ``[v > 0]`` one where v is positive and else zero.
+        """
         check_is_fitted(self, "estimator_")
-        return switching_step(self.estimator_)[1].equations(precision, format)
+        return laws_with_effects(self._fit, self._channel_names, precision, format)
+
+    def surface_equations(self, precision=3, format="text"):
+        """The surfaces and the modes on their sides, or the guard with memory in their place.
+
+        Parameters
+        ----------
+        precision : int, default=3
+        format : {"text", "latex"}, default="text"
+
+        Returns
+        -------
+        list of str
+            One for each surface (one for all if an effect remembers the mode); then one line for
+            each jump of a state.
+        """
+        check_is_fitted(self, "estimator_")
+        return guards_with_effects(self._fit, self._channel_names, precision, format)
 
     # -- parts ---------------------------------------------------------------------------------
 
-    def _adopt(self, fit: JointFit):
+    def _adopt(self, fit: JointFit, channel_names: Sequence[str]):
         self._fit = fit
+        self._channel_names = tuple(channel_names)
         self.estimator_ = fit.estimator
         self.effects_ = fit.terms
         self.effect_coef_ = fit.coef

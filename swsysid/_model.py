@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -10,10 +12,12 @@ from numpy.typing import NDArray
 
 from swsysid._blocks.pieces import pieces
 from swsysid._features import FeatureMap
-from swsysid._printing import check_format, linear_combination, symbol
+from swsysid._printing import check_format, linear_combination, merged, symbol
 from swsysid._results import Array
 
-__all__ = ["SwitchingModel"]
+__all__ = ["AddedTerms", "SwitchingModel"]
+
+AddedTerms = Callable[[int, int], Iterable[tuple[float, str, float]]]
 
 
 @dataclass(frozen=True)
@@ -59,19 +63,57 @@ class SwitchingModel:
             active[rows] = self.velocities(some)[self.surface.predict(some), np.arange(len(some))]
         return active
 
-    def equations(self, precision: int, style: str) -> list[str]:
-        """One equation for every mode and state."""
+    def equations(
+        self,
+        precision: int,
+        style: str,
+        *,
+        states: Sequence[str] | None = None,
+        columns: Sequence[str] | None = None,
+        added: AddedTerms | None = None,
+    ) -> list[str]:
+        """One equation for every mode and state.
+
+        Parameters
+        ----------
+        precision : int
+        style : {"text", "latex"}
+        states, columns : sequence of str, default=None
+            Names of the states and of the columns of X, if they are not those of the fit.
+        added : callable, default=None
+            ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
+        """
         check_format(style)
-        names, sizes = self.feature_map.names_out, self.feature_map.sizes
+        named = self.feature_map.names_in
+        features = self.feature_map.names(named if columns is None else columns)
+        lines = []
+        for mode, state in product(range(len(self.coef)), range(self.n_states)):
+            row = self.coef[mode, state].tolist()
+            own = zip(row, features, self.feature_map.sizes, strict=True)
+            terms = [*own, *(added(mode, state) if added else ())]
+            coef, names, sizes = merged(terms)
+            law = linear_combination(coef, names, precision=precision, style=style, sizes=sizes)
+            left = self._left_side(state, style, mode, named if states is None else states)
+            lines.append(f"{left} = {law}")
+        return lines
+
+    def surface_equations(
+        self, precision: int, style: str, columns: Sequence[str] | None = None
+    ) -> list[str]:
+        """One equation for every surface, and the modes on its two sides."""
+        if not hasattr(self.surface, "equations"):
+            raise TypeError(
+                f"{type(self.surface).__name__} is a surface without equations; use "
+                "PolynomialSurfaceClassifier as surface to have them."
+            )
+        names = self.feature_map.names_in if columns is None else columns
+        equations = self.surface.equations(precision, style, names)
         return [
-            f"{self._left_side(state, style, mode)} = "
-            + linear_combination(row, names, precision=precision, style=style, sizes=sizes)
-            for mode, fields in enumerate(self.coef)
-            for state, row in enumerate(fields)
+            equation + _sides(number, self.surface, style)
+            for number, equation in enumerate(equations)
         ]
 
-    def _left_side(self, state: int, style: str, mode: int) -> str:
-        names = self.feature_map.names_in
+    def _left_side(self, state: int, style: str, mode: int, names: Sequence[str]) -> str:
         name = names[state] if state < len(names) else f"y{state}"
         where = f"mode {mode}: "
         if style == "latex":
@@ -113,3 +155,20 @@ class SwitchingModel:
     def has_surface_values(self) -> bool:
         """True if the surface is known as a function, not only as a classifier."""
         return hasattr(self.surface, "surface_values_at")
+
+
+def _sides(number: int, surface: Any, style: str) -> str:
+    """The modes on the two sides of a surface, in brackets."""
+    listed = [
+        [str(mode) for mode, signs in zip(surface.classes_, surface.mode_book_, strict=True)
+         if signs[number] == sign]
+        for sign in (-1, 1)
+    ]  # fmt: skip
+    name = f"f_{{{number}}}" if style == "latex" else f"f{number}"
+    parts = [
+        f"mode{'s' if len(modes) > 1 else ''} {', '.join(modes)} where "
+        + (f"${name} {relation} 0$" if style == "latex" else f"{name} {relation} 0")
+        for modes, relation in zip(listed, "<>", strict=True)
+    ]
+    told = f"({'; '.join(parts)})"
+    return rf" \quad \text{{{told}}}" if style == "latex" else f"   {told}"

@@ -6,7 +6,10 @@ import re
 from collections.abc import Iterable, Sequence
 from numbers import Integral
 
-__all__ = ["check_format", "linear_combination", "symbol"]
+__all__ = ["check_format", "linear_combination", "merged", "symbol"]
+
+# Functions that stand upright in LaTeX.
+_FUNCTIONS = ("sin", "cos", "exp", "sign", "clip", "max", "play", "lag")
 
 
 def check_format(style: str) -> None:
@@ -57,6 +60,25 @@ def linear_combination(
     return text or "0"
 
 
+def merged(terms: Iterable[tuple[float, str, float]]) -> tuple[list[float], list[str], list[float]]:
+    """Coefficients, names and sizes of terms, those of the same name added up.
+
+    A name that begins with a minus sign gives it to its coefficient.
+
+    Examples
+    --------
+    >>> merged([(2.0, "v", 1.0), (0.3, "-sign(v)", 1.0), (1.0, "v", 1.0)])
+    ([3.0, -0.3], ['v', 'sign(v)'], [1.0, 1.0])
+    """
+    coef: dict[str, float] = {}
+    sizes: dict[str, float] = {}
+    for value, name, size in terms:
+        positive = name.removeprefix("-")
+        coef[positive] = coef.get(positive, 0.0) + (value if name == positive else -value)
+        sizes[positive] = size
+    return list(coef.values()), list(coef), list(sizes.values())
+
+
 def symbol(name: str, style: str) -> str:
     """A feature name in the requested style.
 
@@ -68,6 +90,7 @@ def symbol(name: str, style: str) -> str:
     if style == "text":
         return name
     name = re.sub(r"\^(\d+)", r"^{\1}", name)
+    name = re.sub(rf"\b({'|'.join(_FUNCTIONS)})\(", r"\\operatorname{\1}(", name)
     name = re.sub(r"\b([A-Za-z]+)(\d+)\b", r"\1_{\2}", name)
     return re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9_]+)", _subscript, name)
 

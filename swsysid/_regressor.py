@@ -281,14 +281,12 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return self._model.equations(precision, format)
 
     def surface_equations(self, precision=3, format="text"):
-        """The surfaces as text, with the names of the columns of `X`; see `equations`."""
+        """The surfaces as text, with the modes on their two sides; parameters as `equations`.
+
+        One line for each surface, with the names of the columns of `X`.
+        """
         check_is_fitted(self)
-        if not hasattr(self.surface_, "equations"):
-            raise TypeError(
-                f"{type(self.surface_).__name__} is a surface without equations; use "
-                "PolynomialSurfaceClassifier as surface to have them."
-            )
-        return self.surface_.equations(precision, format, self._feature_map.names_in)
+        return self._model.surface_equations(precision, format)
 
     def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options):
         """Roll the identified system out from a state, with switching events located.

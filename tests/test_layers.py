@@ -74,7 +74,7 @@ GROUPS = (
     "_regressor _search/joint_fit",
     "uncertainty datasets/_undeclared _search/bench _search/scores effects/_guards",
     # 13 to 19: the search for effects
-    "effects/__init__ _search/workshop _search/intervals _effect_simulation",
+    "effects/__init__ _search/workshop _search/intervals _effect_simulation _effect_equations",
     "_search/acceptance",
     "_search/greedy",
     "_effect_regressor diagnosis/_ladder diagnosis/_effect_shapes diagnosis/_effect_rollouts",

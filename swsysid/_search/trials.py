@@ -76,6 +76,14 @@ class PlacedEffect:
             return columns
         return np.column_stack([columns * (modes == mode)[:, None] for mode in range(n_modes)])
 
+    def in_mode(self, coef: Array, mode: int, n_modes: int) -> Array:
+        """Coefficients of the columns in one mode; none if the effect does not act in it."""
+        if self.mode is not None:
+            return coef if mode == self.mode else coef[:0]
+        if self.replaced is None or n_modes == 1:
+            return coef
+        return coef.reshape(n_modes, -1)[mode]
+
     @property
     def signature(self) -> tuple:
         """What tells it from other candidates, nonlinear parameters aside."""

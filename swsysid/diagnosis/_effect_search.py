@@ -171,6 +171,16 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         check_is_fitted(self, "best_estimator_")
         return self.best_estimator_.simulate(x0, t, inputs, **options)
 
+    def equations(self, precision=3, format="text"):
+        """The laws of the best model; see `EffectRegressor.equations`."""
+        check_is_fitted(self, "best_estimator_")
+        return self.best_estimator_.equations(precision, format)
+
+    def surface_equations(self, precision=3, format="text"):
+        """The guards of the best model; see `EffectRegressor.surface_equations`."""
+        check_is_fitted(self, "best_estimator_")
+        return self.best_estimator_.surface_equations(precision, format)
+
     # -- parts of fit ------------------------------------------------------------------------------
 
     def _search(self, records: Records, targets, split: Split, rng):
@@ -196,23 +206,25 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         modes = structure.fit.predict_modes(records)
         modes[rows] = structure.fit.modes
         final = fit_jointly(estimator, ladder.terms, records, everything, targets, modes)
-        self.best_estimator_ = self._regressor(final)
+        self.best_estimator_ = self._regressor(final, records)
         self.declared_estimator_ = (
             self.best_estimator_
             if not final.terms
-            else self._regressor(fit_jointly(self.estimator, (), records, everything, targets))
+            else self._regressor(
+                fit_jointly(self.estimator, (), records, everything, targets), records
+            )
         )
         self.effects_ = describe_findings(search, structure, ladder, final, targets)
         self.report_ = EffectReport.of(search, ladder, rounds, self, records, targets, split)
         return self
 
-    def _regressor(self, fit) -> EffectRegressor:
+    def _regressor(self, fit, records: Records) -> EffectRegressor:
         regressor = EffectRegressor(clone(self.estimator), fit.terms)
         regressor.n_features_in_ = self.n_features_in_
         if hasattr(self, "feature_names_in_"):
             regressor.feature_names_in_ = self.feature_names_in_
         regressor._one_target, regressor._n_targets = False, self._n_states(fit)
-        return regressor._adopt(fit)
+        return regressor._adopt(fit, records.names)
 
     @staticmethod
     def _n_states(fit) -> int:
@@ -238,7 +250,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             stacklevel=3,
         )
         fit = fit_jointly(self.estimator, (), records, np.arange(len(records)), targets)
-        self.best_estimator_ = self.declared_estimator_ = self._regressor(fit)
+        self.best_estimator_ = self.declared_estimator_ = self._regressor(fit, records)
         self.effects_ = []
         self.report_ = EffectReport.nothing_done(records)
         return self

@@ -6,7 +6,7 @@ import numpy as np
 
 from swsysid._records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, quantile_levels, spread
+from swsysid.effects._base import Effect, Parameter, Place, figure, quantile_levels, spread
 
 __all__ = ["DeadZone", "GainChange", "Overflow", "PowerLaw", "Saturation"]
 
@@ -19,6 +19,11 @@ def _sides(records: Records, place: Place) -> list[Array]:
     values = records.channel(place)
     sides = [values[values > 0], -values[values < 0]]
     return [side for side in sides if len(side) >= 0.05 * len(values)]
+
+
+def _clipped(label: str, level: float) -> str:
+    """A channel held between two levels, as a term of an equation."""
+    return f"clip({label}, -{figure(level)}, {figure(level)})"
 
 
 def _widths(records: Records, place: Place) -> Array:
@@ -53,6 +58,9 @@ class DeadZone(_AboutZero):
     terms = ("gain",)
     role = "replaces"
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"({label} - {_clipped(label, theta[0])})",)
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         values = records.channel(place)
         return (values - np.clip(values, -theta[0], theta[0]))[:, None]
@@ -66,6 +74,9 @@ class Saturation(_TwoSided):
     terms = ("gain",)
     role = "replaces"
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (_clipped(label, theta[0]),)
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return np.clip(records.channel(place), -theta[0], theta[0])[:, None]
 
@@ -77,6 +88,9 @@ class GainChange(_AboutZero):
     meaning = "the gain of {channel} changes at a threshold, and is zero on neither side"
     terms = ("change",)
     role = "beside"
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"({label} - {_clipped(label, theta[0])})",)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         values = records.channel(place)
@@ -97,6 +111,9 @@ class PowerLaw(Effect):
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         return (Parameter("exponent", np.geomspace(0.25, 4.0, 17)),)
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"sign({label}) |{label}|^{figure(theta[0])}",)
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         values = records.channel(place)
         return (np.sign(values) * np.abs(values) ** theta[0])[:, None]
@@ -115,6 +132,9 @@ class Overflow(Effect):
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         levels = quantile_levels(records.channel(place), 0.04, 0.96, _N_LEVELS)
         return (Parameter("level", levels, "{channel}"),)
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"-max({label} - {figure(theta[0])}, 0)",)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return -np.maximum(records.channel(place) - theta[0], 0.0)[:, None]

@@ -15,7 +15,7 @@ from swsysid._results import Array
 from swsysid._search.scan import scan
 from swsysid._search.trials import Bench, PlacedEffect, Trial
 
-__all__ = ["Effect", "Parameter", "Place", "quantile_levels", "spread"]
+__all__ = ["Effect", "Parameter", "Place", "figure", "quantile_levels", "spread"]
 
 Modes = NDArray[np.intp]
 Place = Any  # a channel's number, or whatever else the effect understands
@@ -66,6 +66,8 @@ class Effect(BaseEstimator):
         True if the effect changes which mode is active (`switched`).
     shows_in_velocities : bool
         False if it can be seen only from one sample to the next (`gain`).
+    acts_at_guards : bool
+        True if it is about the guards (`statement`), not about the laws.
     n_more_modes : int
         How many modes it adds (`extended`).
 
@@ -93,6 +95,7 @@ class Effect(BaseEstimator):
     role: ClassVar[str] = "adds"
     remembers: ClassVar[bool] = False
     shows_in_velocities: ClassVar[bool] = True
+    acts_at_guards: ClassVar[bool] = False
     n_more_modes: ClassVar[int] = 0
 
     def places(self, records: Records) -> Sequence[Place]:
@@ -194,6 +197,25 @@ class Effect(BaseEstimator):
         """Parameters as a physicist states them, from theta and the coefficients."""
         return {**theta, **coef}
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        """The columns h as terms of an equation, for a place of that name.
+
+        A name that begins with a minus sign is subtracted. By default the kind and its nonlinear
+        parameters as a function of the place.
+        """
+        arguments = ", ".join([label, *map(figure, theta)])
+        single = len(self.terms) == 1
+        return tuple(
+            f"{self.kind if single else f'{self.kind}_{term}'}({arguments})" for term in self.terms
+        )
+
+    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
+        """What an effect that is more than columns does, in one clause; "" if it is not.
+
+        `names` are those of the channels, `target` is the state it acts on.
+        """
+        return ""
+
     def formula(self, label: str, parameters: Mapping[str, float]) -> str:
         """The effect's term as text."""
         listed = ", ".join(f"{name} {value:.4g}" for name, value in parameters.items())
@@ -212,6 +234,11 @@ class Effect(BaseEstimator):
         if "signals" in self.needs and not records.signals.shape[1]:
             return "needs logged signals: give signals"
         return None
+
+
+def figure(value: float) -> str:
+    """A number in an equation, to four digits."""
+    return f"{value:.4g}"
 
 
 def quantile_levels(values: Array, low: float, high: float, count: int) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from swsysid._records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, quantile_levels
+from swsysid.effects._base import Effect, Parameter, Place, figure, quantile_levels
 
 __all__ = ["AsymmetricFriction", "CoulombFriction", "QuadraticDrag", "StribeckFriction"]
 
@@ -33,6 +33,9 @@ class CoulombFriction(_Dry):
     meaning = "dry friction opposes {channel} with a constant force"
     terms = ("friction",)
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"-sign({label})",)
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return -np.sign(records.channel(place))[:, None]
 
@@ -56,6 +59,10 @@ class StribeckFriction(_Dry):
             ),
         )
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        sign = f"-sign({label})"
+        return (sign, f"{sign} exp(-({label} / {figure(theta[0])})^2)")
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         velocity, sign = records.channel(place), -np.sign(records.channel(place))
         return np.column_stack([sign, sign * np.exp(-((velocity / theta[0]) ** 2))])
@@ -74,6 +81,9 @@ class AsymmetricFriction(_Dry):
     meaning = "friction opposes {channel} with different sizes in the two directions"
     terms = ("friction_forward", "friction_backward", "viscous_difference")
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"-[{label} > 0]", f"[{label} < 0]", f"-max({label}, 0)")
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         velocity = records.channel(place)
         return np.column_stack(
@@ -87,6 +97,9 @@ class QuadraticDrag(_OfAState):
     kind = "quadratic_drag"
     meaning = "turbulent drag opposes {channel} in proportion to its square"
     terms = ("drag",)
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"-{label} |{label}|",)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         velocity = records.channel(place)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
 from typing import Any
@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._printing import linear_combination
 from swsysid._records import Records
 from swsysid._results import Array
 from swsysid._search.joint_fit import switching_step, with_parameters
 from swsysid._search.trials import Bench, PlacedEffect
-from swsysid.effects._base import Effect
+from swsysid.effects._base import Effect, figure
 
 __all__ = ["ExtraMode", "GuardHysteresis", "Reset", "remembered"]
 
@@ -36,6 +37,7 @@ class _Structural(Effect):
     """An effect without columns."""
 
     terms = ()
+    acts_at_guards = True
 
 
 class ExtraMode(_Structural):
@@ -73,6 +75,21 @@ class Guard:
 
     def __call__(self, X: Array) -> Array:
         return _monomials(X, self.terms) @ np.array(self.weights)
+
+    def statement(self, names: Sequence[str], low: float, high: float) -> str:
+        """Where either mode begins, in words."""
+        products = [" ".join(names[channel] for channel in term) for term in self.terms]
+        modes = [1 - self.upper_mode, self.upper_mode]
+        if len(products) == 1:
+            ((value, weight),) = zip(products, self.weights, strict=True)
+            low, high = sorted((low / weight, high / weight))
+            modes = modes if weight > 0.0 else modes[::-1]
+        else:
+            value = linear_combination(self.weights, products)
+        return (
+            f"mode {modes[0]} from {value} < {figure(low)} on, mode {modes[1]} from {value} > "
+            f"{figure(high)} on, in between the mode of before"
+        )
 
     def modes(self, records: Records, low: float, high: float) -> Modes:
         """Modes along the trajectories."""
@@ -126,6 +143,9 @@ class GuardHysteresis(_Structural):
         values = place(records.X)
         outside = np.flatnonzero((values < theta[0]) | (values > theta[1]))
         return records.take(np.array([outside[-1] if len(outside) else 0]))
+
+    def statement(self, place: Any, names: Sequence[str], target: int, *theta: float) -> str:
+        return place.statement(names, *theta)
 
     def label(self, place: Any, names) -> str:
         """The guard as text."""
@@ -263,6 +283,12 @@ class Reset(_Structural):
     def theta_names(self, records: Records, place: Any) -> tuple[str, ...]:
         """What the state is multiplied by."""
         return ("factor",)
+
+    def statement(self, place: Any, names: Sequence[str], target: int, *theta: float) -> str:
+        return (
+            f"{names[target]} is multiplied by {figure(theta[0])} where mode {place[0]} turns into "
+            f"mode {place[1]}"
+        )
 
     def jump(self, place: Any, *theta: float) -> tuple[tuple[int, int], float]:
         return place, theta[0]

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from swsysid._records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, spread
+from swsysid.effects._base import Effect, Parameter, Place, figure, spread
 
 __all__ = ["Backlash", "Delay", "Lag", "play"]
 
@@ -74,6 +74,9 @@ class Delay(_Remembering):
         count = max(int(2 * longest / records.step), 2)
         return (Parameter("delay", np.linspace(0.5 * records.step, longest, count), "{time}"),)
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"{label}(t - {figure(theta[0])})",)
+
     def response(self, t: Array, values: Array, *theta: float) -> Array:
         return np.interp(t - theta[0], t, values)
 
@@ -97,6 +100,9 @@ class Lag(_Remembering):
         constants = np.geomspace(0.4 * records.step, longest, 24)
         return (Parameter("time_constant", constants, "{time}"),)
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"lag({label}, {figure(theta[0])})",)
+
     def response(self, t: Array, values: Array, *theta: float) -> Array:
         return first_order(t, values, theta[0])
 
@@ -110,6 +116,9 @@ class Backlash(_Remembering):
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         width = spread(records.channel(place)) or 1.0
         return (Parameter("width", np.linspace(0.02, 0.8, 24) * width, "{channel}"),)
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"play({label}, {figure(theta[0])})",)
 
     def response(self, t: Array, values: Array, *theta: float) -> Array:
         return play(values, 0.5 * theta[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 from swsysid._records import Records
 from swsysid._results import Array
 from swsysid._search.trials import Bench, PlacedEffect
-from swsysid.effects._base import Effect, Parameter, Place, spread
+from swsysid.effects._base import Effect, Parameter, Place, figure, spread
 
 __all__ = ["ClockLag", "SensorOffset"]
 
@@ -63,6 +63,10 @@ class SensorOffset(_OfASensor):
         sizes = _OFFSETS * (spread(records.channel(place)) or 1.0)
         return (Parameter("offset", np.concatenate([-sizes[::-1], [0.0], sizes]), "{channel}"),)
 
+    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
+        offset = figure(theta[0])
+        return f"{names[place]} is recorded with an offset of {offset}, which the laws do not have"
+
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
         X = records.X.copy()
         X[:, place] -= theta[0]
@@ -81,6 +85,9 @@ class ClockLag(_OfASensor):
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         return (Parameter("delay", np.arange(0.0, 16.0) * records.step, "{time}"),)
+
+    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
+        return f"{names[place]} is recorded late, by {figure(theta[0])}; the laws have it on time"
 
     def is_possible(self, bench: Bench, place: int) -> bool:
         """The state's own velocity tells: a late state moves later than its velocity says.

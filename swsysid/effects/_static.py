@@ -9,7 +9,7 @@ import numpy as np
 
 from swsysid._records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, spread
+from swsysid.effects._base import Effect, Parameter, Place, figure, spread
 
 __all__ = ["Bias", "InputCoupling", "Polynomial", "Trigonometric"]
 
@@ -25,6 +25,9 @@ class Bias(Effect):
 
     def places(self, records: Records) -> Sequence[Place]:
         return ["constant"]
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return ("1",)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return np.ones((len(records), 1))
@@ -63,6 +66,9 @@ class Polynomial(Effect):
         ]
         return (listed + powers)[: _MOST_MONOMIALS + len(powers)]
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (label,)
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return np.prod([records.channel(channel) for channel in place], axis=0)[:, None]
 
@@ -90,6 +96,9 @@ class Trigonometric(Effect):
         width = spread(records.channel(place)) or 1.0
         return (Parameter("wavenumber", np.geomspace(np.pi, 12.0 * np.pi, 32) / width),)
 
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return tuple(f"{wave}({figure(theta[0])} {label})" for wave in ("sin", "cos"))
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         angle = theta[0] * records.channel(place)
         return np.column_stack([np.sin(angle), np.cos(angle)])
@@ -112,6 +121,9 @@ class InputCoupling(Effect):
 
     def places(self, records: Records) -> range:
         return records.signal_channels
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (label,)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return records.channel(place)[:, None]

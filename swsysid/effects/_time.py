@@ -8,7 +8,7 @@ import numpy as np
 
 from swsysid._records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place
+from swsysid.effects._base import Effect, Parameter, Place, figure
 
 __all__ = ["Drift", "PeriodicForcing"]
 
@@ -29,6 +29,9 @@ class Drift(Effect):
     def places(self, records: Records) -> Sequence[Place]:
         """The level, or a channel whose coefficient drifts."""
         return ["level", *records.states, *records.inputs]
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return ("t",) if label == "level" else (f"t {label}",)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         assert records.t is not None
@@ -58,6 +61,9 @@ class PeriodicForcing(Effect):
         if slowest >= fastest:
             return (Parameter("frequency", np.empty(0), "1/{time}"),)
         return (Parameter("frequency", np.linspace(slowest, fastest, count), "1/{time}"),)
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return tuple(f"{wave}({figure(2.0 * np.pi * theta[0])} t)" for wave in ("sin", "cos"))
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         assert records.t is not None
