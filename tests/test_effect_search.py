@@ -264,6 +264,9 @@ def test_a_pipeline_and_a_frame():
     result = EffectSearchCV(declared, effects=[CoulombFriction(), QuadraticDrag()])
     result.fit(frame, data.Xdot, t=data.t, groups=data.groups)
     assert result.effects_[0].place == "omega"
+    assert "sign(omega)" in result.equations()[1] and result.equations()[1].startswith(
+        "mode 0: ome"
+    )
     assert result.predict(frame, t=data.t, groups=data.groups).shape == data.Xdot.shape
 
 

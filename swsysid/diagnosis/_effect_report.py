@@ -253,7 +253,10 @@ def _data(ladder: Ladder, search: Any, records: Records, targets, split: Split) 
         records=records,
         rows=split.held_out,
         targets=targets,
-        models=(search._regressor(ladder.fits[0]), search._regressor(ladder.fits[-1])),
+        models=(
+            search._regressor(ladder.fits[0], records),
+            search._regressor(ladder.fits[-1], records),
+        ),
         final=final,
         covariances=tuple(covariances),
         trajectory_names=search._trajectory_names,
