@@ -8,25 +8,29 @@
 1.0
 """
 
-from swsysid._classifier import PolynomialSurfaceClassifier
-from swsysid._effect_regressor import EffectRegressor
-from swsysid._features import FunctionLibrary
-from swsysid._mip import solve_mip
-from swsysid._regressor import SwitchingSystemRegressor
-from swsysid._results import (
-    Assignment,
-    IdentificationWarning,
-    SolverError,
-    Status,
-    Trajectory,
-)
-from swsysid.diagnosis import EffectReport, EffectSearchCV
-from swsysid.relaxations import (
-    ExactRelaxation,
-    MomentRelaxation,
-    Relaxation,
-    SimplexRelaxation,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from swsysid._classifier import PolynomialSurfaceClassifier
+    from swsysid._effect_regressor import EffectRegressor
+    from swsysid._features import FunctionLibrary
+    from swsysid._mip import solve_mip
+    from swsysid._regressor import SwitchingSystemRegressor
+    from swsysid._results import (
+        Assignment,
+        IdentificationWarning,
+        SolverError,
+        Status,
+        Trajectory,
+    )
+    from swsysid.diagnosis import EffectReport, EffectSearchCV
+    from swsysid.relaxations import (
+        ExactRelaxation,
+        MomentRelaxation,
+        Relaxation,
+        SimplexRelaxation,
+    )
 
 __version__ = "0.1.0"
 
@@ -49,3 +53,38 @@ __all__ = [
     "__version__",
     "solve_mip",
 ]
+
+# Names are imported when they are first asked for, so that the command line can print its help
+# or refuse a file without waiting for scikit-learn and SciPy.
+_HOMES = {
+    "PolynomialSurfaceClassifier": "_classifier",
+    "EffectRegressor": "_effect_regressor",
+    "FunctionLibrary": "_features",
+    "solve_mip": "_mip",
+    "SwitchingSystemRegressor": "_regressor",
+    **dict.fromkeys(
+        ("Assignment", "IdentificationWarning", "SolverError", "Status", "Trajectory"), "_results"
+    ),
+    **dict.fromkeys(("EffectReport", "EffectSearchCV"), "diagnosis"),
+    **dict.fromkeys(
+        ("ExactRelaxation", "MomentRelaxation", "Relaxation", "SimplexRelaxation"), "relaxations"
+    ),
+}
+_MODULES = frozenset(
+    "datasets diagnosis differentiation effects metrics plotting refinement relaxations report "
+    "uncertainty weak_form".split()
+)
+
+
+def __getattr__(name: str) -> object:
+    if name in _MODULES:
+        return import_module(f"{__name__}.{name}")
+    if name in _HOMES:
+        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_MODULES})

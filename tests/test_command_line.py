@@ -1,12 +1,15 @@
 """The command line: planted systems come back in words, bad input in one sentence."""
 
 import re
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import joblib
 import numpy as np
 import pytest
 
+import swsysid
 from swsysid.__main__ import main
 from swsysid._command.job import JobResult
 from swsysid._command.job_text import _verdict, rename
@@ -185,6 +188,36 @@ def test_a_missing_cell_is_named_by_column_and_row(tmp_path, capsys):
     assert main([path, "--states", "x", "v", "--time", "t"]) == 2
     assert "Column 'v' of runs.csv has 1 missing" in (error := capsys.readouterr().err)
     assert "the first in row 5" in error
+
+
+HEAVY = ("sklearn", "scipy", "cvxpy", "pysindy", "statsmodels", "matplotlib", "joblib")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (["--help"], 0, "usage: python -m swsysid"),
+        (["--version"], 0, f"swsysid {swsysid.__version__}"),
+        (["--sates", "x"], 2, "--sates is no option. Did you mean --states?"),
+        (["one.csv", "two.csv"], 2, "'two.csv' belongs to no option"),
+        (["absent.csv", "--states", "x"], 2, "There is no file absent.csv"),
+        (["FILE", "--states", "spede"], 2, "no column 'spede'. Did you mean 'speed'?"),
+        (["FILE", "--states", "speed", "--time", "speed"], 2, "'speed' is named twice"),
+    ],
+)
+def test_help_and_refusals_do_not_wait_for_heavy_imports(arguments, code, sentence, tmp_path):
+    (tmp_path / "runs.csv").write_text("t,speed\n0,1\n1,2\n", encoding="utf-8")
+    words = ["runs.csv" if word == "FILE" else word for word in arguments]
+    script = (
+        "import sys\nfrom swsysid.__main__ import main\n"
+        f"try: code = main({words})\nexcept SystemExit as end: code = end.code\n"
+        f"print(sorted({set(HEAVY)} & set(sys.modules)))\nsys.exit(code)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.returncode == code and sentence in done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 def test_help_shows_two_examples(capsys):

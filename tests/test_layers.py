@@ -16,15 +16,15 @@ PACKAGE = Path(swsysid.__file__).parent
 GROUPS = (
     # 0: records, words, and numerical tools that know nothing of the package
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
-    _solvers/vertex _command/tables _blocks/__init__ _blocks/pieces datasets/_sources
+    _solvers/vertex _command/refusal _blocks/__init__ _blocks/pieces datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
     _command/__init__ _search/__init__ _page/__init__ _page/markup
     _rollouts/__init__""",
     # 1: one tool each
-    """_rollouts/losses _rollouts/certainty
+    """_command/tables _rollouts/losses _rollouts/certainty
     _rows _model differentiation _solvers/conic _solvers/edges _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
-    _seeding/designs _simulation/events _simulation/inputs metrics/_surfaces datasets/_measured
+    _seeding/designs _simulation/events _simulation/inputs metrics/_surfaces
     datasets/_undeclared_records
     diagnosis/_rearrangement diagnosis/_channels diagnosis/_records
     _records _search/robust""",
@@ -35,13 +35,15 @@ GROUPS = (
     _mip _solvers/lad _solvers/hulls _surfaces/hinge _surfaces/polynomials _surfaces/posterior
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
     _simulation/signals _simulation/effect_system
-    _rollouts/system _command/samples metrics/_errors metrics/_modes datasets/_undeclared_plants
+    _rollouts/system _command/measurement _command/readers metrics/_errors metrics/_modes
+    datasets/_undeclared_plants
     datasets/_undeclared_mechanisms _blocks/sources""",
     # what many rows say; a sample of them
     "_solvers/summaries _blocks/sampling",
     "_solvers/norm_summary",
     # 3: the losses; the margin program; mixtures of experts
-    """diagnosis/_dependence diagnosis/_sizes _search/regression
+    """diagnosis/_dependence diagnosis/_sizes _search/regression _command/samples
+    datasets/_measured
     _losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
     _simulation/stepping _rollouts/stated _rollouts/integrate _rollouts/parameters
     metrics/_reliability datasets/_polynomial_system
@@ -86,7 +88,9 @@ GROUPS = (
     "diagnosis/__init__",
     # 19 to 21: the public names, the main job, the command line
     "__init__ _command/job datasets/__init__",
-    "_command/job_text _command/diagnosis",
+    "_command/job_text _command/diagnosis _command/arguments _command/built_in",
+    "_command/saving",
+    "_command/run",
     "__main__",
 )
 LAYERS = {name: layer for layer, names in enumerate(GROUPS) for name in names.split()}

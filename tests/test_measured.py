@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid._command.job import JobOptions, run_job
-from swsysid._command.samples import Measurement
+from swsysid._command.measurement import Measurement
 from swsysid._command.tables import Table
 from swsysid.datasets import _measured, _sources
 from swsysid.datasets._sources import MeasuredDataError, Source, locate

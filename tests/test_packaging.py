@@ -44,7 +44,19 @@ def test_the_package_is_typed():
 def test_every_public_name_exists():
     assert len(set(swsysid.__all__)) == len(swsysid.__all__)
     for name in swsysid.__all__:
-        assert hasattr(swsysid, name), name
+        assert hasattr(swsysid, name) and name in dir(swsysid), name
+    with pytest.raises(AttributeError, match="module 'swsysid' has no attribute 'Nothing'"):
+        _ = swsysid.Nothing
+
+
+def test_the_package_loads_names_when_they_are_asked_for():
+    script = (
+        "import sys, swsysid; assert 'sklearn' not in sys.modules; "
+        "model = swsysid.SwitchingSystemRegressor(); "
+        "print(swsysid.metrics.mode_accuracy.__name__, 'sklearn' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.strip() == "mode_accuracy True", done.stderr
 
 
 def test_the_changelog_knows_this_version():

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from swsysid._command.tables import TableError, rate_unit, read_table, unit_of
+from swsysid._command.readers import read_table
+from swsysid._command.refusal import TableError
+from swsysid._command.tables import rate_unit, unit_of
 
 T = np.linspace(0.0, 1.0, 5)
 V = np.array([1.5, -2.0, 3e-7, 4.0, 5e8])

@@ -10,8 +10,8 @@ from typing import Any
 from sklearn.base import clone
 
 from swsysid._command.job import JobResult
+from swsysid._command.refusal import TableError
 from swsysid._command.samples import Samples
-from swsysid._command.tables import TableError
 from swsysid.diagnosis import EffectSearchCV
 from swsysid.effects import Effect, all_effects
 

@@ -15,8 +15,10 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._classifier import PolynomialSurfaceClassifier
-from swsysid._command.samples import Measurement, Samples, measure
-from swsysid._command.tables import Table, TableError
+from swsysid._command.measurement import Measurement
+from swsysid._command.refusal import TableError
+from swsysid._command.samples import Samples, measure
+from swsysid._command.tables import Table
 from swsysid._regressor import SwitchingSystemRegressor
 
 __all__ = ["JobOptions", "JobResult", "run_job"]

@@ -7,49 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._command.tables import Table, TableError, rate_unit
+from swsysid._command.measurement import Measurement, check_roles
+from swsysid._command.refusal import TableError
+from swsysid._command.tables import Table, rate_unit
 from swsysid._results import Array
 from swsysid.differentiation import differentiate
 
-__all__ = ["Measurement", "Samples", "measure"]
-
-MAX_ROWS = 5000  # decimation keeps about so many where the user does not choose
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """Which columns of a table are what, and how to differentiate them.
-
-    Attributes
-    ----------
-    states, inputs, signals : tuple of str
-        Columns of the states (positions with ``order=2``), of the inputs, and of logged signals
-        that the model does not use.
-    time : str or None
-    derivatives : tuple of str
-        Columns of measured derivatives, one for each state; with ``order=2`` the velocities,
-        then the accelerations. Empty to differentiate the states.
-    groups : str or None
-        Column that names the trajectory of each row.
-    order : {1, 2}
-        2 means that the states are positions whose second derivative obeys the law.
-    method, window, cutoff
-        Of `differentiate`.
-    decimate : int or None
-        None keeps about five thousand rows.
-    """
-
-    states: tuple[str, ...]
-    inputs: tuple[str, ...] = ()
-    signals: tuple[str, ...] = ()
-    time: str | None = None
-    derivatives: tuple[str, ...] = ()
-    groups: str | None = None
-    order: int = 1
-    method: str = "savitzky_golay"
-    window: int | None = None
-    cutoff: float | None = None
-    decimate: int | None = None
+__all__ = ["Samples", "measure"]
 
 
 @dataclass(frozen=True)
@@ -102,11 +66,10 @@ def measure(table: Table, what: Measurement) -> Samples:
     TableError, ValueError
         If a column is missing or not numeric, or the trajectories cannot be differentiated.
     """
-    _check(what)
+    check_roles(table, what)
     names = [*what.states, *what.inputs, *what.signals]
     times = [what.time] if what.time else []
     chosen = [*names, *what.derivatives, *times]
-    _check_distinct(table, chosen)
     numbers = table.numbers(chosen)
     _check_complete(table, numbers, chosen)
     groups = np.zeros(len(numbers)) if what.groups is None else table.labels(what.groups)
@@ -115,9 +78,8 @@ def measure(table: Table, what: Measurement) -> Samples:
             f"Column {what.groups!r} of {table.source} has {len(groups)} rows, the states have "
             f"{len(numbers)}."
         )
-    decimate = what.decimate or max(1, round(len(numbers) / MAX_ROWS))
     if what.derivatives:
-        X, Xdot, t, kept = _with_derivatives(numbers, what, groups, decimate)
+        X, Xdot, t, kept = _with_derivatives(numbers, what, groups, what.decimate)
     else:
         X, Xdot, t, kept, _ = differentiate(
             numbers[:, : len(what.states)],
@@ -128,38 +90,11 @@ def measure(table: Table, what: Measurement) -> Samples:
             order=what.order,
             window=what.window,
             cutoff=what.cutoff,
-            decimate=decimate,
+            decimate=what.decimate,
         )
     X, signals = np.split(X, [X.shape[1] - len(what.signals)], axis=1)
     described = _described(table, what)
-    return Samples(X, Xdot, signals, t, kept, **described, decimate=decimate)
-
-
-def _check(what: Measurement) -> None:
-    if not what.states:
-        raise TableError("No states are named; name their columns: --states position speed.")
-    expected = len(what.states) * what.order
-    if what.derivatives and len(what.derivatives) != expected:
-        kind = "velocities, then accelerations" if what.order == 2 else "one for each state"
-        raise TableError(
-            f"{len(what.derivatives)} derivatives are named; name {expected} columns, {kind}."
-        )
-    if not what.derivatives and what.time is None:
-        raise TableError(
-            "Neither times nor derivatives are named; name the column of the times (--time t) or "
-            "those of measured derivatives (--derivatives)."
-        )
-
-
-def _check_distinct(table: Table, names) -> None:
-    """Refuse a column with two roles, by either of its names."""
-    columns = [table.resolve(name) for name in names]
-    twice = [column for column in columns if columns.count(column) > 1]
-    if twice:
-        raise TableError(
-            f"Column {twice[0]!r} is named twice; give each column one role: state, input, "
-            "derivative or time."
-        )
+    return Samples(X, Xdot, signals, t, kept, **described, decimate=what.decimate)
 
 
 def _check_complete(table: Table, numbers, names) -> None:

@@ -1,0 +1,55 @@
+"""From a table and the wishes of the command line to the printed and saved answer."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+
+from swsysid._command.arguments import LIBRARIES, modes, names
+from swsysid._command.diagnosis import chosen_effects, diagnose, page_path
+from swsysid._command.job import JobOptions, run_job
+from swsysid._command.job_text import render
+from swsysid._command.measurement import Measurement
+from swsysid._command.saving import save
+from swsysid._command.tables import Table
+from swsysid._results import SolverError
+
+__all__ = ["run"]
+
+
+def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
+    """Identify, print and save; the exit code is 1 for a failed solver."""
+    search, page, effects = None, None, []
+    if arguments.diagnose:
+        effects, page = chosen_effects(names(arguments.effects)), page_path(arguments.html)
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", UserWarning)
+            result = run_job(table, _options(arguments, measurement))
+            if page is not None:
+                search = diagnose(result, effects, verbose=sys.stderr.isatty())
+    except SolverError as error:
+        print(f"swsysid: {error}", file=sys.stderr)
+        return 1
+    text = render(result)
+    notes = dict.fromkeys(str(warning.message) for warning in caught)
+    told = [] if search is None else [str(search.report_)]
+    text = "\n\n".join([text, *(f"note: {note}" for note in notes), *told])
+    print(text)
+    return save(result, text, arguments.output, search, page)
+
+
+def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOptions:
+    degree = arguments.library_degree
+    return JobOptions(
+        measurement=measurement,
+        modes=modes(arguments.modes),
+        library_degree=LIBRARIES[arguments.library or "affine"] if degree is None else degree,
+        surface_degree=arguments.surface_degree,
+        loss=arguments.loss,
+        position=arguments.position,
+        test_fraction=arguments.test_fraction,
+        random_state=arguments.random_state,
+        n_jobs=arguments.jobs,
+    )

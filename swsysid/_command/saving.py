@@ -1,0 +1,62 @@
+"""What the command line leaves behind: the model, the text, the picture and the page."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import joblib
+
+from swsysid._command.diagnosis import units_of
+from swsysid._command.job import JobResult
+from swsysid.diagnosis import EffectSearchCV
+
+__all__ = ["save"]
+
+
+def save(
+    result: JobResult, text: str, folder: Path, search: EffectSearchCV | None, page: Path | None
+) -> int:
+    """Write model, text, picture and page; the exit code is 2 if they cannot be written."""
+    where = folder
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        joblib.dump(result.model, folder / "model.joblib")
+        (folder / "identification.txt").write_text(text + "\n", encoding="utf-8")
+        drawn = _draw(result, folder / "phase_portrait.png")
+        if search is not None and page is not None:
+            joblib.dump(search.best_estimator_, folder / "model_with_effects.joblib")
+            drawn += ", model_with_effects.joblib"
+            where = page
+            title = f"Effect search: {result.samples.source}"
+            search.report_.to_html(page, units=units_of(result.samples), title=title)
+    except OSError as error:
+        print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
+        return 2
+    print(f"\nSaved in {folder}: model.joblib, identification.txt{drawn}")
+    if page is not None:
+        print(f"Page with pictures: {page.resolve()}")
+    return 0
+
+
+def _draw(result: JobResult, path: Path) -> str:
+    """Draw the modes and the surface over the first two columns; says what came of it."""
+    samples = result.samples
+    if samples.X.shape[1] < 2:
+        return " (no picture: it needs two columns)."
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError:
+        return ' (no picture: install matplotlib, pip install "swsysid[plot]").'
+    from swsysid.plotting import SwitchingSurfaceDisplay
+
+    display = SwitchingSurfaceDisplay.from_estimator(
+        result.model,
+        samples.X,
+        modes=result.model.modes_,
+        names=samples.names,
+        units={name: unit for name, unit in zip(samples.names, samples.units, strict=True) if unit},
+    )
+    display.figure_.savefig(path, dpi=150)
+    plt.close(display.figure_)
+    return f", {path.name}"
