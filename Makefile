@@ -12,15 +12,17 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: help demo test lint examples docs bench bench-quality bench-undeclared bench-measured bench-speed \
-	figures clean
+.PHONY: help demo test lint examples examples-record docs docs-offline bench bench-quality \
+	bench-undeclared bench-measured bench-speed figures clean
 
 help:
 	@echo "make demo      identify the built-in example and draw it"
 	@echo "make test      run the tests, warnings as errors"
 	@echo "make lint      ruff and mypy"
-	@echo "make examples  run every example, headless"
+	@echo "make examples  run every example, headless, and compare what it prints"
+	@echo "make examples-record  keep what every example prints now as the expected output"
 	@echo "make docs      build the documentation, warnings as errors"
+	@echo "make docs-offline  the same without measured data and without network"
 	@echo "make bench     the paper's tables beside ours"
 	@echo "make bench-quality  many systems and methods, into the documentation (hours)"
 	@echo "make bench-undeclared  planted effects: every kind, system and seed (hours; resumes)"
@@ -44,9 +46,21 @@ lint: $(VENV)/.installed-test
 examples: $(VENV)/.installed-test
 	$(BIN)/python -m pytest tests/test_examples.py
 
+# Sphinx may end early with status 0, as when an example leaves the interpreter: a build that wrote
+# no front page has failed.
 docs: $(VENV)/.installed-docs
+	rm -f docs/_build/html/index.html
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
+	@test -f docs/_build/html/index.html || { echo "Sphinx ended without a front page."; exit 1; }
 	@echo "Open docs/_build/html/index.html ."
+
+# The same without measured data and without network, as a reader on a train builds them.
+docs-offline: $(VENV)/.installed-docs
+	env -u SWSYSID_DATA XDG_CACHE_HOME=docs/_build/no_cache \
+		http_proxy=http://127.0.0.1:9 https_proxy=http://127.0.0.1:9 $(MAKE) docs
+
+examples-record: $(VENV)/.installed-test
+	$(BIN)/python tests/example_output.py
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python benchmarks/paper.py

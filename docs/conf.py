@@ -1,9 +1,12 @@
 """Sphinx configuration: Markdown pages, the API from docstrings, the examples run and shown."""
 
 import os
+import sys
+from pathlib import Path
 
 import swsysid
-from swsysid.datasets import fetch_emps
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -16,9 +19,14 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
+    "sphinx.ext.intersphinx",
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
     "sphinx_gallery.gen_gallery",
+    # files beside this one
+    "gallery",
+    "reference",
 ]
 # a part of a page that its benchmark writes is no page
 exclude_patterns = [
@@ -38,26 +46,31 @@ html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False}
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
 
+templates_path = ["_templates"]
 autosummary_generate = True
 autodoc_typehints = "none"
+autodoc_member_order = "bysource"
+# `names` in docstrings are objects: those of the package and of its neighbours become links
+default_role = "py:obj"
 napoleon_google_docstring = False
 napoleon_use_rtype = False
-# shapes such as (n_modes_, n_states) are words, not links
-napoleon_preprocess_types = True
 
 
-def _has_measurements():
-    try:
-        return bool(fetch_emps())
-    except OSError:
-        return False
+def _inventory(name):
+    """The neighbour's own inventory; without network the few names that we use, kept here."""
+    return (None, f"inventories/{name}.inv")
 
+
+intersphinx_mapping = {
+    "numpy": ("https://numpy.org/doc/stable/", _inventory("numpy")),
+    "scipy": ("https://docs.scipy.org/doc/scipy/", _inventory("scipy")),
+    "sklearn": ("https://scikit-learn.org/stable/", _inventory("sklearn")),
+}
+intersphinx_timeout = 10
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "auto_examples",
-    # an example whose data cannot be had is shown without being run
-    "filename_pattern": "/plot_" if _has_measurements() else "/plot_(?!emps)",
     "abort_on_example_error": True,
     "show_memory": False,
     "download_all_examples": False,
@@ -66,5 +79,5 @@ sphinx_gallery_conf = {
     "min_reported_time": 1e9,
 }
 # sphinx-gallery's configuration cannot be pickled; that is no defect of these pages.
-# Methods inherited from scikit-learn refer to labels of its own manual.
-suppress_warnings = ["config.cache", "ref.ref"]
+# Methods inherited from scikit-learn refer to labels and terms of its own manual.
+suppress_warnings = ["config.cache", "ref.ref", "ref.term"]

@@ -10,15 +10,12 @@ The upper level is a hidden state: velocities cannot be regressed, so both laws 
 their parameters found from the error of rollouts (`swsysid.refinement.refine`), on the estimation
 record. Errors are those of free runs on the test record.
 
-The data are found through ``SWSYSID_DATA`` or downloaded; without either the example stops with a
-sentence.
+The data are found through ``SWSYSID_DATA`` or downloaded.
 """
 
 # %%
 # Two laws
 # --------
-
-import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -26,11 +23,7 @@ import numpy as np
 from swsysid.datasets import fetch_cascaded_tanks
 from swsysid.refinement import ParametricLibrary, StatedModel, refine
 
-try:
-    tanks = fetch_cascaded_tanks()
-except OSError as error:
-    print(f"Skipped, the data cannot be had (set SWSYSID_DATA to a copy): {error}")
-    sys.exit(0)
+tanks = fetch_cascaded_tanks()
 
 COLUMNS = ["upper", "lower", "pump"]
 

@@ -10,15 +10,12 @@ The declared law is linear in three past outputs and inputs, in discrete time. T
 honest about what it can see from the recorded output: one more mode helps a little, and the
 absolute value itself is a hidden state (the sign) that no function of the recorded past tells.
 
-The data are found through ``SWSYSID_DATA`` or downloaded; without either the example stops with a
-sentence.
+The data are found through ``SWSYSID_DATA`` or downloaded.
 """
 
 # %%
 # Past outputs and inputs
 # -----------------------
-
-import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -28,11 +25,7 @@ from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid.datasets import fetch_ced_prbs
 from swsysid.effects import Bias, CoulombFriction, ExtraMode, GainChange, Polynomial
 
-try:
-    drives = fetch_ced_prbs()
-except OSError as error:
-    print(f"Skipped, the data cannot be had (set SWSYSID_DATA to a copy): {error}")
-    sys.exit(0)
+drives = fetch_ced_prbs()
 
 LAGS = 3
 

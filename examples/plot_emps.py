@@ -10,8 +10,7 @@ and its authors found that the friction of the worn screw depends on the directi
 the estimator about directions, signs or friction: it gets two affine laws and a straight surface,
 and must find that the law changes where the velocity does its sign.
 
-The data are found through ``SWSYSID_DATA`` or downloaded; without either the example stops with a
-sentence.
+The data are found through ``SWSYSID_DATA`` or downloaded.
 """
 
 # %%
@@ -19,8 +18,6 @@ sentence.
 # ------------
 # Position and force at 1 kHz. Both are filtered alike and the position is differentiated twice;
 # every tenth row is kept. The states are position and velocity, the input is the force.
-
-import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -34,11 +31,7 @@ from swsysid.effects import CoulombFriction
 from swsysid.metrics import velocity_rmse
 from swsysid.plotting import ResidualDisplay, RolloutDisplay, SwitchingSurfaceDisplay
 
-try:
-    emps = fetch_emps()
-except OSError as error:
-    print(f"Skipped, the data cannot be had (set SWSYSID_DATA to a copy): {error}")
-    sys.exit(0)
+emps = fetch_emps()
 
 train, test = (
     differentiate(record.x, record.t, record.groups, inputs=record.inputs, order=2, decimate=10)

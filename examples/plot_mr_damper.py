@@ -10,16 +10,13 @@ that rises with the velocity and saturates against it. One smooth law,
 cannot saturate on both sides: the term v F has the wrong sign in one direction. The search is
 offered one more mode, frictions, a dead zone and a saturation, and is not told where to switch.
 
-The data are found through ``SWSYSID_DATA`` or downloaded; without either the example stops with a
-sentence.
+The data are found through ``SWSYSID_DATA`` or downloaded.
 """
 
 # %%
 # Measurements
 # ------------
 # The first 2000 samples are for the search, the last 1499 for the test.
-
-import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -38,11 +35,7 @@ from swsysid.effects import (
     Saturation,
 )
 
-try:
-    damper = fetch_mr_damper()
-except OSError as error:
-    print(f"Skipped, the data cannot be had (set SWSYSID_DATA to a copy): {error}")
-    sys.exit(0)
+damper = fetch_mr_damper()
 
 
 def rows_of(record):

@@ -11,8 +11,7 @@ throttle to a power; a mechanic would say that dry friction opposes the motion. 
 the search alone, then both, then every effect there is, on the first 60 % of the record; the rest
 is the test.
 
-The data are found through ``SWSYSID_DATA`` or downloaded; without either the example stops with a
-sentence.
+The data are found through ``SWSYSID_DATA`` or downloaded.
 """
 
 # %%
@@ -20,8 +19,6 @@ sentence.
 # ------------
 # The speed at 50 Hz is smoothed and differentiated, the throttle is filtered alike. While the
 # vehicle stands, friction is whatever the throttle is; these rows say nothing of its size.
-
-import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -33,11 +30,7 @@ from swsysid.differentiation import differentiate
 from swsysid.effects import CoulombFriction, PowerLaw
 from swsysid.metrics import velocity_rmse
 
-try:
-    vehicle = fetch_rc_vehicle()
-except OSError as error:
-    print(f"Skipped, the data cannot be had (set SWSYSID_DATA to a copy): {error}")
-    sys.exit(0)
+vehicle = fetch_rc_vehicle()
 
 
 def moving(record):

@@ -7,16 +7,13 @@ law, in discrete time: the next output from the last two and three samples of th
 is offered powers and products of all channels, and what switches: dry friction, a dead zone, a
 saturation. Nothing switches here.
 
-The data are found through ``SWSYSID_DATA`` or downloaded; without either the example stops with a
-sentence.
+The data are found through ``SWSYSID_DATA`` or downloaded.
 """
 
 # %%
 # Measurements
 # ------------
 # The state is the output now and one sample before; all that is predicted is the next output.
-
-import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -26,11 +23,7 @@ from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid.datasets import fetch_silverbox
 from swsysid.effects import CoulombFriction, DeadZone, Polynomial, Saturation
 
-try:
-    silverbox = fetch_silverbox()
-except OSError as error:
-    print(f"Skipped, the data cannot be had (set SWSYSID_DATA to a copy): {error}")
-    sys.exit(0)
+silverbox = fetch_silverbox()
 
 N_ROWS = 5000  # of 65062: enough for one coefficient
 

@@ -3,7 +3,9 @@
 import contextlib
 import doctest
 import io
+import os
 import re
+import subprocess
 from pathlib import Path
 
 import matplotlib
@@ -67,3 +69,52 @@ def test_links_of_the_pages_lead_somewhere():
 def test_a_wrong_output_is_noticed():
     assert _prints("error 0.1...\n", "error 0.12\n")
     assert not _prints("error 0.1\n", "error 0.2\n")
+
+
+# what the Makefile takes for Sphinx: a build that ends well, or one that an example ended early
+BUILDS = {
+    "whole": ("mkdir -p docs/_build/html && touch docs/_build/html/index.html", 0),
+    "ended early with status 0": ("exit 0", 2),
+}
+
+
+@pytest.mark.parametrize(("build", "code"), BUILDS.values(), ids=BUILDS)
+def test_make_docs_fails_without_a_front_page(tmp_path, build, code):
+    (tmp_path / "Makefile").write_bytes((ROOT / "Makefile").read_bytes())
+    interpreter = tmp_path / ".venv" / "bin" / "python"
+    interpreter.parent.mkdir(parents=True)
+    interpreter.write_text(f"#!/bin/sh\n{build}\n", encoding="utf-8")
+    interpreter.chmod(0o755)
+    (tmp_path / "pyproject.toml").touch()
+    (tmp_path / ".venv" / ".installed-docs").touch()
+    # the page of an earlier build proves nothing
+    stale = tmp_path / "docs" / "_build" / "html" / "index.html"
+    stale.parent.mkdir(parents=True)
+    stale.touch()
+    done = subprocess.run(["make", "docs"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == code, done.stdout + done.stderr
+
+
+def test_no_example_ends_the_interpreter():
+    for example in (ROOT / "examples").glob("*.py"):
+        assert not re.search(r"\b(sys\.exit|quit|SystemExit)\b", example.read_text("utf-8")), (
+            example
+        )
+
+
+def test_an_example_without_its_data_shows_what_it_prints(monkeypatch, tmp_path):
+    """The folder that should hold the data is empty: seven examples are named, and not run."""
+    monkeypatch.setenv("SWSYSID_DATA", os.fspath(tmp_path))
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    import gallery
+
+    omitted = gallery.omitted_examples()
+    measured = {"cascaded_tanks", "ced_prbs", "emps", "incubator", "mr_damper", "rc_vehicle"}
+    assert set(omitted) == {f"plot_{name}" for name in measured | {"silverbox"}}
+    pattern = gallery.filename_pattern(omitted)
+    run = {path.stem for path in gallery.EXAMPLES.glob("*.py") if re.search(pattern, str(path))}
+    assert run == {path.stem for path in gallery.EXAMPLES.glob("*.py")} - set(omitted)
+    note = gallery.note("plot_emps", omitted["plot_emps"])
+    assert "SWSYSID_DATA" in note
+    assert (gallery.EXAMPLES / "recorded" / "plot_emps.txt").read_text().split()[0] in note
+    assert re.search(gallery.filename_pattern({}), "/plot_emps.py")

@@ -1,30 +1,22 @@
-"""Every example runs from a clean folder, headless, with warnings as errors."""
+"""Every example runs from a clean folder, headless, warnings as errors, and prints what it did."""
 
 import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
-
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("plot_*.py"))
+from example_output import EXAMPLES, differences, recorded_output, run_example
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
-def test_example_runs(example, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(example)],
-        cwd=tmp_path,
-        env={**os.environ, "MPLBACKEND": "Agg", "PYTHONWARNINGS": "error"},
-        capture_output=True,
-        text=True,
-    )
+def test_example_prints_what_was_recorded(example, tmp_path):
+    done = run_example(example, tmp_path)
+    # an example whose data cannot be had ends with the sentence of the error
+    if "MeasuredDataError" in done.stderr:
+        assert "SWSYSID_DATA" not in os.environ, done.stderr
+        pytest.skip(done.stderr.strip().splitlines()[-1])
     assert done.returncode == 0, done.stdout + done.stderr
-    # an example that needs data says so when it stops; with a copy at hand it must not stop
-    if "SWSYSID_DATA" in done.stdout:
-        assert "SWSYSID_DATA" not in os.environ, done.stdout
-        pytest.skip(done.stdout.strip().splitlines()[-1])
     assert not list(tmp_path.iterdir()), "an example leaves files behind"
+    recorded = recorded_output(example).read_text(encoding="utf-8")
+    assert differences(recorded, done.stdout) == []
 
 
 def test_every_example_is_found():
@@ -35,3 +27,29 @@ def test_every_example_is_found():
         "plot_grid_search",
         "plot_emps",
     }
+
+
+def test_nothing_is_recorded_of_an_example_that_is_gone():
+    recorded = {path.stem for path in recorded_output(EXAMPLES[0]).parent.iterdir()}
+    assert recorded == {path.stem for path in EXAMPLES}
+
+
+@pytest.mark.parametrize(
+    ("expected", "printed", "same"),
+    [
+        ("error 0.100 m", "error 0.101 m", True),  # one per cent
+        ("error 0.100 m", "error 0.110 m", False),
+        ("error 0.0000", "error 0.0001", True),  # the last digit
+        ("error 0.0000", "error 0.0002", False),
+        ("p = 9e-06", "p = 8e-06", True),
+        ("p = 9e-06", "p = 3e-06", False),
+        ("169 rows", "168 rows", True),
+        ("3 modes", "4 modes", False),
+        ("a term in x2^2", "a term in x1^2", False),
+        ("found saturation", "found dead zone", False),
+        ("one line", "one line\nanother", False),
+        ("spread  of columns", "spread of columns", True),
+    ],
+)
+def test_outputs_are_compared_by_words_and_numbers(expected, printed, same):
+    assert (differences(expected, printed) == []) is same

@@ -82,7 +82,7 @@ GROUPS = (
     "_effect_regressor diagnosis/_ladder diagnosis/_effect_shapes diagnosis/_effect_rollouts",
     "diagnosis/_findings diagnosis/_effect_data diagnosis/_effect_text",
     "plotting/_effects",
-    "plotting/__init__ report",
+    "plotting/__init__ report results",
     "diagnosis/_effect_report",
     "diagnosis/_effect_search",
     "diagnosis/__init__",

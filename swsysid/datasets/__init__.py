@@ -14,9 +14,13 @@ from swsysid.datasets._measured import (
     fetch_rc_vehicle,
     fetch_silverbox,
 )
+from swsysid.datasets._sources import MeasuredDataError
 from swsysid.datasets._undeclared import make_undeclared, undeclared_kinds
+from swsysid.datasets._undeclared_records import PlantedEffect
 
 __all__ = [
+    "MeasuredDataError",
+    "PlantedEffect",
     "fetch_cascaded_tanks",
     "fetch_ced_prbs",
     "fetch_emps",

@@ -18,6 +18,7 @@ __all__ = [
     "get_relaxation",
 ]
 
+#: Names that ``relaxation=`` accepts, and the class of each.
 RELAXATIONS = {
     "simplex": SimplexRelaxation,
     "moment": MomentRelaxation,

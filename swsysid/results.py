@@ -1,0 +1,35 @@
+"""The records that estimators, relaxations, simulations and programs hand out.
+
+They are frozen dataclasses; none needs to be built by a user. Here is where their names are
+public, whichever part of the package makes them.
+
+>>> from swsysid.results import Status
+>>> Status.TIME_LIMIT.advice
+'Increase time_limit; the bound and the gap say how far the answer can be.'
+"""
+
+from swsysid._monomials import SurfaceCandidate
+from swsysid._results import (
+    Assignment,
+    FitCertificate,
+    IterationRecord,
+    MarginCertificate,
+    MipResult,
+    Status,
+    SwitchEvent,
+    Trajectory,
+)
+from swsysid._selection import ModeCandidate
+
+__all__ = [
+    "Assignment",
+    "FitCertificate",
+    "IterationRecord",
+    "MarginCertificate",
+    "MipResult",
+    "ModeCandidate",
+    "Status",
+    "SurfaceCandidate",
+    "SwitchEvent",
+    "Trajectory",
+]
