@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         Status,
         Trajectory,
     )
+    from swsysid._saving import Recording, load_model, save_model
     from swsysid.diagnosis import EffectReport, EffectSearchCV
     from swsysid.relaxations import (
         ExactRelaxation,
@@ -44,6 +45,7 @@ __all__ = [
     "IdentificationWarning",
     "MomentRelaxation",
     "PolynomialSurfaceClassifier",
+    "Recording",
     "Relaxation",
     "SimplexRelaxation",
     "SolverError",
@@ -51,6 +53,8 @@ __all__ = [
     "SwitchingSystemRegressor",
     "Trajectory",
     "__version__",
+    "load_model",
+    "save_model",
     "solve_mip",
 ]
 
@@ -65,6 +69,7 @@ _HOMES = {
     **dict.fromkeys(
         ("Assignment", "IdentificationWarning", "SolverError", "Status", "Trajectory"), "_results"
     ),
+    **dict.fromkeys(("Recording", "load_model", "save_model"), "_saving"),
     **dict.fromkeys(("EffectReport", "EffectSearchCV"), "diagnosis"),
     **dict.fromkeys(
         ("ExactRelaxation", "MomentRelaxation", "Relaxation", "SimplexRelaxation"), "relaxations"

@@ -19,7 +19,7 @@ GROUPS = (
     _solvers/vertex _command/refusal _blocks/__init__ _blocks/pieces datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
     _command/__init__ _search/__init__ _page/__init__ _page/markup
-    _rollouts/__init__""",
+    _rollouts/__init__ _model_files/__init__ _model_files/arrays""",
     # 1: one tool each
     """_command/tables _rollouts/losses _rollouts/certainty
     _rows _model differentiation _solvers/conic _solvers/edges _solvers/euclidean
@@ -80,6 +80,8 @@ GROUPS = (
     "_search/acceptance",
     "_search/greedy",
     "_effect_regressor diagnosis/_ladder diagnosis/_effect_shapes diagnosis/_effect_rollouts",
+    "_model_files/classes",
+    "_model_files/values",
     "diagnosis/_findings diagnosis/_effect_data diagnosis/_effect_text",
     "plotting/_effects",
     "plotting/__init__ report results",
@@ -87,6 +89,7 @@ GROUPS = (
     "diagnosis/_effect_search",
     "diagnosis/__init__",
     # 19 to 21: the public names, the main job, the command line
+    "_saving",
     "__init__ _command/job datasets/__init__",
     "_command/job_text _command/diagnosis _command/arguments _command/built_in",
     "_command/saving",
