@@ -160,10 +160,12 @@ class MarginCertificate:
     coef : ndarray of shape (n_surfaces, n_surface_features)
         The surfaces that reach it.
     nonzero_interval : ndarray of shape (n_surfaces, 2)
-        Margins strictly above the first entry and at most the second certify a nonzero surface.
-        They do *not* certify zero slack.
+        Margins strictly above the first entry and at most the second certify that this surface
+        is nonzero at every optimum; where the first is the larger one nothing is certified. They
+        do *not* certify zero slack.
     zero_slack : ndarray of shape (n_surfaces,), bool
-        True where slack zero is optimal for the margin LP at the classifier's own margin.
+        True where some optimum of the margin LP at the classifier's own margin has no slack,
+        which needs a margin of at most t*. Other optima of the same value may have some.
     status : Status
     """
 

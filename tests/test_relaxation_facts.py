@@ -10,6 +10,7 @@ import pytest
 
 from swsysid._losses import get_loss
 from swsysid.relaxations import MomentRelaxation, SimplexRelaxation
+from swsysid.relaxations._moment import _Moments
 
 LOSSES = ["l1", "l2", "squared"]
 # Interior-point accuracy, for sums over at most 30 samples of order one.
@@ -99,26 +100,90 @@ def test_rank_one_if_and_only_if_one_hot(loss):
     assert 20 <= moment.tightness.sum() <= 100
 
 
-def test_a_lifted_squared_loss_at_order_one_lies_strictly_between():
-    # |xdot - V lambda|^2 written in the second moments is linear in Lambda
-    candidates, targets = draw(3, 8, 2, 0.6, seed=3)
-    lifted = []
-    for i, target in enumerate(targets):
-        velocities = candidates[:, i]
-        matrix = cp.Variable((4, 4), PSD=True)
-        second = cp.trace((velocities @ velocities.T) @ matrix[1:, 1:])
-        cost = target @ target - 2 * (velocities @ target) @ matrix[0, 1:] + second
+class LiftedSquares:
+    """|xdot - V lambda|^2 written in the second moments, where it is linear: one small SDP."""
+
+    def __init__(self, n_modes):
+        self.matrix = matrix = cp.Variable((n_modes + 1, n_modes + 1), PSD=True)
+        self.linear, self.gram = cp.Parameter(n_modes), cp.Parameter((n_modes, n_modes))
+        membership = matrix[0, 1:]
+        cost = cp.sum(cp.multiply(self.gram, matrix[1:, 1:])) - 2 * self.linear @ membership
         constraints = [
             matrix[0, 0] == 1,
-            cp.diag(matrix)[1:] == matrix[0, 1:],
-            cp.sum(matrix[0, 1:]) == 1,
+            cp.diag(matrix)[1:] == membership,
+            cp.sum(membership) == 1,
         ]
-        lifted.append(cp.Problem(cp.Minimize(cost), constraints).solve(solver="CLARABEL"))
+        self.problem = cp.Problem(cp.Minimize(cost), constraints)
+
+    def value(self, velocities, target):
+        self.linear.value, self.gram.value = velocities @ target, velocities @ velocities.T
+        return target @ target + self.problem.solve(solver="CLARABEL")
+
+
+def test_a_lifted_squared_loss_at_order_one_may_lie_strictly_between():
+    candidates, targets = draw(3, 8, 2, 0.6, seed=3)
+    program = LiftedSquares(3)
+    lifted = np.array([program.value(candidates[:, i], x) for i, x in enumerate(targets)])
     simplex, _ = simplex_values(candidates, targets, "squared")
     hard = hard_values(candidates, targets, "squared")
-    assert (np.array(lifted) >= simplex - SDP).all()
-    assert (np.array(lifted) <= hard + SDP).all()
-    assert simplex.sum() + 1e-2 < sum(lifted) < hard.sum() - 1e-2
+    assert (lifted >= simplex - SDP).all()
+    assert (lifted <= hard + SDP).all()
+    assert simplex.sum() + 1e-2 < lifted.sum() < hard.sum() - 1e-2
+
+
+def test_when_the_lifted_squared_loss_of_two_modes_is_exact():
+    # least over t of t a + (1 - t) b - 4 max(0, -v_0.v_1) t (1 - t): at an end exactly if the
+    # losses a and b differ by at least 4 max(0, -v_0.v_1)
+    rng = np.random.default_rng(0)
+    candidates, targets = rng.normal(size=(2, 200, 2)), rng.normal(size=(200, 2))
+    losses = np.square(targets - candidates).sum(axis=2)
+    bend = 4.0 * np.maximum(0.0, -(candidates[0] * candidates[1]).sum(axis=1))
+    spread = np.abs(losses[0] - losses[1])
+    inside = np.square(bend - spread) / (4.0 * np.where(bend > 0.0, bend, 1.0))
+    expected = losses.min(axis=0) - np.where(spread < bend, inside, 0.0)
+    program = LiftedSquares(2)
+    lifted = [program.value(candidates[:, i], x) for i, x in enumerate(targets)]
+    np.testing.assert_allclose(lifted, expected, atol=20 * SDP)
+    exact = np.abs(lifted - losses.min(axis=0)) < 20 * SDP
+    np.testing.assert_array_equal(exact, spread >= bend)
+    assert exact.sum() == 161
+    # the lift is no worse than the simplex, and the inner product alone is enough
+    simplex, _ = simplex_values(candidates, targets, "squared")
+    assert (lifted >= simplex - 20 * SDP).all()
+    assert exact[bend == 0.0].all()
+
+
+def test_inner_products_are_not_enough_for_three_modes():
+    # none is negative, and yet Lambda may be negative where they are positive
+    velocities = np.array([[2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
+    target = np.array([1.0, 1.0])
+    assert (velocities @ velocities.T >= 0.0).all()
+    value = LiftedSquares(3).value(velocities, target)
+    assert value < np.square(target - velocities).sum(axis=1).min() - 0.9
+
+
+# --- flat extension: rank one ---------------------------------------------------------------------
+
+
+def test_a_rank_one_moment_matrix_is_that_of_a_vertex():
+    # order 2, all moments of lambda up to degree four from the reduced monomials: rank one, its
+    # first column the vector of monomials at a vertex
+    candidates, targets = draw(3, 6, 2, 0.3, seed=5)
+    assignment = with_loss(MomentRelaxation(order=2), "l1").assign(candidates, targets)
+    assert assignment.tightness.all()
+    np.testing.assert_allclose(np.sort(assignment.membership)[:, :-1], 0.0, atol=1e-5)
+    np.testing.assert_allclose(assignment.membership.max(axis=1), 1.0, atol=1e-5)
+
+
+def test_tight_and_yet_not_of_rank_one():
+    # Two modes that tie on the whole segment between them: the relaxation is exact, and the
+    # solver returns the middle of the optimal face, whose moment matrix has rank two. The rank
+    # of a returned matrix proves tightness; it does not disprove it.
+    candidates = np.array([[[0.0, 1.0]], [[1.0, 0.0]]])
+    assignment = MomentRelaxation(order=1).assign(candidates, np.array([[1.5, 1.5]]))
+    assert assignment.gap == pytest.approx(0.0, abs=SDP)
+    assert not assignment.tightness.any()
+    np.testing.assert_allclose(assignment.membership, 0.5, atol=1e-3)
 
 
 # --- fact 2: order 2 is the argmin ---------------------------------------------------------------
@@ -159,6 +224,31 @@ def solved_value(order, candidates, targets):
     relaxation = Recorded(order=order)
     relaxation.assign(candidates, targets)
     return relaxation.value_
+
+
+@pytest.mark.parametrize("limit", [1.25, 5.0])
+def test_a_scalar_lift_of_the_euclidean_cone_is_not_exact(limit):
+    # midway between two candidates at distance 2 the best mode pays 1; with delta^2 >= |c|^2 in
+    # place of the cone, order 2 pays one over the bound of delta
+    displacements = np.array([[-1.0, 0.0], [1.0, 0.0]])
+    moments, slack = _Moments(2, 1, 2), (2,)
+    basis, multipliers = moments.monomials(1), moments.monomials(3)
+    squares = sum(
+        displacements[i] @ displacements[j] * moments.matrix(basis, (i, j))
+        for i in (0, 1)
+        for j in (0, 1)
+    )
+    constraints = [
+        moments.vector([()]) == 1,
+        sum(moments.vector([m + (j,) for m in multipliers]) for j in (0, 1))
+        == moments.vector(multipliers),
+        moments.matrix(moments.monomials(2)) >> 0,
+        moments.matrix(basis, slack) >> 0,
+        limit * moments.matrix(basis) - moments.matrix(basis, slack) >> 0,
+        moments.matrix(basis, slack + slack) - squares >> 0,
+    ]
+    problem = cp.Problem(cp.Minimize(moments.vector([slack])[0]), constraints)
+    assert problem.solve(solver="CLARABEL") == pytest.approx(1.0 / limit, abs=1e-4)
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -207,3 +297,28 @@ def test_ties_of_the_l1_loss_have_positive_measure():
     targets = 1.0 + np.random.default_rng(0).uniform(size=(50, 2))
     losses = get_loss("l1").values(targets - candidates)
     np.testing.assert_allclose(losses[0], losses[1], atol=1e-12)
+
+
+def test_ties_of_the_euclidean_loss_lie_on_a_plane():
+    # |x - v_0| = |x - v_1| on the bisecting plane only: there the paper's first half holds
+    rng = np.random.default_rng(0)
+    candidates = rng.normal(size=(2, 2000, 2))
+    targets = rng.normal(size=(2000, 2))
+    losses = get_loss("l2").values(targets - candidates)
+    middle, normal = candidates.mean(axis=0), candidates[1] - candidates[0]
+    height = ((targets - middle) * normal).sum(axis=1)
+    np.testing.assert_array_equal(np.sign(height), np.sign(losses[0] - losses[1]))
+    assert (losses[0] != losses[1]).all()
+
+
+@pytest.mark.parametrize("size", [1e-1, 1e-4])
+@pytest.mark.parametrize("loss", ["l1", "l2"])
+def test_half_of_noisy_samples_of_two_modes_have_fractional_minimisers(loss, size):
+    rng = np.random.default_rng(0)
+    n_samples = 4000
+    candidates = np.broadcast_to(np.array([[[0.0, 0.0]], [[2.0, 1.0]]]), (2, n_samples, 2))
+    targets = size * rng.normal(size=(n_samples, 2))
+    assignment = with_loss(SimplexRelaxation(), loss).assign(candidates, targets)
+    # the standard deviation of such a share is 0.008
+    assert 1.0 - assignment.tightness.mean() == pytest.approx(0.5, abs=0.03)
+    assert (assignment.membership.argmax(axis=1) == 0).all()
