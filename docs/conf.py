@@ -24,9 +24,12 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
     "sphinx_gallery.gen_gallery",
+    "sphinx_design",
     # files beside this one
     "gallery",
     "reference",
+    "command_help",
+    "printed_runs",
 ]
 # a part of a page that its benchmark writes is no page
 exclude_patterns = [
@@ -40,10 +43,18 @@ exclude_patterns = [
 ]
 html_theme = "pydata_sphinx_theme"
 html_static_path = ["_static"]
-html_title = "swsysid"
-html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False}
+html_title = f"swsysid {release}"
+html_css_files = ["site.css"]
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "logo": {"text": f"swsysid {release}"},
+    "header_links_before_dropdown": 6,
+    "footer_start": ["copyright"],
+    "footer_end": ["theme-version"],
+}
 
-myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
 myst_heading_anchors = 3
 
 templates_path = ["_templates"]
