@@ -8,11 +8,9 @@ the same linear filter is applied to :math:`\dot x`, :math:`x` and :math:`u`; fi
 left side delays or attenuates it against the right. Inputs therefore pass through the filter of
 the states.
 
-*Automatic strength.* A smoother with derivative kernel :math:`d_w` has variance
-:math:`\sigma^2\|d_w\|^2`, known once the noise :math:`\sigma` is; its bias is estimated by how far
-it departs from every weaker smoother beyond what noise explains (Goldenshluger and Lepski, Annals
-of Statistics 39, 2011). The strength with the smallest sum is taken, and at least the one that
-decimation needs against aliasing.
+*Automatic strength.* The strength with the least estimated sum of bias and variance over all
+trajectories is taken (Goldenshluger and Lepski, Annals of Statistics 39, 2011), and at least the
+one that decimation needs against aliasing.
 """
 
 from __future__ import annotations
@@ -24,14 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import comb
 
-from swsysid._smoothing import Array, Smoother, TooShortError, external, local_polynomial, low_pass
+from swsysid._smoothing import Array, TooShortError
+from swsysid._smoothing_strength import Strength, strengths, strongest
 
-__all__ = ["Derivatives", "differentiate", "estimate_noise"]
+__all__ = ["Derivatives", "Smoothing", "choose_smoothing", "differentiate", "estimate_noise"]
 
 LARGEST_GAP = 20.0  # a longer gap, in median steps, is not one trajectory any more
 NOISE_ORDER = 6  # differences of this order leave noise and hardly any of a smooth signal
-WINDOWS = (7, 9, 11, 15, 21, 29, 41, 57, 81, 115, 163)
-CUTOFFS = (0.4, 0.28, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125)  # of the rate
 
 
 class Derivatives(NamedTuple):
@@ -56,6 +53,26 @@ class Derivatives(NamedTuple):
     noise: Array
 
 
+class Smoothing(NamedTuple):
+    """How a record is smoothed.
+
+    Attributes
+    ----------
+    method : str or object
+    window : int or None
+        Samples of the window, with ``"savitzky_golay"``.
+    cutoff : float or None
+        Cut-off frequency, with ``"butterworth"``.
+    noise : ndarray of shape (n_columns,)
+        Standard deviation of the noise in each measured column, in its unit.
+    """
+
+    method: str | object
+    window: int | None
+    cutoff: float | None
+    noise: Array
+
+
 def differentiate(
     x: ArrayLike,
     t: ArrayLike,
@@ -69,6 +86,7 @@ def differentiate(
     cutoff: float | None = None,
     decimate: int = 1,
     filter_inputs: bool = True,
+    too_short: str = "raise",
 ) -> Derivatives:
     r"""Smooth and differentiate measured trajectories.
 
@@ -104,6 +122,9 @@ def differentiate(
         filtered record repeat each other.
     filter_inputs : bool, default=True
         False keeps the inputs as measured (on/off signals, polynomial libraries of inputs).
+    too_short : {"raise", "drop"}, default="raise"
+        What becomes of a trajectory with fewer samples than the filter needs. Where it may be
+        dropped, one short trajectory does not keep the filter of all others weak.
 
     Returns
     -------
@@ -129,20 +150,90 @@ def differentiate(
     rows = dict(_trajectories(labels))
     noise = estimate_noise(states, labels)
     parts = [(states[index], times[index]) for index in rows.values()]
-    family = _family(method, parts, window, degree, cutoff, decimate)
-    smoother = _strongest(family, parts, noise, order)
+    may_drop = _may_drop(too_short)
+    options = (method, window, degree, cutoff, decimate, may_drop)
+    smoother = _strength(parts, noise, order, options).smoother
     # An object of PySINDy's is not a filter that could be applied to the inputs too.
     filter_inputs = filter_inputs and isinstance(method, str) and signals.shape[1] > 0
     pieces = []
     for label, index in rows.items():
-        jets, trim = _run(smoother, states[index], times[index], label)
+        try:
+            jets, trim = smoother(states[index], times[index], None)
+        except TooShortError as error:
+            if may_drop:
+                continue
+            raise ValueError(f"Trajectory {label!r} {error}") from None
         kept = index[trim : len(index) - trim]
-        extra = _run(smoother, signals[index], times[index], label)[0][0] if filter_inputs else None
+        extra = smoother(signals[index], times[index], None)[0][0] if filter_inputs else None
         extra = signals[kept] if extra is None else extra
         piece = (_side_by_side([*jets[:order], extra]), _side_by_side(jets[1 : order + 1]))
         pieces.append([part[::decimate] for part in (*piece, times[kept], labels[kept])])
+    if not pieces:
+        longest = max(map(len, rows.values()))
+        raise ValueError(
+            f"No trajectory is long enough to be differentiated: the longest of {len(rows)} has "
+            f"{longest} samples; use a smaller window or record longer ones."
+        )
     X, Xdot, t, groups = (np.concatenate(column) for column in zip(*pieces, strict=True))
     return Derivatives(X, Xdot, t, groups, noise)
+
+
+def choose_smoothing(
+    x: ArrayLike,
+    t: ArrayLike,
+    groups: ArrayLike | None = None,
+    method: str | object = "savitzky_golay",
+    *,
+    order: int = 1,
+    window: int | None = None,
+    degree: int = 4,
+    cutoff: float | None = None,
+    decimate: int = 1,
+    too_short: str = "raise",
+) -> Smoothing:
+    """The smoothing that `differentiate` would choose, from all trajectories.
+
+    Parameters
+    ----------
+    x, t, groups, method, order, window, degree, cutoff, decimate, too_short
+        Of `differentiate`.
+
+    Returns
+    -------
+    Smoothing
+
+    Raises
+    ------
+    ValueError
+        If values are missing, times do not increase, or an option is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from swsysid.differentiation import choose_smoothing
+    >>> t = np.linspace(0.0, 5.0, 501)
+    >>> noise = 0.01 * np.random.default_rng(0).standard_normal(501)
+    >>> choose_smoothing(np.sin(t) + noise, t).window
+    115
+    """
+    states, times, labels, _ = _checked(x, t, groups, None)
+    _check_options(order, window, degree, cutoff, decimate)
+    noise = estimate_noise(states, labels)
+    parts = [(states[index], times[index]) for _, index in _trajectories(labels)]
+    options = (method, window, degree, cutoff, decimate, _may_drop(too_short))
+    chosen = _strength(parts, noise, order, options)
+    return Smoothing(method, chosen.window, chosen.cutoff, noise)
+
+
+def _strength(parts, noise, order, options) -> Strength:
+    method, *rest = options
+    return strongest(strengths(method, [t for _, t in parts], *rest), parts, noise, order)
+
+
+def _may_drop(too_short: str) -> bool:
+    if too_short not in ("raise", "drop"):
+        raise ValueError(f'too_short={too_short!r} must be "raise" or "drop".')
+    return too_short == "drop"
 
 
 def _side_by_side(blocks) -> Array:
@@ -179,87 +270,7 @@ def estimate_noise(x: ArrayLike, groups: ArrayLike | None = None) -> Array:
     return np.where(median > 0, median, mean) / gain
 
 
-def _family(method, parts, window, degree, cutoff, decimate) -> list[Smoother]:
-    """The smoothers to choose from, weak to strong; one where the user chose."""
-    shortest = min(len(times) for _, times in parts)
-    if callable(method):
-        return [external(method)]
-    if method == "finite_difference":
-        # The parabola through three neighbours: central differences, correct on uneven times.
-        return [local_polynomial(3, 2)]
-    if method == "savitzky_golay":
-        longest = max(shortest // 4, WINDOWS[0])
-        windows = [w for w in WINDOWS if 2 * decimate < w <= longest and w > degree + 1]
-        chosen = window or (windows or [2 * (decimate + degree // 2) + 1])
-        return [local_polynomial(w, degree) for w in np.atleast_1d(chosen)]
-    if method == "butterworth":
-        steps = np.diff(max((times for _, times in parts), key=len))
-        rate = 1.0 / np.median(steps) if len(steps) else 1.0
-        # The two ends trimmed may cost at most half of the shortest trajectory.
-        least = 8.0 / shortest
-        cutoffs = [c * rate for c in CUTOFFS if least <= c <= 0.5 / decimate]
-        chosen = cutoff or (cutoffs or [0.4 * rate / decimate])
-        return [low_pass(c) for c in np.atleast_1d(chosen)]
-    raise ValueError(
-        f"method={method!r} is unknown; choose savitzky_golay, butterworth, finite_difference "
-        "or pass a PySINDy differentiator."
-    )
-
-
-# --- automatic strength ---------------------------------------------------------------------
-
-
-def _strongest(smoothers, parts, noise, order) -> Smoother:
-    """The smoother, from weak to strong, with the least estimated error of the derivative."""
-    if len(smoothers) < 2:
-        return smoothers[0]
-    length = max(len(times) for _, times in parts)
-    x, t = next(part for part in parts if len(part[1]) == length)
-    estimates, kernels = [], []
-    for smoother in smoothers:
-        try:
-            estimates.append(_padded(smoother, x, t, order))
-        except TooShortError:
-            break  # stronger ones do not fit into the record
-        impulse = np.zeros((length, 1))
-        impulse[length // 2] = 1.0
-        even = np.linspace(t[0], t[-1], length)
-        kernels.append(np.nan_to_num(_padded(smoother, impulse, even, order))[:, 0])
-    if not estimates:
-        return smoothers[0]
-    size = np.nanmean(estimates[-1] ** 2, axis=0)
-    weight = 1.0 / np.where(size > 0, size, 1.0)  # columns count in units of their own size
-    risks = [weight @ _risk(k, estimates, kernels, noise) for k in range(len(estimates))]
-    return smoothers[int(np.argmin(risks))]
-
-
-def _padded(smoother, x, t, order) -> Array:
-    """Derivative of order `order`, NaN where trimmed."""
-    jets, trim = smoother(x, t)
-    padded = np.full(x.shape, np.nan)
-    padded[trim : trim + jets.shape[1]] = jets[order]
-    return padded
-
-
-def _risk(k, estimates, kernels, noise) -> Array:
-    """Squared bias plus variance of the k-th estimate, for each column."""
-    variance = noise**2 * np.sum(kernels[k] ** 2)
-    bias = np.zeros_like(noise)
-    for estimate, kernel in zip(estimates[:k], kernels[:k], strict=True):
-        departure = np.nanmean((estimates[k] - estimate) ** 2, axis=0)
-        explained = noise**2 * np.sum((kernels[k] - kernel) ** 2)
-        bias = np.maximum(bias, departure - explained)
-    return bias + variance
-
-
 # --- checks ---------------------------------------------------------------------------------
-
-
-def _run(smoother, x, t, label) -> tuple[Array, int]:
-    try:
-        return smoother(x, t)
-    except TooShortError as error:
-        raise ValueError(f"Trajectory {label!r} {error}") from None
 
 
 def _trajectories(labels) -> Iterator[tuple[object, NDArray[np.intp]]]:

@@ -16,40 +16,41 @@ PACKAGE = Path(swsysid.__file__).parent
 GROUPS = (
     # 0: records, words, and numerical tools that know nothing of the package
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
-    _solvers/vertex _command/refusal _blocks/__init__ _blocks/pieces datasets/_sources
+    _solvers/vertex _command/refusal _command/cells _command/units _command/wording
+    _command/arrays _blocks/__init__ _blocks/pieces datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
     _command/__init__ _search/__init__ _page/__init__ _page/markup
     _rollouts/__init__ _model_files/__init__ _model_files/arrays""",
     # 1: one tool each
-    """_command/tables _rollouts/losses _rollouts/certainty
-    _rows _model differentiation _solvers/conic _solvers/edges _solvers/euclidean
+    """_command/tables _command/layout _command/matlab _rollouts/losses _rollouts/certainty
+    _rows _model _smoothing_strength _solvers/conic _solvers/edges _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
     _seeding/designs _simulation/events _simulation/inputs metrics/_surfaces
     datasets/_undeclared_records
     diagnosis/_rearrangement diagnosis/_channels diagnosis/_records
     _records _search/robust""",
     # 2: programs and rollouts
-    """_search/folds weak_form diagnosis/_whiteness diagnosis/_noise_floor
+    """_search/folds differentiation diagnosis/_whiteness diagnosis/_noise_floor
     diagnosis/_spectrum diagnosis/_text
     diagnosis/_samples diagnosis/_shapes
     _mip _solvers/lad _solvers/hulls _surfaces/hinge _surfaces/polynomials _surfaces/posterior
     _surfaces/relevance _seeding/gate _seeding/starts _simulation/simulate
     _simulation/signals _simulation/effect_system
-    _rollouts/system _command/measurement _command/readers metrics/_errors metrics/_modes
+    _rollouts/system _command/measurement _command/text metrics/_errors metrics/_modes
     datasets/_undeclared_plants
     datasets/_undeclared_mechanisms _blocks/sources""",
     # what many rows say; a sample of them
     "_solvers/summaries _blocks/sampling",
     "_solvers/norm_summary",
     # 3: the losses; the margin program; mixtures of experts
-    """diagnosis/_dependence diagnosis/_sizes _search/regression _command/samples
-    datasets/_measured
+    """diagnosis/_dependence diagnosis/_sizes _search/regression weak_form
+    _command/readers _command/samples
     _losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
     _simulation/stepping _rollouts/stated _rollouts/integrate _rollouts/parameters
     metrics/_reliability datasets/_polynomial_system
     datasets/_undeclared_simulation""",
-    # 4: what a relaxation is; what a margin certifies; the search for starts
-    """diagnosis/_cases _search/trials
+    # 4: measured data; what a relaxation is; what a margin certifies; the search for starts
+    """diagnosis/_cases _search/trials datasets/_measured
     relaxations/_base _surfaces/fitted _surfaces/margins _surfaces/book_program _seeding/search
     _rollouts/segments metrics/__init__ datasets/_trajectories datasets/_undeclared_sizing""",
     # 5: one relaxation a file; the three steps of the alternation; the classifier; seeding

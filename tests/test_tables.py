@@ -6,7 +6,7 @@ from scipy.io import savemat
 
 from swsysid._command.readers import read_table
 from swsysid._command.refusal import TableError
-from swsysid._command.tables import rate_unit, unit_of
+from swsysid._command.units import rate_unit, unit_of
 
 T = np.linspace(0.0, 1.0, 5)
 V = np.array([1.5, -2.0, 3e-7, 4.0, 5e8])
@@ -63,7 +63,7 @@ def test_logical_missing_and_text_cells(written):
     np.testing.assert_array_equal(table.numbers(["on"])[:, 0], [1.0, 0.0])
     np.testing.assert_array_equal(table.numbers(["gap"])[:, 0], [1.0, np.nan])
     assert table.labels("run").tolist() == ["a", "b"]
-    with pytest.raises(TableError, match="'run' of data.csv is not numeric: row 1 holds 'a'"):
+    with pytest.raises(TableError, match="'run' of data.csv is not numeric: row 2 holds 'a'"):
         table.numbers(["run"])
 
 
@@ -115,7 +115,7 @@ def test_rate_units():
         ("a,b\n", "no row below its header"),
         ("1,2\n3,4\n", "its first row holds numbers"),
         ("a,a\n1,2\n", "two columns are called 'a'"),
-        ("a,b\n1,2,3\n", "row 1 has 3 cells and its header 2"),
+        ("a,b\n1,2,3\n", "row 2 has 3 cells and its header 2"),
     ],
 )
 def test_unreadable_csv_gets_a_sentence(written, text, sentence):

@@ -1,23 +1,34 @@
-"""Named columns from CSV, NPZ and MAT files."""
+"""A table from a file of any kind that recordings come in."""
 
 from __future__ import annotations
 
-import csv
+import bz2
+import dataclasses
+import difflib
+import gzip
+import lzma
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._command.arrays import split_columns
+from swsysid._command.matlab import matlab_columns
 from swsysid._command.refusal import TableError
-from swsysid._command.tables import Table, number_in
+from swsysid._command.tables import Table
+from swsysid._command.text import decoded, table_of_text
 
 __all__ = ["read_table"]
 
+_OPENERS: dict[str, Callable] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
 
-def read_table(path: str | Path, units: Mapping[str, str] | None = None) -> Table:
-    """Read a CSV, NPZ or MAT file.
+
+def read_table(
+    path: str | Path, units: Mapping[str, str] | None = None, missing: Sequence[str] = ()
+) -> Table:
+    """Read a recording: text of any layout, a spreadsheet, or arrays.
 
     Arrays with several columns become ``name_0``, ``name_1``, ...; scalars are left out, since
     they are no recordings.
@@ -26,7 +37,9 @@ def read_table(path: str | Path, units: Mapping[str, str] | None = None) -> Tabl
     ----------
     path : str or Path
     units : mapping of str to str, default=None
-        Units by column, stronger than those in the names.
+        Units by column, stronger than those in the file.
+    missing : sequence of str, default=()
+        Words for a missing value, beside the usual ones.
 
     Returns
     -------
@@ -38,102 +51,124 @@ def read_table(path: str | Path, units: Mapping[str, str] | None = None) -> Tabl
         If the file is missing, of another type, or unreadable.
     """
     path = Path(path)
-    if path.suffix.lower() not in _READERS:
+    kind = _kind(path)
+    if kind not in _READERS:
         raise TableError(
-            f"{path.name} is no {', '.join(_READERS)} file; save the recording as one of these."
+            f"{path.name} is no {', '.join(_READERS)} file; save the recording as one of these "
+            "(text may be compressed: .csv.gz)."
         )
     if not path.is_file():
-        raise TableError(f"There is no file {path}; check its name.")
+        raise TableError(f"There is no file {path}; {_beside(path)}.")
     try:
-        columns = dict(_READERS[path.suffix.lower()](path))
-    except (OSError, ValueError, TypeError, NotImplementedError, zipfile.BadZipFile) as error:
+        table = _READERS[kind](path, missing)
+    except ImportError as error:
         raise TableError(f"{path.name} cannot be read: {_one_line(error)}") from error
-    table = Table(path.name, columns, dict(units or {}))
-    for name in table.units:
+    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise TableError(f"{path.name} cannot be read: {_one_line(error)}") from error
+    table = dataclasses.replace(table, units={**table.units, **(units or {})})
+    for name in units or {}:
         table.resolve(name)
     return table
 
 
-# --- readers: path -> pairs of a name and a one-dimensional array -----------------------------
+def _kind(path: Path) -> str:
+    """The ending that tells the kind of a file, without that of its compression."""
+    endings = [ending.lower() for ending in path.suffixes]
+    while endings and endings[-1] in _OPENERS:
+        endings.pop()
+    return endings[-1] if endings else ""
 
 
-def _read_csv(path: Path) -> Iterator[tuple[str, NDArray]]:
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
-    lines = [line for line in text.splitlines() if line.strip()]
-    # A header may itself be a comment, as NumPy's savetxt writes it; later comments are skipped.
-    lines = (
-        [lines[0].lstrip("# ")] + [line for line in lines[1:] if line[0] != "#"] if lines else []
-    )
-    if len(lines) < 2:
-        raise ValueError("it holds no row below its header.")
-    delimiter = max(",;\t", key=lines[0].count)
-    header, *rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    if all(not np.isnan(number_in(cell)) for cell in header):
-        raise ValueError("its first row holds numbers; it must hold the names of the columns.")
-    names = [name.strip() or f"column{k + 1}" for k, name in enumerate(header)]
-    repeated = {name for name in names if names.count(name) > 1}
-    if repeated:
-        raise ValueError(f"two columns are called {min(repeated)!r}; rename one.")
-    for number, row in enumerate(rows):
-        if len(row) > len(names):
-            raise ValueError(
-                f"its row {number + 1} has {len(row)} cells and its header {len(names)} names."
-            )
-    decimal_comma = delimiter == ";"
-    for k, name in enumerate(names):
-        cells = [row[k].strip() if k < len(row) else "" for row in rows]
-        yield name, _column(cells, decimal_comma)
+def _beside(path: Path) -> str:
+    """What the folder holds instead."""
+    if not path.parent.is_dir():
+        return f"there is no folder {path.parent} either"
+    names = sorted(file.name for file in path.parent.iterdir() if _kind(file) in _READERS)
+    close = difflib.get_close_matches(path.name, names, n=1)
+    return f"did you mean {close[0]!r}?" if close else "check its name"
 
 
-def _column(cells: list[str], decimal_comma: bool) -> NDArray:
-    """Floats if every cell is empty (NaN) or a number, text otherwise."""
-    plain = [cell.replace(",", ".") for cell in cells] if decimal_comma else cells
-    values = np.array([number_in(cell) for cell in plain])
-    empty = np.array([cell == "" or cell.lower() == "nan" for cell in plain])
-    if np.isnan(values[~empty]).any():
-        return np.array(cells, dtype=object)
-    return values
+# --- readers: path and words for missing values -> table ----------------------------------------
 
 
-def _read_npz(path: Path) -> Iterator[tuple[str, NDArray]]:
-    with np.load(path, allow_pickle=False) as archive:
-        for name in archive.files:
-            yield from _split(name, archive[name])
+def _read_text(path: Path, missing: Sequence[str]) -> Table:
+    with _OPENERS.get(path.suffix.lower(), open)(path, "rb") as file:
+        return table_of_text(path.name, decoded(file.read()), missing)
 
 
-def _read_mat(path: Path) -> Iterator[tuple[str, NDArray]]:
-    from scipy.io import loadmat
+def _read_spreadsheet(path: Path, missing: Sequence[str]) -> Table:
+    """The first sheet that holds a table, as the text that it would be with tabs."""
+    import pandas as pd
 
     try:
-        content = loadmat(path)
-    except NotImplementedError as error:
-        raise ValueError("it is a version 7.3 file; save it with the option -v7.") from error
-    for name, array in content.items():
-        if not name.startswith("__"):
-            yield from _split(name, np.asarray(array))
+        sheets = pd.read_excel(path, sheet_name=None, header=None, dtype=object, na_filter=False)
+    except ImportError as error:
+        raise ImportError('install openpyxl (pip install "swsysid[excel]").') from error
+    filled = {name: sheet for name, sheet in sheets.items() if len(sheet) > 1}
+    if not filled:
+        raise ValueError("it has no sheet with a row below a header.")
+    name, sheet = next(iter(filled.items()))
+    lines = ["\t".join(map(_cell_text, row)) for row in sheet.itertuples(index=False)]
+    table = table_of_text(path.name, "\n".join(lines), missing)
+    others = [f"The sheet {name!r} was read, of {len(filled)}."] if len(filled) > 1 else []
+    return dataclasses.replace(table, remarks=(*others, *table.remarks))
 
 
-def _split(name: str, array: NDArray) -> Iterator[tuple[str, NDArray]]:
-    """One-dimensional columns of an array; recordings run along its longest axis."""
-    if array.ndim > 2 or array.size < 2:
-        return
-    columns = array.reshape(len(array), -1)
-    if columns.shape[0] == 1 or columns.shape[1] > columns.shape[0]:
-        columns = columns.T
-    columns = columns.astype(float) if array.dtype.kind in "fiub" else columns.astype(object)
-    if columns.shape[1] == 1:
-        yield name, columns[:, 0]
-        return
-    for k, column in enumerate(columns.T):
-        yield f"{name}_{k}", column
+def _cell_text(cell: object) -> str:
+    return "" if cell is None else " ".join(str(cell).split())
+
+
+def _read_parquet(path: Path, missing: Sequence[str]) -> Table:
+    import pandas as pd
+
+    try:
+        frame = pd.read_parquet(path)
+    except ImportError as error:
+        raise ImportError('install pyarrow (pip install "swsysid[parquet]").') from error
+    frame = frame.reset_index() if frame.index.name else frame
+    units, columns = {}, {}
+    for name, column in frame.items():
+        if column.dtype.kind in "mM":
+            column = (column - column.dropna().iloc[0]).dt.total_seconds()
+            units[str(name)] = "s"
+        numeric = pd.api.types.is_numeric_dtype(column)
+        columns[str(name)] = (
+            column.to_numpy(dtype=float, na_value=np.nan)
+            if numeric
+            else (column.to_numpy(dtype=object, na_value=""))
+        )
+    return Table(path.name, columns, units)
+
+
+def _read_npz(path: Path, missing: Sequence[str]) -> Table:
+    with np.load(path, allow_pickle=False) as archive:
+        return Table(path.name, dict(_arrays(archive)), {})
+
+
+def _arrays(archive: Mapping[str, NDArray]) -> Iterator[tuple[str, NDArray]]:
+    for name in archive:
+        try:
+            array = archive[name]
+        except ValueError as error:
+            raise ValueError(
+                f"{name!r} holds Python objects, which are not loaded because that could run "
+                "code; save plain arrays of numbers."
+            ) from error
+        yield from split_columns(name, array)
+
+
+def _read_mat(path: Path, missing: Sequence[str]) -> Table:
+    return Table(path.name, dict(matlab_columns(path)), {})
 
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-_READERS: dict[str, Callable[[Path], Iterator[tuple[str, NDArray]]]] = {
-    ".csv": _read_csv,
+_READERS: dict[str, Callable[[Path, Sequence[str]], Table]] = {
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".log", ".asc"), _read_text),
+    **dict.fromkeys((".xlsx", ".xlsm"), _read_spreadsheet),
+    ".parquet": _read_parquet,
     ".npz": _read_npz,
     ".mat": _read_mat,
 }

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from swsysid._command.measurement import Measurement, check_roles
 from swsysid._command.refusal import TableError
-from swsysid._command.tables import Table, rate_unit
+from swsysid._command.tables import Table
+from swsysid._command.units import rate_unit
 from swsysid._results import Array
 from swsysid.differentiation import differentiate
 

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._command.cells import is_number
 from swsysid._command.refusal import TableError
+from swsysid._command.units import unit_of, without_unit
 
-__all__ = ["Table", "number_in", "rate_unit", "unit_of"]
-
-# Symbols recognised at the end of a column name such as v_m_per_s; single letters that are
-# commoner as labels than as units (T, C, F, d, g, h) are left out and can be given by the user.
-_SYMBOLS = frozenset(
-    "m cm mm um km s ms us min Hz kHz rad deg rpm V mV kV A mA N kN Nm Pa kPa MPa bar W kW mW "
-    "J kJ K degC kg mol Ohm".split()
-)
-_BRACKET = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
+__all__ = ["Table"]
 
 
 @dataclass(frozen=True)
@@ -32,23 +25,33 @@ class Table:
     source : str
         What the table was read from, for messages.
     columns : mapping of str to ndarray of shape (n_rows,)
-        Floats, or text where a cell is not a number.
+        Floats, NaN where a value is missing, or text where a cell is not a number.
     units : mapping of str to str
-        Units given by the user, by column; the others are read from the names.
+        Units by column, from the user or a row of units; the others are read from the names.
+    rows : ndarray of shape (n_rows,) or None
+        The row of the file that each row of the table stands in, counted from 1; None where
+        that is 1, 2, 3, ...
+    remarks : tuple of str
+        What reading had to do or to leave out, in sentences.
     """
 
     source: str
     columns: Mapping[str, NDArray]
     units: Mapping[str, str]
+    rows: NDArray[np.intp] | None = None
+    remarks: tuple[str, ...] = ()
 
     def resolve(self, name: str) -> str:
-        """The column called `name`, with or without its bracketed unit."""
+        """The column called `name`, with or without its bracketed unit and its struct."""
         if name in self.columns:
             return name
-        bare = {_BRACKET.sub("", column): column for column in self.columns}
-        if name in bare:
-            return bare[name]
-        close = difflib.get_close_matches(name, self.columns, n=1)
+        bare = {without_unit(column): column for column in self.columns}
+        fields = [column for column in self.columns if column.endswith(f".{name}")]
+        if name in bare or len(fields) == 1:
+            return bare.get(name, *fields)
+        close = difflib.get_close_matches(name, self.columns, n=1) or [
+            column for column in self.columns if column.lower() == name.lower()
+        ]
         hint = f" Did you mean {close[0]!r}?" if close else ""
         raise TableError(
             f"{self.source} has no column {name!r}.{hint} Its columns are: {self.listing()}."
@@ -57,7 +60,7 @@ class Table:
     def title(self, name: str) -> str:
         """A column's name without its bracketed unit, where that still means this column."""
         column = self.resolve(name)
-        bare = _BRACKET.sub("", column)
+        bare = without_unit(column)
         return bare if bare and self.resolve(bare) == column else column
 
     def listing(self) -> str:
@@ -66,7 +69,7 @@ class Table:
 
     def unit(self, name: str) -> str:
         """The unit of a column, "" where unknown."""
-        bare = _BRACKET.sub("", name)
+        bare = without_unit(name)
         return self.units.get(name, self.units.get(bare, unit_of(name)))
 
     def numbers(self, names: Sequence[str]) -> NDArray[np.float64]:
@@ -74,13 +77,19 @@ class Table:
         columns = {name: self.columns[self.resolve(name)] for name in names}
         for name, column in columns.items():
             if column.dtype.kind != "f":
-                row = next(k for k, cell in enumerate(column) if np.isnan(number_in(cell)))
+                odd = [k for k, cell in enumerate(column) if cell != "" and not _is_number(cell)]
+                row = odd[0] if odd else 0
                 raise TableError(
-                    f"Column {name!r} of {self.source} is not numeric: row {row + 1} holds "
-                    f"{str(column[row])!r}. Its columns are: {self.listing()}."
+                    f"Column {name!r} of {self.source} is not numeric: row {self.row(row)} holds "
+                    f"{str(column[row])!r} (if that means a missing value, say --missing "
+                    f"{str(column[row])!r}). Its columns are: {self.listing()}."
                 )
         self._check_lengths(columns)
         return np.column_stack(list(columns.values())) if columns else np.empty((0, 0))
+
+    def row(self, k: int) -> int:
+        """The row of the file that row `k` of the table stands in, counted from 1."""
+        return k + 1 if self.rows is None else int(self.rows[k])
 
     def labels(self, name: str) -> NDArray:
         """A column of any type, such as the names of trajectories."""
@@ -96,56 +105,6 @@ class Table:
             )
 
 
-def unit_of(name: str) -> str:
-    """The unit that a column name carries, "" if none.
-
-    Examples
-    --------
-    >>> [unit_of(name) for name in ("v_m_per_s", "acc_m_per_s2", "force [N]", "T_box", "x")]
-    ['m/s', 'm/s^2', 'N', '', '']
-    """
-    bracket = _BRACKET.search(name)
-    if bracket:
-        return bracket.group(1)
-    parts = name.split("_")
-    for start in range(1, len(parts)):
-        groups = [group.split("_") for group in "_".join(parts[start:]).split("_per_")]
-        symbols = [[_symbol(part) for part in group] for group in groups]
-        if all(all(group) for group in symbols):
-            return "/".join(" ".join(group) for group in symbols)
-    return ""
-
-
-def rate_unit(unit: str, time_unit: str) -> str:
-    """The unit of a time derivative, "" if either is unknown.
-
-    Examples
-    --------
-    >>> rate_unit("m", "s"), rate_unit("m/s", "s"), rate_unit("degC", "min")
-    ('m/s', 'm/s^2', 'degC/min')
-    """
-    if not unit or not time_unit:
-        return ""
-    head, slash, tail = unit.rpartition("/")
-    base, _, power = tail.partition("^")
-    if slash and base == time_unit:
-        return f"{head}/{base}^{int(power or 1) + 1}"
-    return f"{unit}/{time_unit}"
-
-
-def _symbol(part: str) -> str:
-    match = re.fullmatch(r"([A-Za-z]+?)(\d?)", part)
-    if not match or match.group(1) not in _SYMBOLS:
-        return ""
-    return match.group(1) + (f"^{match.group(2)}" if match.group(2) else "")
-
-
-def number_in(cell: str) -> float:
-    """The number in a cell, NaN if there is none; logical values count as 0 and 1."""
-    logical = {"true": 1.0, "false": 0.0}.get(str(cell).strip().lower())
-    if logical is not None:
-        return logical
-    try:
-        return float(cell)
-    except (TypeError, ValueError):
-        return float("nan")
+def _is_number(cell: object) -> bool:
+    text = str(cell)
+    return is_number(text) or is_number(text, ",")

@@ -1,0 +1,85 @@
+"""Units of columns: read from their names or from a row of units, and of time derivatives."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["is_unit", "rate_unit", "unit_of", "without_unit"]
+
+# Symbols recognised at the end of a column name such as v_m_per_s; single letters that are
+# commoner as labels than as units (T, C, F, d, g, h) are left out and can be given by the user.
+_IN_NAMES = frozenset(
+    "m cm mm um km s ms us min Hz kHz rad deg rpm V mV kV A mA N kN Nm Pa kPa MPa bar W kW mW "
+    "J kJ K degC kg mol Ohm".split()
+)
+# In a row of their own the single letters, signs and words are units as well.
+_IN_ROWS = _IN_NAMES | frozenset(
+    "- 1 % C F T g d h H L l nm mN uV uA MN Mbar mbar hPa sec secs second seconds minute minutes "
+    "hr hour hours meter meters metre metres volt volts V/s ampere amperes amp amps newton newtons "
+    "degree degrees radian radians celsius kelvin deg/s ° °C °F Ω µm µs µV µA".split()
+)
+_BRACKET = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
+
+
+def without_unit(name: str) -> str:
+    """A name without the unit in brackets at its end."""
+    return _BRACKET.sub("", name)
+
+
+def is_unit(cell: str) -> bool:
+    """True for a cell of a row of units.
+
+    Examples
+    --------
+    >>> [is_unit(cell) for cell in ("[m/s]", "rad/s^2", "°C", "kg m^2", "speed")]
+    [True, True, True, True, False]
+    """
+    text = cell.strip()
+    if _BRACKET.fullmatch(text) or text in _IN_ROWS:
+        return True
+    parts = re.split(r"[\s/*·.()]+", re.sub(r"[\^]?[-+]?\d|[²³⁻¹]", "", text))
+    return bool(text) and all(part in _IN_ROWS for part in parts if part)
+
+
+def unit_of(name: str) -> str:
+    """The unit that a column name carries, "" if none.
+
+    Examples
+    --------
+    >>> [unit_of(name) for name in ("v_m_per_s", "acc_m_per_s2", "force [N]", "T_box", "x")]
+    ['m/s', 'm/s^2', 'N', '', '']
+    """
+    bracket = _BRACKET.search(name)
+    if bracket:
+        return bracket.group(1)
+    parts = name.split("_")
+    for start in range(1, len(parts)):
+        groups = [group.split("_") for group in "_".join(parts[start:]).split("_per_")]
+        symbols = [[_symbol(part) for part in group] for group in groups]
+        if all(all(group) for group in symbols):
+            return "/".join(" ".join(group) for group in symbols)
+    return ""
+
+
+def rate_unit(unit: str, time_unit: str) -> str:
+    """The unit of a time derivative, "" if either is unknown.
+
+    Examples
+    --------
+    >>> rate_unit("m", "s"), rate_unit("m/s", "s"), rate_unit("degC", "min")
+    ('m/s', 'm/s^2', 'degC/min')
+    """
+    if not unit or not time_unit:
+        return ""
+    head, slash, tail = unit.rpartition("/")
+    base, _, power = tail.partition("^")
+    if slash and base == time_unit:
+        return f"{head}/{base}^{int(power or 1) + 1}"
+    return f"{unit}/{time_unit}"
+
+
+def _symbol(part: str) -> str:
+    match = re.fullmatch(r"([A-Za-z]+?)(\d?)", part)
+    if not match or match.group(1) not in _IN_NAMES:
+        return ""
+    return match.group(1) + (f"^{match.group(2)}" if match.group(2) else "")
