@@ -47,7 +47,8 @@ def _recording(arguments: argparse.Namespace) -> tuple[Table, Measurement]:
     from swsysid._command.measurement import check_roles
     from swsysid._command.readers import read_table
 
-    table, what = read_table(arguments.file, units(arguments.units)), measurement(arguments)
+    what = measurement(arguments)
+    table = read_table(arguments.file, units(arguments.units), arguments.missing)
     check_roles(table, what)
     return table, what
 

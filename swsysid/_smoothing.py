@@ -49,7 +49,6 @@ def inner(rows: Rows | None, n_samples: int, trim: int) -> Rows:
 
 def local_polynomial(window: int, degree: int) -> Smoother:
     """Least-squares polynomials over `window` samples; on even times, Savitzky and Golay's."""
-
     half = window // 2
     weights = _even_weights(window, degree)
 

@@ -117,15 +117,20 @@ def _usual_step(times: Sequence[Array]) -> float:
 # --- the least risk ---------------------------------------------------------------------------
 
 
-def strongest(candidates: Sequence[Strength], parts: Sequence[Part], noise, order) -> Strength:
-    """The smoother, from weak to strong, with the least estimated error of the derivative."""
+def strongest(
+    candidates: Sequence[Strength], parts: Sequence[Part], noises: Sequence[Array], order: int
+) -> Strength:
+    """The smoother, from weak to strong, with the least estimated error of the derivative.
+
+    Each trajectory has a noise of its own, of shape (n_columns,).
+    """
     if len(candidates) < 2:
         return candidates[0]
     smoothers = [candidate.smoother for candidate in candidates]
-    totals = _Totals.empty(len(smoothers), len(noise))
-    for x, t, rows in _deciding(parts):
-        totals.add(smoothers, x, t, rows, order)
-    risks = totals.risks(noise)
+    totals = _Totals.empty(len(smoothers), parts[0][0].shape[1])
+    for (x, t, rows), noise in zip(_deciding(parts), noises, strict=True):
+        totals.add(smoothers, x, t, rows, noise**2, order)
+    risks = totals.risks()
     return candidates[int(np.nanargmin(risks))] if np.isfinite(risks).any() else candidates[0]
 
 
@@ -149,10 +154,10 @@ class _Totals:
         Rows at which both estimates exist.
     departures : ndarray of shape (n_smoothers, n_smoothers, n_columns)
         Squared differences of the estimates.
-    explained : ndarray of shape (n_smoothers, n_smoothers)
-        The same for noise of unit variance.
-    variances : ndarray of shape (n_smoothers,)
-        Of the estimates under such noise.
+    explained : ndarray of shape (n_smoothers, n_smoothers, n_columns)
+        What noise alone would make of them.
+    variances : ndarray of shape (n_smoothers, n_columns)
+        Of the estimates under this noise.
     squares : ndarray of shape (n_smoothers, n_columns)
         Of the estimates.
     """
@@ -169,12 +174,12 @@ class _Totals:
         return cls(
             np.zeros((n, n)),
             np.zeros((n, n, n_columns)),
-            np.zeros((n, n)),
-            np.zeros(n),
+            np.zeros((n, n, n_columns)),
+            np.zeros((n, n_columns)),
             np.zeros((n, n_columns)),
         )
 
-    def add(self, smoothers, x: Array, t: Array, rows, order: int) -> None:
+    def add(self, smoothers, x: Array, t: Array, rows, variance: Array, order) -> None:
         """Add a trajectory; smoothers that do not fit into it have no part."""
         estimates, trims = [], []
         for smoother in smoothers:
@@ -189,15 +194,16 @@ class _Totals:
         kernels = _kernels(smoothers[: len(estimates)], t, max(trims), order)
         for k, estimate in enumerate(estimates):
             present = np.isfinite(estimate[:, 0])
+            weight = present.sum() * variance
             self.rows[k, k] += present.sum()
-            self.variances[k] += present.sum() * np.sum(kernels[k] ** 2)
+            self.variances[k] += weight * np.sum(kernels[k] ** 2)
             self.squares[k] += np.sum(estimate[present] ** 2, axis=0)
             for j in range(k):
                 self.rows[k, j] += present.sum()
                 self.departures[k, j] += np.sum((estimate - estimates[j])[present] ** 2, axis=0)
-                self.explained[k, j] += present.sum() * np.sum((kernels[k] - kernels[j]) ** 2)
+                self.explained[k, j] += weight * np.sum((kernels[k] - kernels[j]) ** 2)
 
-    def risks(self, noise: Array) -> Array:
+    def risks(self) -> Array:
         """Squared bias plus variance of each smoother, columns in units of their own size."""
         counts = np.diag(self.rows)
         last = np.flatnonzero(counts)[-1] if counts.any() else 0
@@ -205,12 +211,12 @@ class _Totals:
         weight = 1.0 / np.where(size > 0, size, 1.0)
         risks = np.full(len(counts), np.nan)
         for k in np.flatnonzero(counts):
-            bias = np.zeros_like(noise)
+            bias = np.zeros_like(size)
             for j in range(k):
                 allowed = 1.0 + DOUBT / np.sqrt(self.rows[k, j])
-                excess = self.departures[k, j] - allowed * noise**2 * self.explained[k, j]
+                excess = self.departures[k, j] - allowed * self.explained[k, j]
                 bias = np.maximum(bias, excess / self.rows[k, j])
-            risks[k] = weight @ (bias + noise**2 * self.variances[k] / counts[k])
+            risks[k] = weight @ (bias + self.variances[k] / counts[k])
         return risks
 
 

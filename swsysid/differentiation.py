@@ -152,7 +152,7 @@ def differentiate(
     parts = [(states[index], times[index]) for index in rows.values()]
     may_drop = _may_drop(too_short)
     options = (method, window, degree, cutoff, decimate, may_drop)
-    smoother = _strength(parts, noise, order, options).smoother
+    smoother = _strength(parts, order, options).smoother
     # An object of PySINDy's is not a filter that could be applied to the inputs too.
     filter_inputs = filter_inputs and isinstance(method, str) and signals.shape[1] > 0
     pieces = []
@@ -221,13 +221,14 @@ def choose_smoothing(
     noise = estimate_noise(states, labels)
     parts = [(states[index], times[index]) for _, index in _trajectories(labels)]
     options = (method, window, degree, cutoff, decimate, _may_drop(too_short))
-    chosen = _strength(parts, noise, order, options)
+    chosen = _strength(parts, order, options)
     return Smoothing(method, chosen.window, chosen.cutoff, noise)
 
 
-def _strength(parts, noise, order, options) -> Strength:
+def _strength(parts, order, options) -> Strength:
     method, *rest = options
-    return strongest(strengths(method, [t for _, t in parts], *rest), parts, noise, order)
+    noises = [estimate_noise(x) for x, _ in parts]
+    return strongest(strengths(method, [t for _, t in parts], *rest), parts, noises, order)
 
 
 def _may_drop(too_short: str) -> bool:

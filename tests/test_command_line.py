@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import joblib
@@ -169,7 +170,8 @@ def test_the_same_seed_gives_the_same_text(recording, tmp_path, capsys):
         (["FILE", "--states", "x", *NAMES, "--units", "q=m"], "has no column 'q'"),
         (["FILE", "--states", "x", *NAMES, "--test-fraction", "1"], "not between 0 and 1"),
         (["FILE", "--states", "x", *NAMES, "--window", "4"], "window=4 must be odd"),
-        (["FILE", "--states", "x", "--time", "t"], "goes back in time"),
+        (["FILE", "--states", "x", "v", "--time", "t", "--time-step", "1"], "one of them says"),
+        (["FILE", "--states", "x", "v", "--time-step", "-1"], "not a positive number of seconds"),
         (["FILE", "--states", "x", "v", "--inputs", "x", *NAMES], "Column 'x' is named twice"),
         (["FILE", "--states", "x", *NAMES, "--output", "FILE"], "cannot be written"),
     ],
@@ -181,13 +183,44 @@ def test_bad_input_gets_one_sentence_and_exit_code_2(arguments, sentence, tmp_pa
     assert re.search(sentence, error) and error.startswith("swsysid: ") and error.count("\n") == 1
 
 
-def test_a_missing_cell_is_named_by_column_and_row(tmp_path, capsys):
-    columns = oscillator(n_runs=1, duration=2.0)
-    columns["v"][4] = np.nan
-    path = write_csv(tmp_path / "runs.csv", columns)
-    assert main([path, "--states", "x", "v", "--time", "t"]) == 2
-    assert "Column 'v' of runs.csv has 1 missing" in (error := capsys.readouterr().err)
-    assert "the first in row 5" in error
+def test_missing_cells_cost_their_rows_and_are_counted(recording, tmp_path, capsys):
+    lines = Path(recording).read_text(encoding="utf-8").splitlines()
+    for row, word in ((4, "NA"), (50, "---"), (51, "")):
+        cells = lines[row].split(",")
+        lines[row] = ",".join([*cells[:2], word, *cells[3:]])
+    path = tmp_path / "gaps.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    assert main([str(path), "--states", "x", "v", *NAMES, "--output", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert "3 of 2,400 rows, with missing values (v 3; rows 5, 51, 52)" in text
+    laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
+    assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.01)
+
+
+def test_three_cells_of_9999_are_masked_named_and_counted(recording, tmp_path, capsys):
+    lines = Path(recording).read_text(encoding="utf-8").splitlines()
+    for row in (100, 700, 701):
+        cells = lines[row].split(",")
+        lines[row] = ",".join([cells[0], "9999", *cells[2:]])
+    path = tmp_path / "sentinel.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    arguments = [str(path), "--states", "x", "v", *NAMES, "--output", str(tmp_path)]
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert "Masked as no measurement: 3 cells of x (9999; rows 101, 701, 702)" in text
+    laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
+    assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.01)
+    assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=0.01)
+
+
+def test_runs_that_are_not_named_are_found_where_the_time_starts_again(recording, tmp_path, capsys):
+    named = [recording, "--states", "x", "v", "--time", "t", "--output", str(tmp_path)]
+    assert main([*named, "--groups", "run"]) == 0
+    expected = capsys.readouterr().out
+    assert main(named) == 0
+    text = capsys.readouterr().out
+    assert "The time starts again, and a new run with it: rows 302, 602, 902" in text
+    assert coefficients(text, "v'") == coefficients(expected, "v'")
 
 
 HEAVY = ("sklearn", "scipy", "cvxpy", "pysindy", "statsmodels", "matplotlib", "joblib")

@@ -17,7 +17,7 @@ GROUPS = (
     # 0: records, words, and numerical tools that know nothing of the package
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/refusal _command/cells _command/units _command/wording
-    _command/arrays _blocks/__init__ _blocks/pieces datasets/_sources
+    _command/arrays _command/spikes _blocks/__init__ _blocks/pieces datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
     _command/__init__ _search/__init__ _page/__init__ _page/markup
     _rollouts/__init__ _model_files/__init__ _model_files/arrays""",
@@ -44,13 +44,13 @@ GROUPS = (
     "_solvers/norm_summary",
     # 3: the losses; the margin program; mixtures of experts
     """diagnosis/_dependence diagnosis/_sizes _search/regression weak_form
-    _command/readers _command/samples
+    _command/readers _command/missing _command/runs
     _losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
     _simulation/stepping _rollouts/stated _rollouts/integrate _rollouts/parameters
     metrics/_reliability datasets/_polynomial_system
     datasets/_undeclared_simulation""",
     # 4: measured data; what a relaxation is; what a margin certifies; the search for starts
-    """diagnosis/_cases _search/trials datasets/_measured
+    """diagnosis/_cases _search/trials datasets/_measured _command/samples
     relaxations/_base _surfaces/fitted _surfaces/margins _surfaces/book_program _seeding/search
     _rollouts/segments metrics/__init__ datasets/_trajectories datasets/_undeclared_sizing""",
     # 5: one relaxation a file; the three steps of the alternation; the classifier; seeding
@@ -92,6 +92,7 @@ GROUPS = (
     # 19 to 21: the public names, the main job, the command line
     "_saving",
     "__init__ _command/job datasets/__init__",
+    "_command/samples_text",
     "_command/job_text _command/diagnosis _command/arguments _command/built_in",
     "_command/saving",
     "_command/run",

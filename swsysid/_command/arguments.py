@@ -82,10 +82,16 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_recording(add: Callable) -> None:
     """What was measured, and how velocities are made of it."""
-    add("file", nargs="?", help="recording: .csv with a header, .npz or .mat (none: an example)")
+    add(
+        "file",
+        nargs="?",
+        help="recording with named columns: text of any layout (.csv, .tsv, .txt, .dat; .gz), "
+        ".xlsx, .parquet, .npz, .mat (none: an example)",
+    )
     add("--states", nargs="+", default=[], metavar="NAME", help="columns of the measured states")
     add("--inputs", nargs="+", default=[], metavar="NAME", help="columns of the inputs")
-    add("--time", metavar="NAME", help="column of the times")
+    add("--time", metavar="NAME", help="column of the times: numbers, or dates and clock times")
+    add("--time-step", type=float, metavar="S", help="seconds between rows, if no column has times")
     add(
         "--derivatives",
         nargs="+",
@@ -100,6 +106,18 @@ def _add_recording(add: Callable) -> None:
         choices=(1, 2),
         default=1,
         help="2: the states are positions and their second derivatives obey the law",
+    )
+    add(
+        "--missing",
+        nargs="+",
+        default=[],
+        metavar="WORD",
+        help="further words for a missing value, beside NA, NaN, ---, #N/A and the like",
+    )
+    add(
+        "--keep-spikes",
+        action="store_true",
+        help="use cells that look like no measurement (9999, isolated spikes) all the same",
     )
     add("--units", nargs="+", default=[], metavar="NAME=UNIT", help="such as q=m,force=N")
     add(
@@ -187,6 +205,8 @@ def measurement(arguments: argparse.Namespace) -> Measurement:
         window=arguments.window,
         cutoff=arguments.cutoff,
         decimate=arguments.decimate,
+        time_step=arguments.time_step,
+        keep_spikes=arguments.keep_spikes,
     )
 
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from swsysid._command.job import WORTH, JobResult
+from swsysid._command.samples_text import preparation
 from swsysid._printing import linear_combination
 
 __all__ = ["render"]
@@ -43,7 +44,8 @@ def _data(result: JobResult) -> str:
     n_groups = len(np.unique(samples.groups))
     every = f", every {_ordinal(samples.decimate)} row" if samples.decimate > 1 else ""
     trajectories = "1 trajectory" if n_groups == 1 else f"{n_groups} trajectories"
-    lines = [f"{len(samples.X)} samples of {trajectories}{every}: {columns}"]
+    lines = [f"{len(samples.X):,} samples of {trajectories}{every}: {columns}"]
+    lines += preparation(samples)
     if result.position_gain is not None:
         kept = "kept in" if _uses_positions(result) else "left out of"
         change = max(0.0, 100 * result.position_gain)

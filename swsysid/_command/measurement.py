@@ -33,6 +33,10 @@ class Measurement:
         2 means that the states are positions whose second derivative obeys the law.
     method, window, cutoff, decimate
         Of `differentiate`.
+    time_step : float or None
+        Seconds between two rows, where no column holds the times.
+    keep_spikes : bool
+        Whether cells that look like no measurement are used all the same.
     """
 
     states: tuple[str, ...]
@@ -46,6 +50,13 @@ class Measurement:
     window: int | None = None
     cutoff: float | None = None
     decimate: int = 1
+    time_step: float | None = None
+    keep_spikes: bool = False
+
+    @property
+    def timed(self) -> bool:
+        """Whether the times of the rows are known."""
+        return self.time is not None or self.time_step is not None
 
     @property
     def channels(self) -> list[str]:
@@ -71,11 +82,16 @@ def check_roles(table: Table, what: Measurement) -> None:
         raise TableError(
             f"{len(what.derivatives)} derivatives are named; name {expected} columns, {kind}."
         )
-    if not what.derivatives and what.time is None:
+    if not what.derivatives and not what.timed:
         raise TableError(
             "Neither times nor derivatives are named; name the column of the times (--time t) or "
-            "those of measured derivatives (--derivatives)."
+            "those of measured derivatives (--derivatives), or give the seconds between two rows "
+            "(--time-step 0.01)."
         )
+    if what.time is not None and what.time_step is not None:
+        raise TableError("Both --time and --time-step are given; one of them says it all.")
+    if what.time_step is not None and not 0 < what.time_step < float("inf"):
+        raise TableError(f"--time-step {what.time_step:g} is not a positive number of seconds.")
     _check_distinct(table, [*what.channels, *times])
 
 

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._command.measurement import Measurement, check_roles
-from swsysid._command.refusal import TableError
+from swsysid._command.missing import complete_cells
+from swsysid._command.runs import Runs, runs_of
 from swsysid._command.tables import Table
 from swsysid._command.units import rate_unit
+from swsysid._command.wording import counted
 from swsysid._results import Array
-from swsysid.differentiation import differentiate
+from swsysid.differentiation import Smoothing, choose_smoothing, differentiate
 
 __all__ = ["Samples", "measure"]
 
@@ -40,6 +42,11 @@ class Samples:
     source : str
         What the samples were read from.
     decimate : int
+    smoothing : Smoothing or None
+        How the states were smoothed, with the noise found in them; None where derivatives were
+        measured.
+    remarks : tuple of str
+        What reading had to mend, to mask and to leave out, in sentences.
     """
 
     X: Array
@@ -57,6 +64,8 @@ class Samples:
     time_unit: str
     source: str
     decimate: int
+    smoothing: Smoothing | None
+    remarks: tuple[str, ...]
 
 
 def measure(table: Table, what: Measurement) -> Samples:
@@ -68,63 +77,89 @@ def measure(table: Table, what: Measurement) -> Samples:
         If a column is missing or not numeric, or the trajectories cannot be differentiated.
     """
     check_roles(table, what)
-    names = [*what.states, *what.inputs, *what.signals]
-    times = [what.time] if what.time else []
-    chosen = [*names, *what.derivatives, *times]
-    numbers = table.numbers(chosen)
-    _check_complete(table, numbers, chosen)
-    groups = np.zeros(len(numbers)) if what.groups is None else table.labels(what.groups)
-    if len(groups) != len(numbers):
-        raise TableError(
-            f"Column {what.groups!r} of {table.source} has {len(groups)} rows, the states have "
-            f"{len(numbers)}."
-        )
-    if what.derivatives:
-        X, Xdot, t, kept = _with_derivatives(numbers, what, groups, what.decimate)
+    numbers, labels, remarks = complete_cells(table, what)
+    rows = np.flatnonzero(np.isfinite(numbers).all(axis=1))
+    if what.timed:
+        runs = runs_of(numbers[:, -1], labels, rows, table.row, what.time or "time")
     else:
-        X, Xdot, t, kept, _ = differentiate(
-            numbers[:, : len(what.states)],
-            numbers[:, -1],
-            groups,
-            method=what.method,
-            inputs=numbers[:, len(what.states) : len(names)] if names[len(what.states) :] else None,
-            order=what.order,
-            window=what.window,
-            cutoff=what.cutoff,
-            decimate=what.decimate,
-        )
+        runs = Runs(rows, np.zeros(len(rows), dtype=int) if labels is None else labels[rows], [])
+    remarks += runs.remarks
+    make = _with_derivatives if what.derivatives else _differentiated
+    X, Xdot, t, kept, smoothing = make(numbers[runs.rows], runs.labels, what)
+    remarks += _shortened(runs, kept, smoothing, what)
     X, signals = np.split(X, [X.shape[1] - len(what.signals)], axis=1)
-    described = _described(table, what)
-    return Samples(X, Xdot, signals, t, kept, **described, decimate=what.decimate)
+    return Samples(
+        X,
+        Xdot,
+        signals,
+        t,
+        kept,
+        **_described(table, what),
+        decimate=what.decimate,
+        smoothing=smoothing,
+        remarks=(*table.remarks, *remarks),
+    )
 
 
-def _check_complete(table: Table, numbers, names) -> None:
-    """Refuse empty cells, naming the first."""
-    for name, column in zip(names, numbers.T, strict=True):
-        bad = ~np.isfinite(column)
-        if bad.any():
-            raise TableError(
-                f"Column {name!r} of {table.source} has {bad.sum()} missing or infinite values, "
-                f"the first in row {bad.argmax() + 1}; remove these rows or fill them."
-            )
+def _differentiated(numbers, labels, what: Measurement):
+    n_states = len(what.states)
+    states, inputs, times = np.split(numbers, [n_states, numbers.shape[1] - 1], axis=1)
+    options: dict = {"order": what.order, "decimate": what.decimate, "too_short": "drop"}
+    smoothing = choose_smoothing(
+        states,
+        times[:, 0],
+        labels,
+        method=what.method,
+        window=what.window,
+        cutoff=what.cutoff,
+        **options,
+    )
+    X, Xdot, t, kept, _ = differentiate(
+        states,
+        times[:, 0],
+        labels,
+        method=what.method,
+        window=smoothing.window,
+        cutoff=smoothing.cutoff,
+        inputs=inputs if inputs.shape[1] else None,
+        **options,
+    )
+    return X, Xdot, t, kept, smoothing
 
 
-def _with_derivatives(numbers, what: Measurement, groups, decimate):
+def _shortened(runs: Runs, kept, smoothing: Smoothing | None, what: Measurement) -> list[str]:
+    """What the ends of the smoothing window cost."""
+    names, counts = np.unique(runs.labels.astype(str), return_counts=True)
+    short = ~np.isin(names, np.unique(kept.astype(str)))
+    if not short.any():
+        return []
+    needed = (
+        f"the {smoothing.window} samples of the window"
+        if smoothing and smoothing.window
+        else "the filter"
+    )
+    return [
+        f"Left out: {counted(int(short.sum()), 'run')} shorter than {needed} "
+        f"({counted(int(counts[short].sum()), 'row')})."
+    ]
+
+
+def _with_derivatives(numbers, labels, what: Measurement):
     n_states, n_channels = len(what.states), len(what.inputs) + len(what.signals)
     states, channels, rates, times = np.split(
         numbers, np.cumsum([n_states, n_channels, len(what.derivatives)]), axis=1
     )
     # With order 2 the measured velocities are states as well.
     X = np.hstack([states, rates[:, : n_states * (what.order - 1)], channels])
-    t = times[::decimate, 0] if what.time else None
-    return X[::decimate], rates[::decimate], t, groups[::decimate]
+    t = times[:: what.decimate, 0] if what.timed else None
+    return X[:: what.decimate], rates[:: what.decimate], t, labels[:: what.decimate], None
 
 
 def _described(table: Table, what: Measurement) -> dict:
     """Names and units; x' is the first and x'' the second derivative of x."""
     ladder = [[table.title(name) for name in what.states]]
     steps = [[table.unit(table.resolve(name)) for name in what.states]]
-    time_unit = table.unit(table.resolve(what.time)) if what.time else ""
+    time_unit = table.unit(table.resolve(what.time)) if what.time else "s" * what.timed
     for level in range(1, what.order + 1):
         ladder.append([name + "'" * level for name in ladder[0]])
         steps.append([rate_unit(unit, time_unit) for unit in steps[-1]])

@@ -59,9 +59,8 @@ class Table:
 
     def title(self, name: str) -> str:
         """A column's name without its bracketed unit, where that still means this column."""
-        column = self.resolve(name)
-        bare = without_unit(column)
-        return bare if bare and self.resolve(bare) == column else column
+        bare = without_unit(name)
+        return bare if bare and self.resolve(bare) == self.resolve(name) else name
 
     def listing(self) -> str:
         """The names of all columns, for messages."""
