@@ -1,5 +1,6 @@
 """What a newcomer meets first: the shipped recording, the command line's reference, how to cite."""
 
+import ast
 import importlib.util
 import os
 import re
@@ -9,9 +10,11 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import sklearn.model_selection
 import yaml
 
 import swsysid
+import swsysid.refinement
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -89,6 +92,28 @@ def test_the_citation_names_this_version_and_the_paper():
     assert paper["title"] in page
     assert all(author["family-names"] in page for author in paper["authors"])
     assert f"version = {{{swsysid.__version__}}}" in page
+
+
+def test_the_chart_of_settings_names_what_exists():
+    """Every setting of the chart is accepted, and the filled ones are the defaults."""
+    chart = _script("choice_chart")
+    settings = {setting for _, answers in chart.QUESTIONS for _, setting in answers}
+    assert settings >= chart.DEFAULTS
+    model = swsysid.SwitchingSystemRegressor()
+    model.set_params(surface__degree=2)  # makes the default surface visible
+    for setting in settings:
+        name, equals, value = setting.partition("=")
+        if not equals or name not in model.get_params():
+            continue
+        value = ast.literal_eval(re.split(" or |,", value)[0])
+        model.set_params(**{name: value})
+        if setting in chart.DEFAULTS:
+            assert swsysid.SwitchingSystemRegressor().get_params().get(name, 2) == value, setting
+    named = re.compile(r"^(\w+)(?:$|\()")
+    classes = {match[1] for match in map(named.match, settings) if match}
+    homes = (swsysid, swsysid.refinement, sklearn.model_selection)
+    for name in classes:
+        assert any(hasattr(home, name) for home in homes), name
 
 
 def _group_pages():
