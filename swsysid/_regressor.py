@@ -109,7 +109,8 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     objective_ : float
         Weighted sum of the losses of the hard modes, in the user's units.
     history_ : list of IterationRecord
-        Of the winning start; of the passes over all rows, if these are more than 40,000.
+        The iterations of the winning start, or the passes over all rows if these are more than
+        40,000.
     n_modes_ : int
     stability_ : float
         Fraction of the starts that found the winner.
@@ -235,7 +236,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def predict(self, X):
         """Velocity of the active mode, of the shape that `y` had in `fit`.
 
-        Block by block if `X` has blocks: a Dask array for one, a list for a sequence.
+        If `X` has blocks, so has the answer: a Dask array gives a Dask array, a sequence a list.
         """
         check_is_fitted(self)
         columns = () if self._one_target else (self.coef_.shape[1],)
@@ -250,8 +251,8 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def predict_mode_proba(self, X):
         """Probability of every mode, shape (n_samples, `n_modes_`).
 
-        That of the surface, which counts the surfaces that the data allow; 0 or 1 if the surface
-        has no ``predict_proba``.
+        All the surfaces that the data allow have a say in it, not the fitted one alone. It is 0
+        or 1 if the surface has no ``predict_proba``.
         """
         check_is_fitted(self)
         probabilities = self._model.mode_probabilities

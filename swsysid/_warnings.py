@@ -30,7 +30,7 @@ def warn_about(estimator: Any, answer: Answer, guard: GuardCheck, n_rows: int) -
         )
     if estimator.n_modes_ < found.n_modes_asked:
         _warn(
-            f"Only {estimator.n_modes_} of {found.n_modes_asked} modes explain any sample, the "
+            f"Only {estimator.n_modes_} of {found.n_modes_asked} modes explain any sample, and the "
             "others were dropped; use a smaller n_modes.",
             IdentificationWarning,
         )
@@ -63,7 +63,7 @@ def warn_about(estimator: Any, answer: Answer, guard: GuardCheck, n_rows: int) -
     if guard.missing:
         _warn(
             f"Of {guard.n_decided} samples whose residuals decide their mode, "
-            f"{guard.contradicted:.1%} are where the surface and the neighbouring samples are in "
+            f"{guard.contradicted:.1%} lie where the surface and the neighbouring samples are in "
             "another mode: the switching is not a function of the state. Add what drives it (a "
             "time, an input) to X; if the state does drive it, raise the degree of the surface.",
             IdentificationWarning,

@@ -1,8 +1,8 @@
 r"""Refinement of a model on the error of its rollouts, by multiple shooting.
 
-Regression on velocities is biased where the velocities are: sensors too slow or too coarse to
-differentiate, states that nobody measured. `refine` takes the coefficients from there and
-minimises what the model is used for,
+Regression on velocities is biased where the velocities are: where sensors are too slow or too
+coarse to differentiate, or states are hidden. `refine` starts from its coefficients and minimises
+the error of what the model is used for, its rollouts,
 
 .. math::
 
@@ -48,11 +48,12 @@ class RefinementResult:
     model : like the model given
         A copy with the refined parameters; labels of its training samples are not touched.
     names : list of str
-        Of the free parameters: coefficients, named parameters, surface coefficients.
+        Names of the free parameters: coefficients, named parameters, surface coefficients.
     values : ndarray of shape (n_parameters,)
+        Their estimates.
     covariance : ndarray of shape (n_parameters, n_parameters)
-        Of the estimates, with the initial states eliminated; residuals may be correlated over
-        neighbouring samples (Newey and West's estimate).
+        Covariance of the estimates, with the initial states eliminated; residuals may be
+        correlated over neighbouring samples (Newey and West's estimate).
     coef_standard_errors : ndarray of the shape of the coefficients
         0 where a coefficient is fixed.
     initial_states : ndarray of shape (n_trajectories, n_states)
@@ -62,9 +63,9 @@ class RefinementResult:
         Root mean square errors of the whole rollouts, in the units of the channels; infinite
         where a rollout diverges.
     nfev : int
-        Batched integrations, those of the Jacobians not counted.
+        Number of batched integrations, without those of the Jacobians.
     segment_length, substeps : int
-        Samples of a segment, integration steps between samples.
+        Number of samples in a segment, and of integration steps between two samples.
     status : Status
     advice : str
         What to do about it.
@@ -138,13 +139,13 @@ def refine(
         States that the columns of ``x`` measure; the others are hidden. None means all, or the
         output of a `StatedModel`.
     initial_states : dict, array of shape (n_states,) or (n_trajectories, n_states), default=None
-        Guess of the states at the first times, above all of hidden ones. None: measured states
-        as measured, hidden ones 0.
+        Guess of the states at the first times, above all of hidden ones. By default measured
+        states start as measured and hidden ones at 0.
     segment_length : int, default=None
-        Samples in a segment. None: a thirty-second of the data, shorter where the start diverges.
-        As long as the longest trajectory: single shooting.
+        Number of samples in a segment. None takes a thirty-second of the data, or less where the
+        start diverges. The length of the longest trajectory means single shooting.
     loss : {"linear", "soft_l1", "huber", "cauchy"}, default="linear"
-        Loss of the squared residuals; all but the first discount outliers.
+        Loss of the squared residuals; all but ``"linear"`` discount outliers.
     fit_surface : bool, default=False
         Refine the coefficients of the surface too.
     free : array-like of bool, default=None
@@ -161,7 +162,7 @@ def refine(
         False leaves the segments apart, each with an initial state of its own: for chaotic
         systems, whose long rollouts mean nothing.
     max_nfev : int, default=100
-        Batched integrations at most.
+        Largest number of batched integrations.
 
     Returns
     -------
@@ -233,7 +234,7 @@ def initial_states(
     input_hold: str = "zero",
     max_nfev: int = 100,
 ) -> Array:
-    """States from which the rollouts of a model fit the begin of some trajectories best.
+    """States from which the rollouts of a model fit the beginning of trajectories best.
 
     A free run on new data needs the state at its first time, hidden states included: give the
     first few samples.

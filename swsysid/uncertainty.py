@@ -42,14 +42,14 @@ class BootstrapResult:
         of the modes.
     standard_error : ndarray like `estimate`
     low, high : ndarray like `estimate`
-        Percentile interval: quantiles of `samples`, a little further out if blocks are few.
+        Percentile interval: quantiles of `samples`, a little wider if there are few blocks.
     surface_low, surface_high : ndarray of shape (n_points, n_surfaces) or None
         Percentile interval of the surface values at the points asked for, each surface scaled
         to mean absolute value one at these points.
     confidence : float
     n_resamples : int
     n_lost : int
-        Resamples in which a mode was lost; they are in none of the figures.
+        Number of resamples in which a mode was lost; they enter none of the figures.
     blocks : str
         ``"trajectories"`` or ``"samples"``: what was drawn with replacement.
     names : tuple of str
@@ -142,7 +142,7 @@ def bootstrap(
         Refits run in parallel; the result does not depend on it.
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
-        Above 0: a progress bar.
+        Above 0, a progress bar is shown.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 r"""Weighted integrals instead of derivatives, for sensors too slow or too coarse to differentiate.
 
-Multiplied by a test function :math:`\psi` that vanishes at both ends of a window and integrated
-by parts, the law :math:`\dot x = C \Phi(x)` becomes
+If the law :math:`\dot x = C \Phi(x)` is multiplied by a test function :math:`\psi` that vanishes at
+both ends of a window, and is integrated by parts, it becomes
 
 .. math:: -\int \dot\psi \, x \, dt = C \int \psi \, \Phi(x) \, dt ,
 
@@ -11,9 +11,9 @@ period, because a bump that vanishes smoothly at both ends leaves no error of it
 samples in a window and eight in a period a rate comes out right to 1e-4, where central
 differences are 10 % off.
 
-A window in which the mode changes mixes the laws of both. Where nothing is known about the modes
-such rows are outliers, which `SwitchingSystemRegressor`'s loss treats as such. Where a model knows
-the modes, no window is lost: with the mode :math:`q(t)` given at every sample,
+A window in which the mode changes mixes the laws of both modes. As long as nothing is known about
+the modes, such rows are outliers, which the loss of `SwitchingSystemRegressor` can bear. Once a
+model knows the modes, no window is lost: with the mode :math:`q(t)` given at every sample,
 
 .. math:: -\int \dot\psi \, x \, dt = \sum_j C_j \int_{q(t) = j} \psi \, \Phi(x) \, dt
 
@@ -88,8 +88,8 @@ def weak_form(
     feature_library : None, int, transformer or PySINDy library, default=None
         As in `SwitchingSystemRegressor`; None means the columns themselves.
     window : int, default=None
-        Samples in a window, odd and at least 5. None chooses from 9 on until noise is a small
-        part of the targets. It should be shorter than a stay in a mode.
+        Number of samples in a window, odd and at least 5, and shorter than a stay in a mode.
+        None starts from 9 and takes the first at which noise is a small part of the targets.
 
     Returns
     -------

@@ -129,7 +129,7 @@ def make_quartic_oscillator(
     Returns
     -------
     Bunch
-        As of `make_damped_oscillator`; the fields have degree 3, the guard degree 4.
+        With the fields of `make_damped_oscillator`; the laws have degree 3, the guard degree 4.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def make_switching_network(
     Returns
     -------
     Bunch
-        As of `make_damped_oscillator`; the fields and the guard have degree 2.
+        With the fields of `make_damped_oscillator`; the laws and the guard have degree 2.
 
     Examples
     --------

@@ -79,7 +79,7 @@ def make_undeclared(
         Kinds of effects, of those in `undeclared_kinds`; None is the declared system itself.
     system : {"oscillator", "quartic", "two_mass", "pendulum", "tanks", "discrete"}
     n_samples : int, default=2000
-        Of all trajectories together; `test` has as many.
+        Number of rows of all trajectories together; `test` has as many.
     n_trajectories : int, default=8
     noise : float, default=0.02
         Scale of the noise on each column of Xdot, relative to that column's standard deviation.

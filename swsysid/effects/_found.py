@@ -57,7 +57,8 @@ class FoundEffect:
     intervals : dict
         95 % confidence intervals of those that have one.
     p_value : float
-        Of the residual being so well predicted by chance, times the number of candidates tried.
+        Probability that the residual is predicted so well by chance, times the number of
+        candidates tried.
     error_before, error_after : float
         Root mean square error of `target`, in its unit, on data that took no part in any choice:
         with the effects before this one, and with this one as well. An effect of a sensor, a

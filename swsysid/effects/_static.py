@@ -39,9 +39,9 @@ class Polynomial(Effect):
     Parameters
     ----------
     degree : int, default=3
-        Of monomials in several channels.
+        Largest degree of monomials in several channels.
     power : int, default=5
-        Of monomials in one channel.
+        Largest degree of monomials in one channel.
     """
 
     kind = "polynomial"

@@ -22,7 +22,7 @@ class ModeReliability:
     Attributes
     ----------
     edges : ndarray of shape (n_bins + 1,)
-        Of the bins; a claim at an edge belongs to the bin above it.
+        Edges of the bins; a claim at an edge belongs to the bin above it.
     claimed : ndarray of shape (n_bins,)
         Mean probability of the predicted mode; NaN in an empty bin.
     observed : ndarray of shape (n_bins,)
@@ -56,7 +56,7 @@ def mode_reliability(
     modes_true : array-like of shape (n_samples,)
         Labels of any kind.
     probability : array-like of shape (n_samples, n_modes)
-        Such as ``model.predict_mode_proba(X)``, on samples that were not fitted.
+        For example ``model.predict_mode_proba(X)``, for samples that were not fitted.
     n_bins : int, default=10
         Bins of equal width from the smallest possible claim, 1 / n_modes, to 1.
     sample_weight : array-like of shape (n_samples,), default=None
