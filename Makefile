@@ -73,7 +73,7 @@ bench-undeclared: $(VENV)/.installed-bench
 	$(BIN)/python -W ignore benchmarks/undeclared.py --jobs $(WORKERS) --docs docs
 
 bench-measured: $(VENV)/.installed-bench
-	$(BIN)/python -W ignore benchmarks/measured.py
+	$(BIN)/python -W ignore benchmarks/measured.py --docs docs
 
 bench-speed: $(VENV)/.installed-bench $(PARC)
 	OMP_NUM_THREADS=1 $(BIN)/python -W ignore benchmarks/speed.py --parc $(PARC) --docs docs

@@ -1,64 +1,54 @@
 """Measured data: errors of free runs before and after the effect that a first model lacks.
 
-    python benchmarks/measured.py [--sets emps mr_damper ...] [--output FOLDER] [--table FILE]
+    python benchmarks/measured.py [--sets emps mr_damper ...] [--output FOLDER] [--docs docs]
 
 Every data set has a file ``measured_<name>.py`` beside this one with a function ``rows()``. Train
 and test are those of the data sets' own loaders; nothing is chosen on the test data. The data are
-found through SWSYSID_DATA or downloaded. Set OMP_NUM_THREADS=1 for fair times.
+found through SWSYSID_DATA or downloaded. Set OMP_NUM_THREADS=1 for fair times. Results are kept in
+FOLDER/measured.json, where sets that are not measured this time stay; with ``--docs`` they are
+kept in benchmarks/results, and the tables of the documentation are written from them.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from importlib import import_module
-from pathlib import Path
 from time import process_time
 
-from measured_rows import Row
+import pages
+from measured_tables import effects, free_runs
+from results import add_docs_options, keep, measured_here, place
 
-PARTS = tuple(
-    sorted(
-        path.stem.removeprefix("measured_")
-        for path in Path(__file__).parent.glob("measured_*.py")
-        if path.stem != "measured_rows"
-    )
-)
-HEAD = (
-    "| data set | change | before | after | published | source |",
-    "|---|---|---|---|---|---|",
-)
+# `effects` searches the whole library in every set; the others are sets.
+PARTS = ("emps", "mr_damper", "cascaded_tanks", "silverbox", "effects")
 
 
 def main() -> None:
-    """Print the table, and write it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sets", nargs="+", choices=PARTS, default=PARTS, help="all by default")
-    parser.add_argument("--output", default="output/measured", help="folder of the table")
-    parser.add_argument("--table", help="a file of the documentation to write the table to")
-    options = parser.parse_args()
-    lines = list(HEAD)
-    print("\n".join(HEAD), flush=True)
-    seconds = {}
+    """Measure set by set, print the tables, and keep the results."""
+    options = parse()
+    folder = place(options)
     for name in options.sets:
         started = process_time()
-        for row in import_module(f"measured_{name}").rows():
-            lines.append(line(row))
-            print(lines[-1], flush=True)
-        seconds[name] = process_time() - started
-    lines += ["", "CPU time: " + ", ".join(f"{n} {s:.0f} s" for n, s in seconds.items()) + "."]
-    print("\n".join(lines[-2:]))
-    folder = Path(options.output)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "measured.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    if options.table:
-        marker = f"<!-- written by: benchmarks/measured.py --sets {' '.join(options.sets)} -->\n\n"
-        Path(options.table).write_text(marker + "\n".join(lines) + "\n", encoding="utf-8")
+        rows = [asdict(row) for row in import_module(f"measured_{name}").rows()]
+        part = {
+            "origin": measured_here(),
+            "cpu_seconds": process_time() - started,
+            "rows": rows,
+        }
+        keep("measured", {name: part}, folder)
+        print((effects if name == "effects" else free_runs)({name: part}), flush=True)
+    if options.docs:
+        pages.write("measured", options.docs, options.results)
 
 
-def line(row: Row) -> str:
-    """A line of the table."""
-    before, after = (" / ".join(f"{e:.3g}" for e in side) for side in (row.before, row.after))
-    return f"| {row.data} | {row.change} | {before} | {after} | {row.published} | {row.source} |"
+def parse() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sets", nargs="+", choices=PARTS, default=PARTS, help="all by default")
+    parser.add_argument("--output", default="output/measured", help="folder of the results")
+    add_docs_options(parser)
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from measured_rows import Row, rms
+from measured_rows import FreeRun, published_errors, rms
 
 from swsysid.datasets import fetch_cascaded_tanks
 from swsysid.refinement import ParametricLibrary, StatedModel, refine
@@ -38,7 +38,7 @@ OVERFLOW_FREE = [[1, 0], [1, 0]]
 START = {"upper": 5.0, "lower": 5.0}
 
 
-def rows() -> list[Row]:
+def rows() -> list[FreeRun]:
     """Free run of the lower level on the test record, in V."""
     data = fetch_cascaded_tanks()
     simple = _model(TERMS, LAW, FREE, {})
@@ -56,13 +56,12 @@ def rows() -> list[Row]:
         read = result.model.measure(run.x, data.test.inputs[: len(run.x)])
         errors.append(rms(read, data.test.x))
     return [
-        Row(
+        FreeRun(
             "cascaded tanks, lower level, V",
             "overflow of both tanks",
             errors[:1],
             errors[1:],
-            "0.588 linear, 0.396 GRU, 0.19 best",
-            "doi 10.1016/j.ifacol.2024.08.574",
+            **published_errors(data.published, "V"),
         )
     ]
 

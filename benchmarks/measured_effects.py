@@ -1,7 +1,7 @@
 """What a search with the whole library finds in measured data: declared models and what they lack.
 
 Errors are those of the regression's target, relative to its standard deviation, on the test records
-of the data sets; the source column has the time of a search in fits of the declared model.
+of the data sets.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from time import process_time
 
 import numpy as np
 import pandas as pd
-from measured_rows import Row
+from measured_rows import Found
 from pysindy import PolynomialLibrary
 from sklearn.preprocessing import FunctionTransformer
 
@@ -29,7 +29,7 @@ from swsysid.differentiation import differentiate
 N_ROWS = 3000  # of the long record
 
 
-def rows() -> list[Row]:
+def rows() -> list[Found]:
     """One row a data set: before is the declared model, after has what was found."""
     return [
         _searched(name, *case())
@@ -46,7 +46,7 @@ def rows() -> list[Row]:
     ]
 
 
-def _searched(name, estimator, train, test) -> Row:
+def _searched(name, estimator, train, test) -> Found:
     X, y, t, groups = train
     started = process_time()
     estimator.fit(X, y)
@@ -56,13 +56,13 @@ def _searched(name, estimator, train, test) -> Row:
     found = ", ".join(f"{e.kind} of {e.place}" for e in search.effects_) or "nothing"
     if test is None:
         models = search.report_["errors"]
-        errors = [(model["held_out"][0] / np.std(y),) for model in (models[0], models[-1])]
+        errors = [float(model["held_out"][0] / np.std(y)) for model in (models[0], models[-1])]
     else:
         errors = [
-            (_relative_error(model, test),)
+            _relative_error(model, test)
             for model in (search.declared_estimator_, search.best_estimator_)
         ]
-    return Row(name, found, *errors, "", f"{times:.0f} fits")
+    return Found(name, found, *errors, times)
 
 
 def _relative_error(model, rows) -> float:

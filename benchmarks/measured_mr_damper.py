@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from measured_rows import Row, rms
+from measured_rows import FreeRun, rms
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid.datasets import fetch_mr_damper
@@ -14,7 +14,7 @@ COLUMNS = ["F", "v"]
 N_START = 10  # test samples that give the initial state
 
 
-def rows() -> list[Row]:
+def rows() -> list[FreeRun]:
     """Free run of the force on the last 1499 samples, in N."""
     data = fetch_mr_damper()
     train, test = data.train, data.test
@@ -30,26 +30,9 @@ def rows() -> list[Row]:
         refine(model, train, input_hold="linear", fit_surface=True).model for model in direct
     ]
     errors = [_free_run(model, test) for model in (*direct, *refined)]
-    published = "27.1 linear, 8.17 best (quoted from memory)"
-    source = "Svensson et al., AISTATS 2016"
-    data_set = "MR damper, force, N"
     return [
-        Row(
-            data_set,
-            "two modes on the sign of v, by regression",
-            errors[:1],
-            errors[1:2],
-            published,
-            source,
-        ),
-        Row(
-            data_set,
-            "two modes on the sign of v, refined",
-            errors[2:3],
-            errors[3:],
-            published,
-            source,
-        ),
+        FreeRun("MR damper, force, N", f"two modes on the sign of v, {how}", (before,), (after,))
+        for how, (before, after) in {"by regression": errors[:2], "refined": errors[2:]}.items()
     ]
 
 

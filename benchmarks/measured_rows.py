@@ -1,4 +1,4 @@
-"""What a part of `measured.py` returns: rows of its table, and the error in them."""
+"""What a part of `measured.py` returns: rows of its tables, and the error in them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Row:
-    """One line: a data set, what was added to the model, and the errors on its test data.
+class FreeRun:
+    """Errors of free runs of two models on the test records of a data set.
 
     Attributes
     ----------
@@ -18,16 +18,41 @@ class Row:
     change : str
         What the second model has and the first one lacks.
     before, after : tuple of float
-        Errors of the two models on the test records.
-    published, source : str
+        Errors of the two models, one for each test record.
+    linear, best : tuple of float
+        Published errors on the same records: of a linear model, and the smallest of any method.
+        Empty where there are none that are comparable.
     """
 
     data: str
     change: str
     before: tuple[float, ...]
     after: tuple[float, ...]
-    published: str
-    source: str
+    linear: tuple[float, ...] = ()
+    best: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found, and the errors before and after it.
+
+    Attributes
+    ----------
+    data : str
+        Name of the data set and the target of the regression.
+    found : str
+        Kinds and places of the effects.
+    before, after : float
+        Errors on held-out rows, relative to the target's standard deviation.
+    fits : float
+        Time of the search in fits of the declared model.
+    """
+
+    data: str
+    found: str
+    before: float
+    after: float
+    fits: float
 
 
 def rms(simulated, measured) -> float:
@@ -36,3 +61,9 @@ def rms(simulated, measured) -> float:
     if len(simulated) < len(measured):
         return np.inf
     return float(np.sqrt(np.mean((simulated - measured) ** 2)))
+
+
+def published_errors(published, unit: str) -> dict[str, tuple[float, ...]]:
+    """Linear and smallest published errors, as `FreeRun` takes them, from a data set's own."""
+    errors = published[f"test_rmse_{unit}"]
+    return {name: tuple(np.atleast_1d(errors[name]).tolist()) for name in ("linear", "best")}

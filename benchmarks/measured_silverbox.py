@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from measured_rows import Row, rms
+from measured_rows import FreeRun, published_errors, rms
 
 from swsysid import SwitchingSystemRegressor
 from swsysid.datasets import fetch_silverbox
@@ -23,7 +23,7 @@ N_START = 50  # test samples that may initialise a free run, by the official spl
 TESTS = ("test", "test_arrow_full", "test_arrow_no_extrapolation")
 
 
-def rows() -> list[Row]:
+def rows() -> list[FreeRun]:
     """Free runs on the multisine and the two arrows, in mV."""
     data = fetch_silverbox()
     train = _lagged(data.train)
@@ -35,13 +35,11 @@ def rows() -> list[Row]:
     before, after, best = (
         tuple(_free_run(model, run) for run in runs.values()) for model in (linear, cubic, refined)
     )
-    published = "6.96 / 14.4 / 6.58 linear, 0.64 / 2.25 / 0.571 polynomial, 0.36 / 0.26 / 0.32 best"
-    source = "doi 10.1016/j.ifacol.2024.08.574"
+    published = published_errors(data.published, "mV")
+    name = "Silverbox, output (multisine / arrow / arrow without extrapolation), mV"
     return [
-        Row(
-            "Silverbox, output, mV", "cubic spring, by regression", before, after, published, source
-        ),
-        Row("Silverbox, output, mV", "cubic spring, refined", before, best, published, source),
+        FreeRun(name, "cubic spring, by regression", before, after, **published),
+        FreeRun(name, "cubic spring, refined", before, best, **published),
     ]
 
 

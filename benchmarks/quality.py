@@ -6,10 +6,11 @@
                                  [--docs docs]
 
 Every cell (case, corruption, seed, method) is one line of FOLDER/quality.jsonl; a cell that is
-there is not run again, so an interrupted run resumes (``--again ours`` forgets a method). The
-tables go to FOLDER/quality.md, the pictures beside them; ``--docs`` also writes them into the
-documentation. Systems and corruptions are in `quality_cases.py`, methods in
-`quality_methods.py`, what is asked of ours in `quality_goals.py`.
+there is not run again, so an interrupted run resumes (``--again ours`` forgets a method). What the
+tables and pictures show is kept in FOLDER/quality.json; with ``--docs`` it is kept in
+benchmarks/results, and the pages and pictures of the documentation are written. Systems and
+corruptions are in `quality_cases.py`, methods in `quality_methods.py`, what is asked of ours in
+`quality_goals.py`.
 
 ``--parc`` names the interpreter that ``benchmarks/parc/build.sh`` builds. Seconds are CPU seconds,
 which a loaded machine hardly changes; set OMP_NUM_THREADS=1, or they add up over the cores.
@@ -24,11 +25,14 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
+import pages
 from joblib import Parallel, delayed
 from quality_cases import CASES, MAIN, STRESS, make_data
 from quality_methods import count, figures, methods_with_parc
-from quality_picture import draw_errors, draw_reliability
+from quality_picture import pictures
+from quality_records import condensed, condensed_reliability, condensed_timing
 from quality_tables import summary, tables
+from results import add_docs_options, keep, measured_here, place
 
 FAST_CASES = ["SLS", "hopper", "lv_sphere", "sectors", "pwarx_band"]
 SCALING_CASES = ["SLS", "SPS", "quadrants"]
@@ -46,9 +50,11 @@ def main(arguments: list[str] | None = None) -> None:
     records = complete(wanted_cells(options, known), known, folder / "quality.jsonl", options)
     options.jobs = 1  # seconds are compared where nothing runs beside them
     timings = complete(timed_cells(options, known), known, folder / "timing.jsonl", options)
-    write(records, timings, folder)
+    parts = keep("quality", kept_parts(records, timings), place(options))
+    print(summary(parts), tables(parts), sep="\n")
+    pictures(parts, Path(options.docs, "_static") if options.docs else folder)
     if options.docs:
-        write_docs(records, timings, Path(options.docs))
+        pages.write("quality", options.docs, options.results)
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -65,7 +71,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--parc", metavar="PYTHON", help="interpreter that has pyparc")
     parser.add_argument("--methods", nargs="+", metavar="METHOD", help="all by default")
     parser.add_argument("--again", nargs="+", default=[], metavar="METHOD", help="run anew")
-    parser.add_argument("--docs", metavar="FOLDER", help="write the pages' tables and pictures")
+    add_docs_options(parser)
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args(arguments)
     if options.fast:
@@ -170,32 +176,20 @@ def read(file: Path) -> list[dict]:
 # -- results ---------------------------------------------------------------------------------
 
 
-def write(records: list[dict], timings: list[dict], folder: Path) -> None:
-    """Everything into one file, which is printed as well, and the pictures beside it."""
-    text = f"# Who finds the right modes\n\n{summary(records, timings)}\n{tables(records, timings)}"
-    (folder / "quality.md").write_text(text, encoding="utf-8")
-    pictures(records, folder)
-    print(text)
-
-
-def write_docs(records: list[dict], timings: list[dict], docs: Path) -> None:
-    """The part that ``docs/quality.md`` includes, the page of all tables, the pictures."""
-    told = "<!-- written by: make bench-quality -->\n\n"
-    (docs / "quality_summary.md").write_text(told + summary(records, timings), encoding="utf-8")
-    page = f"{told}# Quality benchmark: all tables\n\n{tables(records, timings)}"
-    (docs / "quality_tables.md").write_text(page, encoding="utf-8")
-    pictures(records, docs / "_static")
-
-
-def pictures(records: list[dict], folder: Path) -> None:
-    """Errors under the usual and under the harder corruptions, and honesty of probabilities."""
-    folder.mkdir(parents=True, exist_ok=True)
-    draw_errors(records, [scenario.name for scenario in MAIN], folder / "quality.png")
-    if any(record["scenario"] in {scenario.name for scenario in STRESS} for record in records):
-        draw_errors(records, [scenario.name for scenario in STRESS], folder / "quality_stress.png")
-    if any("reliability" in record for record in records):
-        names = [scenario.name for scenario in MAIN + STRESS]
-        draw_reliability(records, names, folder / "quality_reliability.png")
+def kept_parts(records: list[dict], timings: list[dict]) -> dict[str, dict]:
+    """What is kept of the records, as `quality_tables.py` and `quality_picture.py` take it."""
+    origin = measured_here()
+    parts = {
+        "cells": condensed(records),
+        "timing": {"cells": condensed_timing(timings)},
+        "reliability": condensed_reliability(records),
+    }
+    # a part that was not measured this time stays as it was kept
+    return {
+        name: {"origin": origin, **part}
+        for name, part in parts.items()
+        if part.get("cells") or part.get("scenarios")
+    }
 
 
 if __name__ == "__main__":

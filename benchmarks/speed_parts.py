@@ -5,105 +5,41 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import cycle
 from time import perf_counter, process_time
 
 import numpy as np
+from goals import Goal
 from joblib.externals.loky import get_reusable_executor
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV, KFold, ParameterGrid
-from sklearn.preprocessing import PolynomialFeatures
 from speed_case import Case
+from speed_direct import direct
+from speed_problems import N_PAPER, Problem, assignments, l1_fits, whole_fits
 from speed_rows import growth, memory, on_disk, rows
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid._losses import get_loss
-from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator
+from swsysid.datasets import make_quartic_oscillator
 from swsysid.metrics import balanced_mode_accuracy
-from swsysid.relaxations import ExactRelaxation, SimplexRelaxation
 
 __all__ = ["PARTS"]
 
-N_PAPER = 2000
 
+def general(problems: Callable[[], Iterable[Problem]]) -> Callable[..., Iterator[Case]]:
+    """Ours against the same program stated in cvxpy and solved by Clarabel."""
 
-def assignment(options) -> Iterator[Case]:
-    """Memberships for given laws, against the vectorised LP."""
-    data = make_damped_oscillator(N_PAPER, noise=0.05, random_state=0)
-    for dampings in ((0.5, 0.1), (0.5, 0.3, 0.1)):
-        laws = np.array([[[0.0, 1.0], [-1.0, -damping]] for damping in dampings])
-        candidates = np.matmul(data.X, laws.transpose(0, 2, 1))
-        yield from _assignments(candidates, data.Xdot)
+    def cases(options) -> Iterator[Case]:
+        for problem in problems():
+            yield Case(
+                problem.name,
+                problem.call("ours", problem.ours),
+                problem.call("general", problem.general),
+                problem.goal,
+                note=problem.difference("ours", "general"),
+            )
 
-
-def _assignments(candidates, targets) -> Iterator[Case]:
-    reference = SimplexRelaxation()
-    reference.solver = "clarabel"
-    memberships: dict[str, np.ndarray] = {}
-
-    def run(relaxation, name):
-        def assign():
-            memberships[name] = relaxation.assign(candidates, targets).membership
-
-        return assign
-
-    def objective(name):
-        mixed = np.einsum("im,mik->ik", memberships[name], candidates)
-        return float(np.abs(targets - mixed).sum())
-
-    def difference():
-        gap = objective("simplex") / objective("reference") - 1.0
-        return f"objective of the simplex relative to the LP: {gap:+.1e}"
-
-    other, size = run(reference, "reference"), f"{len(candidates)} modes, N = {len(targets)}"
-    yield Case(f"exact assignment, {size}", run(ExactRelaxation(), "exact"), other, "500")
-    yield Case(
-        f"simplex assignment, {size}",
-        run(SimplexRelaxation(), "simplex"),
-        other,
-        "500",
-        note=difference,
-    )
-
-
-def l1_fit(options) -> Iterator[Case]:
-    """Least absolute deviations of one mode, against the LP."""
-    data = make_quartic_oscillator(N_PAPER, noise=0.05, random_state=0)
-    design = PolynomialFeatures(3).fit_transform(data.X)
-    answers: dict[str, float] = {}
-
-    def run(solver):
-        def fit():
-            coef = get_loss("l1").fit(design, data.Xdot, solver=solver).coef
-            answers[solver] = float(np.abs(data.Xdot - design @ coef.T).sum())
-
-        return fit
-
-    def difference():
-        gap = answers["auto"] / answers["clarabel"] - 1.0
-        return f"objective relative to the LP: {gap:+.1e}"
-
-    yield Case("l1 fit, N = 2000, 10 columns", run("auto"), run("clarabel"), "10", note=difference)
-
-
-def whole_fit(options) -> Iterator[Case]:
-    """The paper's algorithm with structured solvers, against cvxpy and Clarabel inside."""
-    data = make_damped_oscillator(N_PAPER, noise=0.05, random_state=0)
-
-    def run(solver):
-        return lambda: SwitchingSystemRegressor(
-            2,
-            relaxation="simplex",
-            coupling=0.0,
-            init="random",
-            n_init=3,
-            surface=PolynomialSurfaceClassifier(degree=2, standardize=False, solver=solver),
-            solver=solver,
-            random_state=0,
-        ).fit(data.X, data.Xdot)
-
-    yield Case("whole SLS fit, N = 2000", run("auto"), run("clarabel"), "20")
+    return cases
 
 
 def grid_search(options) -> Iterator[Case]:
@@ -140,7 +76,14 @@ def grid_search(options) -> Iterator[Case]:
         ratio = np.median(spent["search"]) / np.median(spent["singles"])
         return f"CPU time of the search over that of the fits: {ratio:.2f}"
 
-    yield Case("125 fits of a grid search on two cores", search, singles, "1.6", note=processor)
+    yield Case(
+        "125 fits of a grid search on two cores",
+        search,
+        singles,
+        Goal(at_least=1.6),
+        note=processor,
+        unit="s",
+    )
 
 
 def parc(options) -> Iterator[Case]:
@@ -179,14 +122,15 @@ def _parc_cases(scenario, methods) -> Iterator[Case]:
         return f"CPU seconds; balanced accuracy of the modes {ours:.3f} against {other:.3f}"
 
     name = f"SLS, N = 2000, {scenario.name}: PARC's"
-    yield Case(f"{name} kept fit", lambda: run("ours"), lambda: run("parc"), "10", note=accuracy)
+    goal = Goal(at_least=10)
+    yield Case(f"{name} kept fit", lambda: run("ours"), lambda: run("parc"), goal, note=accuracy)
     # the same runs once more, with the seconds of all fits
     ours, every = (iter(answers[method]) for method in ("ours", "parc"))
     yield Case(
         f"{name} ten fits",
         lambda: next(ours).seconds,
         lambda: next(every).notes["seconds_all"],
-        "10",
+        goal,
     )
 
 
@@ -206,13 +150,16 @@ def imports(options) -> Iterator[Case]:
 
         return load
 
-    yield Case("import", run("swsysid"), run("sklearn.linear_model"), "at most 1.5", False)
+    yield Case(
+        "import", run("swsysid"), run("sklearn.linear_model"), Goal(at_most=1.5), False, unit="s"
+    )
 
 
 PARTS: dict[str, Callable[..., Iterator[Case]]] = {
-    "assignment": assignment,
-    "l1_fit": l1_fit,
-    "whole_fit": whole_fit,
+    "assignment": general(assignments),
+    "l1_fit": general(l1_fits),
+    "whole_fit": general(whole_fits),
+    "direct": direct,
     "rows": rows,
     "growth": growth,
     "memory": memory,

@@ -7,7 +7,8 @@
 Every cell (system, kinds, noise, seed) is one line of FOLDER/undeclared.jsonl; a cell that is
 there is not run again, so that an interrupted run resumes. Plants and effects are those of
 `swsysid.datasets.make_undeclared` at 2 % noise; what counts as right is in `undeclared_cells.py`.
-Seconds are CPU seconds of the search and of one fit of the declared model.
+Seconds are CPU seconds of the search and of one fit of the declared model. What the tables show is
+kept in FOLDER/undeclared.json; with ``--docs`` in benchmarks/results, and the page is written.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+import pages
 from joblib import Parallel, delayed
-from undeclared_cells import Cell, run_cell
-from undeclared_tables import tables
+from results import add_docs_options, keep, measured_here, place
+from undeclared_cells import Cell, run_cell, states_difference
+from undeclared_tables import condensed, tables
 
 from swsysid.datasets import undeclared_kinds
 
@@ -46,12 +49,17 @@ def main(arguments: list[str] | None = None) -> None:
         with file.open("a") as lines:
             lines.write(json.dumps(record) + "\n")
         print(f"{count}/{len(missing)} {record['cell']} -> {record['found']}", flush=True)
-    text = tables([record for record in read(file) if Cell.of(record) in set(cells)])
-    print(text)
-    (folder / "undeclared.md").write_text(text)
+    asked = [record for record in read(file) if Cell.of(record) in set(cells)]
+    exact = {system: states_difference(system) for system in options.systems}
+    origin = measured_here()
+    parts = {
+        "searches": {"origin": origin, **condensed(asked)},
+        "states": {"origin": origin, "largest_difference": exact},
+    }
+    keep("undeclared", parts, place(options))
+    print(tables(parts))
     if options.docs:
-        marker = "<!-- written by: make bench-undeclared -->\n\n"
-        (Path(options.docs) / "undeclared_tables.md").write_text(marker + text)
+        pages.write("undeclared", options.docs, options.results)
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -66,7 +74,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--clean", type=int, default=5, help="clean records a system and noise")
     parser.add_argument("--fast", action="store_true", help="few kinds and systems, one seed")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--docs", metavar="FOLDER", help="write the page's tables")
+    add_docs_options(parser)
     options = parser.parse_args(arguments)
     if options.fast:
         options.seeds, options.pairs, options.clean = 1, 0, 1

@@ -17,7 +17,7 @@ from sklearn.base import clone
 from swsysid import EffectSearchCV, PolynomialSurfaceClassifier
 from swsysid.datasets import make_undeclared
 
-__all__ = ["Cell", "run_cell"]
+__all__ = ["Cell", "run_cell", "states_difference"]
 
 # Degree of the plants' guards where it is not 1.
 GUARD_DEGREE = {"quartic": 2}
@@ -68,6 +68,12 @@ def run_cell(cell: Cell) -> dict:
         "fit_seconds": fit_seconds,
         "seconds": seconds,
     }
+
+
+def states_difference(system: str) -> float:
+    """Largest difference of the states between a record without noise and one with 2 %."""
+    clean, noisy = (make_undeclared(system=system, noise=n, random_state=0) for n in (0.0, 0.02))
+    return float(np.abs(clean.X - noisy.X).max())
 
 
 def is_right(effect, data) -> bool:

@@ -1,0 +1,81 @@
+"""The tables of the documentation, made from the results that are kept beside the benchmarks.
+
+    python benchmarks/pages.py [--docs docs] [--results benchmarks/results] [NAME ...]
+
+Nothing is measured: a benchmark that is run with ``--docs`` keeps its results and calls `write`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import measured_tables
+import quality_tables
+import speed_tables
+import undeclared_tables
+from results import RESULTS, load
+
+__all__ = ["PAGES", "Page", "write"]
+
+
+@dataclass(frozen=True)
+class Page:
+    """A generated part of the documentation.
+
+    Attributes
+    ----------
+    file : str
+        In the folder of the documentation.
+    result : str
+        Name of the results that it is made from.
+    command : str
+        What measures them.
+    render : callable
+        Makes the text from the parts of the results.
+    """
+
+    file: str
+    result: str
+    command: str
+    render: Callable[[dict], str]
+
+    def text(self, results: Path = RESULTS) -> str:
+        """The whole file."""
+        marker = f"<!-- from benchmarks/results/{self.result}.json, measured by: {self.command} -->"
+        return f"{marker}\n\n{self.render(load(self.result, results))}"
+
+
+PAGES = (
+    Page("measured_tables.md", "measured", "make bench-measured", measured_tables.free_runs),
+    Page("measured_effects.md", "measured", "make bench-measured", measured_tables.effects),
+    Page("undeclared_tables.md", "undeclared", "make bench-undeclared", undeclared_tables.tables),
+    Page("speed_tables.md", "speed", "make bench-speed", speed_tables.table),
+    Page("quality_summary.md", "quality", "make bench-quality", quality_tables.summary),
+    Page("quality_tables.md", "quality", "make bench-quality", quality_tables.tables),
+)
+
+
+def write(result: str, docs: Path, results: Path = RESULTS) -> None:
+    """Write the pages that are made from one file of results."""
+    for page in PAGES:
+        if page.result == result:
+            Path(docs, page.file).write_text(page.text(results), encoding="utf-8")
+
+
+def main() -> None:
+    """Write the pages of all results, or of those named."""
+    names = sorted({page.result for page in PAGES})
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names)}")
+    parser.add_argument("--docs", default=RESULTS.parents[1] / "docs")
+    parser.add_argument("--results", default=RESULTS)
+    options = parser.parse_args()
+    for name in options.names or names:
+        write(name, options.docs, options.results)
+
+
+if __name__ == "__main__":
+    main()
