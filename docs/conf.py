@@ -84,6 +84,8 @@ sphinx_gallery_conf = {
     "gallery_dirs": "auto_examples",
     "abort_on_example_error": True,
     "show_memory": False,
+    # what a block prints is shown, not what its last line happens to be
+    "capture_repr": (),
     "download_all_examples": False,
     "within_subsection_order": "FileNameSortKey",
     # seconds differ from run to run; so do the warnings of their pickled configuration

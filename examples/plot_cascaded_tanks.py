@@ -21,8 +21,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from swsysid.datasets import fetch_cascaded_tanks
+from swsysid.plotting import STYLE
 from swsysid.refinement import ParametricLibrary, StatedModel, refine
 
+plt.style.use(STYLE)
 tanks = fetch_cascaded_tanks()
 
 COLUMNS = ["upper", "lower", "pump"]
@@ -92,14 +94,15 @@ for name, model in models.items():
 # %%
 # Where the two differ
 # --------------------
+# Without the overflow the model misses the peaks, where water leaves the upper tank.
 
-figure, axes = plt.subplots(2, 1, sharex=True, figsize=(8, 5), layout="constrained")
+figure, axes = plt.subplots(2, 1, sharex=True, figsize=(9, 6), layout="constrained")
 minutes = tanks.test.t / 60.0
-axes[0].plot(minutes, tanks.test.x[:, 0], color="black", label="measured")
+axes[0].plot(minutes, tanks.test.x[:, 0], color="0.75", linewidth=5.0, label="measured")
 for name, level in runs.items():
     axes[0].plot(minutes[: len(level)], level, label=name)
     axes[1].plot(minutes[: len(level)], level - tanks.test.x[: len(level), 0], label=name)
-axes[0].set(ylabel="lower level (V)", ylim=(0.0, 10.5), title="Test record, free run")
+axes[0].set(ylabel="lower level (V)", ylim=(-1.0, 10.8), title="Test record, free run")
 axes[0].legend(loc="lower center", ncols=3)
 axes[1].axhline(0.0, color="black", linewidth=0.8)
 axes[1].set(xlabel="time (min)", ylabel="error (V)")

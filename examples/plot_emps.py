@@ -1,10 +1,10 @@
-"""
+r"""
 Friction of a measured axis
 ===========================
 
 A ball screw moves a carriage; the force of its motor and its position are measured. The law is
 
-    M q'' = force - Fv q' - Fc sign(q') - offset
+.. math:: M \ddot q = \text{force} - F_v \dot q - F_c \,\mathrm{sign}(\dot q) - \text{offset}
 
 and its authors found that the friction of the worn screw depends on the direction. Nobody tells
 the estimator about directions, signs or friction: it gets two affine laws and a straight surface,
@@ -19,6 +19,7 @@ The data are found through ``SWSYSID_DATA`` or downloaded.
 # Position and force at 1 kHz. Both are filtered alike and the position is differentiated twice;
 # every tenth row is kept. The states are position and velocity, the input is the force.
 
+# sphinx_gallery_thumbnail_number = 2
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -29,8 +30,9 @@ from swsysid.datasets import fetch_emps
 from swsysid.differentiation import differentiate
 from swsysid.effects import CoulombFriction
 from swsysid.metrics import velocity_rmse
-from swsysid.plotting import ResidualDisplay, RolloutDisplay, SwitchingSurfaceDisplay
+from swsysid.plotting import PALETTE, STYLE, ResidualDisplay, SwitchingSurfaceDisplay
 
+plt.style.use(STYLE)
 emps = fetch_emps()
 
 train, test = (
@@ -41,9 +43,10 @@ names = ["q", "q'", "force"]
 units = {"q": "m", "q'": "m/s", "force": "N", "d/dt q'": "m/s²"}
 
 # %%
-# One law for both directions
-# ---------------------------
-# The library is affine in velocity and force: the friction does not depend on the position.
+# One law, and two laws
+# ---------------------
+# The library is affine in velocity and force: the friction does not depend on the position. The
+# single law is fitted by least squares, as one would without suspecting a switch.
 
 
 def without_position(X):
@@ -54,57 +57,79 @@ def without_position(X):
 library = FunctionTransformer(
     without_position, feature_names_out=lambda _, names: ["1", *names[1:]]
 )
-linear = SwitchingSystemRegressor(n_modes=1, feature_library=library).fit(train.X, train.Xdot)
-ResidualDisplay.from_estimator(
-    linear, train.X, train.Xdot, against="q'", state="q'", names=names, units=units
-)
+models = {
+    "one law": SwitchingSystemRegressor(n_modes=1, feature_library=library, loss="squared"),
+    "two laws": SwitchingSystemRegressor(
+        n_modes=2,
+        feature_library=library,
+        surface=PolynomialSurfaceClassifier(degree=1),
+        random_state=0,
+    ),
+}
+rows = pd.DataFrame(train.X, columns=names)
+for name, model in models.items():
+    model.fit(rows, train.Xdot)
+    error = velocity_rmse(test.Xdot, model.predict(pd.DataFrame(test.X, columns=names)))
+    print(f"{name}: error of the acceleration on the test record {error:.4f} m/s²")
+two = models["two laws"]
+print("\n".join([*two.equations(), *two.surface_equations()]))
 
 # %%
-# What is left jumps at velocity zero: dry friction. Two laws
-# -----------------------------------------------------------
+# What one law leaves over jumps at velocity zero, which is dry friction. Two laws leave little,
+# and nothing that jumps.
 
-model = SwitchingSystemRegressor(
-    n_modes=2,
-    feature_library=library,
-    surface=PolynomialSurfaceClassifier(degree=1),
-    random_state=0,
-).fit(train.X, train.Xdot)
-print("\n".join(model.surface_.equations()))
+figure, axes = plt.subplots(1, 2, figsize=(11, 4.6), sharey=True, layout="constrained")
+for ax, model in zip(axes, models.values(), strict=True):
+    ResidualDisplay.from_estimator(
+        model, rows, train.Xdot, against="q'", state="q'", units=units, ax=ax
+    )
+axes[1].set_ylabel("")
+
+# %%
+# The law changes where the velocity changes its sign.
+
+SwitchingSurfaceDisplay.from_estimator(two, rows, features=("q'", "force"), units=units)
+
+# %%
+# The parameters beside the published ones
+# ----------------------------------------
 
 published = emps.published["asymmetric"]
 print(f"published: M {published['M']:.1f} kg")
 for direction, sign in enumerate((1, -1)):
-    mode = model.predict_modes(np.array([[0.0, sign * 0.1, 0.0]]))[0]
+    at = pd.DataFrame([[0.0, sign * 0.1, 0.0]], columns=names)
+    mode = two.predict_modes(at)[0]
     # q'' = c0 + c1 q' + c2 force  with  c2 = 1 / M,  c1 = -Fv / M,  c0 = -(sign Fc + offset) / M
-    constant, slope, inverse_mass = model.coef_[mode, 1]
-    print(
-        f"direction {sign:+d}: M {1 / inverse_mass:.1f} kg, "
-        f"Fv {-slope / inverse_mass:.1f} (published {published['Fv'][direction]:.1f}) N s/m, "
-        f"Fc {-sign * constant / inverse_mass:.2f} (published {published['Fc'][direction]:.2f}) N"
-    )
-for name, fitted in (("one law", linear), ("two laws", model)):
-    error = velocity_rmse(test.Xdot, fitted.predict(test.X))
-    print(f"{name}: error of the acceleration on the test record {error:.4f} m/s²")
-
-ResidualDisplay.from_estimator(
-    model, train.X, train.Xdot, against="q'", state="q'", names=names, units=units
-)
-SwitchingSurfaceDisplay.from_estimator(
-    model, train.X, features=("q'", "force"), names=names, units=units
-)
+    constant, slope, inverse_mass = two.coef_[mode, 1]
+    print(f"direction {sign:+d}: M {1 / inverse_mass:.1f} kg")
+    viscous, dry = -slope / inverse_mass, -sign * constant / inverse_mass
+    print(f"    Fv {viscous:.1f} N s/m (published {published['Fv'][direction]:.1f})")
+    print(f"    Fc {dry:.2f} N (published {published['Fc'][direction]:.2f})")
 
 # %%
 # Free run on the test record
 # ---------------------------
-# From the first state, driven by the measured force alone. Force integrates twice into position,
-# so every error of the friction stays.
+# From the first state, driven by the measured force alone. The force is integrated twice into the
+# position, so that every error of the friction stays. Both models are drawn to the same scales.
 
-for fitted in (linear, model):
-    display = RolloutDisplay.from_estimator(
-        fitted, test.X, test.t, features=["q"], names=names, units=units, input_hold="linear"
-    )
-    drift = display.simulated[0][:, 0] - display.measured[0][: len(display.simulated[0]), 0]
-    print(f"position error of the free run {1e3 * np.sqrt(np.mean(drift**2)):.2f} mm (RMS)")
+figure, axes = plt.subplots(
+    2, 2, figsize=(11, 6.5), sharex=True, sharey="row", layout="constrained"
+)
+time, position = test.t - test.t[0], test.X[:, 0]
+for (name, model), (above, below) in zip(models.items(), axes.T, strict=True):
+    run = model.simulate(test.X[0, :2], test.t, test.X[:, 2:], input_hold="linear").x[:, 0]
+    rms = np.sqrt(np.mean((run - position) ** 2))
+    print(f"{name}: position error of the free run {1e3 * rms:.2f} mm (RMS)")
+    above.plot(time, position, color="0.75", linewidth=5.0, label="measured")
+    above.plot(time, run, label="simulated")
+    above.set_title(name)
+    below.plot(time, 1e3 * (run - position), color=PALETTE[1])
+    below.axhline(0.0, color="0.4", linewidth=1.0)
+    below.set_xlabel("time (s)")
+axes[0, 0].set_ylabel("position (m)")
+axes[0, 0].legend(loc="upper center", ncols=2)
+axes[0, 0].set_ylim(top=0.36)
+axes[1, 0].set_ylabel("error (mm)")
 
 # %%
 # The same without modes: which effect is missing?
@@ -143,6 +168,6 @@ for offered, effects in libraries.items():
         ("linear", search.declared_estimator_),
         ("with it", search.best_estimator_),
     ):
-        errors = [f"{100 * relative_error(fitted, rows):.1f} %" for rows in (train, test)]
+        errors = [f"{100 * relative_error(fitted, part):.1f} %" for part in (train, test)]
         print(f"    {name}: relative force error {errors[0]} in training, {errors[1]} in the test")
 plt.show()

@@ -25,6 +25,7 @@ from sklearn.model_selection import GridSearchCV, GroupKFold
 from swsysid import IdentificationWarning, SwitchingSystemRegressor
 from swsysid.datasets import make_switching_network
 from swsysid.metrics import balanced_mode_accuracy, mode_accuracy_scorer
+from swsysid.plotting import PALETTE, STYLE
 
 data = make_switching_network(n_samples=1000, noise=0.02, random_state=0)
 test = make_switching_network(n_samples=2000, random_state=1)
@@ -50,14 +51,22 @@ print(f"balanced test mode accuracy {accuracy:.4f}")
 # %%
 # What was compared
 # -----------------
-# The guard is a sphere: a plane cannot be it, and a cubic has more coefficients than it needs.
+# One dot a fold. The guard is a sphere: a plane cannot be it, and scores what guessing does; a
+# cubic has more coefficients than it needs, and gains nothing. Beta hardly matters here.
 
+plt.style.use(STYLE)
 results = search.cv_results_
-figure, ax = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
-for degree, marker in zip([1, 2, 3], "os^", strict=True):
-    rows = np.asarray(results["param_surface__degree"] == degree, dtype=bool)
-    betas = np.asarray(results["param_surface__beta"][rows], dtype=float)
-    ax.semilogx(betas, results["mean_test_score"][rows], marker=marker, label=f"degree {degree}")
-ax.set(xlabel="surface__beta", ylabel="balanced mode accuracy")
-ax.legend()
+degrees = np.asarray(results["param_surface__degree"], dtype=int)
+betas = np.asarray(results["param_surface__beta"], dtype=float)
+folds = np.array([results[f"split{fold}_test_score"] for fold in range(search.n_splits_)])
+figure, ax = plt.subplots(figsize=(6.8, 4.4), layout="constrained")
+for shift, beta, marker in zip((-0.2, 0.0, 0.2), np.unique(betas), "os^", strict=True):
+    columns = betas == beta
+    places = np.broadcast_to(degrees[columns] + shift, folds[:, columns].shape)
+    ax.plot(places.T, folds[:, columns].T, marker, color=PALETTE["os^".index(marker)], alpha=0.7)
+    ax.plot([], [], marker, color=PALETTE["os^".index(marker)], label=f"beta {beta:g}")
+ax.axhline(0.5, color="0.6", linewidth=1.0, linestyle="--", zorder=0)
+ax.set(xlabel="degree of the surface", ylabel="balanced mode accuracy, held out")
+ax.set(xticks=np.unique(degrees), ylim=(0.45, 1.02))
+ax.legend(loc="center right")
 plt.show()

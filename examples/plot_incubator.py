@@ -1,11 +1,11 @@
-"""
+r"""
 A heated box: the heater has a temperature of its own
 =====================================================
 
 A polystyrene box is heated by a bed that is on or off. The declared law of its temperature is of
 first order,
 
-    T' = P heater - G (T - room)
+.. math:: \dot T = P\, \text{heater} - G\, (T - \text{room}),
 
 but the bed has to warm up itself before it warms the box: a hidden state. The search is offered
 that, and what else could be wrong with the heater or the temperatures; it is tested on two later
@@ -28,7 +28,9 @@ from swsysid.datasets import fetch_incubator
 from swsysid.differentiation import differentiate
 from swsysid.effects import GuardHysteresis, Lag, Polynomial, Saturation, Trigonometric
 from swsysid.metrics import velocity_rmse
+from swsysid.plotting import PALETTE, STYLE
 
+plt.style.use(STYLE)
 incubator = fetch_incubator()
 
 
@@ -74,18 +76,22 @@ for name, model in models.items():
 # %%
 # The heater's pulses, and what the models say
 # --------------------------------------------
+# A tick marks every sample at which the heater is on. The first-order law follows every pulse at
+# once; the box does not, because the bed has to warm up first and cools down slowly.
 
-fig, axes = plt.subplots(2, 1, figsize=(9, 5), sharex=True, layout="constrained")
 X, Xdot, t, groups = test
 first = groups == groups[0]
-shown = first & (t > t[first][0]) & (t < t[first][0] + 1200.0)
-axes[0].plot(t[shown], 1e3 * Xdot[shown, 0], color="0.6", label="measured")
-for name, model in models.items():
-    axes[0].plot(t[shown], 1e3 * velocity_of(model, test)[shown, 0], lw=1, label=name)
-axes[0].set(ylabel="T' in mK/s")
+shown = first & (t > t[first][0] + 1050.0) & (t < t[first][0] + 1300.0)
+figure, axes = plt.subplots(2, 1, figsize=(9, 6), sharex=True, sharey=True, layout="constrained")
+for ax, (name, model) in zip(axes, models.items(), strict=True):
+    time = t[shown] - t[shown][0]
+    ax.plot(time, 1e3 * Xdot[shown, 0], color="0.75", linewidth=5.0, label="measured")
+    ax.plot(time, 1e3 * velocity_of(model, test)[shown, 0], label="model")
+    on = time[X["heater"][shown] > 0.5]
+    ax.plot(on, np.full(len(on), -60.0), "|", color=PALETTE[1], markersize=12, label="heater on")
+    ax.set(ylabel="T' (mK/s)", title=name, ylim=(-80.0, 240.0))
 axes[0].legend(loc="upper right")
-axes[1].step(t[shown], X["heater"][shown], where="post", color="0.4")
-axes[1].set(xlabel="time in s", ylabel="heater", yticks=[0, 1])
+axes[1].set_xlabel("time (s)")
 
 # %%
 # The thermostat, with the heater's record hidden
@@ -112,7 +118,8 @@ search.fit(temperatures, rows.Xdot, t=rows.t, groups=rows.groups)
 (found,) = search.effects_
 before, after = 1e3 * found.error_before, 1e3 * found.error_after
 print(f"{found.kind}: error of T' {before:.1f} -> {after:.1f} mK/s held out")
-fig, axes = plt.subplots(2, 1, figsize=(9, 5), sharex=True, layout="constrained")
+figure, axes = plt.subplots(2, 1, figsize=(9, 6), sharex=True, sharey=True, layout="constrained")
+box, hours = temperatures["T_box"].to_numpy(), (rows.t - rows.t[0]) / 3600.0
 for ax, name, model in (
     (axes[0], "surface", search.declared_estimator_),
     (axes[1], "guard with hysteresis", search.best_estimator_),
@@ -120,12 +127,14 @@ for ax, name, model in (
     modes = model.predict_modes(temperatures, t=rows.t, groups=rows.groups)
     heats = modes == np.bincount(modes, weights=rows.Xdot[:, 0]).argmax()
     print(f"{name}: the mode is the heater in {np.mean(heats == heater):.1%} of the samples")
-    box = temperatures["T_box"].to_numpy()
-    ax.plot(rows.t, np.where(heats, box, np.nan), color="C3", label="one law")
-    ax.plot(rows.t, np.where(heats, np.nan, box), color="C0", label="the other")
-    ax.set(ylabel="T_box in degC", title=name, ylim=(34, 40))
-axes[0].legend(loc="lower right")
-axes[1].set(xlabel="time in s")
+    ax.plot(hours, np.where(heats, box, np.nan), color=PALETTE[1], label="heating law")
+    ax.plot(hours, np.where(heats, np.nan, box), color=PALETTE[0], label="cooling law")
+    ax.fill_between(
+        hours, 34, 40, where=heater > 0.5, step="post", color="0.88", linewidth=0, label="heater on"
+    )
+    ax.set(ylabel="T_box (degC)", title=name, ylim=(34, 40))
+axes[0].legend(loc="lower right", ncols=3)
+axes[1].set_xlabel("time (h)")
 
 # %%
 # What the temperatures can show is when the box begins to follow. That is later than the switch by

@@ -1,10 +1,10 @@
-"""
+r"""
 A model vehicle: two explanations that nearly tie
 =================================================
 
 A 1:18 model vehicle is driven by hand. Its declared law is linear,
 
-    v' = -a v + b throttle
+.. math:: \dot v = -a v + b\, \text{throttle},
 
 and it does not move below a throttle of about 0.1. Two explanations compete. Its authors raise the
 throttle to a power; a mechanic would say that dry friction opposes the motion. Each is offered to
@@ -29,7 +29,9 @@ from swsysid.datasets import fetch_rc_vehicle
 from swsysid.differentiation import differentiate
 from swsysid.effects import CoulombFriction, PowerLaw
 from swsysid.metrics import velocity_rmse
+from swsysid.plotting import STYLE
 
+plt.style.use(STYLE)
 vehicle = fetch_rc_vehicle()
 
 
@@ -104,16 +106,17 @@ print(f"dry friction minus power law, mean square: {behind.mean():.4f} +- {error
 # Both say the same where most samples are: a small throttle does nothing. They differ while the
 # vehicle rolls out without throttle, where only friction brakes at a constant rate.
 
-fig, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained")
 throttle = np.linspace(-0.3, 0.45, 200)
 steady = pd.DataFrame({"v": 0.5, "throttle": throttle})
 coasting = pd.DataFrame({"v": np.linspace(0.06, 2.5, 200), "throttle": 0.0})
 order = np.arange(200.0)
-for name, model in (("linear", linear), *list(searches.items())[:2]):
+styles = {"linear": "--", "dry friction": "-", "power law": "-."}
+for (name, line), model in zip(styles.items(), (linear, *searches.values()), strict=False):
     for ax, table, column in ((axes[0], steady, "throttle"), (axes[1], coasting, "v")):
-        velocity = model.predict(table, t=order, groups=np.zeros(200)).reshape(-1)
-        ax.plot(table[column], velocity, label=name)
-axes[0].set(xlabel="throttle", ylabel="v' in m/s²", title="at 0.5 m/s")
-axes[1].set(xlabel="v in m/s", ylabel="v' in m/s²", title="rolling out, throttle 0")
+        acceleration = model.predict(table, t=order, groups=np.zeros(200)).reshape(-1)
+        ax.plot(table[column], acceleration, line, label=name)
+axes[0].set(xlabel="throttle", ylabel="acceleration (m/s²)", title="at 0.5 m/s")
+axes[1].set(xlabel="speed (m/s)", ylabel="acceleration (m/s²)", title="rolling out, throttle 0")
 axes[0].legend()
 plt.show()

@@ -22,7 +22,9 @@ import pandas as pd
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid.datasets import fetch_silverbox
 from swsysid.effects import CoulombFriction, DeadZone, Polynomial, Saturation
+from swsysid.plotting import STYLE
 
+plt.style.use(STYLE)
 silverbox = fetch_silverbox()
 
 N_ROWS = 5000  # of 65062: enough for one coefficient
@@ -71,10 +73,10 @@ for record in ("test", "test_arrow_no_extrapolation", "test_arrow_full"):
 # What the linear law leaves over follows a cubic
 # -----------------------------------------------
 
-fig, ax = plt.subplots(figsize=(6, 4), layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(11, 4.4), sharey=True, layout="constrained")
 table, _ = rows_of(silverbox.test_arrow_full)
-for name in models:
-    ax.plot(table["y"], errors["test_arrow_full", name], ".", ms=1, alpha=0.4, label=name)
-ax.set(xlabel="output in V", ylabel="error of the next output in mV", title="full arrow")
-ax.legend(markerscale=10)
+for ax, name in zip(axes, models, strict=True):
+    ax.plot(table["y"], errors["test_arrow_full", name], ".", markersize=2, rasterized=True)
+    ax.set(xlabel="output (V)", title=name)
+axes[0].set_ylabel("error of the next output (mV)")
 plt.show()

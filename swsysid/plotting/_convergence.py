@@ -6,15 +6,17 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from swsysid.metrics import mode_accuracy
-from swsysid.plotting._style import canvas
+from swsysid.plotting._style import Display, canvas
 
 __all__ = ["ConvergenceDisplay"]
 
 # A quantity that falls by more than this factor is drawn on a logarithmic axis.
 _LOG_RANGE = 100.0
+# What falls below this share of its first value is as good as zero; its size is rounding.
+_ZERO = 1e-6
 
 
-class ConvergenceDisplay:
+class ConvergenceDisplay(Display):
     """Three panels over the iterations: objective, mode changes, tightness ratio.
 
     Use `from_estimator`; call `plot` of a second display with ``ax=first.ax_`` to compare two
@@ -117,14 +119,30 @@ class ConvergenceDisplay:
                 axis.plot(self.iterations, values, **style)
                 axis.set(xlabel="iteration", ylabel=name)
                 axis.xaxis.get_major_locator().set_params(integer=True)
-            if _spans_decades(self.objective):
-                axes[0].set_yscale("log")
+            self._scale_objective(axes[0])
+            # of all curves in the panel, those of an earlier display included
+            most = max(np.max(line.get_ydata()) for line in axes[1].get_lines())
+            axes[1].set_ylim(0.0, 1.05 * max(most, 1.0))
             axes[2].set_ylim(-0.03, 1.05)
             if "label" in kwargs:
                 axes[0].legend()
         return self
 
-
-def _spans_decades(values) -> bool:
-    values = np.asarray(values)
-    return bool(values.min() > 0 and values.max() > _LOG_RANGE * values.min())
+    def _scale_objective(self, ax):
+        values = np.asarray(self.objective, dtype=float)
+        zero = _ZERO * values.max()
+        if values.max() <= _LOG_RANGE * max(values.min(), zero):
+            return
+        ax.set_yscale("log")
+        if values.min() < zero:
+            ax.set_ylim(bottom=zero)
+            ax.annotate(
+                "below: rounding only",
+                (1.0, 0.0),
+                xytext=(-4, 4),
+                xycoords="axes fraction",
+                textcoords="offset points",
+                ha="right",
+                color="0.4",
+                fontsize=10,
+            )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid.plotting._style import PALETTE, axis_label, canvas
+from swsysid.plotting._style import PALETTE, Display, axis_label, canvas
 
 __all__ = ["ResidualReportDisplay"]
 
@@ -26,7 +26,7 @@ class _Panel:
     found: str
 
 
-class ResidualReportDisplay:
+class ResidualReportDisplay(Display):
     """The residual of one equation against what tells most about it.
 
     Use `from_report`, or the report's own ``plot``. Dots are samples, the line is the mean of the

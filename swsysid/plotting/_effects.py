@@ -14,12 +14,12 @@ from swsysid.plotting._effect_panels import (
     draw_shape,
     draw_trajectory_errors,
 )
-from swsysid.plotting._style import canvas
+from swsysid.plotting._style import Display, canvas
 
 __all__ = ["EffectReportDisplay"]
 
 
-class EffectReportDisplay:
+class EffectReportDisplay(Display):
     """Before and after: four panels, or as many of them as the data allow.
 
     Residual of the declared model and of the one with the effects over the held-out rows; their

@@ -6,6 +6,7 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from swsysid.plotting._style import (
+    Display,
     axis_label,
     canvas,
     column_names,
@@ -18,7 +19,7 @@ from swsysid.plotting._style import (
 __all__ = ["ResidualDisplay"]
 
 
-class ResidualDisplay:
+class ResidualDisplay(Display):
     """Measured minus predicted velocity of one state, against a coordinate, by mode.
 
     Use `from_estimator`. The line of each mode is the median of the residual in bins of equally

@@ -7,6 +7,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from swsysid.plotting._style import (
     PALETTE,
+    Display,
     axis_label,
     canvas,
     check_length,
@@ -18,11 +19,11 @@ from swsysid.plotting._style import (
 __all__ = ["RolloutDisplay"]
 
 
-class RolloutDisplay:
+class RolloutDisplay(Display):
     """Two panels: trajectories, identified and measured; and the error over time.
 
-    Use `from_estimator`. With two features the trajectories are drawn in their plane, with one
-    over time. The error is the Euclidean norm of the difference of the states.
+    Use `from_estimator`. With two features the trajectories are drawn in their plane, from the
+    dot on, with one over time. The error is the Euclidean norm of the difference of the states.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ class RolloutDisplay:
         *,
         groups=None,
         features=None,
-        max_rollouts=12,
+        max_rollouts=5,
         input_hold="zero",
         names=None,
         units=None,
@@ -89,7 +90,8 @@ class RolloutDisplay:
             The trajectory of each row; one trajectory if None.
         features : sequence of 1 or 2 int or str, default=None
             The states that are drawn; the first two, or the only one, if None.
-        max_rollouts : int, default=12
+        max_rollouts : int, default=5
+            Simulate and draw the first so many trajectories; more of them hide one another.
         input_hold : {"zero", "linear"}, default="zero"
         names : sequence of str, default=None
             Names of the columns of `X`.
@@ -163,19 +165,23 @@ class RolloutDisplay:
         return self
 
     def _draw_trajectories(self, ax, **kwargs):
-        style = {"color": PALETTE[0], "linewidth": 2.2, **kwargs}
+        style = {"color": PALETTE[0], "linewidth": 1.6, **kwargs}
         for i, (t, measured, simulated) in enumerate(
             zip(self.times, self.measured, self.simulated, strict=True)
         ):
             first = i == 0
             ax.plot(*self._path(t, simulated), label="identified" if first else None, **style)
+            # a broad pale line beneath the thin dark one: both are seen where they agree
             ax.plot(
                 *self._path(t, measured),
-                color="black",
-                linestyle=(0, (2, 2)),
-                linewidth=1.3,
+                color="0.75",
+                linewidth=5.0,
+                solid_capstyle="round",
+                zorder=1,
                 label="measured" if first else None,
             )
+            if len(self.columns) == 2:
+                ax.plot(*measured[0, self.columns], "o", color="black", markersize=5)
         over_time = len(self.columns) == 1
         ax.set_xlabel("time (s)" if over_time else self.labels[0])
         ax.set_ylabel(self.labels[-1])

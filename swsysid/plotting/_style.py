@@ -11,6 +11,8 @@ from swsysid.metrics import match_modes
 
 __all__ = [
     "PALETTE",
+    "STYLE",
+    "Display",
     "axis_label",
     "canvas",
     "column_names",
@@ -27,8 +29,9 @@ __all__ = [
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _MARKERS = ("o", "^", "s", "D", "v", "P")
 
-# Sizes that survive a projector and a two-column page.
-_STYLE: dict[str, Any] = {
+# Sizes that survive a projector and a two-column page. Displays use them without being asked; a
+# picture of one's own takes them with ``plt.style.use(STYLE)``.
+STYLE: dict[str, Any] = {
     "font.size": 13,
     "axes.labelsize": 14,
     "axes.titlesize": 14,
@@ -39,7 +42,15 @@ _STYLE: dict[str, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.formatter.useoffset": False,
+    "axes.prop_cycle": f"cycler('color', {list(PALETTE)})",
 }
+
+
+class Display:
+    """A picture: a class method computes it, ``plot`` draws it again on other axes."""
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}()"
 
 
 def mode_colour(position: int) -> str:
@@ -80,8 +91,7 @@ def canvas(ax=None, n_panels: int = 1, panel_size=(5.6, 4.4), n_columns: int | N
     """
     import matplotlib.pyplot as plt
 
-    settings: Any = _STYLE | {"axes.prop_cycle": plt.cycler(color=PALETTE)}
-    with plt.rc_context(settings):
+    with plt.rc_context(STYLE):
         if ax is None:
             width, height = panel_size
             across = min(n_columns or n_panels, n_panels)

@@ -6,6 +6,7 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from swsysid.plotting._style import (
+    Display,
     axis_label,
     canvas,
     column_names,
@@ -20,7 +21,7 @@ from swsysid.plotting._style import (
 __all__ = ["SwitchingSurfaceDisplay"]
 
 
-class SwitchingSurfaceDisplay:
+class SwitchingSurfaceDisplay(Display):
     """Samples coloured by mode, predicted regions shaded, identified surfaces drawn.
 
     Use `from_estimator`. All features but two are held at their medians over the samples.
@@ -81,6 +82,7 @@ class SwitchingSurfaceDisplay:
         true_guard=None,
         names=None,
         units=None,
+        limits=None,
         grid_resolution=250,
         ax=None,
         **kwargs,
@@ -105,6 +107,8 @@ class SwitchingSurfaceDisplay:
         names : sequence of str, default=None
             Names of the columns of `X`.
         units : mapping from names to units, default=None
+        limits : pair of (low, high), default=None
+            What the two axes show; the range of the samples, a little widened, if None.
         grid_resolution : int, default=250
         ax : matplotlib Axes, default=None
         **kwargs
@@ -120,7 +124,9 @@ class SwitchingSurfaceDisplay:
         if X.shape[1] < 2:
             raise ValueError("X has one feature; a plane needs two.")
         columns = [resolve_column(feature, names) for feature in features]
-        grid = tuple(_padded_range(X[:, column], grid_resolution) for column in columns)
+        if limits is None:
+            limits = [_padded_range(X[:, column]) for column in columns]
+        grid = tuple(np.linspace(low, high, grid_resolution) for low, high in limits)
         points, shape = _plane(X, columns, grid)
 
         predict = getattr(estimator, "predict_modes", None) or estimator.predict
@@ -188,9 +194,9 @@ class SwitchingSurfaceDisplay:
             )
 
 
-def _padded_range(values, n_grid):
+def _padded_range(values):
     pad = 0.04 * (np.ptp(values) or 1.0)
-    return np.linspace(values.min() - pad, values.max() + pad, n_grid)
+    return values.min() - pad, values.max() + pad
 
 
 def _plane(X, columns, grid):

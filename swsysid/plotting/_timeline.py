@@ -6,6 +6,7 @@ import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
 from swsysid.plotting._style import (
+    Display,
     canvas,
     check_length,
     in_fitted_form,
@@ -18,7 +19,7 @@ from swsysid.plotting._style import (
 __all__ = ["ModeTimelineDisplay"]
 
 
-class ModeTimelineDisplay:
+class ModeTimelineDisplay(Display):
     """One bar a trajectory, coloured by the active mode; the true modes beneath, if known.
 
     Use `from_estimator`.
