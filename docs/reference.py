@@ -39,6 +39,7 @@ def attributes_told(module: str, name: str) -> list[str]:
 def setup(app):
     """Rewrite docstrings ahead of napoleon, which runs at priority 500."""
     app.setup_extension("sphinx.ext.autosummary")
+    app.connect("autodoc-process-docstring", _silence_builtin, priority=100)
     app.connect("autodoc-process-docstring", _tell_advice, priority=100)
     app.connect("autodoc-process-docstring", _split_and_link, priority=200)
     app.connect(
@@ -93,6 +94,12 @@ def _linked(words: str) -> str:
     """Known names as links; a name that ends in an underscore is no link of its own."""
     words = re.sub(r"(?<=\w)_(?!\w)", r"\\_", words)
     return re.sub(r"[\w-]+", lambda word: LINKS.get(word[0], word[0]), words)
+
+
+def _silence_builtin(_app, kind, _name, value, _options, lines):
+    """A constant of a built-in type has no docstring; the page of public names says what it is."""
+    if kind == "data" and inspect.cleandoc(type(value).__doc__ or "") == "\n".join(lines).strip():
+        lines.clear()
 
 
 def _tell_advice(_app, _kind, _name, value, _options, lines):

@@ -35,7 +35,7 @@ test = make_switching_network(n_samples=2000, random_state=1)
 # The identified system
 # ---------------------
 # The library holds all monomials up to degree two, products of different nodes included, which the
-# system does not have: ``sparsity="auto"`` removes them.
+# system does not have: ``sparsity="auto"`` removes them, all but a small one in mode 1.
 
 model = SwitchingSystemRegressor(n_modes=2, feature_library=2, sparsity="auto", random_state=0).fit(
     data.X, data.Xdot

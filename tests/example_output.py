@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("plot_*.py"))
+PICTURES = Path(__file__).with_name("example_pictures.py")
 # A number is no part of a name: neither x2 nor z0^2 holds one.
 NUMBER = re.compile(r"(?<![\w.^])[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\w^]|\.\d)")
 # Other processors and other builds of BLAS move the last digits.
@@ -25,9 +26,9 @@ def recorded_output(example: Path) -> Path:
 
 
 def run_example(example: Path, folder) -> subprocess.CompletedProcess:
-    """Run an example in a folder, headless and with warnings as errors."""
+    """Run an example in a folder, headless, warnings as errors, pictures of nothing refused."""
     return subprocess.run(
-        [sys.executable, "-W", "error", str(example)],
+        [sys.executable, "-W", "error", str(PICTURES), str(example)],
         cwd=folder,
         env={**os.environ, "MPLBACKEND": "Agg", "PYTHONWARNINGS": "error"},
         capture_output=True,

@@ -1,9 +1,17 @@
 """Every example runs from a clean folder, headless, warnings as errors, and prints what it did."""
 
 import os
+import re
 
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 from example_output import EXAMPLES, differences, recorded_output, run_example
+from example_pictures import complaints
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
@@ -53,3 +61,25 @@ def test_nothing_is_recorded_of_an_example_that_is_gone():
 )
 def test_outputs_are_compared_by_words_and_numbers(expected, printed, same):
     assert (differences(expected, printed) == []) is same
+
+
+def test_pictures_of_nothing_are_noticed():
+    figure, (zeros, floor, fine) = plt.subplots(3)
+    zeros.plot(np.zeros(5))
+    zeros.set_ylabel("mode mismatch")
+    floor.semilogy([1.0, 1e-3, 1e-15])
+    floor.set_ylabel("objective")
+    fine.semilogy([1.0, 1e-3, 1e-5])
+    mismatch, objective = complaints(figure)
+    plt.close(figure)
+    assert mismatch == "mode mismatch: all curves are zero."
+    assert objective.startswith("objective: the axis reaches from")
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_pictures_have_the_style_of_the_house(example):
+    """Matplotlib's own colours are orange and green next to each other."""
+    code = example.read_text(encoding="utf-8")
+    if "plt.subplots" in code:
+        assert "plt.style.use(STYLE)" in code
+    assert not re.search(r"""["'](C\d|tab:\w+|orange|green|red)["']""", code)

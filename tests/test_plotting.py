@@ -14,6 +14,7 @@ from sklearn.tree import DecisionTreeClassifier
 
 from swsysid._results import IterationRecord
 from swsysid.plotting import (
+    PALETTE,
     ConvergenceDisplay,
     ModeTimelineDisplay,
     ResidualDisplay,
@@ -270,3 +271,83 @@ def test_arrays_of_another_length_get_a_sentence(model):
 def test_a_column_that_is_not_there_gets_a_sentence(model):
     with pytest.raises(ValueError, match="no column 9; the columns are x0, x1"):
         SwitchingSurfaceDisplay.from_estimator(model, _samples(), features=(0, 9))
+
+
+def test_displays_have_a_short_repr(model):
+    assert repr(ConvergenceDisplay.from_estimator(model)) == "ConvergenceDisplay()"
+
+
+def test_rounding_errors_are_no_floor_of_the_objective():
+    objective = [1.0, 1e-3, 1e-15]
+    display = ConvergenceDisplay(
+        iterations=[1, 2, 3], objective=objective, mode_changes=[9, 1, 0], tightness=[0.5, 1, 1]
+    ).plot()
+    assert display.ax_[0].get_ylim()[0] == pytest.approx(1e-6)
+    (note,) = display.ax_[0].texts
+    assert "rounding" in note.get_text()
+
+
+def test_a_second_curve_fits_into_the_panel_of_the_first():
+    first = ConvergenceDisplay(
+        iterations=[1, 2], objective=[2.0, 1.0], mode_changes=[9, 0], tightness=[1, 1]
+    ).plot()
+    second = ConvergenceDisplay(
+        iterations=[1, 2], objective=[2.0, 1.0], mode_changes=[90, 0], tightness=[1, 1]
+    ).plot(ax=first.ax_)
+    assert second.ax_[1].get_ylim() == pytest.approx((0.0, 1.05 * 90))
+
+
+def test_limits_of_the_plane(model):
+    display = SwitchingSurfaceDisplay.from_estimator(model, _samples(), limits=[(-3, 4), (-5, 6)])
+    assert display.ax_.get_xlim() == (-3, 4)
+    assert display.ax_.get_ylim() == (-5, 6)
+
+
+def test_few_rollouts_are_drawn(model):
+    t = np.tile(np.linspace(0.0, 1.0, 10), 30)
+    groups = np.repeat(np.arange(30), 10)
+    display = RolloutDisplay.from_estimator(model, _samples()[: len(t)], t, groups=groups)
+    assert len(display.simulated) == 5
+
+
+# what a reader without red or green cones sees (Machado, Oliveira and Fernandes 2009)
+RED_BLIND = np.array(
+    [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ]
+)
+GREEN_BLIND = np.array(
+    [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ]
+)
+TO_XYZ = np.array(
+    [
+        [0.4124564, 0.3575761, 0.180437],
+        [0.2126729, 0.7151522, 0.072175],
+        [0.0193339, 0.119192, 0.9503],
+    ]
+)
+
+
+def _lab(colour, seen):
+    """CIELAB coordinates of a colour as a reader sees it."""
+    coded = np.array(matplotlib.colors.to_rgb(colour))
+    linear = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+    white = TO_XYZ.sum(axis=1)
+    x, y, z = np.cbrt(TO_XYZ @ np.clip(seen @ linear, 1e-4, 1.0) / white)
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+@pytest.mark.parametrize("seen", [np.eye(3), RED_BLIND, GREEN_BLIND])
+def test_the_first_three_colours_are_told_apart_by_every_reader(seen):
+    colours = [_lab(colour, seen) for colour in PALETTE[:3]]
+    for first, second in ((0, 1), (0, 2), (1, 2)):
+        # twice what is seen at a glance (10); matplotlib's orange and green are 5 apart
+        assert np.linalg.norm(colours[first] - colours[second]) > 20.0
+    confused = [_lab(colour, RED_BLIND) for colour in ("#ff7f0e", "#2ca02c")]
+    assert np.linalg.norm(confused[0] - confused[1]) < 10.0

@@ -33,7 +33,8 @@ MODULES = (
 NOWHERE = "http://127.0.0.1:9"
 # the configuration of the whole site, without the gallery and with a theme that is drawn fast
 REFERENCE_ONLY = """
-extensions = [name for name in extensions if "gallery" not in name]
+extensions = [name for name in extensions if name.startswith("sphinx.ext.")]
+extensions += ["myst_parser", "reference"]
 master_doc = "api"
 html_theme, html_theme_options = "basic", {}
 """

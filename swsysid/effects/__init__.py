@@ -1,5 +1,6 @@
 """Effects that a declared model may lack."""
 
+from swsysid._records import Records
 from swsysid._search.trials import PlacedEffect
 from swsysid.effects._actuator import DeadZone, GainChange, Overflow, PowerLaw, Saturation
 from swsysid.effects._base import Effect, Parameter
@@ -64,6 +65,7 @@ __all__ = [
     "Overflow",
     "Parameter",
     "PlacedEffect",
+    "Records",
     "Rival",
     "FoundEffect",
     "PeriodicForcing",

@@ -25,12 +25,12 @@ __all__ = [
     "trajectories",
 ]
 
-# Okabe and Ito's colours, the dark ones first; markers repeat the message without colour.
+#: Okabe and Ito's colours, the dark ones first; markers repeat the message without colour.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _MARKERS = ("o", "^", "s", "D", "v", "P")
 
-# Sizes that survive a projector and a two-column page. Displays use them without being asked; a
-# picture of one's own takes them with ``plt.style.use(STYLE)``.
+#: Sizes that survive a projector and a two-column page, and the colours of `PALETTE`. Displays use
+#: them without being asked; a picture of one's own takes them with ``plt.style.use(STYLE)``.
 STYLE: dict[str, Any] = {
     "font.size": 13,
     "axes.labelsize": 14,
