@@ -243,6 +243,13 @@ def test_true_extremes_are_kept(extreme):
     assert not spikes(X + extreme, np.zeros(len(T), dtype=int)).any()
 
 
+def test_noise_around_a_limit_is_no_spike():
+    """Most of a ringing is quiet; noise lifts single samples of its crests over any limit."""
+    t = np.arange(0.0, 60.0, 1e-3)
+    x = np.exp(-0.2 * t) * np.cos(9.0 * t) + 5e-3 * np.random.default_rng(0).standard_normal(len(t))
+    assert not spikes(x, np.zeros(len(t), dtype=int)).any()
+
+
 def test_what_is_masked_is_named_and_may_be_kept(file):
     rows = lines()
     rows[10], rows[20] = rows[10].replace(rows[10].split(",")[1], "9999"), "0.4,2.38,777.7"

@@ -91,15 +91,20 @@ def spikes(values: NDArray[np.float64], groups: NDArray[np.intp]) -> NDArray[np.
     if not len(present):
         return masked
     column, recording = values[present], groups[present]
-    far = _are_far(column, *np.percentile(column, MIDDLE))
+    lowest, highest = np.percentile(column, MIDDLE)
+    far = _are_far(column, lowest, highest)
     if not far.any() or far.mean() > RARE:
         return masked
     edges = np.flatnonzero(np.diff(far.astype(int), prepend=0, append=0))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        inside = start > 0 and stop < len(column)
-        together = inside and len(set(recording[start - 1 : stop + 1].tolist())) == 1
         longest = LONGEST if np.ptp(column[start:stop]) else LONGEST_STUCK
-        if together and stop - start <= longest:
+        inside = start > 0 and stop < len(column) and stop - start <= longest
+        if not inside or len(set(recording[start - 1 : stop + 1].tolist())) > 1:
+            continue
+        # A smooth extreme that noise lifts over the limit here and there stays near its neighbours.
+        neighbours = column[[start - 1, stop]]
+        jumps = np.abs(column[start:stop, None] - neighbours)
+        if jumps.min() > FAR * (highest - lowest):
             masked[present[start:stop]] = True
     return masked
 
