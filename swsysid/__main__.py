@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from typing import TYPE_CHECKING
 
 from swsysid._command.arguments import measurement, modes, parser, units
+from swsysid._command.progress import is_watched, say
 from swsysid._command.refusal import TableError
 
 if TYPE_CHECKING:
@@ -28,6 +30,13 @@ def main(argv: list[str] | None = None) -> int:
     except ValueError as error:  # sentences of ours, TableError among them
         print(f"swsysid: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("swsysid: stopped.", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader, such as head, has seen enough; what is left must not fail when it is flushed.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
 
 
 def _check_wishes(arguments: argparse.Namespace) -> None:
@@ -47,6 +56,7 @@ def _recording(arguments: argparse.Namespace) -> tuple[Table, Measurement]:
     from swsysid._command.measurement import check_roles
     from swsysid._command.readers import read_table
 
+    say(f"Reading {arguments.file}", is_watched(arguments.verbose))
     what = measurement(arguments)
     table = read_table(arguments.file, units(arguments.units), arguments.missing)
     check_roles(table, what)

@@ -253,6 +253,29 @@ def test_help_and_refusals_do_not_wait_for_heavy_imports(arguments, code, senten
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_progress_is_shown_on_request_and_goes_to_standard_error(recording, tmp_path, capsys):
+    arguments = [recording, "--states", "x", "v", *NAMES, "--decimate", "4"]
+    assert main([*arguments, "--output", str(tmp_path)]) == 0
+    quiet = capsys.readouterr()
+    assert quiet.err == ""
+    assert main([*arguments, "--output", str(tmp_path), "--verbose"]) == 0
+    told = capsys.readouterr()
+    assert told.out == quiet.out
+    assert f"Reading {recording} ...\nSmoothing, and identifying modes ...\n" in told.err
+    assert "starts: 100%" in told.err
+
+
+@pytest.mark.parametrize(("fault", "code"), [(KeyboardInterrupt, 130), (BrokenPipeError, 1)])
+def test_stopped_from_outside(fault, code, tmp_path):
+    script = (
+        "import sys, swsysid._command.run as run\nfrom swsysid.__main__ import main\n"
+        f"def stop(*arguments): raise {fault.__name__}\n"
+        "run.run = stop\nsys.exit(main([]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == code and "Traceback" not in done.stderr
+
+
 def test_help_shows_two_examples(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["--help"])

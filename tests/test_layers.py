@@ -17,7 +17,8 @@ GROUPS = (
     # 0: records, words, and numerical tools that know nothing of the package
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/refusal _command/cells _command/units _command/wording
-    _command/arrays _command/spikes _blocks/__init__ _blocks/pieces datasets/_sources
+    _command/arrays _command/spikes _command/progress
+    _blocks/__init__ _blocks/pieces datasets/_sources
     _solvers/__init__ _surfaces/__init__ _seeding/__init__ _simulation/__init__
     _command/__init__ _search/__init__ _page/__init__ _page/markup
     _rollouts/__init__ _model_files/__init__ _model_files/arrays""",

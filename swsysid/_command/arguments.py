@@ -17,12 +17,13 @@ DESCRIPTION = """\
 Identify a switching system from measured trajectories: the differential equation of each mode
 and the surface in the state space at which the law changes.
 
-Give a recording (.csv, .npz or .mat) with one column for each signal. States are differentiated
-unless their derivatives are measured too. The equations, the switching surface and the error on
-held-out data, beside that of the best model without switching, are printed; the model
-(model.joblib), the text (identification.txt) and a picture of the modes (phase_portrait.png) go
-into a folder. Without a file, a built-in damped oscillator is simulated, measured with noise
-and identified.
+Give a recording with one column for each signal: a text file of any layout, a spreadsheet, .npz,
+.parquet or .mat. States are smoothed and differentiated unless their derivatives are measured too;
+what had to be mended, masked or left out is printed with its rows of the file. The equations, the
+switching surface and the error on held-out data, beside that of the best model without switching,
+are printed; the model (model.joblib), the text (identification.txt) and a picture of the modes
+(phase_portrait.png) go into a folder. Without a file, a built-in damped oscillator is simulated,
+measured with noise and identified.
 
 With --diagnose the identified model is then asked what it lacks: friction, backlash, delays,
 saturations, forces, sensor offsets and more are tried on what it leaves over, and judged on
@@ -164,6 +165,12 @@ def _add_model(add: Callable) -> None:
     add("--output", type=Path, default=Path("swsysid_output"), metavar="DIR", help="folder to fill")
     add("--random-state", type=int, default=0, metavar="SEED", help="(default: 0)")
     add("--jobs", type=int, metavar="N", help="starts searched in parallel")
+    add(
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="show progress on standard error, which a terminal gets anyway",
+    )
 
 
 def _add_diagnosis(add: Callable) -> None:

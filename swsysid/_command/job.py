@@ -47,6 +47,8 @@ class JobOptions:
     test_fraction : float
     random_state : int
     n_jobs : int or None
+    verbose : bool
+        Whether fits show their progress.
     """
 
     measurement: Measurement
@@ -58,6 +60,7 @@ class JobOptions:
     test_fraction: float = 0.3
     random_state: int = 0
     n_jobs: int | None = None
+    verbose: bool = False
 
 
 @dataclass(frozen=True)
@@ -187,6 +190,7 @@ def _regressor(columns, samples: Samples, options: JobOptions) -> SwitchingSyste
         loss=options.loss,
         n_jobs=options.n_jobs,
         random_state=options.random_state,
+        verbose=int(options.verbose),
     )
 
 

@@ -11,6 +11,7 @@ from swsysid._command.diagnosis import chosen_effects, diagnose, page_path
 from swsysid._command.job import JobOptions, run_job
 from swsysid._command.job_text import render
 from swsysid._command.measurement import Measurement
+from swsysid._command.progress import is_watched, say
 from swsysid._command.saving import save
 from swsysid._command.tables import Table
 from swsysid._results import SolverError
@@ -21,14 +22,17 @@ __all__ = ["run"]
 def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
     """Identify, print and save; the exit code is 1 for a failed solver."""
     search, page, effects = None, None, []
+    watched = is_watched(arguments.verbose)
     if arguments.diagnose:
         effects, page = chosen_effects(names(arguments.effects)), page_path(arguments.html)
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
+            say("Smoothing, and identifying modes", watched)
             result = run_job(table, _options(arguments, measurement))
             if page is not None:
-                search = diagnose(result, effects, verbose=sys.stderr.isatty())
+                say("Searching for what the model lacks", watched)
+                search = diagnose(result, effects, verbose=watched)
     except SolverError as error:
         print(f"swsysid: {error}", file=sys.stderr)
         return 1
@@ -52,4 +56,5 @@ def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOpti
         test_fraction=arguments.test_fraction,
         random_state=arguments.random_state,
         n_jobs=arguments.jobs,
+        verbose=is_watched(arguments.verbose),
     )
