@@ -19,6 +19,7 @@ from swsysid._seeding.experts import (
     initial_experts,
     single_model,
 )
+from swsysid._seeding.laws import law_labels
 from swsysid._seeding.starts import Scene, draw_labels, some_rows
 
 __all__ = ["GAUSSIAN", "MOST_STARTS", "Pool", "refine", "same_partition", "search"]
@@ -27,6 +28,8 @@ STUDENT = Noise(3.0)
 GAUSSIAN = Noise(np.inf)
 
 _BATCH = 16
+# Starts from laws of neighbourhoods that go with every batch.
+_LAWS, _LAW_ITERATIONS = 3, 10
 MOST_STARTS = 6 * _BATCH
 _SAMPLES_A_BATCH = 100  # small problems are searched with fewer batches
 _HALVING = ((10, 10), (20, 6))  # iterations, and how many starts are kept after them
@@ -125,11 +128,13 @@ def search(
         labels = [draw_labels(scene, n_modes, index, random_state) for index in indices]
         if not drawn:
             labels += list(first_labels[:, rows])
-        soft_labels = _soften(np.array(labels), n_modes)
+        soft_labels = _soften(np.array(labels), n_modes, _SOFT)
         pools.append(_run_batch(samples, soft_labels, single, n_coarse, floor))
+        laws = _soften(law_labels(samples, scene, n_modes, _LAWS, random_state), n_modes, 1.0)
+        pools += _run_laws(samples, laws, single, n_coarse, _merge(samples, pools))
         drawn = indices.stop
         pool = _merge(samples, pools)
-        needed = _HITS_AT_ONCE if len(pools) == 1 else _HITS
+        needed = _HITS_AT_ONCE if drawn == _BATCH else _HITS
         if n_starts == "auto" and pool.hits[0] >= needed:
             break
     return Pool(pool.experts.take(slice(_KEPT)), pool.hits[:_KEPT]), drawn + len(first_labels)
@@ -167,9 +172,10 @@ def _limit(n_starts, most_starts, n_samples) -> int:
     return min(_BATCH * max(n_samples // _SAMPLES_A_BATCH, 1), most_starts)
 
 
-def _soften(labels, n_modes) -> Array:
-    soft_labels = np.full((len(labels), n_modes, labels.shape[1]), (1 - _SOFT) / (n_modes - 1))
-    np.put_along_axis(soft_labels, labels[:, None], _SOFT, axis=1)
+def _soften(labels, n_modes, share) -> Array:
+    """Labels (R, N) as probabilities (R, M, N), `share` of them for the label itself."""
+    soft_labels = np.full((len(labels), n_modes, labels.shape[1]), (1 - share) / (n_modes - 1))
+    np.put_along_axis(soft_labels, labels[:, None], share, axis=1)
     return soft_labels
 
 
@@ -186,10 +192,37 @@ def _run_batch(samples, soft_labels, single, n_coarse, floor) -> Pool:
     gate = np.zeros((*experts.gate.shape[:2], len(samples.gate_features.values)))
     gate[..., :n_coarse] = experts.gate
     experts = replace(experts, gate=gate)
-    pool = _merge(samples, [Pool(experts, np.ones(len(gate), int))])
+    return _last_stage(samples, Pool(experts, np.ones(len(gate), int)), n_coarse)
+
+
+def _run_laws(samples, soft_labels, single, n_coarse, rival: Pool) -> list[Pool]:
+    """Those starts from laws that are soon more likely than all that was found so far.
+
+    The stages that tolerate noise would forget that a law is exact, so there are none. The best of
+    many draws are no independent starts: together they find a partition once.
+    """
     ridge = _gate_ridge(samples, _RIDGE, n_coarse)
+    experts = initial_experts(samples, soft_labels, single, ridge)
+    tol = _tolerance(samples)
+    experts, _ = em(samples, experts, STUDENT, ridge=ridge, max_iter=_LAW_ITERATIONS, tol=tol)
+    reached = _log_likelihood(samples, experts)
+    better = np.flatnonzero(reached > _log_likelihood(samples, rival.experts).max() - _NATS)
+    if not better.size:
+        return []
+    found = _last_stage(samples, Pool(experts.take(better), np.ones(better.size, int)), n_coarse)
+    return [replace(found, hits=np.ones_like(found.hits))]
+
+
+def _last_stage(samples, pool: Pool, n_coarse) -> Pool:
+    pool = _merge(samples, [pool])
+    ridge = _gate_ridge(samples, _RIDGE, n_coarse)
+    tol = _tolerance(samples)
     experts, _ = em(samples, pool.experts, STUDENT, ridge=ridge, max_iter=_LAST_ITERATIONS, tol=tol)
     return replace(pool, experts=experts)
+
+
+def _log_likelihood(samples, experts: Experts) -> Array:
+    return experts.posterior(samples, STUDENT).log_density @ samples.weights
 
 
 def _gate_ridge(samples, ridge, n_coarse) -> Array:

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from swsysid._results import Array
 from swsysid._seeding.designs import weighted_quantile
 
-__all__ = ["Scene", "draw_labels", "some_rows", "split_labels"]
+__all__ = ["Scene", "draw_labels", "row_of_weight", "some_rows", "split_labels"]
 
 # Which score the level sets of start number i are taken of, in turn. "centre" and "ball" are
 # the ones that find small enclosed modes; Voronoi cells lead where there are many modes.
@@ -120,9 +120,13 @@ def _rows_at(points, weights, positions, random_state):
     return order[np.minimum(found, len(order) - 1)]
 
 
+def row_of_weight(points: Array, weights: Array, random_state) -> int:
+    """A random row, with probabilities proportional to the weights."""
+    return int(_rows_at(points, weights, random_state.uniform(), random_state))
+
+
 def _random_point(scene, random_state):
-    row = _rows_at(scene.points, scene.weights, random_state.uniform(), random_state)
-    return scene.points[row]
+    return scene.points[row_of_weight(scene.points, scene.weights, random_state)]
 
 
 def _level_sets(score, low, high):
