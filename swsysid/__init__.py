@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from swsysid._results import (
         Assignment,
         IdentificationWarning,
+        MisfitWarning,
         SolverError,
         Status,
         Trajectory,
@@ -43,6 +44,7 @@ __all__ = [
     "ExactRelaxation",
     "FunctionLibrary",
     "IdentificationWarning",
+    "MisfitWarning",
     "MomentRelaxation",
     "PolynomialSurfaceClassifier",
     "Recording",
@@ -67,7 +69,15 @@ _HOMES = {
     "solve_mip": "_mip",
     "SwitchingSystemRegressor": "_regressor",
     **dict.fromkeys(
-        ("Assignment", "IdentificationWarning", "SolverError", "Status", "Trajectory"), "_results"
+        (
+            "Assignment",
+            "IdentificationWarning",
+            "MisfitWarning",
+            "SolverError",
+            "Status",
+            "Trajectory",
+        ),
+        "_results",
     ),
     **dict.fromkeys(("Recording", "load_model", "save_model"), "_saving"),
     **dict.fromkeys(("EffectReport", "EffectSearchCV"), "diagnosis"),

@@ -29,7 +29,7 @@ from swsysid._setup import (
     trajectory_codes,
 )
 from swsysid._simulation.simulate import simulate
-from swsysid._warnings import warn_about
+from swsysid._warnings import check_residuals, warn_about
 from swsysid.relaxations import get_relaxation
 
 __all__ = ["SwitchingSystemRegressor"]
@@ -118,6 +118,10 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         Balanced accuracy of the surface on the samples whose residuals decide their mode by
         themselves: close to 1 if the switching is a function of the state, else down to
         1 / `n_modes_`. NaN where too few decide, or for one mode.
+    residual_share_ : float
+        How much of the residuals samples at neighbouring states share: about 0 if the residuals are
+        noise, close to 1 if a vector field is left over (wrong modes, a term that the library
+        lacks).
     mode_selection_ : list of ModeCandidate
         The candidates of ``n_modes="auto"``, empty otherwise.
     n_iter_ : int
@@ -230,7 +234,9 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         found = answer.found
         guard = check_guard(found.problem, self.coef_, found.best.modes, self.surface_)
         self.guard_score_ = guard.score
-        warn_about(self, answer, guard, len(rows.weight))
+        left = check_residuals(self, found, rows)
+        self.residual_share_ = left.shared.share
+        warn_about(self, answer, guard, left, len(rows.weight))
         return self
 
     def predict(self, X):

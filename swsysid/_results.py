@@ -20,6 +20,7 @@ __all__ = [
     "IterationRecord",
     "MarginCertificate",
     "MipResult",
+    "MisfitWarning",
     "SolverError",
     "Status",
     "SwitchEvent",
@@ -31,6 +32,10 @@ Array = NDArray[np.float64]
 
 class IdentificationWarning(UserWarning):
     """The data do not determine the answer (too few samples, a mode without data, ...)."""
+
+
+class MisfitWarning(IdentificationWarning):
+    """The model leaves over a vector field far above the noise (a wrong basin, a missing term)."""
 
 
 class SolverError(RuntimeError):

@@ -41,6 +41,14 @@ class CanonicalRows:
     weight: Array
     inverse: NDArray[np.intp]
 
+    @property
+    def first(self) -> NDArray[np.intp]:
+        """Number of the first original row that each row of `arrays` stands for, (n_distinct,)."""
+        kept = np.flatnonzero(self.inverse >= 0)[::-1]
+        numbers = np.empty(len(self.weight), dtype=np.intp)
+        numbers[self.inverse[kept]] = kept  # the last one written is the first row
+        return numbers
+
     def restore(self, values: NDArray, dropped: float = 0.0) -> NDArray:
         """Values of the original rows, `dropped` where the weight was zero."""
         restored = values[self.inverse]

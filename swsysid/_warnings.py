@@ -3,21 +3,63 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 
 from swsysid._answer import Answer
 from swsysid._guard import GuardCheck
-from swsysid._results import IdentificationWarning, Status
+from swsysid._identification import Identification
+from swsysid._misfit import Misfit, MissingConstant, missing_constant, shared_residual
+from swsysid._results import IdentificationWarning, MisfitWarning, Status
+from swsysid._rows import CanonicalRows
+from swsysid._seeding.designs import centre_and_scale
+from swsysid._setup import input_names
 
-__all__ = ["warn_about"]
+__all__ = ["LeftOver", "check_residuals", "warn_about"]
 
 # Frames between `warnings.warn` and the user's call of `fit`.
 _STACK_LEVEL = 4
 
 
-def warn_about(estimator: Any, answer: Answer, guard: GuardCheck, n_rows: int) -> None:
+@dataclass(frozen=True)
+class LeftOver:
+    """What the identified model leaves over.
+
+    Attributes
+    ----------
+    shared : Misfit
+    constant : MissingConstant or None
+        None where the user chose the library.
+    """
+
+    shared: Misfit
+    constant: MissingConstant | None
+
+
+def check_residuals(estimator: Any, found: Identification, rows: CanonicalRows) -> LeftOver:
+    """Compare the residuals with those of neighbours, and with a constant the library lacks."""
+    problem, modes = found.problem, found.best.modes
+    centre, scale = centre_and_scale(problem.coordinates, problem.weight)
+    shared = shared_residual(
+        (problem.coordinates - centre) / scale,
+        problem.residuals(found.best.coef, modes),
+        problem.targets.std(axis=0),
+        modes,
+        rows.arrays[2],
+        rows.first,
+    )
+    if estimator.feature_library is not None:
+        return LeftOver(shared, None)
+    inlying = np.where(problem.outlying, 0.0, problem.weight)
+    return LeftOver(shared, missing_constant(problem.features, problem.targets, modes, inlying))
+
+
+def warn_about(
+    estimator: Any, answer: Answer, guard: GuardCheck, left: LeftOver, n_rows: int
+) -> None:
     """Warn if the data do not determine the answer, or if it is not converged or not stable."""
     found = answer.found
     n_unknowns = found.n_modes_asked * estimator.coef_.shape[2]
@@ -60,6 +102,23 @@ def warn_about(estimator: Any, answer: Answer, guard: GuardCheck, n_rows: int) -
             "rarer mode, with less noise, or use a smaller feature_library or degree.",
             ConvergenceWarning,
         )
+    if left.constant is not None and left.constant.helps:
+        constant = left.constant
+        _warn(
+            f"A constant would explain {constant.share:.0%} of the squared residuals of "
+            f"{_rate(estimator, constant.output)} in mode {constant.mode}, and the library has "
+            "none: use feature_library=1 (a constant and the columns of X).",
+            MisfitWarning,
+        )
+    elif estimator.n_modes_ > 1 and left.shared.structured:
+        shared = left.shared
+        _warn(
+            f"Samples at neighbouring states share {shared.share:.0%} of the residuals of "
+            f"{_rate(estimator, shared.output)} (RMS {shared.size:.2g} of its standard deviation), "
+            "so these are no noise and the modes may be wrong: use a richer feature_library, "
+            "more modes, or a larger n_init.",
+            MisfitWarning,
+        )
     if guard.missing:
         _warn(
             f"Of {guard.n_decided} samples whose residuals decide their mode, "
@@ -68,6 +127,11 @@ def warn_about(estimator: Any, answer: Answer, guard: GuardCheck, n_rows: int) -
             "time, an input) to X; if the state does drive it, raise the degree of the surface.",
             IdentificationWarning,
         )
+
+
+def _rate(estimator: Any, output: int) -> str:
+    """Name of a velocity."""
+    return f"{input_names(estimator)[output]}'"
 
 
 def _warn(message: str, category: type[Warning]) -> None:

@@ -29,7 +29,7 @@ GROUPS = (
     _seeding/designs _simulation/events _simulation/inputs metrics/_surfaces
     datasets/_undeclared_records
     diagnosis/_rearrangement diagnosis/_channels diagnosis/_records
-    _records _search/robust""",
+    _records _misfit _search/robust""",
     # 2: programs and rollouts
     """_search/folds differentiation diagnosis/_whiteness diagnosis/_noise_floor
     diagnosis/_spectrum diagnosis/_text
@@ -50,6 +50,7 @@ GROUPS = (
     _simulation/stepping _rollouts/stated _rollouts/integrate _rollouts/parameters
     metrics/_reliability datasets/_polynomial_system
     datasets/_undeclared_simulation""",
+    "_seeding/laws",
     # 4: measured data; what a relaxation is; what a margin certifies; the search for starts
     """diagnosis/_cases _search/trials datasets/_measured _command/samples
     relaxations/_base _surfaces/fitted _surfaces/margins _surfaces/book_program _seeding/search

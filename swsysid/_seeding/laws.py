@@ -68,7 +68,8 @@ def _draw(samples: Samples, scene: Scene, joint: Array, n_modes: int, random_sta
 
 def _law(features: Array, targets: Array) -> Array:
     """Least squares of some rows, (n_outputs, n_features), of smallest norm."""
-    return np.linalg.lstsq(features.T, targets.T, rcond=_RANK)[0].T
+    coef: Array = np.linalg.lstsq(features.T, targets.T, rcond=_RANK)[0].T
+    return coef
 
 
 def _neighbourhood(samples: Samples, n_modes: int, random_state) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from swsysid._misfit import shared_residual
 from swsysid._results import Array
 from swsysid._seeding.designs import weighted_quantile
 from swsysid._seeding.experts import (
@@ -30,6 +31,8 @@ GAUSSIAN = Noise(np.inf)
 _BATCH = 16
 # Starts from laws of neighbourhoods that go with every batch.
 _LAWS, _LAW_ITERATIONS = 3, 10
+# How often more of them are drawn where the answer leaves over more than noise.
+_SECOND_LOOKS = 4
 MOST_STARTS = 6 * _BATCH
 _SAMPLES_A_BATCH = 100  # small problems are searched with fewer batches
 _HALVING = ((10, 10), (20, 6))  # iterations, and how many starts are kept after them
@@ -136,7 +139,13 @@ def search(
         pool = _merge(samples, pools)
         needed = _HITS_AT_ONCE if drawn == _BATCH else _HITS
         if n_starts == "auto" and pool.hits[0] >= needed:
-            break
+            if not _leaves_a_field(samples, pool, points[rows]):
+                break
+            # The residuals are no noise: laws of the rows that are explained badly, once more.
+            pools += _second_look(samples, scene, n_modes, single, n_coarse, pool, random_state)
+            pool = _merge(samples, pools)
+            if pool.hits[0] >= needed:
+                break
     return Pool(pool.experts.take(slice(_KEPT)), pool.hits[:_KEPT]), drawn + len(first_labels)
 
 
@@ -211,6 +220,24 @@ def _run_laws(samples, soft_labels, single, n_coarse, rival: Pool) -> list[Pool]
         return []
     found = _last_stage(samples, Pool(experts.take(better), np.ones(better.size, int)), n_coarse)
     return [replace(found, hits=np.ones_like(found.hits))]
+
+
+def _second_look(samples, scene, n_modes, single, n_coarse, rival: Pool, random_state):
+    """Pools of some more starts from laws, without those less likely than the best so far."""
+    pools: list[Pool] = []
+    for _ in range(_SECOND_LOOKS):
+        laws = _soften(law_labels(samples, scene, n_modes, _LAWS, random_state), n_modes, 1.0)
+        pools += _run_laws(samples, laws, single, n_coarse, rival)
+    return pools
+
+
+def _leaves_a_field(samples, pool: Pool, points) -> bool:
+    """True if neighbouring samples share what the most likely mixture leaves over."""
+    best = pool.experts.take([0])
+    labels = best.posterior(samples, STUDENT).modes[0].argmax(axis=0)
+    residuals = best.residuals[0, labels, :, np.arange(len(labels))]
+    spread = samples.targets.std(axis=1)
+    return shared_residual(points, residuals, spread, labels).structured
 
 
 def _last_stage(samples, pool: Pool, n_coarse) -> Pool:
