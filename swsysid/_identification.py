@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +19,12 @@ from swsysid._rows import spread_rows
 from swsysid._scale import calibrate
 from swsysid._seeding.search import same_partition
 from swsysid._seeding.seeding import Seed, seed_modes
-from swsysid._selection import ModeCandidate, compare_mode_counts, smallest_sufficient
+from swsysid._selection import (
+    ModeCandidate,
+    compare_mode_counts,
+    smallest_sufficient,
+    smooth_rival,
+)
 from swsysid._sparsity import sparse_support
 
 __all__ = ["Identification", "Search", "identify"]
@@ -88,6 +94,9 @@ class Identification:
         Numbers of modes that were compared.
     monomials : SurfaceChoice or None
         Surfaces of few monomials against those of all.
+    smooth_degree : int or None
+        Degree of one polynomial law that predicts held-out samples better than the modes found by
+        ``n_modes="auto"``; None without one.
     rival : float
         By how much the best partition of the seeding is more likely than the next that differs
         on more than two per cent of the samples, in nats; infinite without one.
@@ -101,6 +110,7 @@ class Identification:
     n_modes_asked: int
     candidates: tuple[ModeCandidate, ...]
     monomials: SurfaceChoice | None
+    smooth_degree: int | None
     rival: float
 
     @property
@@ -141,9 +151,12 @@ class _Starts:
 def identify(problem: SwitchingProblem, search: Search, random_state) -> Identification:
     """Alternate from every start and keep the smallest joint objective."""
     candidates: tuple[ModeCandidate, ...] = ()
+    smooth_degree = None
     if problem.n_modes == "auto":
+        draws = deepcopy(random_state)  # the same rows are held out for both comparisons
         candidates = compare_mode_counts(problem, search, random_state)
         problem = replace(problem, n_modes=smallest_sufficient(candidates))
+        smooth_degree = smooth_rival(problem, search, problem.n_modes, draws)
     asked = problem.n_modes
     if isinstance(search.init, str):  # more modes than distinct rows would only be dropped again
         problem = replace(problem, n_modes=min(asked, len(problem.weight)))
@@ -176,6 +189,7 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
         n_modes_asked=asked,
         candidates=candidates,
         monomials=choice,
+        smooth_degree=smooth_degree,
         rival=starts.rival,
     )
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
-from swsysid._seeding.designs import centre_and_scale, weighted_quantile
-from swsysid._seeding.seeding import Seed, held_out_residuals, seed_modes
+from swsysid._seeding.designs import centre_and_scale, monomials, weighted_quantile, whiten
+from swsysid._seeding.experts import Samples, single_model
+from swsysid._seeding.seeding import Preparation, Seed, held_out_residuals, seed_modes
 from swsysid._seeding.starts import some_rows, split_labels
 
-__all__ = ["ModeCandidate", "compare_mode_counts", "smallest_sufficient"]
+__all__ = ["ModeCandidate", "compare_mode_counts", "smallest_sufficient", "smooth_rival"]
 
 # Fraction of the samples held out, and how many rows of either part are looked at.
 _HELD_OUT = 0.25
@@ -33,6 +35,9 @@ _FLOOR = 1e-4
 _NORMAL_MEDIAN = 0.6745
 # A sample costs at most this many nats, or one for every output if these are more.
 _MOST_NATS = 3.0
+# One law with all monomials up to these degrees is compared with several modes, as long as there
+# are not too many monomials for the rows.
+_SMOOTH_DEGREES, _MOST_MONOMIALS, _ROWS_A_MONOMIAL = (2, 3, 5, 7), 60, 10
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,54 @@ def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, .
         if _exhausted(totals, criteria):
             break
     return tuple(_candidates(_costs(residuals, test.weight), test))
+
+
+def smooth_rival(problem, search, n_modes: int, random_state) -> int | None:
+    """Degree of one polynomial law that predicts held-out samples better than several modes do.
+
+    Where the library lacks a smooth term, modes tile the state space and each of them follows the
+    missing term over its tile. Then one law with the library's features and all monomials of the
+    coordinates up to some degree has a smaller held-out cost (`compare_mode_counts`). None if no
+    degree of at most seven has.
+    """
+    if n_modes == 1 or len(problem.weight) < 2:
+        return None
+    train, test = _split(problem, search.trajectory, random_state)
+    switching = seed_modes(
+        train.features,
+        train.targets,
+        train.coordinates,
+        n_modes=n_modes,
+        gate_degree=search.gate_degree,
+        sample_weight=train.weight,
+        most_starts=_STARTS,
+        random_state=random_state,
+    )[0]
+    degrees = [degree for degree in _SMOOTH_DEGREES if _affordable(train, degree)]
+    residuals = [held_out_residuals(switching, test.features, test.targets, test.coordinates)]
+    residuals += [_smooth_residuals(switching.preparation, train, test, d) for d in degrees]
+    cost, *smooth = (float(test.weight @ each) for each in _costs(residuals, test.weight))
+    better = (d for d, own in zip(degrees, smooth, strict=True) if own + _FREE_NATS < cost)
+    return next(better, None)
+
+
+def _affordable(train: _Part, degree: int) -> bool:
+    n_monomials = comb(train.points.shape[1] + degree, degree)
+    return n_monomials <= min(_MOST_MONOMIALS, train.weight.sum() / _ROWS_A_MONOMIAL)
+
+
+def _smooth_residuals(preparation: Preparation, train: _Part, test: _Part, degree: int) -> Array:
+    """Held-out residuals of one robust law of features and monomials, in the units of a seed."""
+
+    def design(part: _Part) -> Array:
+        return np.hstack([part.features, monomials(part.points, degree)])
+
+    def samples(part: _Part) -> Samples:
+        return preparation(part.features, part.targets, part.coordinates, part.weight)
+
+    basis = whiten(design(train), train.weight)
+    _, coef, _ = single_model(replace(samples(train), features=basis(design(train))))
+    return (samples(test).targets - basis(design(test)).evaluate(coef)).T
 
 
 def smallest_sufficient(candidates: tuple[ModeCandidate, ...]) -> int:

@@ -110,6 +110,14 @@ def warn_about(
             "none: use feature_library=1 (a constant and the columns of X).",
             MisfitWarning,
         )
+    elif found.smooth_degree is not None:
+        _warn(
+            f"One law with all monomials up to degree {found.smooth_degree} predicts held-out "
+            f"samples better than {estimator.n_modes_} modes: they may only tile a smooth term "
+            f"that the library lacks; compare with n_modes=1, feature_library="
+            f"{found.smooth_degree}.",
+            MisfitWarning,
+        )
     elif estimator.n_modes_ > 1 and left.shared.structured:
         shared = left.shared
         _warn(

@@ -68,7 +68,7 @@ def _draw(samples: Samples, scene: Scene, joint: Array, n_modes: int, random_sta
 
 def _law(features: Array, targets: Array) -> Array:
     """Least squares of some rows, (n_outputs, n_features), of smallest norm."""
-    coef: Array = np.linalg.lstsq(features.T, targets.T, rcond=_RANK)[0].T
+    coef = np.linalg.lstsq(features.T, targets.T, rcond=_RANK)[0].T.astype(float, copy=False)
     return coef
 
 

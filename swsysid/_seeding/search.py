@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -124,6 +125,8 @@ def search(
     size = np.minimum(np.abs(least_squares), 1.0) @ weights / weights.sum()
     floor = np.maximum(np.square(_COARSE_NOISE * size), VARIANCE_FLOOR)
     limit = _limit(n_starts, most_starts, len(rows))
+    # Starts from laws draw from a copy: the other starts are the same with and without them.
+    draws = deepcopy(random_state)
     pools: list[Pool] = []
     drawn = 0
     while drawn < limit:
@@ -133,7 +136,7 @@ def search(
             labels += list(first_labels[:, rows])
         soft_labels = _soften(np.array(labels), n_modes, _SOFT)
         pools.append(_run_batch(samples, soft_labels, single, n_coarse, floor))
-        laws = _soften(law_labels(samples, scene, n_modes, _LAWS, random_state), n_modes, 1.0)
+        laws = _soften(law_labels(samples, scene, n_modes, _LAWS, draws), n_modes, 1.0)
         pools += _run_laws(samples, laws, single, n_coarse, _merge(samples, pools))
         drawn = indices.stop
         pool = _merge(samples, pools)
@@ -142,7 +145,7 @@ def search(
             if not _leaves_a_field(samples, pool, points[rows]):
                 break
             # The residuals are no noise: laws of the rows that are explained badly, once more.
-            pools += _second_look(samples, scene, n_modes, single, n_coarse, pool, random_state)
+            pools += _second_look(samples, scene, n_modes, single, n_coarse, pool, draws)
             pool = _merge(samples, pools)
             if pool.hits[0] >= needed:
                 break
