@@ -26,7 +26,7 @@ _APART, _APART_SHARE = 50, 0.02
 _NEIGHBOURS = 128
 # A constant is missed if it explains at least this share of the squared residuals of a mode, which
 # has at least so many rows for each coefficient.
-_WORTH, _ROWS_A_COEFFICIENT = 0.5, 5
+_WORTH, _ROWS_A_COEFFICIENT = 0.3, 10
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class MissingConstant:
 
     @property
     def helps(self) -> bool:
-        """True if most of the residual of some mode is a constant."""
+        """True if a good part of the residual of some mode is a constant."""
         return self.share > _WORTH
 
 

@@ -119,9 +119,8 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         themselves: close to 1 if the switching is a function of the state, else down to
         1 / `n_modes_`. NaN where too few decide, or for one mode.
     residual_share_ : float
-        How much of the residuals samples at neighbouring states share: about 0 if the residuals are
-        noise, close to 1 if a vector field is left over (wrong modes, a term that the library
-        lacks).
+        What neighbouring samples share of their residuals: about 0 for noise, close to 1 if a
+        vector field is left over (wrong modes, a missing term).
     mode_selection_ : list of ModeCandidate
         The candidates of ``n_modes="auto"``, empty otherwise.
     n_iter_ : int
@@ -233,9 +232,8 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self._store(answer)
         found = answer.found
         guard = check_guard(found.problem, self.coef_, found.best.modes, self.surface_)
-        self.guard_score_ = guard.score
         left = check_residuals(self, found, rows)
-        self.residual_share_ = left.shared.share
+        self.guard_score_, self.residual_share_ = guard.score, left.shared.share
         warn_about(self, answer, guard, left, len(rows.weight))
         return self
 
