@@ -242,7 +242,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         return self._posterior.of_decisions(features, self._basis(self._places))
 
     def class_posterior(self, X):
-        """Probability of every class from all surfaces that the data allow, and from training errors."""
+        """Probability of every class from all surfaces that the data allow and training errors."""
         features = self._features(X)
         return self._posterior(features)
 

@@ -109,8 +109,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
     objective_ : float
         Weighted sum of the losses of the hard modes, in the user's units.
     history_ : list of IterationRecord
-        The iterations of the winning start, or the passes over all rows if these are more than
-        40,000.
+        The iterations of the winning start; of more than 40,000 rows, the passes over them.
     n_modes_ : int
     stability_ : float
         Fraction of the starts that found the winner.
