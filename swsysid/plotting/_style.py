@@ -91,7 +91,7 @@ def canvas(ax=None, n_panels: int = 1, panel_size=(5.6, 4.4), n_columns: int | N
     """
     import matplotlib.pyplot as plt
 
-    with plt.rc_context(STYLE):
+    with plt.style.context(STYLE):
         if ax is None:
             width, height = panel_size
             across = min(n_columns or n_panels, n_panels)
