@@ -6,12 +6,10 @@ from copy import copy
 
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.utils import check_random_state
-from sklearn.utils.multiclass import check_classification_targets
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._printing import check_format, linear_combination, symbol
 from swsysid._rows import canonical_rows, check_sample_weight, places_between
+from swsysid._scores import ScoredByAccuracy
 from swsysid._surfaces.book_program import (
     choose_mode_book,
     fit_mode_book,
@@ -25,6 +23,8 @@ from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
 from swsysid._surfaces.parameters import check_parameters
 from swsysid._surfaces.polynomials import surface_basis
 from swsysid._surfaces.probability import ModePosterior
+from swsysid._validation.estimators import check_fitted, classes_to_fit, known_classes, known_rows
+from swsysid._validation.parameters import names_of_columns, random_numbers
 
 __all__ = ["PolynomialSurfaceClassifier"]
 
@@ -34,7 +34,7 @@ _DEFAULT_MARGIN = 1e-2
 _BETA_RAW, _BETA_STANDARDIZED = 1e-2, 5e-3
 
 
-class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
+class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimator):
     r"""Classes separated by polynomial surfaces, fitted by the margin linear program.
 
     M classes need L = ceil(log2 M) surfaces :math:`f_\ell(x) = a_\ell^\top \phi(x)`. The
@@ -183,8 +183,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             If the solver is not installed or returns nothing.
         """
         check_parameters(self)
-        X, y = validate_data(self, X, y, dtype=np.float64)
-        check_classification_targets(y)
+        X, y = classes_to_fit(self, X, y)
         weight = check_sample_weight(sample_weight, len(X))
         self.classes_ = np.unique(y[weight > 0])
         # Rows of weight zero are dropped below, whatever index they get here.
@@ -310,8 +309,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         -------
         MarginCertificate
         """
-        check_is_fitted(self)
-        X, y = validate_data(self, X, y, dtype=np.float64, reset=False)
+        X, y = known_classes(self, X, y)
         unknown = ~np.isin(y, self.classes_)
         if unknown.any():
             raise ValueError(f"y holds the class {y[unknown][0]!r}, which fit has not seen.")
@@ -335,9 +333,11 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
         list of str
             One for each surface, such as ``"f0(x0, x1) = -1.500 + 1.000 x0^2 + 1.000 x1^2"``.
         """
-        check_is_fitted(self)
-        check_format(format)
-        inputs = self._input_names() if input_features is None else list(input_features)
+        check_fitted(self)
+        check_format(format, precision)
+        inputs = self._input_names()
+        if input_features is not None:
+            inputs = names_of_columns("input_features", input_features, self.n_features_in_)
         arguments = ", ".join(symbol(name, format) for name in inputs)
         head = "f_{{{}}}({}) = {}" if format == "latex" else "f{}({}) = {}"
         names = list(self._basis.names(inputs))
@@ -359,7 +359,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
             return check_book(self.mode_book, n_classes)
         if self.mode_book == "pairwise":
             return pairwise_book(n_classes)
-        rng = check_random_state(self.random_state)
+        rng = random_numbers(self.random_state)
         return choose_mode_book(features, labels, weight, n_classes, rng, *self._program())
 
     def _store(self, features, labels, rows, book, fits):
@@ -384,8 +384,7 @@ class PolynomialSurfaceClassifier(ClassifierMixin, BaseEstimator):
     # -- small things ----------------------------------------------------------------------
 
     def _checked(self, X):
-        check_is_fitted(self)
-        return validate_data(self, X, dtype=np.float64, reset=False)
+        return known_rows(self, X)
 
     def _features(self, X):
         X = self._checked(X)

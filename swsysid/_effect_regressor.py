@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._effect_equations import guards_with_effects, laws_with_effects
 from swsysid._effect_simulation import simulate_with_effects
 from swsysid._records import Records, make_records
-from swsysid._search.joint_fit import JointFit, fit_jointly
+from swsysid._scores import ScoredByR2
+from swsysid._search.joint_fit import JointFit, check_declared, fit_jointly
 from swsysid._search.trials import PlacedEffect
+from swsysid._validation.arrays import column
+from swsysid._validation.estimators import check_fitted, known_rows, rows_to_fit
+from swsysid._validation.parameters import MOST_MODES, shown
 
 __all__ = ["EffectRegressor"]
 
 
-class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
+class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimator):
     """A switching model with effects beside it, whose coefficients are fitted jointly.
 
     State k obeys ``xdot_k = C_jk Phi(x) + sum_e c_e h_e(x, u, t; theta_e)`` in mode j. The
@@ -75,14 +80,16 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         -------
         self
         """
-        X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        targets = np.asarray(y, dtype=float).reshape(len(y), -1)
+        check_declared(self.estimator)
+        terms = _checked_terms(self.effects)
+        X, y = rows_to_fit(self, X, y)
+        targets = y.reshape(len(y), -1)
         self._one_target, self._n_targets = y.ndim == 1, targets.shape[1]
         records = self._records(X, t, groups, signals)
-        _refuse_missing(records, self.effects)
-        start = None if modes is None else np.asarray(modes)
+        _refuse_missing(records, terms)
+        start = None if modes is None else _checked_modes(modes, len(X))
         rows = np.arange(len(X))
-        fit = fit_jointly(self.estimator, self.effects, records, rows, targets, start)
+        fit = fit_jointly(self.estimator, terms, records, rows, targets, start)
         return self._adopt(fit, records.names)
 
     def predict(self, X, *, t=None, groups=None, signals=None):
@@ -115,7 +122,7 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         -------
         Trajectory
         """
-        check_is_fitted(self, "estimator_")
+        check_fitted(self, "estimator_")
         return simulate_with_effects(
             self._fit, x0, t, inputs, signals=signals, input_hold=input_hold, **options
         )
@@ -136,7 +143,7 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             play of width w, ``lag(u, T)`` a first-order lag of time constant T, ``u(t - T)`` a
             delay, ``[v > 0]`` one where v is positive and else zero.
         """
-        check_is_fitted(self, "estimator_")
+        check_fitted(self, "estimator_")
         return laws_with_effects(self._fit, self._channel_names, precision, format)
 
     def surface_equations(self, precision=3, format="text"):
@@ -153,7 +160,7 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             One for each surface (one for all if an effect remembers the mode); then one line for
             each jump of a state.
         """
-        check_is_fitted(self, "estimator_")
+        check_fitted(self, "estimator_")
         return guards_with_effects(self._fit, self._channel_names, precision, format)
 
     # -- parts ---------------------------------------------------------------------------------
@@ -168,8 +175,8 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return self
 
     def _known(self, X, t, groups, signals) -> Records:
-        check_is_fitted(self, "estimator_")
-        X = validate_data(self, X, reset=False, dtype=np.float64)
+        check_fitted(self, "estimator_")
+        X = known_rows(self, X)
         records = self._records(X, t, groups, signals)
         _refuse_missing(records, self.effects_)
         return records
@@ -181,8 +188,30 @@ class EffectRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         )
 
 
+def _checked_terms(effects: Any) -> tuple[PlacedEffect, ...]:
+    listed = isinstance(effects, Iterable)
+    if not listed or not all(isinstance(term, PlacedEffect) for term in effects):
+        raise TypeError(
+            f"effects={shown(effects)} must be a list of swsysid.effects.PlacedEffect, as "
+            "EffectSearchCV finds them."
+        )
+    return tuple(effects)
+
+
+def _checked_modes(modes: Any, n_samples: int) -> NDArray[np.intp]:
+    given = column("modes", modes, n_samples)
+    if (given < 0).any() or (given != np.round(given)).any() or (given > MOST_MODES).any():
+        raise ValueError("modes must be whole numbers from 0, one for each sample.")
+    return given.astype(np.intp)
+
+
 def _refuse_missing(records: Records, terms: Sequence[PlacedEffect]) -> None:
     for term in terms:
+        if not 0 <= term.target < records.n_states:
+            raise ValueError(
+                f"the effect {term.effect.kind!r} acts in state {term.target}; give a number from "
+                f"0 to {records.n_states - 1}."
+            )
         missing = term.effect.missing(records)
         if missing:
             raise ValueError(f"The effect {term.effect.kind!r} {missing}.")

@@ -11,10 +11,11 @@ import numpy as np
 from swsysid._results import Array, Status, Trajectory
 from swsysid._search.joint_fit import JointFit, corrected, switching_step
 from swsysid._simulation.effect_system import ActingTerm, EffectSystem
-from swsysid._simulation.inputs import checked_inputs, checked_times
+from swsysid._simulation.inputs import checked_inputs, checked_options, checked_times
 from swsysid._simulation.signals import Given, refined_grid, trajectory_records
 from swsysid._simulation.simulate import follow
 from swsysid._simulation.stepping import Memory, iterate, step_along
+from swsysid._validation.parameters import one_of
 
 __all__ = ["simulate_with_effects"]
 
@@ -52,6 +53,7 @@ def simulate_with_effects(
         Its states are what the sensors would record, those of its events the true ones. Where
         friction holds a state, "sliding" is the begin and "leaving" the end.
     """
+    options = checked_options(options)
     rollout = _Rollout(fit, x0, t, inputs, signals, input_hold)
     if rollout.is_discrete:
         trajectory = rollout.iterate(**options)
@@ -82,8 +84,7 @@ class _Rollout:
         n_columns = fit.estimator.n_features_in_
         self.terms, self.n_states = fit.terms, switching.coef_.shape[1]
         self.is_discrete = bool(switching.discrete_time)
-        if input_hold not in ("zero", "linear"):
-            raise ValueError(f"input_hold={input_hold!r} is unknown; choose 'zero' or 'linear'.")
+        one_of("input_hold", input_hold, ("zero", "linear"))
         x0, self.t = checked_times(x0, t)
         inputs = _samples(inputs, self.t, "inputs", n_columns - self.n_states)
         signals = _samples(signals, self.t, "signals", _n_signals(fit.terms, n_columns))
@@ -282,7 +283,4 @@ def _check_states(x0: Array, n_states: int, n_columns: int) -> None:
 
 def _known(options: dict, used: Sequence[str]) -> dict:
     """The options that fixed steps use, of those that `simulate` has."""
-    unknown = set(options) - {*_STEPPING_OPTIONS, "max_steps", "rtol", "atol", "method"}
-    if unknown:
-        raise TypeError(f"simulate has no option {sorted(unknown)[0]!r}.")
     return {name: options[name] for name in used if name in options}

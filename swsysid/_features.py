@@ -5,13 +5,28 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from itertools import combinations
+from math import comb
 
 import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.preprocessing import PolynomialFeatures
-from sklearn.utils.validation import check_is_fitted, validate_data
 
-__all__ = ["FeatureMap", "FunctionLibrary", "Monomials", "monomials_at"]
+from swsysid._validation.estimators import check_fitted, known_rows, rows_of_library
+from swsysid._validation.parameters import shown, whole
+
+__all__ = [
+    "FeatureMap",
+    "FunctionLibrary",
+    "Monomials",
+    "check_degree",
+    "monomials_at",
+    "refuse_many_features",
+]
+
+# More columns than that are days of work at best, and terabytes at worst.
+_MOST_FEATURES = 3000
+# Sizes of features whose squares neither overflow nor vanish.
+_LARGEST, _SMALLEST = 1e100, 1e-100
 
 
 class FunctionLibrary(TransformerMixin, BaseEstimator):
@@ -47,19 +62,15 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
 
     def fit(self, X, y=None):
         """Check `X` and remember its columns."""
-        validate_data(self, X)
+        rows_of_library(self, X)
         _check_functions(self.functions, self.n_features_in_)
-        if self.names is not None and len(self.names) != len(self.functions):
-            raise ValueError(
-                f"names has {len(self.names)} entries for {len(self.functions)} functions; "
-                "give one format string for each function."
-            )
+        if self.names is not None:
+            _check_patterns(self.names, len(self.functions))
         return self
 
     def transform(self, X):
         """Values of all functions, shape (n_samples, n_features_out)."""
-        check_is_fitted(self, "n_features_in_")
-        X = validate_data(self, X, reset=False)
+        X = known_rows(self, X)
         columns = [
             _values(function, pattern, X[:, list(group)].T)
             for function, pattern, group in self._terms()
@@ -68,7 +79,7 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
 
     def get_feature_names_out(self, input_features=None):
         """Names of the functions of the columns."""
-        check_is_fitted(self, "n_features_in_")
+        check_fitted(self, "n_features_in_")
         given = self._input_names() if input_features is None else list(input_features)
         names = [
             pattern.format(*(given[column] for column in group))
@@ -101,7 +112,7 @@ def _arity(function) -> int:
 
 def _check_functions(functions, n_columns: int) -> None:
     if not isinstance(functions, Sequence) or not all(callable(f) for f in functions):
-        raise TypeError(f"functions={functions!r} must be a list of functions of columns.")
+        raise TypeError(f"functions={shown(functions)} must be a list of functions of columns.")
     if not functions:
         raise ValueError("functions is empty; give at least one function of columns.")
     for place, function in enumerate(functions):
@@ -110,6 +121,17 @@ def _check_functions(functions, n_columns: int) -> None:
                 f"functions[{place}] takes {_arity(function)} columns and X has {n_columns}; give "
                 f"a function of 1 to {n_columns} columns."
             )
+
+
+def _check_patterns(names, n_functions: int) -> None:
+    listed = list(names) if isinstance(names, Sequence) and not isinstance(names, str) else [None]
+    if not all(isinstance(name, str) for name in listed):
+        raise TypeError(f"names={shown(names)} must be a list of format strings.")
+    if len(listed) != n_functions:
+        raise ValueError(
+            f"names has {len(listed)} entries for {n_functions} functions; give one format string "
+            "for each function."
+        )
 
 
 def _values(function, pattern: str, columns) -> np.ndarray:
@@ -187,12 +209,17 @@ class FeatureMap:
     """
 
     def __init__(self, library, X, names: Sequence[str]):
-        self.library = _as_transformer(library).fit(X)
+        self.library = _as_transformer(library, X.shape[1]).fit(X)
         self.names_in = list(names)
+        self._monomials = None
+        # Polynomial libraries tell their size before they have made anything of it.
+        refuse_many_features("feature_library", getattr(self.library, "n_output_features_", 0))
+        refuse_many_features("feature_library", self(X[:1]).shape[1])
         self._monomials = _monomials_of(self.library)
         features = self(X)
         self.n_features_out = features.shape[1]
         self.sizes = np.abs(features).max(axis=0)  # what a coefficient of each can amount to
+        self._refuse_out_of_reach()
         self._powers = getattr(self.library, "powers_", None)  # of a polynomial library
 
     def at(self, point: np.ndarray) -> np.ndarray:
@@ -219,10 +246,12 @@ class FeatureMap:
 
     def __call__(self, X) -> np.ndarray:
         """Phi(X), shape (n_samples, n_features_out), a plain array of finite floats."""
-        if self._monomials is not None and isinstance(X, np.ndarray):
-            features = self._monomials(X)
-        else:
-            features = np.asarray(self.library.transform(X), dtype=float)
+        # What overflows, or has no value, is refused below.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            if self._monomials is not None and isinstance(X, np.ndarray):
+                features = self._monomials(X)
+            else:
+                features = np.asarray(self.library.transform(X), dtype=float)
         if features.ndim != 2 or len(features) != len(X):
             raise ValueError(
                 f"feature_library returned an array of shape {features.shape} for {len(X)} "
@@ -235,28 +264,58 @@ class FeatureMap:
             )
         return features
 
+    def _refuse_out_of_reach(self) -> None:
+        sizes = self.sizes
+        beyond = (sizes > _LARGEST) | ((sizes > 0.0) & (sizes < _SMALLEST))
+        if beyond.any():
+            place = int(beyond.argmax())
+            raise ValueError(
+                f"the feature {self.names_out[place]} reaches {sizes[place]:.1e}, whose square is "
+                "lost in double precision; give X in units in which its values are of order one."
+            )
+
+
+def check_degree(name: str, degree: int, n_columns: int) -> None:
+    """Refuse a degree that is no whole number, or of more monomials than anyone can use."""
+    whole(name, degree, least=0)
+    many = degree >= _MOST_FEATURES
+    refuse_many_features(
+        f"{name}={degree}", degree if many else comb(int(degree) + n_columns, n_columns)
+    )
+
+
+def refuse_many_features(name: str, n_features: int) -> None:
+    """Refuse a library before memory and time are spent on it."""
+    if n_features > _MOST_FEATURES:
+        raise ValueError(
+            f"{name} makes at least {n_features} features of the columns of X, more than the "
+            f"{_MOST_FEATURES} that can be handled; choose a lower degree or fewer columns."
+        )
+
 
 def _monomials_of(library) -> Monomials | None:
     """All monomials up to a degree, if that is what a library is."""
     return Monomials(library.powers_) if type(library) is PolynomialFeatures else None
 
 
-def _as_transformer(library):
+def _as_transformer(library, n_columns: int):
     if library is None:
         return PolynomialFeatures(1, include_bias=False)  # the columns themselves
     if isinstance(library, (int, np.integer)) and not isinstance(library, bool):
         if library < 0:
-            raise ValueError(f"feature_library={library}; a polynomial degree is at least 0.")
+            raise ValueError(f"feature_library={library}, but a polynomial degree is at least 0.")
+        check_degree("feature_library", int(library), n_columns)
         return PolynomialFeatures(int(library))
     if _holds_custom_library(library):
         raise TypeError(
             "PySINDy's CustomLibrary cannot be cloned by scikit-learn; use "
             "swsysid.FunctionLibrary(functions, names) in its place."
         )
-    if not hasattr(library, "transform"):
+    usable = hasattr(library, "fit") and hasattr(library, "transform")
+    if isinstance(library, type) or not usable:
         raise TypeError(
-            f"feature_library={library!r} is neither None, a degree, a scikit-learn transformer "
-            "nor a PySINDy library; it must have fit and transform."
+            f"feature_library={shown(library)} is neither None, a degree, a scikit-learn "
+            "transformer nor a PySINDy library; it must have fit and transform."
         )
     return clone(library)
 

@@ -23,14 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array, hstack, vstack
 
-from swsysid._results import Array, SolverError, Status
-from swsysid._solvers.conic import linear_program, modelling, solve
+from swsysid._results import Array, Status
+from swsysid._solvers.conic import linear_program, modelling, require_solution, solve
 from swsysid._solvers.dynamics_program import DynamicsProgram, boxed_least_squares
 from swsysid._solvers.euclidean import least_euclidean_norms
 from swsysid._solvers.lad import least_absolute_deviations
 from swsysid._solvers.norm_summary import NormSummary
 from swsysid._solvers.row_space import RowSpace
 from swsysid._solvers.summaries import GramSummary, SignSummary
+from swsysid._validation.parameters import one_of
 
 __all__ = ["LOSSES", "DynamicsFit", "L1Loss", "L2Loss", "Loss", "SquaredLoss", "get_loss"]
 
@@ -211,16 +212,8 @@ class Loss(ABC):
             constraints += [coef[np.nonzero(~program.support)] == 0]
         losses = program.weight @ expression(cp, residuals)
         problem = cp.Problem(cp.Minimize(losses), constraints)
-        status = solve(problem, solver)
-        if coef.value is None or definition.dual_value is None:
-            raise self._no_solution(solver, status)
+        require_solution(solve(problem, solver), f"{self.name} dynamics program")
         return np.where(program.support, coef.value, 0.0), -definition.dual_value
-
-    def _no_solution(self, solver, status) -> SolverError:
-        return SolverError(
-            f"solver={solver!r} found no solution of the {self.name} dynamics program "
-            f"({status.value}). {status.advice} solver='auto' needs none."
-        )
 
 
 class _NormLoss(Loss):
@@ -276,8 +269,7 @@ class L1Loss(_NormLoss):
                 bounds=box,
                 solver=solver,
             )
-            if not np.isfinite(solution.x).all():
-                raise self._no_solution(solver, solution.status)
+            require_solution(solution.status, f"{self.name} dynamics program")
             coef.append(solution.x[:n_features])
             dual.append(solution.dual_ub[n_samples:] - solution.dual_ub[:n_samples])
         return np.stack(coef), np.stack(dual, axis=1)
@@ -368,6 +360,4 @@ LOSSES = {loss.name: loss for loss in (L1Loss, L2Loss, SquaredLoss)}
 
 def get_loss(name: str) -> Loss:
     """The loss called `name`."""
-    if name not in LOSSES:
-        raise ValueError(f"loss={name!r} is unknown; choose one of {', '.join(LOSSES)}.")
-    return LOSSES[name]()
+    return LOSSES[one_of("loss", name, LOSSES)]()

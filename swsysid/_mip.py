@@ -10,13 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array, hstack, kron, vstack
-from sklearn.utils import check_array, check_consistent_length
 
 from swsysid._features import FeatureMap
-from swsysid._results import Array, MipResult
-from swsysid._solvers.conic import mixed_integer_program
+from swsysid._results import Array, MipResult, Status
+from swsysid._solvers.conic import mixed_integer_program, require_solution
+from swsysid._validation.arrays import refuse_vanishing, table
+from swsysid._validation.parameters import MOST_MODES, real, whole
 
 __all__ = ["solve_mip"]
+
+# Gap, relative to the sizes of residuals and targets, that the tolerances of HiGHS may leave.
+_PROVED = 1e-6
 
 
 def solve_mip(
@@ -85,30 +89,31 @@ def solve_mip(
         features / feature_units, y / unit, n_modes, coef_bound * feature_units / unit
     )
     coef, modes, bound, status = program.solve(time_limit)
+    if status is not Status.TIME_LIMIT:  # then the best point so far, if any, is the answer
+        require_solution(status, "mixed-integer program")
     coef = np.clip(coef * unit / feature_units, -coef_bound, coef_bound)
     objective = float(np.abs(y - np.einsum("ikp,ip->ik", coef[modes], features)).sum())
     # No sum of absolute values is below zero, and no bound above a value that is reached.
     bound = min(max(float(bound) * unit, 0.0), objective)
+    unproved = objective - bound > _PROVED * (objective + float(np.abs(y).sum()))
+    if status is Status.OPTIMAL and unproved:
+        status = Status.INACCURATE
     return MipResult(objective, bound, objective - bound, coef, modes, status)
 
 
 def _checked_data(X, y) -> tuple[Array, Array]:
-    X = check_array(X, dtype=float, input_name="X")
-    y = check_array(y, dtype=float, ensure_2d=False, input_name="y")
-    y = y[:, None] if y.ndim == 1 else y
-    check_consistent_length(X, y)
+    X = table("X", X)
+    y = table("y", y, n_rows=len(X))
+    for name, values in (("X", X), ("y", y)):
+        refuse_vanishing(name, values)
     return X, y
 
 
 def _check_parameters(n_modes, coef_bound, time_limit) -> None:
-    if not isinstance(n_modes, (int, np.integer)) or n_modes < 1:
-        raise ValueError(f"n_modes={n_modes!r}; the number of modes is an integer of at least 1.")
-    if coef_bound is None or not 0 < coef_bound < np.inf:
-        raise ValueError(
-            f"coef_bound={coef_bound!r}; the mixed-integer program needs a positive finite bound."
-        )
-    if not time_limit > 0:
-        raise ValueError(f"time_limit={time_limit!r}; give a positive number of seconds.")
+    whole("n_modes", n_modes, most=MOST_MODES)
+    real("coef_bound", coef_bound, above=0)
+    if not (isinstance(time_limit, float) and time_limit == np.inf):
+        real("time_limit", time_limit, above=0)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from swsysid._blocks.pieces import pieces
 from swsysid._features import FeatureMap
 from swsysid._printing import check_format, linear_combination, merged, symbol
 from swsysid._results import Array
+from swsysid._validation.parameters import shown
 
-__all__ = ["AddedTerms", "SwitchingModel"]
+__all__ = ["AddedTerms", "SwitchingModel", "fitted_system"]
 
 AddedTerms = Callable[[int, int], Iterable[tuple[float, str, float]]]
 
@@ -83,7 +84,7 @@ class SwitchingModel:
         added : callable, default=None
             ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
         """
-        check_format(style)
+        check_format(style, precision)
         named = self.feature_map.names_in
         features = self.feature_map.names(named if columns is None else columns)
         lines = []
@@ -172,3 +173,19 @@ def _sides(number: int, surface: Any, style: str) -> str:
     ]
     told = f"({'; '.join(parts)})"
     return rf" \quad \text{{{told}}}" if style == "latex" else f"   {told}"
+
+
+def fitted_system(model: Any) -> SwitchingModel:
+    """The switching system of a fitted or a stated model; anything else is refused."""
+    if isinstance(model, type) or not hasattr(model, "coef_"):
+        raise TypeError(
+            f"model={shown(model)} has no coefficients yet; fit it first, or state one with "
+            "StatedModel."
+        )
+    system = getattr(model, "_model", None)
+    if not isinstance(system, SwitchingModel):
+        raise TypeError(
+            f"model={shown(model)} is no switching system; give a fitted SwitchingSystemRegressor "
+            "or a StatedModel."
+        )
+    return system

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from numbers import Integral
+
+from swsysid._validation.parameters import one_of, whole
 
 __all__ = ["check_format", "linear_combination", "merged", "symbol"]
 
+_MOST_DECIMALS = 50
 # Functions that stand upright in LaTeX.
 _FUNCTIONS = ("sin", "cos", "exp", "sign", "clip", "max", "play", "lag")
 
 
-def check_format(style: str) -> None:
-    """Refuse anything but ``"text"`` and ``"latex"``."""
-    if style not in ("text", "latex"):
-        raise ValueError(f"format={style!r} is unknown; choose 'text' or 'latex'.")
+def check_format(style: str, precision: int = 0) -> None:
+    """Refuse anything but ``"text"`` and ``"latex"``, and decimals that no number has."""
+    one_of("format", style, ("text", "latex"))
+    whole("precision", precision, least=0, most=_MOST_DECIMALS)
 
 
 def linear_combination(
@@ -40,8 +42,7 @@ def linear_combination(
     >>> linear_combination([0.5], ["x0^2 x1"], style="latex")
     '0.500 x_{0}^{2} x_{1}'
     """
-    if not isinstance(precision, Integral) or precision < 0:
-        raise ValueError(f"precision={precision!r} must be an integer, at least 0.")
+    check_format(style, precision)
     amounts = [
         abs(value * size)
         for value, size in zip(coef, [1.0] * len(coef) if sizes is None else sizes, strict=True)

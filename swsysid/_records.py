@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swsysid._results import Array
+from swsysid._validation.arrays import column, labels, refuse_vanishing, table
 
 __all__ = ["Records", "make_records"]
 
@@ -145,12 +146,15 @@ def make_records(
         If lengths differ, times do not increase along a trajectory, or values are not finite.
     """
     n_samples = len(X)
-    t = None if t is None else _column(t, "t", n_samples)
-    groups = None if groups is None else _codes(groups, n_samples)
+    t = None if t is None else column("t", t, n_samples)
+    if t is not None:
+        refuse_vanishing("t", t)
+    if groups is not None:
+        groups = np.unique(labels("groups", groups, n_samples), return_inverse=True)[1]
     timed = t is not None
     if groups is None and t is not None:
         groups = np.zeros(n_samples, dtype=np.intp)
-    listed = _signals(signals, n_samples)
+    listed = np.empty((n_samples, 0)) if signals is None else table("signals", signals, n_samples)
     given: list = list(signal_names or getattr(signals, "columns", ()))  # type: ignore[arg-type]
     if len(given) != listed.shape[1]:
         given = [f"signal{column}" for column in range(listed.shape[1])]
@@ -169,39 +173,3 @@ def make_records(
                 "time, or give `groups` so that trajectories are told apart."
             )
     return records
-
-
-def _column(values: ArrayLike, name: str, n_samples: int) -> Array:
-    column = np.asarray(values, dtype=float)
-    if column.shape != (n_samples,):
-        raise ValueError(
-            f"{name} has shape {column.shape}; give one value for each of the {n_samples} samples."
-        )
-    if not np.isfinite(column).all():
-        raise ValueError(f"{name} contains NaN or infinity; drop these rows first.")
-    return column
-
-
-def _codes(groups: ArrayLike, n_samples: int) -> NDArray[np.intp]:
-    groups = np.asarray(groups)
-    if groups.shape != (n_samples,):
-        raise ValueError(
-            f"groups has shape {groups.shape}; give one trajectory name for each of the "
-            f"{n_samples} samples."
-        )
-    return np.unique(groups, return_inverse=True)[1]
-
-
-def _signals(signals: ArrayLike | None, n_samples: int) -> Array:
-    if signals is None:
-        return np.empty((n_samples, 0))
-    listed = np.asarray(signals, dtype=float)
-    listed = listed[:, None] if listed.ndim == 1 else listed
-    if listed.ndim != 2 or len(listed) != n_samples:
-        raise ValueError(
-            f"signals has shape {listed.shape}; give one row of channels for each of the "
-            f"{n_samples} samples."
-        )
-    if not np.isfinite(listed).all():
-        raise ValueError("signals contain NaN or infinity; drop these rows first.")
-    return listed

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
-from sklearn.utils import check_random_state
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._answer import Answer, answer_of_all
 from swsysid._blocks.sources import over_blocks
@@ -20,6 +17,7 @@ from swsysid._model import SwitchingModel
 from swsysid._monomials import surface_candidates
 from swsysid._problem import one_hot
 from swsysid._rows import canonical_rows
+from swsysid._scores import ScoredByR2
 from swsysid._setup import (
     build_problem,
     build_search,
@@ -28,14 +26,17 @@ from swsysid._setup import (
     input_names,
     trajectory_codes,
 )
+from swsysid._simulation.inputs import checked_options
 from swsysid._simulation.simulate import simulate
+from swsysid._validation.estimators import check_fitted, known_rows, known_velocities
+from swsysid._validation.parameters import random_numbers
 from swsysid._warnings import check_residuals, warn_about
 from swsysid.relaxations import get_relaxation
 
 __all__ = ["SwitchingSystemRegressor"]
 
 
-class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
+class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimator):
     r"""Identify a switching system: the law of every mode and the surface between them.
 
     From states (and inputs) `X` and measured velocities `Xdot` it solves
@@ -223,7 +224,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
         problem = build_problem(self, rows, self._feature_map)
         search = build_search(self, rows, sample)
-        found = identify(problem, search, check_random_state(self.random_state))
+        found = identify(problem, search, random_numbers(self.random_state))
         if sample.is_everything:
             answer = answer_of_all(drawn, rows, found, self._feature_map)
         else:
@@ -241,13 +242,13 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
         If `X` has blocks, so has the answer: a Dask array gives a Dask array, a sequence a list.
         """
-        check_is_fitted(self)
+        check_fitted(self)
         columns = () if self._one_target else (self.coef_.shape[1],)
         return over_blocks(self._predicted, X, float, *columns)
 
     def predict_modes(self, X):
         """Mode of every sample according to the surface, shape (n_samples,)."""
-        check_is_fitted(self)
+        check_fitted(self)
         modes = self._model.modes
         return over_blocks(lambda part: modes(self._validated(part)), X, int)
 
@@ -257,7 +258,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         All the surfaces that the data allow have a say in it, not the fitted one alone. It is 0
         or 1 if the surface has no ``predict_proba``.
         """
-        check_is_fitted(self)
+        check_fitted(self)
         probabilities = self._model.mode_probabilities
         return over_blocks(
             lambda part: probabilities(self._validated(part)), X, float, self.n_modes_
@@ -265,7 +266,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def mode_velocities(self, X):
         """Velocity of every mode at every sample, (`n_modes_`, n_samples, n_states)."""
-        check_is_fitted(self)
+        check_fitted(self)
         return self._model.velocities(self._validated(X))
 
     def equations(self, precision=3, format="text"):
@@ -281,7 +282,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         list of str
             One equation for each mode and state, mode by mode.
         """
-        check_is_fitted(self)
+        check_fitted(self)
         return self._model.equations(precision, format)
 
     def surface_equations(self, precision=3, format="text"):
@@ -289,7 +290,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
         One line for each surface, with the names of the columns of `X`.
         """
-        check_is_fitted(self)
+        check_fitted(self)
         return self._model.surface_equations(precision, format)
 
     def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options):
@@ -312,7 +313,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         Trajectory
             Its ``status`` says why the simulation ended.
         """
-        check_is_fitted(self)
+        check_fitted(self)
         n_states = self.coef_.shape[1]
         if n_states > self.n_features_in_:
             raise ValueError(
@@ -326,7 +327,7 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             inputs,
             input_hold=input_hold,
             discrete_time=self.discrete_time,
-            **options,
+            **checked_options(options),
         )
 
     def certificate(self, X, y):
@@ -339,13 +340,11 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
             fields, dual certificates and rounding bounds of the samples, and the duality gap of
             the dynamics program.
         """
-        check_is_fitted(self)
-        X, y = validate_data(
-            self, X, y, reset=False, multi_output=True, y_numeric=True, dtype=np.float64
-        )
+        check_fitted(self)
+        X, y = known_velocities(self, X, y)
         return certify(
             self._model.feature_map(X),
-            np.asarray(y, dtype=float).reshape(len(y), -1),
+            y.reshape(len(y), -1),
             self.coef_,
             self.loss,
             solver=self.solver,
@@ -397,4 +396,4 @@ class SwitchingSystemRegressor(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return SwitchingModel(self.coef_, self._feature_map, self.surface_, self.discrete_time)
 
     def _validated(self, X):
-        return validate_data(self, X, reset=False, dtype=np.float64)
+        return known_rows(self, X)

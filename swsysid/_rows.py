@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swsysid._results import Array
+from swsysid._validation.arrays import numbers, refuse_overflow, refuse_vanishing
 
 __all__ = [
     "CanonicalRows",
@@ -136,18 +137,20 @@ def check_sample_weight(sample_weight: ArrayLike | None, n_samples: int) -> Arra
     """
     if sample_weight is None:
         return np.ones(n_samples)
-    weight = np.asarray(sample_weight, dtype=float)
+    weight = numbers("sample_weight", sample_weight)
     if weight.shape != (n_samples,):
         raise ValueError(
             f"sample_weight has shape {weight.shape}; give one weight for each of the "
             f"{n_samples} samples."
         )
-    if not np.isfinite(weight).all():
-        raise ValueError("sample_weight contains NaN or infinity; give finite weights.")
+    refuse_overflow("sample_weight", weight)
     if (weight < 0).any():
-        raise ValueError("sample_weight contains negative weights; a weight is a repetition count.")
+        raise ValueError(
+            "sample_weight contains negative weights; give repetition counts, which are not."
+        )
     if not (weight > 0).any():
         raise ValueError("all sample weights are zero; give at least one sample a positive weight.")
+    refuse_vanishing("sample_weight", weight)
     return weight
 
 

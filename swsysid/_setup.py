@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,21 @@ from swsysid._identification import Search
 from swsysid._losses import get_loss
 from swsysid._problem import SwitchingProblem, offers_penalty
 from swsysid._rows import CanonicalRows
+from swsysid._validation.arrays import labels, numbers
+from swsysid._validation.estimators import rows_to_fit
+from swsysid._validation.parameters import (
+    MOST_MODES,
+    MOST_STARTS,
+    flag,
+    jobs,
+    one_of,
+    random_numbers,
+    real,
+    shown,
+    solver_name,
+    verbosity,
+    whole,
+)
 from swsysid.relaxations import get_relaxation
 
 __all__ = [
@@ -36,34 +50,36 @@ _USUAL_MARGIN = 1e-2
 
 def check_parameters(estimator: Any) -> None:
     """Refuse parameters that make no sense, in one sentence each."""
-    _check_count(estimator, "n_modes", allow="auto")
-    _check_count(estimator, "n_init", allow="auto")
-    _check_count(estimator, "max_modes")
-    _check_count(estimator, "max_iter")
-    _check_number(estimator, "tol", zero=True)
-    _check_number(estimator, "coef_bound", allow=None)
-    _check_number(estimator, "sparsity", allow=(None, "auto"), zero=True)
-    _check_number(estimator, "coupling", allow="auto", zero=True)
-    if not isinstance(estimator.solver, str):
-        raise ValueError(
-            f"solver={estimator.solver!r} must be 'auto' or the name of a solver, such as "
-            "'clarabel'."
-        )
+    whole("n_modes", estimator.n_modes, also=("auto",))
+    whole("n_init", estimator.n_init, most=MOST_STARTS, also=("auto",))
+    whole("max_modes", estimator.max_modes, most=MOST_MODES)
+    whole("max_iter", estimator.max_iter)
+    real("tol", estimator.tol, least=0)
+    real("coef_bound", estimator.coef_bound, above=0, also=(None,))
+    real("sparsity", estimator.sparsity, least=0, also=(None, "auto"))
+    real("coupling", estimator.coupling, least=0, also=("auto",))
+    solver_name(estimator.solver)
+    flag("discrete_time", estimator.discrete_time)
+    verbosity(estimator.verbose)
+    jobs(estimator.n_jobs)
+    random_numbers(estimator.random_state)
     get_loss(estimator.loss)
     get_relaxation(estimator.relaxation)
-    if isinstance(estimator.init, str) and estimator.init not in ("auto", "random"):
-        raise ValueError(
-            f"init={estimator.init!r} is unknown; choose 'auto', 'random', an array of labels "
-            "(n_samples,) or of coefficients (n_modes, n_states, n_features_out)."
-        )
+    if isinstance(estimator.init, str):
+        one_of("init", estimator.init, ("auto", "random"))
     surface = estimator.surface
-    if surface is not None and not (hasattr(surface, "fit") and hasattr(surface, "predict")):
-        raise TypeError(f"surface={surface!r} is not a classifier; it must have fit and predict.")
+    usable = hasattr(surface, "fit") and hasattr(surface, "predict")
+    if surface is not None and (isinstance(surface, type) or not usable):
+        raise TypeError(
+            f"surface={shown(surface)} is not a classifier; it must have fit and predict."
+        )
 
 
 def build_problem(estimator: Any, rows: CanonicalRows, feature_map: FeatureMap) -> SwitchingProblem:
     """The identification problem on the canonical rows."""
     X, targets, _ = rows.arrays
+    if estimator.n_modes != "auto":  # of more modes than rows the others are dropped
+        whole("n_modes", min(estimator.n_modes, len(X)), most=MOST_MODES)
     surface = PolynomialSurfaceClassifier() if estimator.surface is None else estimator.surface
     if getattr(surface, "random_state", 0) is None:
         # Left to itself the search for mode-books would draw from numpy's global state.
@@ -111,10 +127,8 @@ def checked_blocks(
     Rows in memory are checked at once, blocks when they are read.
     """
     if not holds_blocks(X):
-        X, y = validate_data(estimator, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        trajectory_codes(groups, len(X))
-        y = np.asarray(y, dtype=float)
-        groups = None if groups is None else np.asarray(groups)
+        X, y = rows_to_fit(estimator, X, y)
+        groups = None if groups is None else labels("groups", groups, len(X))
         return row_blocks(X, y, sample_weight, groups), y.ndim == 1
     blocks = row_blocks(X, y, sample_weight, groups)
     first, target = (X, y) if hasattr(X, "shape") else (X[0], y[0])
@@ -133,13 +147,7 @@ def trajectory_codes(groups: ArrayLike | None, n_samples: int) -> NDArray[np.int
     """Trajectories numbered from 0; one trajectory if there are no groups."""
     if groups is None:
         return np.zeros(n_samples, dtype=np.intp)
-    groups = np.asarray(groups)
-    if groups.shape != (n_samples,):
-        raise ValueError(
-            f"groups has shape {groups.shape}; give one trajectory name for each of the "
-            f"{n_samples} samples."
-        )
-    return np.unique(groups, return_inverse=True)[1]
+    return np.unique(labels("groups", groups, n_samples), return_inverse=True)[1]
 
 
 def _resolve_coupling(coupling: float | str, surface: Any) -> float:
@@ -163,11 +171,11 @@ def _resolve_init(estimator: Any, rows: CanonicalRows, sample: Sample | None) ->
     """The start as a name, coefficients, or labels of the canonical rows."""
     if isinstance(estimator.init, str):
         return estimator.init
-    init = np.asarray(estimator.init)
+    init = numbers("init", estimator.init)
     if estimator.n_modes == "auto":
         raise ValueError("An array for init fixes the number of modes; give n_modes as a number.")
     if init.ndim == 3:
-        return init.astype(float)
+        return init
     n_samples, n_modes = len(rows.inverse) if sample is None else sample.n_rows, estimator.n_modes
     if init.shape != (n_samples,) or not np.isin(init, np.arange(n_modes)).all():
         raise ValueError(
@@ -178,27 +186,3 @@ def _resolve_init(estimator: Any, rows: CanonicalRows, sample: Sample | None) ->
     kept = rows.inverse >= 0
     labels[rows.inverse[kept]] = (init if sample is None else init[sample.place])[kept]
     return labels
-
-
-def _check_count(estimator: Any, name: str, allow: Any = ()) -> None:
-    value = getattr(estimator, name)
-    if isinstance(value, str) and value == allow:
-        return
-    if not isinstance(value, Integral) or isinstance(value, bool) or value < 1:
-        also = f" or {allow!r}" if allow else ""
-        raise ValueError(f"{name}={value!r} must be a positive integer{also}.")
-
-
-def _check_number(estimator: Any, name: str, allow: Any = (), zero: bool = False) -> None:
-    value = getattr(estimator, name)
-    allowed = allow if isinstance(allow, tuple) else (allow,)
-    if value is None or isinstance(value, str):
-        if value in allowed:
-            return
-    elif isinstance(value, Real) and not isinstance(value, bool):
-        number = float(value)
-        if np.isfinite(number) and (number > 0 or (zero and number == 0)):
-            return
-    also = "".join(f" or {choice!r}" for choice in allowed)
-    sign = "non-negative" if zero else "positive"
-    raise ValueError(f"{name}={value!r} must be a {sign} number{also}.")

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy.signal import butter, oaconvolve, sosfiltfilt
 from scipy.special import comb
 
+from swsysid._validation.parameters import shown
+
 __all__ = ["Smoother", "TooShortError", "external", "inner", "local_polynomial", "low_pass"]
 
 Array = NDArray[np.float64]
@@ -201,7 +203,12 @@ def external(differentiator) -> Smoother:
     def smooth(x, t, rows=None):
         if len(x) < 5:
             raise TooShortError(5, len(x))
-        first = np.asarray(differentiator(x, t), dtype=float)
+        try:
+            first = np.asarray(differentiator(x, t), dtype=float)
+        except TypeError as error:
+            raise TypeError(
+                f"method={shown(differentiator)} must be a differentiator, called as method(x, t)."
+            ) from error
         values = np.asarray(getattr(differentiator, "smoothed_x_", x), dtype=float)
         second = np.asarray(differentiator(first, t), dtype=float)
         return np.stack([values, first, second])[:, inner(rows, len(x), 2)], 2

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._smoothing import Array, Smoother, TooShortError, external, local_polynomial, low_pass
+from swsysid._validation.parameters import shown
 
 __all__ = ["Strength", "strengths", "strongest"]
 
@@ -79,17 +80,17 @@ def strengths(
     """
     if callable(method) and not isinstance(method, type):
         return [Strength(external(method))]
-    if method == "finite_difference":
+    if isinstance(method, str) and method == "finite_difference":
         # The parabola through three neighbours: central differences, correct on uneven times.
         return [Strength(local_polynomial(3, 2))]
     lengths = np.array([len(t) for t in times])
-    if method == "savitzky_golay":
+    if isinstance(method, str) and method == "savitzky_golay":
         least = max(degree + 2, 2 * decimate + 1)
         windows = [w for w in WINDOWS if w >= least and _is_affordable(w, lengths, may_drop)]
         smallest = min((w for w in WINDOWS if w >= least), default=least + 1 - least % 2)
         chosen = [window] if window else windows or [smallest]
         return [Strength(local_polynomial(w, degree), window=w) for w in chosen]
-    if method == "butterworth":
+    if isinstance(method, str) and method == "butterworth":
         rate = 1.0 / _usual_step(times)
         affordable = [
             c for c in CUTOFFS if c <= 0.5 / decimate and _is_affordable(8.0 / c, lengths, may_drop)
@@ -97,8 +98,8 @@ def strengths(
         cutoffs = [c * rate for c in affordable] or [0.4 * rate / decimate]
         return [Strength(low_pass(c), cutoff=c) for c in ([cutoff] if cutoff else cutoffs)]
     raise ValueError(
-        f"method={method!r} is unknown; choose savitzky_golay, butterworth, finite_difference "
-        "or pass a PySINDy differentiator."
+        f"method={shown(method)} is unknown; choose savitzky_golay, butterworth, "
+        "finite_difference, or pass a PySINDy differentiator."
     )
 
 

@@ -24,9 +24,14 @@ from scipy.special import comb
 
 from swsysid._smoothing import Array, TooShortError
 from swsysid._smoothing_strength import Strength, strengths, strongest
+from swsysid._validation.arrays import column, refuse_vanishing, table
+from swsysid._validation.arrays import labels as labels_of_rows
+from swsysid._validation.parameters import flag, one_of, real, whole
 
 __all__ = ["Derivatives", "Smoothing", "choose_smoothing", "differentiate", "estimate_noise"]
 
+_MOST_DEGREE = 20  # polynomials beyond are lost to rounding
+_MOST_DECIMATED = 1_000_000
 LARGEST_GAP = 20.0  # a longer gap, in median steps, is not one trajectory any more
 NOISE_ORDER = 6  # differences of this order leave noise and hardly any of a smooth signal
 
@@ -146,6 +151,7 @@ def differentiate(
     True
     """
     states, times, labels, signals = _checked(x, t, groups, inputs)
+    flag("filter_inputs", filter_inputs)
     _check_options(order, window, degree, cutoff, decimate)
     rows = dict(_trajectories(labels))
     noise = estimate_noise(states, labels)
@@ -174,7 +180,7 @@ def differentiate(
             f"No trajectory is long enough to be differentiated: the longest of {len(rows)} has "
             f"{longest} samples; use a smaller window or record longer ones."
         )
-    X, Xdot, t, groups = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    X, Xdot, t, groups = (np.concatenate(part) for part in zip(*pieces, strict=True))
     return Derivatives(X, Xdot, t, groups, noise)
 
 
@@ -232,9 +238,7 @@ def _strength(parts, order, options) -> Strength:
 
 
 def _may_drop(too_short: str) -> bool:
-    if too_short not in ("raise", "drop"):
-        raise ValueError(f'too_short={too_short!r} must be "raise" or "drop".')
-    return too_short == "drop"
+    return one_of("too_short", too_short, ("raise", "drop")) == "drop"
 
 
 def _side_by_side(blocks) -> Array:
@@ -257,8 +261,8 @@ def estimate_noise(x: ArrayLike, groups: ArrayLike | None = None) -> Array:
     -------
     ndarray of shape (n_columns,)
     """
-    columns = np.atleast_2d(np.asarray(x, dtype=float).T).T
-    labels = np.zeros(len(columns)) if groups is None else np.asarray(groups)
+    columns = table("x", x)
+    labels = _labels(groups, len(columns))
     differences = np.vstack(
         [np.diff(columns[index], NOISE_ORDER, axis=0) for _, index in _trajectories(labels)]
     )
@@ -282,43 +286,33 @@ def _trajectories(labels) -> Iterator[tuple[object, NDArray[np.intp]]]:
 
 
 def _checked(x, t, groups, inputs):
-    states = _columns(x, "x")
-    times = _columns(t, "t")[:, 0]
-    signals = np.empty((len(states), 0)) if inputs is None else _columns(inputs, "inputs")
-    labels = np.zeros(len(states), dtype=int) if groups is None else np.asarray(groups).ravel()
-    for name, array in (("t", times), ("inputs", signals), ("groups", labels)):
-        if len(array) != len(states):
-            raise ValueError(f"{name} has {len(array)} rows and x has {len(states)}.")
+    states = table("x", x)
+    n_rows = len(states)
+    times = column("t", t, n_rows)
+    for name, values in (("x", states), ("t", times)):
+        refuse_vanishing(name, values)
+    signals = np.empty((n_rows, 0)) if inputs is None else table("inputs", inputs, n_rows)
+    labels = _labels(groups, n_rows)
     for label, index in _trajectories(labels):
         _check_times(times[index], label)
     return states, times, labels, signals
 
 
-def _columns(values, name) -> Array:
-    columns = np.asarray(values, dtype=float)
-    columns = columns[:, None] if columns.ndim == 1 else columns
-    if columns.ndim != 2 or not columns.size:
-        raise ValueError(f"{name} must hold one row for each sample; its shape is {columns.shape}.")
-    bad = ~np.isfinite(columns).all(axis=1)
-    if bad.any():
-        raise ValueError(
-            f"{name} has missing or infinite values in {bad.sum()} rows, first in row "
-            f"{bad.argmax()}; remove these rows or fill them before differentiating."
-        )
-    return columns
+def _labels(groups, n_rows: int) -> NDArray:
+    """The trajectory of each row."""
+    if groups is None:
+        return np.zeros(n_rows, dtype=int)
+    return labels_of_rows("groups", groups, n_rows)
 
 
 def _check_options(order, window, degree, cutoff, decimate) -> None:
-    if order not in (1, 2):
-        raise ValueError(f"order={order!r} must be 1 or 2.")
+    whole("order", order, most=2)
+    whole("degree", degree, least=2, most=_MOST_DEGREE)
+    whole("window", window, least=3, also=(None,))
     if window is not None and (window % 2 == 0 or window <= degree):
         raise ValueError(f"window={window!r} must be odd and larger than degree={degree!r}.")
-    if degree < 2:
-        raise ValueError(f"degree={degree!r} must be at least 2.")
-    if cutoff is not None and not cutoff > 0:
-        raise ValueError(f"cutoff={cutoff!r} must be positive.")
-    if decimate < 1:
-        raise ValueError(f"decimate={decimate!r} must be at least 1.")
+    real("cutoff", cutoff, above=0, also=(None,))
+    whole("decimate", decimate, most=_MOST_DECIMATED)
 
 
 def _check_times(t, label) -> None:

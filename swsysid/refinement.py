@@ -28,6 +28,7 @@ from swsysid._results import Array, Status
 from swsysid._rollouts.estimation import Estimation
 from swsysid._rollouts.losses import LOSSES
 from swsysid._rollouts.stated import ParametricLibrary, StatedModel, StatedSurface
+from swsysid._validation.parameters import flag, one_of, whole
 
 __all__ = [
     "ParametricLibrary",
@@ -186,6 +187,8 @@ def refine(
     -2.0
     """
     _check(loss, input_hold, max_nfev, segment_length)
+    flag("fit_surface", fit_surface)
+    flag("joined", joined)
     estimation = Estimation(
         model,
         trajectories,
@@ -195,7 +198,7 @@ def refine(
         loss=loss,
         fit_surface=fit_surface,
         free=free,
-        bounds=bounds or {},
+        bounds={} if bounds is None else bounds,
         noise=noise,
         linear=input_hold == "linear",
         frozen=False,
@@ -280,14 +283,10 @@ def initial_states(
 
 
 def _check(loss, input_hold, max_nfev, segment_length) -> None:
-    if loss not in LOSSES:
-        raise ValueError(f"loss={loss!r} is unknown; choose {', '.join(LOSSES)}.")
-    if input_hold not in ("zero", "linear"):
-        raise ValueError(f"input_hold={input_hold!r} is unknown; choose 'zero' or 'linear'.")
-    if max_nfev < 1:
-        raise ValueError(f"max_nfev={max_nfev!r} must be at least 1.")
-    if segment_length is not None and segment_length < 1:
-        raise ValueError(f"segment_length={segment_length!r} must be at least 1.")
+    one_of("loss", loss, LOSSES)
+    one_of("input_hold", input_hold, ("zero", "linear"))
+    whole("max_nfev", max_nfev)
+    whole("segment_length", segment_length, also=(None,))
 
 
 def _undetermined(names: list[str], covariance: Array) -> list[str]:

@@ -17,6 +17,7 @@ from swsysid._page.markup import (
     section,
     table,
 )
+from swsysid._validation.parameters import shown
 from swsysid.diagnosis._effect_text import effect_title, interval, probability, rate, summary
 
 __all__ = ["effect_page"]
@@ -43,6 +44,10 @@ def effect_page(report: Any, *, units: Units = None, title: str = "Effect search
     str
         HTML. Pictures are left out, with a note, if matplotlib is not installed.
     """
+    if not hasattr(report, "n_held_out"):
+        raise TypeError(f"report={shown(report)} is none; give report_ of an EffectSearchCV.")
+    if not isinstance(title, str):
+        raise TypeError(f"title={shown(title)} must be text.")
     drawing = report.data is not None and find_spec("matplotlib") is not None
     parts = [
         paragraph(summary(report), "verdict"),

@@ -12,21 +12,32 @@ from numpy.typing import ArrayLike
 from scipy.stats import norm as normal
 from scipy.stats import t as student
 from sklearn.base import clone
-from sklearn.utils import check_random_state
-from sklearn.utils.validation import check_is_fitted, validate_data
 from tqdm import tqdm
 
 from swsysid._alternation import alternate
+from swsysid._losses import get_loss
+from swsysid._model import fitted_system
 from swsysid._problem import fit_weighted, one_hot
 from swsysid._results import Array
 from swsysid._rows import CanonicalRows
 from swsysid._scale import calibrate
 from swsysid._setup import build_problem, trajectory_codes
+from swsysid._validation.estimators import known_rows, known_velocities
+from swsysid._validation.parameters import (
+    MOST_RESAMPLES,
+    jobs,
+    random_numbers,
+    real,
+    verbosity,
+    whole,
+)
 
 __all__ = ["BootstrapResult", "bootstrap"]
 
 # Below this many resamples a percentile of the tails is no more than an extreme.
 _LEAST_RESAMPLES = 20
+# Relative difference of two losses that are the same, and rounding in units of the velocities'.
+_SAME, _ROUNDING = 1e-6, 1e-9
 
 
 @dataclass(frozen=True, repr=False)
@@ -177,12 +188,14 @@ def bootstrap(
     >>> (result.standard_error[:, 1, 1] < 0.1 * damping.max()).tolist()
     [True, True]
     """
-    check_is_fitted(estimator)
+    fitted_system(estimator)
     _check(n_resamples, confidence)
+    jobs(n_jobs)
+    verbosity(verbose)
     problem, weights, n_blocks = _resamples(
-        estimator, X, y, groups, n_resamples, check_random_state(random_state)
+        estimator, X, y, groups, n_resamples, random_numbers(random_state)
     )
-    points = None if surface_points is None else np.asarray(surface_points, dtype=float)
+    points = None if surface_points is None else known_rows(estimator, surface_points)
     settle = {"max_iter": estimator.max_iter, "tol": estimator.tol}
     answers = Parallel(n_jobs=n_jobs)(
         delayed(_refit)(*problem, weight, points, settle)
@@ -219,12 +232,8 @@ def bootstrap(
 
 
 def _check(n_resamples, confidence) -> None:
-    if n_resamples < _LEAST_RESAMPLES:
-        raise ValueError(
-            f"n_resamples={n_resamples}; intervals need at least {_LEAST_RESAMPLES} resamples."
-        )
-    if not 0.0 < confidence < 1.0:
-        raise ValueError(f"confidence={confidence}; it is a fraction between 0 and 1, as 0.95.")
+    whole("n_resamples", n_resamples, least=_LEAST_RESAMPLES, most=MOST_RESAMPLES)
+    real("confidence", confidence, above=0, below=1)
 
 
 def _resamples(estimator, X, y, groups, n_resamples, random_state):
@@ -233,15 +242,14 @@ def _resamples(estimator, X, y, groups, n_resamples, random_state):
     What the fit has chosen stays as it is: number of modes, monomials and mode-book of the
     surface, terms that a sparse fit has kept. Rows are sorted, so that their order means nothing.
     """
-    X, y = validate_data(
-        estimator, X, y, reset=False, multi_output=True, y_numeric=True, dtype=np.float64
-    )
-    targets = y.reshape(len(y), -1).astype(float)
+    X, y = known_velocities(estimator, X, y)
+    targets = y.reshape(len(y), -1)
     if len(X) != len(estimator.modes_):
         raise ValueError(
             f"X has {len(X)} samples but the estimator was fitted to {len(estimator.modes_)}; "
             "give the samples that it was fitted to."
         )
+    _refuse_other_samples(estimator, X, targets)
     blocks = np.arange(len(X)) if groups is None else trajectory_codes(groups, len(X))
     order = np.lexsort(np.column_stack([X, targets, blocks]).T[::-1])
     if groups is not None:
@@ -263,6 +271,19 @@ def _resamples(estimator, X, y, groups, n_resamples, random_state):
     # How often every block, and so each of its samples, occurs in every resample.
     drawn = random_state.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), n_resamples)
     return (problem, estimator.modes_[order]), drawn[:, blocks].astype(float), n_blocks
+
+
+def _refuse_other_samples(estimator: Any, X: Array, targets: Array) -> None:
+    """Refuse samples on which the fitted laws have another loss than on those of the fit."""
+    fields = fitted_system(estimator).velocities(X)[estimator.modes_, np.arange(len(X))]
+    loss = get_loss(estimator.loss)
+    found = float(loss.values(targets - fields).sum())
+    rounding = _ROUNDING * float(loss.values(targets).sum())
+    if abs(found - estimator.objective_) > _SAME * estimator.objective_ + rounding:
+        raise ValueError(
+            "the laws have another loss on these samples than on those of the fit; give the very "
+            "samples that the estimator was fitted to, without weights."
+        )
 
 
 def _with_its_choices(surface: Any) -> Any:

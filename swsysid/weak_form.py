@@ -32,7 +32,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from swsysid._features import FeatureMap
+from swsysid._model import fitted_system
 from swsysid._results import Array
+from swsysid._validation.arrays import column, refuse_vanishing, table
+from swsysid._validation.arrays import labels as labels_of_rows
+from swsysid._validation.parameters import whole
 from swsysid.differentiation import estimate_noise
 
 __all__ = ["WeakForm", "weak_form", "weak_refit"]
@@ -113,7 +117,9 @@ def weak_form(
     states, times, labels, X = _checked(x, t, groups, inputs)
     names = [f"x{k}" for k in range(X.shape[1])]
     features = FeatureMap(feature_library, X, names)(X)
-    chosen = window or _automatic_window(states, times, labels)
+    chosen = whole("window", window, least=5, also=(None,)) or _automatic_window(
+        states, times, labels
+    )
     _check_window(chosen, labels)
     pieces = []
     for label, rows in _trajectories(labels):
@@ -155,7 +161,7 @@ def weak_refit(
     like the model given
         A copy with other coefficients. Its surface is the same; `refine` moves that too.
     """
-    system = model._model
+    system = fitted_system(model)
     if system.discrete_time:
         raise ValueError("the model gives next states, not velocities; it needs no weak form.")
     states, times, labels, X = _checked(x, t, groups, inputs)
@@ -163,9 +169,11 @@ def weak_refit(
     if X.shape[1] != len(system.feature_map.names_in) or states.shape[1] != n_states:
         raise ValueError(
             f"x and inputs have {states.shape[1]} and {X.shape[1] - states.shape[1]} columns; the "
-            f"model has {n_states} states and {system.n_inputs} inputs."
+            f"model needs {n_states} states and {system.n_inputs} inputs."
         )
-    chosen = window or _automatic_window(states, times, labels)
+    chosen = whole("window", window, least=5, also=(None,)) or _automatic_window(
+        states, times, labels
+    )
     _check_window(chosen, labels)
     features, design, targets = system.feature_map(X), [], []
     for _, rows in _trajectories(labels):
@@ -287,7 +295,7 @@ def _automatic_window(states: Array, times: Array, labels: NDArray) -> int:
 
 
 def _check_window(window: int, labels: NDArray) -> None:
-    if window < 5 or window % 2 == 0:
+    if window % 2 == 0:
         raise ValueError(f"window={window!r} must be odd and at least 5.")
     for label, rows in _trajectories(labels):
         if len(rows) < window:
@@ -305,12 +313,15 @@ def _trajectories(labels: NDArray) -> Iterator[tuple[Any, NDArray[np.intp]]]:
 
 
 def _checked(x, t, groups, inputs):
-    states, times = _columns(x, "x"), _columns(t, "t")[:, 0]
-    signals = np.empty((len(states), 0)) if inputs is None else _columns(inputs, "inputs")
-    labels = np.zeros(len(states), dtype=int) if groups is None else np.asarray(groups).ravel()
-    for name, array in (("t", times), ("inputs", signals), ("groups", labels)):
-        if len(array) != len(states):
-            raise ValueError(f"{name} has {len(array)} rows and x has {len(states)}.")
+    states = table("x", x)
+    n_rows = len(states)
+    times = column("t", t, n_rows)
+    signals = np.empty((n_rows, 0)) if inputs is None else table("inputs", inputs, n_rows)
+    for name, values in (("x", states), ("t", times)):
+        refuse_vanishing(name, values)
+    labels = np.zeros(n_rows, dtype=int)
+    if groups is not None:
+        labels = labels_of_rows("groups", groups, n_rows)
     for label, rows in _trajectories(labels):
         if (np.diff(times[rows]) <= 0).any():
             raise ValueError(
@@ -318,11 +329,3 @@ def _checked(x, t, groups, inputs):
                 "separate trajectories by groups."
             )
     return states, times, labels, np.concatenate([states, signals], axis=1)
-
-
-def _columns(values, name) -> Array:
-    columns = np.asarray(values, dtype=float)
-    columns = columns[:, None] if columns.ndim == 1 else columns
-    if columns.ndim != 2 or not columns.size or not np.isfinite(columns).all():
-        raise ValueError(f"{name} must hold one row of finite numbers for each sample.")
-    return columns

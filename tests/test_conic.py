@@ -125,11 +125,69 @@ class _Problem:
         return []
 
 
-@pytest.mark.parametrize(
-    "error", [cp.error.SolverError("broke"), ZeroDivisionError(), RuntimeError("panic")]
-)
+class PanicException(BaseException):
+    """What a panic of a solver in Rust arrives as (pyo3): no Exception."""
+
+
+BROKEN = [
+    cp.error.SolverError("broke"),
+    ZeroDivisionError(),
+    RuntimeError("panic"),
+    np.linalg.LinAlgError("SVD did not converge"),
+    MemoryError(),
+    PanicException("index out of bounds"),
+]
+
+
+@pytest.mark.parametrize("error", BROKEN, ids=lambda error: type(error).__name__)
 def test_exceptions_of_a_solver_become_a_status(error):
     assert conic.solve(_Problem("optimal", error)) is Status.FAILED
+
+
+@pytest.mark.parametrize("error", BROKEN, ids=lambda error: type(error).__name__)
+def test_exceptions_of_highs_become_a_status(monkeypatch, error):
+    def broken(*_, **__):
+        raise error
+
+    monkeypatch.setattr(conic, "linprog", broken)
+    monkeypatch.setattr(conic, "milp", broken)
+    solution = conic.linear_program([1.0], bounds=(0, 1))
+    assert solution.status is Status.FAILED
+    assert np.isnan(solution.x).all()
+    one = {"matrix": [[1.0]], "low": [0.0], "high": [1.0], "integrality": [1], "bounds": (0, 1)}
+    assert conic.mixed_integer_program([1.0], **one).status is Status.FAILED
+
+
+def test_an_interruption_is_not_taken_for_a_fault_of_the_solver():
+    with pytest.raises(KeyboardInterrupt):
+        conic.solve(_Problem("optimal", KeyboardInterrupt()))
+
+
+def test_where_the_simplex_method_fails_the_interior_point_is_asked(monkeypatch):
+    asked, linprog = [], conic.linprog
+
+    def fails_at_first(*arguments, method, **options):
+        asked.append(method)
+        if len(asked) == 1:
+            raise RuntimeError("numerical difficulties")
+        return linprog(*arguments, method=method, **options)
+
+    monkeypatch.setattr(conic, "linprog", fails_at_first)
+    solution = conic.linear_program([1.0], A_ub=[[-1.0]], b_ub=[-2.0])
+    assert asked == ["highs", "highs-ipm"]
+    assert solution.status is Status.OPTIMAL
+    assert solution.x[0] == pytest.approx(2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("status", [Status.INFEASIBLE, Status.UNBOUNDED, Status.FAILED])
+def test_no_solution_is_an_error_with_advice(status):
+    with pytest.raises(SolverError, match=r"margin LP .*; rescale the data .* another solver\.$"):
+        conic.require_solution(status, "margin LP")
+
+
+@pytest.mark.parametrize("status", conic.HAS_VALUES)
+def test_a_point_of_the_solver_passes(status):
+    conic.require_solution(status, "margin LP")
 
 
 def test_warnings_of_a_solver_become_a_status():

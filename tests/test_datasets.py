@@ -250,11 +250,11 @@ def test_no_sample_sits_on_the_guard(make):
     ("arguments", "sentence"),
     [
         (dict(n_samples=10**6), "increase n_trajectories"),
-        (dict(n_samples=0), "increase n_trajectories"),
-        (dict(n_trajectories=0), "at least one trajectory"),
+        (dict(n_samples=0), "n_samples=0 must be a positive integer or None"),
+        (dict(n_trajectories=0), "n_trajectories=0 must be a positive integer"),
         (dict(t_end=0.001), "longer than one time_step"),
-        (dict(noise=-0.1), "must not be negative"),
-        (dict(outliers=1.5), "fraction from 0 to 1"),
+        (dict(noise=-0.1), "noise=-0.1 must be a non-negative number"),
+        (dict(outliers=1.5), "outliers=1.5 must be a number at least 0 and at most 1"),
     ],
 )
 def test_bad_arguments_get_a_sentence(arguments, sentence):

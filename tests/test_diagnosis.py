@@ -322,18 +322,22 @@ _X, _T = np.random.default_rng(0).normal(size=(50, 2)), np.arange(50.0)
 @pytest.mark.parametrize(
     ("arguments", "options", "sentence"),
     [
-        ((_X, None), {}, "Xdot is None; give an array"),
-        ((_X, _T[:-1]), {}, "Xdot has 49 rows but X has 50"),
+        ((_X, None), {}, "Xdot is None; give numbers"),
+        ((_X, _T[:-1]), {}, "Xdot has shape .49,.; give one row for each of the 50"),
         ((_X, np.where(_T == 3, np.nan, _T)), {}, "Xdot contains NaN or infinity"),
         ((_X, np.ones((50, 2))), {}, "predicts an array of shape"),
         ((_X[:20], _T[:20]), {}, "needs at least 30"),
         ((_X, _T, _T[::-1]), {}, "t does not increase within every trajectory"),
         ((_X, _T, _T[:-1]), {}, "t has shape"),
         ((_X, _T, None, _T[:-1]), {}, "groups has shape"),
-        ((_X, _T, None, None, _X[:-1]), {}, "signals has 49 rows"),
+        (
+            (_X, _T, None, None, _X[:-1]),
+            {},
+            "signals has shape .49, 2.; give one row for each of the 50",
+        ),
         ((_X, _T), {"n_permutations": 99}, "use at least 124"),
-        ((_X, _T), {"significance": 1.0}, "fraction between 0 and 1"),
-        ((_X, _T), {"n_lags": 0}, "at least 1 row"),
+        ((_X, _T), {"significance": 1.0}, "significance=1.0 must be a number above 0 and below 1"),
+        ((_X, _T), {"n_lags": 0}, "n_lags=0 must be a positive integer"),
     ],
 )
 def test_wrong_arguments_are_answered_in_a_sentence(arguments, options, sentence):

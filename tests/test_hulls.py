@@ -6,8 +6,9 @@ import pytest
 from scipy.optimize import linprog
 from scipy.sparse import block_diag
 
-from swsysid._results import Status
+from swsysid._results import SolverError, Status
 from swsysid._solvers import hulls
+from swsysid._solvers.conic import LinearSolution
 from swsysid._solvers.hulls import nearest_l1
 from swsysid.relaxations import SimplexRelaxation
 
@@ -180,7 +181,9 @@ def refused(*arguments, **options):
 def test_tableaus_prove_every_sample_themselves(monkeypatch, n_modes, kind):
     monkeypatch.setattr(hulls, "linear_program", refused)
     candidates, targets = problem(kind, n_modes, 4, n_samples=300, seed=3)
-    membership, status = nearest_l1(targets - candidates)
+    membership, bound, status = nearest_l1(targets - candidates)
+    norms = values(targets - candidates, membership)
+    np.testing.assert_allclose(bound, norms, rtol=1e-9, atol=1e-12)
     assert status is Status.OPTIMAL
     assert (membership >= 0.0).all()
     np.testing.assert_allclose(membership.sum(axis=1), 1.0, atol=1e-14)
@@ -196,12 +199,43 @@ def test_samples_without_a_proof_are_solved_by_highs(monkeypatch):
     np.testing.assert_allclose(posed, reference, rtol=1e-9, atol=1e-14)
 
 
-def test_where_highs_fails_too_the_assignment_says_so(monkeypatch):
+@pytest.mark.parametrize("status", [Status.INFEASIBLE, Status.UNBOUNDED, Status.FAILED])
+def test_where_highs_fails_too_there_is_no_assignment(monkeypatch, status):
+    nothing = LinearSolution(np.empty(0), np.nan, np.empty(0), np.empty(0), status)
     monkeypatch.setattr(hulls, "PATIENCE", 0)
-    monkeypatch.setattr(hulls, "_posed_l1", lambda residuals: (None, Status.FAILED))
-    assignment = SimplexRelaxation().assign(*problem(random, 3, 2))
-    assert assignment.status is Status.FAILED
-    assert assignment.lower_bound == 0.0
+    monkeypatch.setattr(hulls, "linear_program", lambda *_, **__: nothing)
+    with pytest.raises(SolverError, match="choose another solver"):
+        SimplexRelaxation().assign(*problem(random, 3, 2))
+
+
+def test_without_a_proof_nothing_is_called_optimal(monkeypatch):
+    candidates, targets = problem(random, 4, 2, seed=6)
+    relaxation = SimplexRelaxation()
+    relaxation.loss = "l2"
+    right = relaxation.assign(candidates, targets)
+    assert right.status is Status.OPTIMAL
+
+    def corners_only(corners):  # a projection that finds no point but the first corner
+        weights = np.eye(len(corners))[[0] * corners.shape[1]]
+        return weights, corners[0]
+
+    monkeypatch.setattr(hulls, "_project", corners_only)
+    doubtful = relaxation.assign(candidates, targets)
+    assert doubtful.status is Status.INACCURATE
+    assert 0.0 <= doubtful.lower_bound <= right.lower_bound  # a true bound all the same
+
+
+def test_the_proof_of_a_projection_is_checked_by_its_bound():
+    candidates, targets = problem(random, 5, 3, seed=7)
+    residuals = targets - candidates
+    membership, bound, status = hulls.nearest_euclidean(residuals)
+    points = np.einsum("ij,jik->ik", membership, residuals)
+    size = np.abs(residuals).max(axis=(0, 2))
+    assert status is Status.OPTIMAL
+    assert (np.abs(np.linalg.norm(points, axis=1) - bound) <= 1e-9 * size).all()
+    # p is nearest exactly where <p, r_j> >= <p, p> for every corner
+    reach = np.einsum("ik,jik->ij", points, residuals).min(axis=1)
+    assert (np.square(points).sum(axis=1) - reach <= 1e-9 * size**2).all()
 
 
 @pytest.mark.parametrize("n_modes", [2, 3, 5])
@@ -218,6 +252,6 @@ def test_a_square_around_the_target_by_hand():
     # In a square of corners (+-1, +-1) around the origin any balanced weights have no residual;
     # moved by (3, 0) its nearest points are those of the side x = 2.
     square = np.array([[[-1.0, -1.0]], [[-1.0, 1.0]], [[1.0, -1.0]], [[1.0, 1.0]]])
-    weights, _ = nearest_l1(square)
+    weights = nearest_l1(square)[0]
     np.testing.assert_allclose(weights @ square[:, 0], [[0.0, 0.0]], atol=1e-15)
     np.testing.assert_allclose(nearest_l1(square + [3.0, 0.0])[0], [[0.5, 0.5, 0.0, 0.0]])

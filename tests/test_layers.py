@@ -14,6 +14,10 @@ PACKAGE = Path(swsysid.__file__).parent
 
 # A file imports only from files in the groups before its own.
 GROUPS = (
+    # the doors: what comes in is checked before anything is done with it
+    "_validation/__init__ _validation/parameters",
+    "_validation/arrays",
+    "_validation/estimators",
     # 0: records, words, and numerical tools that know nothing of the package
     """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/refusal _command/cells _command/units _command/wording
@@ -31,7 +35,7 @@ GROUPS = (
     diagnosis/_rearrangement diagnosis/_channels diagnosis/_records
     _records _misfit _search/robust""",
     # 2: programs and rollouts
-    """_search/folds differentiation diagnosis/_whiteness diagnosis/_noise_floor
+    """_search/folds differentiation _scores diagnosis/_whiteness diagnosis/_noise_floor
     diagnosis/_spectrum diagnosis/_text
     diagnosis/_samples diagnosis/_shapes
     _mip _solvers/lad _solvers/hulls _surfaces/hinge _surfaces/polynomials _surfaces/posterior

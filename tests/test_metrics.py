@@ -105,9 +105,11 @@ def test_match_modes_leaves_a_surplus_mode_out():
 
 @pytest.mark.parametrize("metric", MODE_METRICS)
 def test_bad_labels_get_a_sentence(metric):
-    with pytest.raises(ValueError, match="inconsistent numbers of samples"):
+    with pytest.raises(
+        ValueError, match="modes_pred has shape .3,.; give one name for each of the 2"
+    ):
         metric([0, 1], [0, 1, 1])
-    with pytest.raises(ValueError, match="at least one"):
+    with pytest.raises(ValueError, match="modes_true has shape .0,.; give one name"):
         metric([], [])
     with pytest.raises(ValueError, match="negative"):
         metric([0, 1], [0, 1], sample_weight=[1, -1])

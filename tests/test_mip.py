@@ -5,9 +5,10 @@ from itertools import product
 import numpy as np
 import pytest
 
+from swsysid import _mip
 from swsysid._mip import solve_mip
-from swsysid._results import Status
-from swsysid._solvers.conic import linear_program
+from swsysid._results import SolverError, Status
+from swsysid._solvers.conic import IntegerSolution, linear_program
 
 
 def draw(n_samples, n_modes, n_states, noise, seed):
@@ -159,16 +160,41 @@ def test_the_time_limit_leaves_a_true_bound():
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"n_modes": 0}, "number of modes is an integer of at least 1"),
-        ({"n_modes": 1.5}, "number of modes is an integer of at least 1"),
-        ({"coef_bound": None}, "positive finite bound"),
-        ({"coef_bound": -1.0}, "positive finite bound"),
-        ({"time_limit": 0.0}, "positive number of seconds"),
+        ({"n_modes": 0}, "n_modes=0 must be a positive integer"),
+        ({"n_modes": 1.5}, "n_modes=1.5 must be a positive integer"),
+        ({"coef_bound": None}, "coef_bound=None must be a positive number"),
+        ({"coef_bound": -1.0}, "coef_bound=-1.0 must be a positive number"),
+        ({"time_limit": 0.0}, "time_limit=0.0 must be a positive number"),
         ({"X": [[np.nan], [1.0]]}, "X contains NaN"),
         ({"y": [np.nan, 1.0]}, "y contains NaN"),
-        ({"y": [1.0, 2.0, 3.0]}, "inconsistent numbers of samples"),
+        ({"y": [1.0, 2.0, 3.0]}, "one row for each of the 2 samples"),
     ],
 )
 def test_bad_input_gets_a_sentence(arguments, sentence):
     with pytest.raises(ValueError, match=sentence):
         solve_mip(**({"X": [[1.0], [2.0]], "y": [1.0, 2.0]} | arguments))
+
+
+X_TWO = np.array([[1.0], [2.0], [-1.0], [-2.0]])
+
+
+@pytest.mark.parametrize("status", [Status.INFEASIBLE, Status.UNBOUNDED, Status.FAILED])
+def test_a_fault_of_the_solver_is_no_result(monkeypatch, status):
+    # all coefficients zero is feasible and no residual is below zero: such an answer is a fault
+    nothing = IntegerSolution(np.full(1, np.nan), np.inf, -np.inf, status)
+    monkeypatch.setattr(_mip, "mixed_integer_program", lambda *_, **__: nothing)
+    with pytest.raises(SolverError, match="mixed-integer program .* choose another solver"):
+        solve_mip(X_TWO, np.abs(X_TWO))
+
+
+def test_optimal_is_said_only_with_a_proof(monkeypatch):
+    def without_bound(*arguments, **options):
+        found = solver(*arguments, **options)
+        return IntegerSolution(found.x, found.objective, -1.0, Status.OPTIMAL)
+
+    solver, y = _mip.mixed_integer_program, np.array([1.0, 2.5, 1.0, 3.0])
+    assert solve_mip(X_TWO, y, 1).status is Status.OPTIMAL
+    monkeypatch.setattr(_mip, "mixed_integer_program", without_bound)
+    result = solve_mip(X_TWO, y, 1)
+    assert result.status is Status.INACCURATE
+    assert result.bound == 0.0 < result.objective

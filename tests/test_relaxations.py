@@ -138,15 +138,11 @@ def test_a_missing_solver_is_a_sentence(name):
 @pytest.mark.parametrize(
     "relaxation", [SimplexRelaxation(), MomentRelaxation(1), MomentRelaxation(2)]
 )
-def test_a_failing_solver_is_a_status_and_a_true_bound(relaxation):
+def test_a_failing_solver_is_an_error_with_advice(relaxation):
     # OSQP takes no second-order and no semidefinite cones
     candidates, targets, _ = problem(3, 6, 2, 0.1)
-    assignment = prepared(relaxation, "l2", "osqp").assign(candidates, targets)
-    exact = prepared("exact", "l2").assign(candidates, targets)
-    assert assignment.status is Status.FAILED
-    assert assignment.lower_bound == 0.0
-    assert not assignment.tightness.any()
-    assert assignment.objective == exact.objective
+    with pytest.raises(SolverError, match="choose another solver"):
+        prepared(relaxation, "l2", "osqp").assign(candidates, targets)
 
 
 # --- naming and extending ----------------------------------------------------------------------
@@ -174,7 +170,7 @@ def test_unknown_relaxations_are_refused_in_a_sentence():
 @pytest.mark.parametrize("order", [0, -1, 1.5, "2"])
 def test_a_wrong_order_is_refused_in_a_sentence(order):
     candidates, targets, _ = problem(2, 4, 2, 0.1)
-    with pytest.raises(ValueError, match="the order of a moment relaxation"):
+    with pytest.raises(ValueError, match="order=.* must be a positive integer"):
         MomentRelaxation(order).assign(candidates, targets)
 
 

@@ -6,6 +6,7 @@ from scipy.stats import t as student
 from sklearn.base import clone
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid.datasets import make_damped_oscillator
 from swsysid.uncertainty import bootstrap
 
 TRUTH = np.array([[[-0.5, 1.0], [0.0, -1.0]], [[-2.0, 0.0], [0.5, -1.0]]])  # right, left
@@ -150,11 +151,32 @@ def test_lost_modes_are_counted():
     "options, message",
     [
         ({"n_resamples": 5}, "at least 20"),
-        ({"confidence": 95}, "between 0 and 1"),
+        ({"confidence": 95}, "confidence=95 must be a number above 0 and below 1"),
         ({"groups": np.zeros(400)}, "single trajectory"),
-        ({"groups": np.zeros(3)}, "one trajectory name for each"),
+        ({"groups": np.zeros(3)}, "groups has shape .3,.; give one name for each"),
     ],
 )
 def test_refusals(single, options, message):
     with pytest.raises(ValueError, match=message):
         bootstrap(*single, **options)
+
+
+@pytest.mark.parametrize("loss", ["l1", "l2", "squared"])
+def test_samples_with_other_digits_are_refused(loss):
+    data = make_damped_oscillator(200, noise=0.05, random_state=0)
+    model = SwitchingSystemRegressor(loss=loss, n_init=2, random_state=0).fit(data.X, data.Xdot)
+    kept = bootstrap(model, data.X, data.Xdot, n_resamples=20, random_state=0)
+    assert kept.n_resamples == 20
+    for X, Xdot in ((data.X + 0.01, data.Xdot), (data.X, np.round(data.Xdot, 1))):
+        with pytest.raises(ValueError, match="give the very samples"):
+            bootstrap(model, X, Xdot, n_resamples=20, random_state=0)
+
+
+def test_the_samples_of_a_weighted_fit_are_refused():
+    # resamples know no weights: they would be of another fit
+    data = make_damped_oscillator(200, noise=0.05, random_state=0)
+    weight = np.where(data.t > 5.0, 3.0, 1.0)
+    model = SwitchingSystemRegressor(n_init=2, random_state=0)
+    model.fit(data.X, data.Xdot, sample_weight=weight)
+    with pytest.raises(ValueError, match="without weights"):
+        bootstrap(model, data.X, data.Xdot, n_resamples=20, random_state=0)

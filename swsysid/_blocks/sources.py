@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.utils import check_array
 
 from swsysid._blocks.pieces import pieces
 from swsysid._results import Array
 from swsysid._rows import check_sample_weight
+from swsysid._validation.arrays import labels, numbers
+from swsysid._validation.estimators import block_of_rows
 
 __all__ = ["RowBlocks", "Rows", "holds_blocks", "over_blocks", "row_blocks"]
 
@@ -259,22 +260,16 @@ def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) ->
 
 def _as_rows(number: int, X: Any, y: Any, weight: Any, groups: Any) -> Rows:
     """A block as plain arrays."""
-    options = {"dtype": np.float64, "ensure_min_samples": 0}
     try:
-        X = check_array(X, input_name="X", **options)
-        targets = check_array(y, ensure_2d=False, input_name="y", **options)
+        X, targets = block_of_rows(X, y)
         if len(targets) != len(X):
             raise ValueError(f"X has {len(X)} rows and y {len(targets)}; give both as many.")
         # A block all of whose weights are zero is no mistake.
-        weight = np.ones(len(X)) if weight is None else np.asarray(weight, dtype=float)
+        weight = np.ones(len(X)) if weight is None else numbers("sample_weight", weight)
         if weight.any() or weight.shape != (len(X),):
             weight = check_sample_weight(weight, len(X))
-        groups = None if groups is None else np.asarray(groups)
-        if groups is not None and groups.shape != (len(X),):
-            raise ValueError(
-                f"groups has shape {groups.shape}; give one trajectory name for each of the "
-                f"{len(X)} samples."
-            )
+        if groups is not None and len(X):
+            groups = labels("groups", groups, len(X))
     except ValueError as error:
         raise ValueError(f"Block {number}: {error}") from error
     return Rows(X, targets if targets.ndim == 2 else targets[:, None], weight, groups)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from swsysid._model import fitted_system
 from swsysid._results import Array, Status
 from swsysid._rollouts.certainty import robust_covariance
 from swsysid._rollouts.continuous import WholeRollouts
@@ -25,6 +26,8 @@ from swsysid._rollouts.segments import (
 )
 from swsysid._rollouts.shooting import DENSE, Shooting
 from swsysid._rollouts.system import Maps, RowSystem
+from swsysid._validation.arrays import numbers, refuse_overflow, refuse_vanishing, truth_values
+from swsysid._validation.parameters import shown
 
 __all__ = ["Estimate", "Estimation"]
 
@@ -58,7 +61,7 @@ class Estimation:
     """The refinement of one model on some trajectories; the options are those of `refine`."""
 
     def __init__(self, model: Any, trajectories: Any, **options: Any):
-        system = _system_of(model)
+        system = fitted_system(model)
         output = getattr(model, "output", None)
         self.maps = Maps(system, output)
         names = system.feature_map.names_in
@@ -341,24 +344,9 @@ class Estimation:
         return scaled * np.outer(unit, unit)
 
 
-def _system_of(model: Any) -> Any:
-    if not hasattr(model, "coef_"):
-        raise TypeError(
-            f"model={type(model).__name__} has no coefficients yet; fit it first, or state one "
-            "with StatedModel."
-        )
-    system = getattr(model, "_model", None)
-    if system is None:
-        raise TypeError(
-            f"{type(model).__name__} is no switching system; give a fitted "
-            "SwitchingSystemRegressor or a StatedModel."
-        )
-    return system
-
-
 def _free(model, system, free) -> NDArray[np.bool_]:
     given = getattr(model, "free", None) if free is None else free
-    chosen = np.asarray(system.coef != 0.0 if given is None else given, dtype=bool)
+    chosen = truth_values("free", system.coef != 0.0 if given is None else given)
     if chosen.shape != system.coef.shape:
         raise ValueError(
             f"free has shape {chosen.shape} and the coefficients {system.coef.shape}; give one "
@@ -376,10 +364,14 @@ def _noise(records: list[Record], noise) -> Array:
         )
     if noise is None:
         return _spread(y)
-    chosen = np.broadcast_to(np.asarray(noise, dtype=float), y.shape[1:])
-    if not (chosen > 0.0).all() or not np.isfinite(chosen).all():
-        raise ValueError(f"noise={noise!r}; give a positive standard deviation for each channel.")
-    return chosen
+    chosen = numbers("noise", noise)
+    refuse_overflow("noise", chosen)
+    refuse_vanishing("noise", chosen[None])
+    if chosen.shape not in ((), y.shape[1:]) or not (chosen > 0.0).all():
+        raise ValueError(
+            f"noise={shown(noise)}; give a positive standard deviation for each channel."
+        )
+    return np.broadcast_to(chosen, y.shape[1:])
 
 
 def _spread(columns: Array) -> Array:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._rollouts.system import ParameterSets, has_linear_surface, named_parameters
+from swsysid._validation.arrays import numbers
+from swsysid._validation.parameters import shown
 
 __all__ = ["Parametrization"]
 
@@ -122,7 +124,7 @@ class Parametrization:
     def bounds(self, limits: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
         """Lower and upper bounds of the vector from those of some named parameters."""
         low, high = np.full(len(self), -np.inf), np.full(len(self), np.inf)
-        for name, (least, most) in limits.items():
+        for name, (least, most) in _pairs(limits):
             if name not in self.named:
                 known = ", ".join(self.named) or "none"
                 raise ValueError(
@@ -159,6 +161,17 @@ class Parametrization:
             surface._fitted_coef = sets.surface[0]
             surface.coef_ = surface._basis.to_user(surface._fitted_coef)
         return refined
+
+
+def _pairs(limits: Any) -> list[tuple[str, tuple[float, float]]]:
+    """Names and bounds, checked."""
+    if not isinstance(limits, Mapping):
+        raise TypeError(f"bounds={shown(limits)} must be a dict of names to pairs (low, high).")
+    pairs = {name: np.atleast_1d(numbers(f"bounds of {name}", two)) for name, two in limits.items()}
+    for name, two in pairs.items():
+        if two.shape != (2,):
+            raise ValueError(f"bounds of {name} have shape {two.shape}; give a pair (low, high).")
+    return [(name, (float(two[0]), float(two[1]))) for name, two in pairs.items()]
 
 
 def _surface_free(surface: Array, fit_surface: bool) -> NDArray[np.bool_]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._results import Array
+from swsysid._results import Array, Trajectory
 from swsysid._rollouts.integrate import Stretch
+from swsysid._validation.arrays import column, numbers, refuse_overflow, refuse_vanishing, table
+from swsysid._validation.arrays import labels as labels_of_rows
+from swsysid._validation.parameters import real, shown
 
 __all__ = [
     "Record",
@@ -33,8 +36,14 @@ class Record:
 
 def read_trajectories(trajectories: Any, n_inputs: int, n_outputs: int) -> list[Record]:
     """Records of one trajectory or a list of them, given as dicts or as `Trajectory`."""
-    single = hasattr(trajectories, "x") or isinstance(trajectories, Mapping)
-    given = [trajectories] if single else list(trajectories)
+    single = isinstance(trajectories, (Mapping, Trajectory))
+    given = [trajectories] if single else trajectories
+    listed = isinstance(given, Iterable) and not isinstance(given, (str, bytes))
+    given = list(given) if listed else []
+    if not listed or not all(isinstance(one, (Mapping, Trajectory)) for one in given):
+        raise TypeError(
+            "trajectories must be a dict with t, x and inputs, a Trajectory, or a list of them."
+        )
     if not given:
         raise ValueError("trajectories is empty; give at least one.")
     records = []
@@ -49,8 +58,13 @@ def _records(trajectory, place, n_inputs, n_outputs) -> list[Record]:
     for name in ("t", "x"):
         if fields.get(name) is None:
             raise ValueError(f"trajectory {place} has no {name}; give a dict with t, x and inputs.")
-    t = np.asarray(fields["t"], dtype=float).ravel()
-    y, u = _columns(fields["x"], len(t)), _columns(fields.get("inputs"), len(t))
+    t = column(f"t of trajectory {place}", fields["t"])
+    y = table(f"x of trajectory {place}", fields["x"], missing=True)
+    u = np.empty((len(t), 0))
+    if fields.get("inputs") is not None:
+        u = table(f"inputs of trajectory {place}", fields["inputs"])
+    refuse_vanishing(f"t of trajectory {place}", t)
+    refuse_vanishing(f"x of trajectory {place}", np.nan_to_num(y))
     for name, columns, wanted in (("x", y, n_outputs), ("inputs", u, n_inputs)):
         if len(columns) != len(t):
             raise ValueError(
@@ -62,9 +76,9 @@ def _records(trajectory, place, n_inputs, n_outputs) -> list[Record]:
                 f"{name} of trajectory {place} has {columns.shape[1]} columns and the model asks "
                 f"for {wanted}; name measured states by observed, and give every input."
             )
-    if not np.isfinite(u).all():
-        raise ValueError(f"inputs of trajectory {place} contain NaN or infinity; fill the gaps.")
-    groups = np.asarray(fields.get("groups", np.zeros(len(t))))
+    groups = np.zeros(len(t))
+    if fields.get("groups") is not None:
+        groups = labels_of_rows(f"groups of trajectory {place}", fields["groups"], len(t))
     labels = list(dict.fromkeys(groups.tolist()))
     return [_record(t, y, u, np.flatnonzero(groups == label), place) for label in labels]
 
@@ -73,19 +87,12 @@ def _record(t, y, u, rows, place) -> Record:
     t = t[rows]
     if len(t) < 2:
         raise ValueError(f"trajectory {place} has {len(t)} samples; a rollout needs two.")
-    if not np.isfinite(t).all() or (np.diff(t) <= 0).any():
+    if (np.diff(t) <= 0).any():
         raise ValueError(
             f"times of trajectory {place} do not increase; sort its rows by time, and give "
             "separate trajectories separately."
         )
-    return Record(t, np.where(np.isfinite(y[rows]), y[rows], np.nan), u[rows])
-
-
-def _columns(values, n_rows) -> Array:
-    if values is None:
-        return np.empty((n_rows, 0))
-    columns = np.asarray(values, dtype=float)
-    return columns.reshape(len(columns), -1)
+    return Record(t, y[rows], u[rows])
 
 
 def observed_states(observed: Sequence | None, names: Sequence[str], n_states: int) -> NDArray:
@@ -93,20 +100,22 @@ def observed_states(observed: Sequence | None, names: Sequence[str], n_states: i
     known = list(names[:n_states])
     if observed is None:
         return np.arange(n_states)
-    chosen = [observed] if isinstance(observed, str) else list(observed)
-    numbers = []
-    for state in chosen:
-        if state in known:
-            numbers.append(known.index(state))
-        elif not isinstance(state, str) and 0 <= int(state) < n_states:
-            numbers.append(int(state))
-        else:
-            raise ValueError(
-                f"observed names {state!r}, which is no state; choose among {', '.join(known)}."
-            )
-    if len(set(numbers)) != len(numbers) or not numbers:
-        raise ValueError(f"observed={observed!r}; name each measured state once.")
-    return np.array(numbers, dtype=np.intp)
+    chosen = [observed] if isinstance(observed, str) or not np.iterable(observed) else [*observed]
+    places = [_place_of(state, known) for state in chosen]
+    if len(set(places)) != len(places) or not places:
+        raise ValueError(f"observed={shown(observed)}; name each measured state once.")
+    return np.array(places, dtype=np.intp)
+
+
+def _place_of(state: Any, known: list[str]) -> int:
+    """Number of a state given by name or number."""
+    if isinstance(state, str) and state in known:
+        return known.index(state)
+    if isinstance(state, (int, np.integer)) and 0 <= state < len(known):
+        return int(state)
+    raise ValueError(
+        f"observed names {shown(state)}, which is no state; choose among {', '.join(known)}."
+    )
 
 
 def first_states(initial_states, names, n_records) -> Array:
@@ -119,9 +128,10 @@ def first_states(initial_states, names, n_records) -> Array:
                     f"initial_states names {name!r}, which is no state; choose among "
                     f"{', '.join(names)}."
                 )
-            starts[:, list(names).index(name)] = value
+            starts[:, list(names).index(name)] = real(f"initial_states of {name}", value)
     elif initial_states is not None:
-        given = np.asarray(initial_states, dtype=float)
+        given = numbers("initial_states", initial_states)
+        refuse_overflow("initial_states", given)
         if given.shape not in (starts.shape, starts.shape[1:]):
             raise ValueError(
                 f"initial_states has shape {given.shape}; give ({len(names)},) or "
@@ -134,12 +144,12 @@ def first_states(initial_states, names, n_records) -> Array:
 def filled_channels(record: Record) -> Array:
     """Measured channels with the missing values interpolated."""
     filled = record.y.copy()
-    for column in filled.T:
-        known = np.isfinite(column)
+    for channel in filled.T:
+        known = np.isfinite(channel)
         if known.any():
-            column[~known] = np.interp(record.t[~known], record.t[known], column[known])
+            channel[~known] = np.interp(record.t[~known], record.t[known], channel[known])
         else:
-            column[:] = 0.0
+            channel[:] = 0.0
     return filled
 
 

@@ -14,8 +14,11 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from swsysid._features import FeatureMap
 from swsysid._model import SwitchingModel
 from swsysid._results import Array, Trajectory
+from swsysid._simulation.inputs import checked_options
 from swsysid._simulation.simulate import simulate
 from swsysid._surfaces.mode_books import decisions
+from swsysid._validation.arrays import numbers, table, truth_values
+from swsysid._validation.parameters import flag, names_of_columns, shown
 
 __all__ = ["ParametricLibrary", "StatedModel", "StatedSurface"]
 
@@ -71,7 +74,7 @@ class ParametricLibrary(TransformerMixin, BaseEstimator):
 
     def transform(self, X):
         """Values of all terms, shape (n_samples, n_terms)."""
-        return self.evaluate(np.asarray(X, dtype=float), self.parameters or {})
+        return self.evaluate(table("X", X), self.parameters or {})
 
     def evaluate(self, X: Array, parameters: Mapping[str, Any]) -> Array:
         """Values of all terms for parameters that may differ from row to row."""
@@ -117,7 +120,12 @@ class StatedSurface:
     """
 
     def __init__(self, coef: ArrayLike, feature_library: Any = 1, mode_book: Any = None):
-        self.coef_ = np.atleast_2d(np.asarray(coef, dtype=float))
+        given = numbers("coef", coef)
+        if given.ndim not in (1, 2) or not given.shape[-1]:
+            raise ValueError(
+                f"coef has shape {given.shape}; give one row of coefficients for each surface."
+            )
+        self.coef_ = np.atleast_2d(given)
         self.feature_library = feature_library
         if mode_book is None:
             if len(self.coef_) != 1:
@@ -126,7 +134,7 @@ class StatedSurface:
                     "signs."
                 )
             mode_book = [[-1], [1]]
-        self.mode_book_ = np.asarray(mode_book, dtype=np.intp)
+        self.mode_book_ = numbers("mode_book", mode_book).astype(np.intp)
         if self.mode_book_.ndim != 2 or self.mode_book_.shape[1] != len(self.coef_):
             raise ValueError(
                 f"mode_book has shape {self.mode_book_.shape}; give (n_modes, {len(self.coef_)}) "
@@ -144,11 +152,11 @@ class StatedSurface:
 
     def surface_values(self, X: ArrayLike) -> Array:
         """Values of all surfaces, (n_samples, n_surfaces)."""
-        return self._basis(np.asarray(X, dtype=float)) @ self.coef_.T
+        return self._basis(table("X", X)) @ self.coef_.T
 
     def surface_values_at(self, point: Array) -> Array:
         """Values of all surfaces at one point."""
-        return self.surface_values(point[None])[0]
+        return (self._basis(point[None]) @ self.coef_.T)[0]
 
     def decode(self, values: Array) -> NDArray[np.intp]:
         """Mode for given values of the surfaces."""
@@ -244,8 +252,9 @@ class StatedModel:
         output: Any = None,
         discrete_time: bool = False,
     ):
-        columns = [*states, *inputs]
-        self.coef_ = np.array(coef, dtype=float)
+        columns = [*names_of_columns("states", states), *names_of_columns("inputs", inputs)]
+        flag("discrete_time", discrete_time)
+        self.coef_ = numbers("coef", coef).copy()
         self.coef_ = self.coef_[None] if self.coef_.ndim == 2 else self.coef_
         self.feature_map = FeatureMap(feature_library, np.ones((1, len(columns))), columns)
         self.surface = StatedSurface.of_one_mode() if surface is None else surface
@@ -256,13 +265,15 @@ class StatedModel:
                 f"coef has shape {np.shape(coef)}; give (n_modes, {wanted[0]}, {wanted[1]}): one "
                 "row for each state, one column for each feature."
             )
+        if surface is not None and not hasattr(surface, "predict"):
+            raise TypeError(f"surface={shown(surface)} must be a StatedSurface or a classifier.")
         if surface is None and len(self.coef_) > 1:
             raise ValueError(
                 f"coef has {len(self.coef_)} modes and no surface says which of them is active; "
                 "give a StatedSurface."
             )
-        self.free = self.coef_ != 0.0 if free is None else np.asarray(free, dtype=bool)
-        self.free = self.free.reshape(self.free.shape if self.free.ndim == 3 else (1, *wanted))
+        self.free = self.coef_ != 0.0 if free is None else truth_values("free", free)
+        self.free = self.free[None] if self.free.ndim == 2 else self.free
         if self.free.shape != self.coef_.shape:
             raise ValueError(
                 f"free has shape {self.free.shape} and coef {self.coef_.shape}; give one truth "
@@ -275,11 +286,14 @@ class StatedModel:
 
     def predict(self, X: ArrayLike) -> Array:
         """Velocity (next state in discrete time) at every sample, (n_samples, n_states)."""
-        return self._model.predict(np.asarray(X, dtype=float))
+        return self._model.predict(self._columns(X))
 
     def predict_modes(self, X: ArrayLike) -> NDArray[np.intp]:
         """Active mode at every sample."""
-        return self.surface.predict(np.asarray(X, dtype=float))
+        return self.surface.predict(self._columns(X))
+
+    def _columns(self, X: ArrayLike) -> Array:
+        return table("X", X, n_columns=len(self.feature_map.names_in))
 
     def equations(self, precision: int = 3, format: str = "text") -> list[str]:
         """The law of every mode as text or LaTeX."""
@@ -294,16 +308,16 @@ class StatedModel:
             inputs,
             input_hold=input_hold,
             discrete_time=self.discrete_time,
-            **options,
+            **checked_options(options),
         )
 
     def measure(self, x: ArrayLike, inputs: ArrayLike | None = None) -> Array:
         """What the sensors read along a trajectory of the states, (n_samples, n_outputs)."""
-        x = np.asarray(x, dtype=float)
+        x = table("x", x)
         if self.output is None:
             return x
-        u = np.empty((len(x), 0)) if inputs is None else np.asarray(inputs, dtype=float)
-        X = np.concatenate([x, u.reshape(len(x), -1)], axis=1)
+        u = np.empty((len(x), 0)) if inputs is None else table("inputs", inputs, len(x))
+        X = np.concatenate([x, u], axis=1)
         read = getattr(self.output, "transform", self.output)
         return np.asarray(read(X), dtype=float).reshape(len(x), -1)
 

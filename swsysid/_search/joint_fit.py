@@ -22,8 +22,16 @@ from swsysid._search.lending import loans
 from swsysid._search.robust import robust_regression
 from swsysid._search.trials import PlacedEffect
 from swsysid._setup import build_problem, build_search
+from swsysid._validation.parameters import shown
 
-__all__ = ["JointFit", "with_parameters", "corrected", "fit_jointly", "switching_step"]
+__all__ = [
+    "JointFit",
+    "check_declared",
+    "corrected",
+    "fit_jointly",
+    "switching_step",
+    "with_parameters",
+]
 
 Modes = NDArray[np.intp]
 
@@ -106,6 +114,16 @@ class JointFit:
             columns = term.effect.columns(records, term.place, *term.theta)
             added[:, term.target] += term.design(columns, modes, self.n_modes) @ coef
         return added
+
+
+def check_declared(estimator: Any) -> None:
+    """Refuse a declared model that is no switching regressor, and one that is a class."""
+    regressor = None if isinstance(estimator, type) else switching_step(estimator)[1]
+    if isinstance(regressor, type) or not hasattr(regressor, "mode_velocities"):
+        raise TypeError(
+            f"estimator={shown(estimator)} must be a SwitchingSystemRegressor or a pipeline "
+            "that ends in one."
+        )
 
 
 def switching_step(estimator: Any) -> tuple[Any, Any]:

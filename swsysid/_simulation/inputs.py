@@ -4,36 +4,61 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from swsysid._results import Array
+from swsysid._validation.arrays import column, state, table
+from swsysid._validation.parameters import one_of, real, whole
 
-__all__ = ["Stretch", "check_sizes", "checked_inputs", "checked_times", "probe", "stretches"]
+__all__ = [
+    "METHODS",
+    "Stretch",
+    "check_sizes",
+    "checked_inputs",
+    "checked_options",
+    "checked_times",
+    "probe",
+    "stretches",
+]
 
 Stretch = tuple[float, Callable[[float], Array]]
+
+METHODS = ("auto", "DOP853", "RK45", "Radau")
+_OPTIONS: dict[str, Callable[[str, Any], Any]] = {
+    "max_switches": partial(whole, least=0),
+    "max_steps": whole,
+    "state_bound": partial(real, above=0),
+    "rtol": partial(real, least=0, below=1),
+    "atol": partial(real, least=0),
+    "method": partial(one_of, choices=METHODS),
+}
+
+
+def checked_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Options of a simulation; one that there is not is refused."""
+    for name in options:
+        if name not in _OPTIONS:
+            raise TypeError(f"simulate has no option {name!r}; choose among {', '.join(_OPTIONS)}.")
+    return {name: _OPTIONS[name](name, value) for name, value in options.items()}
 
 
 def checked_times(x0, t) -> tuple[Array, Array]:
     """First state and requested times."""
-    x0, t = np.array(x0, dtype=float), np.array(t, dtype=float)
-    if x0.ndim != 1 or not len(x0) or not np.isfinite(x0).all():
-        raise ValueError(f"x0 has shape {x0.shape}; give one finite state of shape (n_states,).")
-    if t.ndim != 1 or not len(t) or not np.isfinite(t).all() or (np.diff(t) <= 0).any():
+    x0, t = state("x0", x0).copy(), column("t", t).copy()
+    if (np.diff(t) <= 0).any():
         raise ValueError("t must be a 1-d array of finite, strictly increasing times.")
     return x0, t
 
 
 def checked_inputs(inputs, t: Array, name: str = "inputs") -> Array:
     """Samples of the inputs at the first of the times, shape (n_samples, n_inputs)."""
-    inputs = np.array(inputs, dtype=float)
-    inputs = inputs[:, np.newaxis] if inputs.ndim == 1 else inputs
-    if inputs.ndim != 2 or not 0 < len(inputs) <= len(t):
+    inputs = table(name, inputs, empty=True).copy()
+    if not 0 < len(inputs) <= len(t):
         raise ValueError(
             f"{name} has shape {inputs.shape} for {len(t)} times; give one row for each time."
         )
-    if not np.isfinite(inputs).all():
-        raise ValueError(f"{name} contain NaN or infinity; fill the gaps before simulating.")
     return inputs
 
 

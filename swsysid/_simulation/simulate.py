@@ -19,6 +19,7 @@ from swsysid._simulation.events import (
     first_switch,
 )
 from swsysid._simulation.inputs import (
+    METHODS,
     Stretch,
     check_sizes,
     checked_inputs,
@@ -26,6 +27,7 @@ from swsysid._simulation.inputs import (
     probe,
     stretches,
 )
+from swsysid._validation.parameters import one_of
 
 __all__ = ["SwitchingSystem", "follow", "simulate"]
 
@@ -132,8 +134,7 @@ def simulate(
     True
     """
     start, times = checked_times(x0, t)
-    if input_hold not in ("zero", "linear"):
-        raise ValueError(f"input_hold={input_hold!r} is unknown; choose 'zero' or 'linear'.")
+    one_of("input_hold", input_hold, ("zero", "linear"))
     samples = None if inputs is None else checked_inputs(inputs, times)
     check_sizes(system, len(start), 0 if samples is None else samples.shape[1])
     pieces = list(stretches(times, samples, input_hold))
@@ -182,8 +183,7 @@ def follow(
     max_switches, max_steps, state_bound, rtol, atol, method
         As in `simulate`.
     """
-    if method not in ("auto", *_METHODS):
-        raise ValueError(f"method={method!r} is unknown; choose auto, {', '.join(_METHODS)}.")
+    one_of("method", method, METHODS)
     guarded = GuardedSystem(system, state_bound)
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
         if not guarded.within(x0):

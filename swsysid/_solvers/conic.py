@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import importlib
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
@@ -23,6 +26,7 @@ __all__ = [
     "linear_program",
     "mixed_integer_program",
     "modelling",
+    "require_solution",
     "solve",
 ]
 
@@ -140,15 +144,12 @@ def solve(problem, solver: str = "auto") -> Status:
     SolverError
         If the solver is not installed.
     """
-    cp = modelling()
-    name = _installed(solver)
-    with warnings.catch_warnings():
-        # Accuracy is reported through Status, not through a warning from below.
-        warnings.simplefilter("ignore")
-        try:
-            problem.solve(solver=name)
-        except (cp.error.SolverError, ArithmeticError, RuntimeError, ValueError):
-            return Status.FAILED
+    error, name = modelling().error, _installed(solver)
+    # A program that is not convex is a mistake of this package, not of the solver.
+    mistakes = (error.DCPError, error.DPPError, error.DGPError, error.ParameterError)
+    _, broke = _answer(lambda: problem.solve(solver=name), mistakes)
+    if broke:
+        return Status.FAILED
     status = _CVXPY_STATUS.get(problem.status, Status.FAILED)
     has_values = all(variable.value is not None for variable in problem.variables())
     return Status.FAILED if status in HAS_VALUES and not has_values else status
@@ -176,14 +177,18 @@ def mixed_integer_program(
     """
     cost = np.asarray(cost, dtype=float)
     bounds = _full_bounds(bounds, cost.size)
-    answer = milp(
-        cost,
-        integrality=integrality,
-        bounds=Bounds(bounds[:, 0], bounds[:, 1]),
-        constraints=LinearConstraint(matrix, low, high),
-        # HiGHS stops at a relative gap of 1e-4 by default; the exact program asks for none.
-        options={"time_limit": time_limit, "mip_rel_gap": 0.0},
+    answer, broke = _answer(
+        lambda: milp(
+            cost,
+            integrality=integrality,
+            bounds=Bounds(bounds[:, 0], bounds[:, 1]),
+            constraints=LinearConstraint(matrix, low, high),
+            # HiGHS stops at a relative gap of 1e-4 by default; the exact program asks for none.
+            options={"time_limit": time_limit, "mip_rel_gap": 0.0},
+        )
     )
+    if broke:
+        return IntegerSolution(np.full(cost.size, np.nan), np.inf, -np.inf, Status.FAILED)
     status = _MILP_STATUS.get(answer.status, Status.FAILED)
     bound = getattr(answer, "mip_dual_bound", None)
     if answer.x is None:
@@ -191,6 +196,25 @@ def mixed_integer_program(
             np.full(cost.size, np.nan), np.inf, -np.inf if bound is None else bound, status
         )
     return IntegerSolution(answer.x, answer.fun, answer.fun if bound is None else bound, status)
+
+
+def require_solution(status: Status, program: str) -> None:
+    """Raise `SolverError` unless a solver came back with a point.
+
+    The programs of this package have solutions: a solver that finds none, whatever it says of the
+    program, has failed on these numbers.
+
+    Parameters
+    ----------
+    status : Status
+    program : str
+        What it was to solve, such as ``"margin LP"``.
+    """
+    if status not in HAS_VALUES:
+        raise SolverError(
+            f"the solver found no solution of the {program} ({status.value}); rescale the data to "
+            "order one, or choose another solver."
+        )
 
 
 def modelling():
@@ -244,11 +268,31 @@ def _no_linear_solution(cost, rows, status) -> LinearSolution:
     )
 
 
-def _linear_program_highs(cost, rows, bounds) -> LinearSolution:
+def _answer(call: Callable[[], Any], mistakes: tuple = ()) -> tuple[Any, bool]:
+    """What a solver answers, and whether it broke: accuracy is told by Status, not by warnings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        answer = linprog(cost, bounds=bounds, method="highs", **rows)
-    status = _LINPROG_STATUS.get(answer.status, Status.FAILED)
+        try:
+            return call(), False
+        except mistakes:
+            raise
+        except Exception:  # of linear algebra, memory, or the solver's own
+            return None, True
+        except BaseException as panic:
+            # A solver written in Rust panics with what is no Exception (pyo3).
+            if type(panic).__name__ != "PanicException":
+                raise
+            return None, True
+
+
+def _linear_program_highs(cost, rows, bounds) -> LinearSolution:
+    status = Status.FAILED
+    # Where the simplex method fails, the interior point of HiGHS may not.
+    for method in ("highs", "highs-ipm"):
+        answer, broke = _answer(partial(linprog, cost, bounds=bounds, method=method, **rows))
+        status = Status.FAILED if broke else _LINPROG_STATUS.get(answer.status, Status.FAILED)
+        if status is not Status.FAILED:
+            break
     if status is not Status.OPTIMAL or answer.x is None:
         return _no_linear_solution(cost, rows, status)
     # SciPy's marginals are d objective / d right-hand side, the negative of the multipliers.

@@ -18,12 +18,14 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from swsysid._results import Array, Status
-from swsysid._solvers.conic import linear_program
+from swsysid._solvers.conic import linear_program, require_solution
 
 __all__ = ["nearest_euclidean", "nearest_l1", "on_simplex"]
 
 # Rounding, in units of the longest residual of a sample, and the gap that counts as none.
 ROUNDING, PROVED = 1e-13, 1e-10
+# The gap that counts as none where HiGHS, with its tolerances, or rounding has the last word.
+ACCEPTED = 1e-7
 # Smallest gain that is worth a pivot, and smallest pivot.
 GAIN, PIVOT = 1e-12, 1e-11
 # Pivots for each corner and state after which a sample is left to HiGHS; a few do, as a rule.
@@ -42,7 +44,7 @@ def on_simplex(membership: Array) -> Array:
     return membership / membership.sum(axis=1, keepdims=True)
 
 
-def nearest_l1(residuals: Array) -> tuple[Array | None, Status]:
+def nearest_l1(residuals: Array) -> tuple[Array, Array, Status]:
     r"""Memberships of minimal l1 norm, every one proved by a dual vector.
 
     Any u with all :math:`|u_k| \le 1` bounds the norm from below by min_j <u, r_j>. Samples for
@@ -54,8 +56,16 @@ def nearest_l1(residuals: Array) -> tuple[Array | None, Status]:
 
     Returns
     -------
-    membership : ndarray of shape (n_samples, n_corners), None if HiGHS failed
+    membership : ndarray of shape (n_samples, n_corners)
+    lower_bound : ndarray of shape (n_samples,)
+        What is proved: no membership has a smaller norm.
     status : Status
+        `INACCURATE` if one of these bounds is not the norm that was found.
+
+    Raises
+    ------
+    SolverError
+        If HiGHS fails on the samples that are left to it.
 
     Examples
     --------
@@ -75,20 +85,23 @@ def nearest_l1(residuals: Array) -> tuple[Array | None, Status]:
     # The best corner comes first: every program starts there.
     order = np.abs(scaled).sum(axis=1).argsort(axis=0, kind="stable")
     scaled = np.take_along_axis(scaled, order[:, None], axis=0)
-    membership, proved = np.empty((n_samples, len(residuals))), np.empty(n_samples, dtype=bool)
+    membership, bound = np.empty((n_samples, len(residuals))), np.empty(n_samples)
+    proved = np.empty(n_samples, dtype=bool)
     for first in range(0, n_samples, TOGETHER):
         some = slice(first, first + TOGETHER)
-        weights, proved[some] = _Programs(scaled[:, :, some]).solved()
+        weights, bound[some], proved[some] = _Programs(scaled[:, :, some]).solved()
         np.put_along_axis(membership[some], order[:, some].T, weights.T, axis=1)
+    status = Status.OPTIMAL
     for rows in np.array_split(np.flatnonzero(~proved), -(-np.sum(~proved) // CHUNK) or 1):
         if rows.size:
             some = residuals[:, rows] / scale[rows, None]
-            posed, status = _posed_l1(some)
-            if posed is None:
-                return None, status
+            posed, posed_bound = _posed_l1(some)
             better = _l1_norms(some, posed) < _l1_norms(some, membership[rows])
             membership[rows[better]] = posed[better]
-    return membership, Status.OPTIMAL
+            bound[rows] = np.maximum(bound[rows], posed_bound)
+            if (_l1_norms(some, membership[rows]) - bound[rows] > ACCEPTED).any():
+                status = Status.INACCURATE
+    return membership, bound * scale, status
 
 
 def _l1_norms(residuals, membership):
@@ -131,8 +144,8 @@ class _Programs:
         self.values = np.zeros((n_corners + 2 * n_states, n_samples))
         self.prices = np.zeros_like(self.values)
 
-    def solved(self) -> tuple[Array, Array]:
-        """Weights (n_corners, n_samples), and where they are proved optimal."""
+    def solved(self) -> tuple[Array, Array, Array]:
+        """Weights (n_corners, n_samples), lower bounds of the norms, and where these are met."""
         for _ in range(PATIENCE * self.first_q):
             gains = self.table[-1, 1:]
             opposite = np.where(self.free >= self.n_corners, -2.0 - gains, -1.0)
@@ -193,11 +206,12 @@ class _Programs:
         weights = weights / weights.sum(axis=0)
         objective = np.abs((weights[:, None] * self.residuals).sum(axis=0)).sum(axis=0)
         lower_bound = (dual * self.residuals).sum(axis=1).min(axis=0)
-        return weights, objective - lower_bound <= PROVED * objective + ROUNDING
+        met = objective - lower_bound <= PROVED * objective + ROUNDING
+        return weights, np.minimum(lower_bound, objective), met
 
 
 def _posed_l1(residuals):
-    """The same programs as one block-diagonal linear program for HiGHS."""
+    """Memberships and lower bounds from one block-diagonal linear program for HiGHS."""
     # Unknowns of one sample: lambda (n_corners), p and q (n_states each), all >= 0, with
     #   sum_j lambda_j r_j - p + q = 0,   sum_j lambda_j = 1,   at the cost sum(p + q).
     n_corners, n_samples, n_states = residuals.shape
@@ -213,18 +227,22 @@ def _posed_l1(residuals):
         b_eq=right.ravel(),
         bounds=(0.0, np.inf),
     )
-    if not solution.status.ok:
-        return None, solution.status
-    return on_simplex(solution.x.reshape(n_samples, -1)[:, :n_corners]), solution.status
+    require_solution(solution.status, "program of the nearest points")
+    dual = solution.dual_eq.reshape(n_samples, -1)[:, :-1].clip(-1.0, 1.0)
+    bound = np.einsum("ik,jik->ij", dual, residuals).min(axis=1)
+    return on_simplex(solution.x.reshape(n_samples, -1)[:, :n_corners]), bound
 
 
-def nearest_euclidean(residuals: Array) -> tuple[Array, Status]:
+def nearest_euclidean(residuals: Array) -> tuple[Array, Array, Status]:
     """Memberships of the projection of the origin onto the hulls, face by face.
 
     The projection lies inside a simplex spanned by at most n_states + 1 of the corners
     (Caratheodory) and is the projection onto the affine hull of that simplex. Faces are tried in
     the order of their size; a sample leaves as soon as its point p proves itself optimal: no
     point of the hull is nearer if <p, r_j> >= <p, p> for all j.
+
+    Rounding can hide the proof of a nearly degenerate face; then the nearest point found is kept,
+    with the bound min_j <p, r_j> / |p| that it does prove.
 
     Parameters
     ----------
@@ -233,7 +251,10 @@ def nearest_euclidean(residuals: Array) -> tuple[Array, Status]:
     Returns
     -------
     membership : ndarray of shape (n_samples, n_corners)
+    lower_bound : ndarray of shape (n_samples,)
+        What is proved: no point of the hull is nearer.
     status : Status
+        `INACCURATE` if one of these bounds is not the distance that was found.
     """
     n_corners, n_samples, n_states = residuals.shape
     scale = np.abs(residuals).max(axis=(0, 2))
@@ -255,9 +276,20 @@ def nearest_euclidean(residuals: Array) -> tuple[Array, Status]:
             proved = (excess <= tolerance * distance) | (distance <= tolerance)
             pending = pending[~(better & proved)]
             if not pending.size:
-                return on_simplex(membership), Status.OPTIMAL
-    # Rounding can hide the proof of a nearly degenerate face; the nearest point is kept.
-    return on_simplex(membership), Status.OPTIMAL
+                return on_simplex(membership), nearest, Status.OPTIMAL
+    membership = on_simplex(membership)
+    bound = _euclidean_bound(residuals[:, pending], membership[pending])
+    unproved = nearest[pending] - bound > ACCEPTED * scale[pending]
+    nearest[pending] = np.minimum(bound, nearest[pending])
+    return membership, nearest, Status.INACCURATE if unproved.any() else Status.OPTIMAL
+
+
+def _euclidean_bound(residuals: Array, membership: Array) -> Array:
+    """Distance of the hulls from the origin that their points p prove: min_j <p, r_j> / |p|."""
+    points = np.einsum("ij,jik->ik", membership, residuals)
+    length = np.linalg.norm(points, axis=1)
+    reach = np.einsum("ik,jik->ij", points, residuals).min(axis=1)
+    return np.divide(reach, length, out=np.zeros_like(length), where=length > 0.0).clip(0.0)
 
 
 def _project(corners):

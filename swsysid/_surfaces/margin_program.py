@@ -17,16 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import block_diag
 
-from swsysid._results import Array, SolverError, Status
+from swsysid._results import Array, Status
 from swsysid._rows import spread_rows
-from swsysid._solvers.conic import LinearSolution, linear_program
+from swsysid._solvers.conic import linear_program, require_solution
 from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
 
 __all__ = [
     "SurfaceFit",
     "fit_programs",
     "fit_surface",
-    "require_answer",
     "worst_status",
 ]
 
@@ -119,7 +118,7 @@ def _solve_together(parts: list[_Restricted], solver: str) -> list[tuple[Array, 
         bounds=np.concatenate(bounds),
         solver=solver,
     )
-    require_answer(solution)
+    require_solution(solution.status, "margin LP")
     columns = np.cumsum([len(one) for one in cost])[:-1]
     equalities = np.cumsum([len(one) for one in right])[:-1]
     answers = zip(
@@ -320,11 +319,3 @@ def _wrong_side(program, margins, multipliers, is_free) -> NDArray[np.intp]:
 def worst_status(statuses: Iterable[Status]) -> Status:
     """`OPTIMAL` if all are, else the first that is not."""
     return next((status for status in statuses if not status.ok), Status.OPTIMAL)
-
-
-def require_answer(solution: LinearSolution) -> None:
-    """Raise `SolverError` if a solver came back with nothing."""
-    if not np.isfinite(solution.x).all():
-        raise SolverError(
-            f"the margin LP ended with status '{solution.status.value}'. {solution.status.advice}"
-        )

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from swsysid._results import Array, MarginCertificate, Status
-from swsysid._solvers.conic import linear_program
+from swsysid._solvers.conic import linear_program, require_solution
 from swsysid._surfaces.hinge import least_squares
 from swsysid._surfaces.margin_program import (
     SurfaceFit,
     fit_surface,
-    require_answer,
     worst_status,
 )
 
@@ -90,7 +89,7 @@ def _max_margin_of(signed: Array, bound: float, solver: str) -> tuple[float, Arr
         bounds=(0.0, np.inf),
         solver=solver,
     )
-    require_answer(solution)
+    require_solution(solution.status, "LP of the largest margin")
     return bound * solution.objective, bound * np.clip(solution.dual_eq[:-1], -1.0, 1.0)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swsysid._results import Array
+from swsysid._validation import arrays
 
 __all__ = ["candidate_books", "check_book", "decisions", "disagreement", "pairwise_book"]
 
@@ -37,14 +38,14 @@ def check_book(book: ArrayLike, n_modes: int) -> Book:
     ValueError
         If its shape or entries are wrong, or two modes share a code.
     """
-    given = np.asarray(book)
+    given = arrays.numbers("mode_book", book)
     if given.ndim != 2 or len(given) != n_modes:
         raise ValueError(
             f"mode_book has shape {given.shape}; give one row of signs for each of the "
             f"{n_modes} classes and one column for each surface."
         )
     if not np.isin(given, (-1, 1)).all():
-        raise ValueError("mode_book holds other entries than -1 and +1.")
+        raise ValueError("mode_book holds other entries than -1 and +1; give signs only.")
     if len(np.unique(given, axis=0)) < n_modes:
         raise ValueError("mode_book gives two classes the same code; all rows must differ.")
     return given.astype(np.int64)

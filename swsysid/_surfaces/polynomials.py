@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import comb
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._features import FeatureMap, Monomials, monomials_at
+from swsysid._features import FeatureMap, Monomials, check_degree, monomials_at
 from swsysid._results import Array
 from swsysid._surfaces.parameters import check_relevance
 
@@ -37,6 +37,7 @@ class PolynomialBasis:
         self.centre, self.scale = np.zeros(X.shape[1]), np.ones(X.shape[1])
         if standardize:
             self.centre, self.scale = _centre_and_scale(X, weight)
+        check_degree("degree", degree, X.shape[1])
         self.monomials = PolynomialFeatures(degree).fit(X[:1])
         self.powers = self.monomials.powers_  # recomputed by scikit-learn at every access
         self.values = Monomials(self.powers)

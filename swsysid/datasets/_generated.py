@@ -6,13 +6,17 @@ import inspect
 from collections.abc import Sequence
 
 import numpy as np
-from sklearn.utils import Bunch, check_random_state
+from sklearn.utils import Bunch
 
 from swsysid._results import Array
+from swsysid._validation.parameters import one_of, random_numbers, real, whole
 from swsysid.datasets._polynomial_system import PolynomialSwitchingSystem
 from swsysid.datasets._trajectories import integrate_grid
 
 __all__ = ["make_damped_oscillator", "make_quartic_oscillator", "make_switching_network"]
+
+# Gigabytes of points: more are no data set to try something on.
+_MOST_POINTS = 10**8
 
 
 def make_damped_oscillator(
@@ -138,8 +142,7 @@ def make_quartic_oscillator(
     >>> data.library_degree, data.guard_degree, data.guard([[0.0, 2.0]])
     (3, 4, array([-1.]))
     """
-    if variant not in ("paper", "code"):
-        raise ValueError(f"variant={variant!r} is unknown; choose 'paper' or 'code'.")
+    one_of("variant", variant, ("paper", "code"))
     return _make(
         make_quartic_oscillator,
         _quartic_oscillator(exchanged=variant == "code"),
@@ -252,9 +255,8 @@ def _make(
 ):
     n_trajectories, t_end, time_step = grid
     n_samples, noise, outliers, random_state = sampling
-    n_steps = round(t_end / time_step)
-    _check(n_samples, noise, outliers, n_trajectories, n_steps)
-    rng = check_random_state(random_state)
+    n_steps = _check(n_samples, noise, outliers, n_trajectories, t_end, time_step)
+    rng = random_numbers(random_state)
     x0 = rng.uniform(-box, box, size=(n_trajectories, len(names)))
     states = integrate_grid(system, x0, n_steps, time_step).reshape(-1, len(names))
     rows = np.arange(len(states))
@@ -292,17 +294,27 @@ def _make(
     )
 
 
-def _check(n_samples, noise, outliers, n_trajectories, n_steps):
-    if n_trajectories < 1 or n_steps < 1:
+def _check(n_samples, noise, outliers, n_trajectories, t_end, time_step) -> int:
+    """Number of steps of each trajectory."""
+    whole("n_trajectories", n_trajectories)
+    whole("n_samples", n_samples, also=(None,))
+    real("noise", noise, least=0)
+    real("outliers", outliers, least=0, most=1)
+    n_steps = round(real("t_end", t_end, above=0) / real("time_step", time_step, above=0))
+    if n_steps < 1:
         raise ValueError("give at least one trajectory, longer than one time_step.")
     available = n_trajectories * (n_steps + 1)
-    if n_samples is not None and not 1 <= n_samples <= available:
+    if available > _MOST_POINTS:
+        raise ValueError(
+            f"{n_trajectories} trajectories of {n_steps} steps have more than {_MOST_POINTS:.0e} "
+            "points; reduce n_trajectories or t_end, or choose a longer time_step."
+        )
+    if n_samples is not None and n_samples > available:
         raise ValueError(
             f"n_samples={n_samples}, but the trajectories have {available} points; increase "
             "n_trajectories or t_end, or shorten time_step."
         )
-    if noise < 0 or not 0 <= outliers <= 1:
-        raise ValueError("noise must not be negative, and outliers is a fraction from 0 to 1.")
+    return n_steps
 
 
 def _disturbed(clean: Array, noise: float, outliers: float, rng):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from sklearn.utils import Bunch, check_random_state
+from sklearn.utils import Bunch
 
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
+from swsysid._validation import parameters
+from swsysid._validation.parameters import one_of, random_numbers, real, whole
 from swsysid.datasets._undeclared_kinds import KINDS
 from swsysid.datasets._undeclared_plants import PLANTS
 from swsysid.datasets._undeclared_records import Plant, PlantedEffect
@@ -26,6 +29,7 @@ __all__ = ["make_undeclared", "undeclared_kinds"]
 
 _GAP = 10  # samples from the end of a trajectory to the begin of the next
 _GROSS = 5.0  # standard deviations
+_MOST_SAMPLES = 10**8  # gigabytes
 
 
 def undeclared_kinds(system: str = "oscillator") -> tuple[str, ...]:
@@ -123,13 +127,13 @@ def make_undeclared(
     2
     """
     plant = _plant(system)
-    kinds = (effect,) if isinstance(effect, str) else tuple(effect or ())
+    kinds = _kinds(effect)
     _check_sizes(n_samples, n_trajectories, noise, noise_kind, outliers, magnitude)
     targets = [_target(plant, kind, mode, target) for kind in kinds]
     if len(set(kinds)) < len(kinds):
         raise ValueError(f"effect={effect!r} names a kind twice; name each once.")
     # the three streams keep X the same whatever the effect's size and the noise
-    streams = check_random_state(random_state).randint(2**31 - 1, size=3)
+    streams = random_numbers(random_state).randint(2**31 - 1, size=3)
     runs_rng, effects_rng, noise_rng = (np.random.RandomState(seed) for seed in streams)
     clock = _clock(plant, n_samples, n_trajectories)
     planted = []
@@ -231,9 +235,19 @@ def _disturbed(clean: Array, *, noise: float, noise_kind: str, outliers: float, 
 
 
 def _plant(system: str) -> Plant:
-    if system not in PLANTS:
-        raise ValueError(f"system={system!r} is unknown; choose from {', '.join(PLANTS)}.")
-    return PLANTS[system]
+    return PLANTS[one_of("system", system, PLANTS)]
+
+
+def _kinds(effect: Any) -> tuple[str, ...]:
+    """Kinds of effects, as names."""
+    if effect is None or isinstance(effect, str):
+        return () if effect is None else (effect,)
+    listed = isinstance(effect, Sequence)
+    if not listed or not all(isinstance(kind, str) for kind in effect):
+        raise TypeError(
+            f"effect={parameters.shown(effect)} must be None, a name or a list of names."
+        )
+    return tuple(effect)
 
 
 def _target(plant: Plant, kind: str, mode: int | None, target: int | None) -> int:
@@ -243,25 +257,30 @@ def _target(plant: Plant, kind: str, mode: int | None, target: int | None) -> in
             f"{', '.join(plant.kinds)}."
         )
     known = KINDS[kind]
+    whole("mode", mode, least=0, also=(None,))
+    whole("target", target, least=0, also=(None,))
     if mode is not None and not known.in_one_mode:
         raise ValueError(f"effect {kind!r} has no mode of its own; leave mode=None.")
     if mode is not None and mode not in range(plant.n_modes):
-        raise ValueError(f"mode={mode} does not exist; {plant.name!r} has {plant.n_modes}.")
+        raise ValueError(
+            f"mode={parameters.shown(mode)} does not exist on {plant.name!r}; give a number below "
+            f"{plant.n_modes}."
+        )
     natural = plant.natural.get(kind, plant.target)
     if target is not None and target not in known.targets(plant):
         allowed = ", ".join(map(str, known.targets(plant)))
         raise ValueError(
-            f"effect {kind!r} on {plant.name!r} cannot have target={target}; choose from {allowed}."
+            f"effect {kind!r} on {plant.name!r} cannot have "
+            f"target={parameters.shown(target)}; choose from {allowed}."
         )
     return natural if target is None else target
 
 
 def _check_sizes(n_samples, n_trajectories, noise, noise_kind, outliers, magnitude):
-    if n_trajectories < 1 or n_samples < 2 * n_trajectories:
+    whole("n_trajectories", n_trajectories)
+    if whole("n_samples", n_samples, most=_MOST_SAMPLES) < 2 * n_trajectories:
         raise ValueError("give at least one trajectory, and two samples for each.")
-    if noise < 0 or not 0 <= outliers <= 1:
-        raise ValueError("noise must not be negative, and outliers is a fraction from 0 to 1.")
-    if noise_kind not in ("gaussian", "student"):
-        raise ValueError(f"noise_kind={noise_kind!r} is unknown; choose 'gaussian' or 'student'.")
-    if not magnitude > 0:
-        raise ValueError(f"magnitude={magnitude!r} must be positive; effect=None plants nothing.")
+    real("noise", noise, least=0)
+    real("outliers", outliers, least=0, most=1)
+    one_of("noise_kind", noise_kind, ("gaussian", "student"))
+    real("magnitude", magnitude, above=0)

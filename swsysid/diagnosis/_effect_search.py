@@ -3,22 +3,37 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from dataclasses import replace
-from numbers import Integral, Real
+from numbers import Integral
+from typing import Any
 
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
-from sklearn.metrics import r2_score
 from sklearn.model_selection import check_cv
-from sklearn.utils import check_random_state
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._records import Records, make_records
 from swsysid._results import IdentificationWarning
+from swsysid._scores import explained
 from swsysid._search.folds import Folds, Split, make_folds, split_records
 from swsysid._search.greedy import Search
-from swsysid._search.joint_fit import fit_jointly, switching_step, with_parameters
+from swsysid._search.joint_fit import (
+    check_declared,
+    fit_jointly,
+    switching_step,
+    with_parameters,
+)
+from swsysid._validation.estimators import check_fitted, known_velocities, rows_to_fit
+from swsysid._validation.parameters import (
+    function,
+    jobs,
+    random_numbers,
+    real,
+    shown,
+    verbosity,
+    whole,
+)
 from swsysid.diagnosis._effect_report import EffectReport
 from swsysid.diagnosis._findings import describe_findings
 from swsysid.diagnosis._ladder import Ladder
@@ -138,13 +153,13 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         self._check_parameters()
         frame = signals
-        X, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
-        targets = np.asarray(y, dtype=float).reshape(len(y), -1)
+        X, y = rows_to_fit(self, X, y)
+        targets = y.reshape(len(y), -1)
         self._one_target = y.ndim == 1
-        self._trajectory_names = None if groups is None else np.unique(groups)
         names = list(getattr(self, "feature_names_in_", [f"x{i}" for i in range(X.shape[1])]))
         records = make_records(X, targets.shape[1], t=t, groups=groups, signals=frame, names=names)
-        rng = check_random_state(0 if self.random_state is None else self.random_state)
+        self._trajectory_names = None if groups is None else np.unique(groups)
+        rng = random_numbers(0 if self.random_state is None else self.random_state)
         split = split_records(records, rng)
         if self._too_short(records, split, targets):
             return self._unchanged(records, targets)
@@ -152,33 +167,37 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def predict(self, X, *, t=None, groups=None, signals=None):
         """Velocities of the best model, of the shape that `y` had in `fit`."""
-        check_is_fitted(self, "best_estimator_")
+        check_fitted(self, "best_estimator_")
         velocity = self.best_estimator_.predict(X, t=t, groups=groups, signals=signals)
         return velocity[:, 0] if self._one_target else velocity
 
     def predict_modes(self, X, *, t=None, groups=None, signals=None):
         """Mode of every sample, shape (n_samples,)."""
-        check_is_fitted(self, "best_estimator_")
+        check_fitted(self, "best_estimator_")
         return self.best_estimator_.predict_modes(X, t=t, groups=groups, signals=signals)
 
     def score(self, X, y, *, t=None, groups=None, signals=None):
         """R2 of the velocities, or what `scoring` says."""
+        check_fitted(self, "best_estimator_")
+        targets = known_velocities(self, X, y)[1]
         predicted = self.predict(X, t=t, groups=groups, signals=signals)
-        return r2_score(y, predicted) if self.scoring is None else self.scoring(y, predicted)
+        if self.scoring is None:
+            return explained(targets, predicted)
+        return self.scoring(targets, predicted)
 
     def simulate(self, x0, t, inputs=None, **options):
         """Roll the best model out; see `EffectRegressor.simulate`."""
-        check_is_fitted(self, "best_estimator_")
+        check_fitted(self, "best_estimator_")
         return self.best_estimator_.simulate(x0, t, inputs, **options)
 
     def equations(self, precision=3, format="text"):
         """The laws of the best model; see `EffectRegressor.equations`."""
-        check_is_fitted(self, "best_estimator_")
+        check_fitted(self, "best_estimator_")
         return self.best_estimator_.equations(precision, format)
 
     def surface_equations(self, precision=3, format="text"):
         """The guards of the best model; see `EffectRegressor.surface_equations`."""
-        check_is_fitted(self, "best_estimator_")
+        check_fitted(self, "best_estimator_")
         return self.best_estimator_.surface_equations(precision, format)
 
     # -- parts of fit ------------------------------------------------------------------------------
@@ -256,22 +275,22 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return self
 
     def _check_parameters(self) -> None:
-        if not hasattr(switching_step(self.estimator)[1], "mode_velocities"):
-            raise TypeError(
-                f"estimator={self.estimator!r} must be a SwitchingSystemRegressor or a pipeline "
-                "that ends in one."
-            )
-        known = isinstance(self.effects, str) and self.effects == "all"
-        if not known and (
-            isinstance(self.effects, str)
-            or not all(isinstance(effect, Effect) for effect in self.effects)
-        ):
-            raise ValueError(
-                f"effects={self.effects!r} must be 'all' or a list of swsysid.effects.Effect."
-            )
-        if not isinstance(self.max_effects, Integral) or self.max_effects < 0:
-            raise ValueError(
-                f"max_effects={self.max_effects!r} must be a whole number, at least 0."
-            )
-        if not isinstance(self.significance, Real) or not 0 < float(self.significance) < 1:
-            raise ValueError(f"significance={self.significance!r} must be between 0 and 1.")
+        check_declared(self.estimator)
+        _check_effects(self.effects)
+        if isinstance(self.cv, (str, bytes)) or not hasattr(self.cv, "split"):
+            whole("cv", self.cv, least=2, also=(None,))
+        function("scoring", self.scoring, "y_true and y_pred", also=(None,))
+        whole("max_effects", self.max_effects, least=0)
+        real("significance", self.significance, above=0, below=1)
+        jobs(self.n_jobs)
+        random_numbers(self.random_state)
+        verbosity(self.verbose)
+
+
+def _check_effects(effects: Any) -> None:
+    listed = isinstance(effects, Iterable) and not isinstance(effects, str)
+    if (isinstance(effects, str) and effects == "all") or (
+        listed and all(isinstance(effect, Effect) for effect in effects)
+    ):
+        return
+    raise ValueError(f"effects={shown(effects)} must be 'all' or a list of swsysid.effects.Effect.")

@@ -11,6 +11,7 @@ from sklearn.neighbors import NearestNeighbors
 
 from swsysid._results import Array
 from swsysid._rows import spread_rows
+from swsysid._validation.arrays import column, labels, refuse_vanishing, table
 
 __all__ = ["NoiseFloor", "clipped_size", "noise_floor"]
 
@@ -75,9 +76,15 @@ def noise_floor(
     >>> bool(abs(floor.value - 0.1) < 0.01)
     True
     """
-    values = np.asarray(values, dtype=float)
-    in_time = np.nan if groups is None else _in_time(values, np.asarray(groups))
-    in_space = np.nan if X is None else _in_space(values, np.asarray(X, dtype=float))
+    values = column("values", values)
+    refuse_vanishing("values", values[:, None])
+    in_time = in_space = np.nan
+    if groups is not None:
+        in_time = _in_time(values, labels("groups", groups, len(values)))
+    if X is not None:
+        columns = table("X", X, len(values))
+        refuse_vanishing("X", columns)
+        in_space = _in_space(values, columns)
     estimates = {"neighbours in time": in_time, "neighbours in space": in_space}
     known = {how: value for how, value in estimates.items() if np.isfinite(value)}
     if not known:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.utils import check_random_state
 
+from swsysid._validation.parameters import random_numbers, real, whole
 from swsysid.diagnosis._cases import Case, examine_all, findings_of, peaks_of
 from swsysid.diagnosis._dependence import Clock
 from swsysid.diagnosis._report import ReportData, ResidualReport
@@ -20,6 +20,7 @@ __all__ = ["residual_report"]
 # How the significance is divided: rearrangements share one correction (Westfall and Young), the
 # two tests with known distributions have Holm's.
 _PERMUTED, _WHITENESS, _BIAS = 0.8, 0.1, 0.1
+_MOST_PERMUTATIONS = 100_000
 
 
 def residual_report(
@@ -108,7 +109,7 @@ def residual_report(
         n_lags=n_lags,
         n_permutations=n_permutations,
         significance=significance,
-        rng=check_random_state(random_state),
+        rng=random_numbers(random_state),
     )
     findings = findings_of(samples, cases, significance, _PERMUTED)
     white = whiteness(samples, live, n_lags, significance, _WHITENESS, skipped)
@@ -129,12 +130,10 @@ def residual_report(
 
 
 def _check(n_lags: int, n_permutations: int, significance: float) -> None:
-    if not 0.0 < significance < 1.0:
-        raise ValueError(f"significance={significance}; it is a fraction between 0 and 1, as 0.01.")
-    if n_lags < 1:
-        raise ValueError(f"n_lags={n_lags}; look back at least 1 row.")
-    fewest = int(np.ceil(1.0 / (_PERMUTED * significance) - 1e-9)) - 1
-    if n_permutations < fewest:
+    real("significance", significance, above=0, below=1)
+    whole("n_lags", n_lags)
+    fewest = math.ceil(1.0 / (_PERMUTED * significance) - 1e-9) - 1
+    if whole("n_permutations", n_permutations, most=_MOST_PERMUTATIONS) < fewest:
         raise ValueError(
             f"n_permutations={n_permutations} cannot reach significance {significance:g}; use at "
             f"least {fewest}."

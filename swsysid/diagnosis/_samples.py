@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.exceptions import NotFittedError
 
 from swsysid._results import Array
+from swsysid._validation.arrays import column, labels, numbers, refuse_vanishing, table
+from swsysid._validation.parameters import shown
 
 __all__ = ["ResidualSamples", "collect", "rows_of_modes"]
 
@@ -61,12 +64,14 @@ def collect(model: Any, X, Xdot, t=None, groups=None, signals=None) -> ResidualS
     TypeError, ValueError
         If something is missing, of the wrong length or not finite; the message says what to do.
     """
-    if not hasattr(model, "predict"):
-        raise TypeError(f"{type(model).__name__} has no predict; give a fitted model.")
-    columns = _table("X", X)
+    if isinstance(model, type) or not hasattr(model, "predict"):
+        raise TypeError(f"model={shown(model)} has no predict; give a fitted model.")
+    columns = table("X", X)
     n_rows = len(columns)
-    target = _table("Xdot", Xdot, n_rows)
-    channels = _table("signals", np.empty((n_rows, 0)) if signals is None else signals, n_rows)
+    target = table("Xdot", Xdot, n_rows)
+    channels = np.empty((n_rows, 0)) if signals is None else table("signals", signals, n_rows)
+    for name, values in (("X", columns), ("Xdot", target), ("signals", channels)):
+        refuse_vanishing(name, values)
     if n_rows < _FEWEST_ROWS:
         raise ValueError(f"X has {n_rows} rows; a residual report needs at least {_FEWEST_ROWS}.")
     trajectories, codes = _trajectories(groups, n_rows)
@@ -118,39 +123,17 @@ def rows_of_modes(samples: ResidualSamples) -> list[tuple[object, NDArray[np.int
     return [(label, where) for label, where in rows if len(where) >= _FEWEST_OF_A_MODE]
 
 
-def _table(name: str, values: ArrayLike, n_rows: int | None = None) -> Array:
-    if values is None:
-        raise ValueError(f"{name} is None; give an array with one row for each sample.")
-    table = np.asarray(values, dtype=float)
-    table = table[:, None] if table.ndim == 1 else table
-    if table.ndim != 2:
-        raise ValueError(f"{name} has {table.ndim} dimensions; give a table of rows and columns.")
-    if n_rows is not None and len(table) != n_rows:
-        raise ValueError(f"{name} has {len(table)} rows but X has {n_rows}; give one for each.")
-    if not np.isfinite(table).all():
-        raise ValueError(f"{name} contains NaN or infinity; leave those rows out.")
-    return table
-
-
 def _trajectories(groups: ArrayLike | None, n_rows: int) -> tuple[list, NDArray[np.intp]]:
     """Names of the trajectories, and the number of each row's."""
     if groups is None:
         return [None], np.zeros(n_rows, dtype=np.intp)
-    labels = np.asarray(groups)
-    if labels.shape != (n_rows,):
-        raise ValueError(
-            f"groups has shape {labels.shape}; name the trajectory of each of {n_rows} rows."
-        )
-    names, codes = np.unique(labels, return_inverse=True)
+    names, codes = np.unique(labels("groups", groups, n_rows), return_inverse=True)
     return names.tolist(), codes
 
 
 def _times(t: ArrayLike, codes: NDArray[np.intp], n_rows: int) -> Array:
-    times = np.asarray(t, dtype=float)
-    if times.shape != (n_rows,):
-        raise ValueError(f"t has shape {times.shape}; give one time for each of {n_rows} rows.")
-    if not np.isfinite(times).all():
-        raise ValueError("t contains NaN or infinity; leave those rows out.")
+    times = column("t", t, n_rows)
+    refuse_vanishing("t", times)
     order = np.argsort(codes, kind="stable")
     together = np.diff(codes[order]) == 0
     if (np.diff(times[order])[together] <= 0.0).any():
@@ -197,7 +180,10 @@ def _predicted(model: Any, X: Any, extras: dict[str, Any]) -> Array:
     }
     if "signals" in options and not options["signals"].shape[1]:
         del options["signals"]
-    predicted = np.asarray(model.predict(X, **options), dtype=float)
+    try:
+        predicted = numbers("the prediction of the model", model.predict(X, **options))
+    except NotFittedError:
+        raise NotFittedError("the model is not fitted yet; call fit with data first.") from None
     return predicted[:, None] if predicted.ndim == 1 else predicted
 
 

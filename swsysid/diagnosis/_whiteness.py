@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2, norm, rankdata
 
 from swsysid._results import Array
+from swsysid._validation.arrays import column, labels
+from swsysid._validation.parameters import whole
 from swsysid.diagnosis._rearrangement import correlation_length
 
 __all__ = ["WhitenessTest", "bias_p_value", "holm", "normal_scores", "whiteness_test"]
@@ -83,9 +85,12 @@ def whiteness_test(
     >>> bool(whiteness_test(noise[1:] + noise[:-1]).p_value < 0.01)
     True
     """
-    values = np.asarray(residual, dtype=float)
-    labels = np.zeros(len(values), dtype=int) if groups is None else np.asarray(groups)
-    names, codes = np.unique(labels, return_inverse=True)
+    whole("n_lags", n_lags)
+    values = column("residual", residual)
+    named = np.zeros(len(values), dtype=int)
+    if groups is not None:
+        named = labels("groups", groups, len(values))
+    names, codes = np.unique(named, return_inverse=True)
     order = np.argsort(codes, kind="stable")
     scores, codes = normal_scores(values[order]), codes[order]
     sums, pairs = [], []

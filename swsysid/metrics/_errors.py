@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from sklearn.utils import check_array
 
 from swsysid._results import Array
 from swsysid._rows import check_sample_weight
+from swsysid._validation.arrays import refuse_vanishing, table
 
 __all__ = ["RolloutErrors", "rollout_errors", "velocity_rmse"]
 
@@ -34,7 +35,7 @@ def velocity_rmse(y_true, y_pred, sample_weight=None) -> float:
     >>> velocity_rmse([[0.0, 0.0], [1.0, 1.0]], [[3.0, 4.0], [1.0, 1.0]])  # (25 / 2)^(1/2)
     3.5355339059327378
     """
-    y_true, y_pred = check_array(y_true), check_array(y_pred)
+    y_true, y_pred = _table("y_true", y_true), _table("y_pred", y_pred)
     if y_true.shape != y_pred.shape:
         raise ValueError(
             f"y_true has shape {y_true.shape} and y_pred {y_pred.shape}; give both the same shape."
@@ -90,7 +91,8 @@ def rollout_errors(x_true, x_pred) -> RolloutErrors:
     >>> errors.rmse, errors.final, errors.max
     (1.0, 0.0, 2.0)
     """
-    trajectories_true, trajectories_pred = _trajectories(x_true), _trajectories(x_pred)
+    trajectories_true = _trajectories("x_true", x_true)
+    trajectories_pred = _trajectories("x_pred", x_pred)
     if len(trajectories_true) != len(trajectories_pred):
         raise ValueError(
             f"x_true holds {len(trajectories_true)} trajectories and x_pred "
@@ -103,12 +105,20 @@ def rollout_errors(x_true, x_pred) -> RolloutErrors:
     return RolloutErrors(rmse=rmse, final=final, max=largest, each=each)
 
 
-def _trajectories(x) -> list[Array]:
-    listed = isinstance(x, (list, tuple)) and all(np.ndim(entry) == 2 for entry in x)
-    trajectories = list(x) if listed or np.ndim(x) == 3 else [x]
+def _table(name: str, values: Any) -> Array:
+    """Rows whose squares neither overflow nor vanish."""
+    checked = table(name, values)
+    refuse_vanishing(name, checked)
+    return checked
+
+
+def _trajectories(name: str, x: Any) -> list[Array]:
+    listed = isinstance(x, (list, tuple)) and all(np.shape(entry)[1:] for entry in x)
+    solid = isinstance(x, np.ndarray) and x.ndim == 3
+    trajectories = list(x) if listed or solid else [x]
     if not trajectories:
         raise ValueError("there are no trajectories; give at least one.")
-    return [check_array(trajectory) for trajectory in trajectories]
+    return [_table(name, trajectory) for trajectory in trajectories]
 
 
 def _error_lengths(index: int, truth: Array, predicted: Array) -> Array:

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from sklearn.utils import check_consistent_length, column_or_1d
 
 from swsysid._results import Array
 from swsysid._rows import check_sample_weight
+from swsysid._validation.arrays import labels
 
 __all__ = ["balanced_mode_accuracy", "match_modes", "mode_accuracy", "mode_iou"]
 
@@ -130,10 +130,8 @@ def match_modes(modes_true, modes_pred, sample_weight=None) -> dict:
 
 def _contingency(modes_true, modes_pred, sample_weight):
     """Weight of each pair of a true mode (rows) and a predicted mode, with the modes' names."""
-    modes_true, modes_pred = column_or_1d(modes_true), column_or_1d(modes_pred)
-    check_consistent_length(modes_true, modes_pred)
-    if len(modes_true) == 0:
-        raise ValueError("there are no samples; a mode metric needs at least one.")
+    modes_true = labels("modes_true", modes_true)
+    modes_pred = labels("modes_pred", modes_pred, len(modes_true))
     weights = check_sample_weight(sample_weight, len(modes_true))
     present = weights > 0
     names_true, rows = np.unique(modes_true[present], return_inverse=True)

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.utils import check_array, check_consistent_length, column_or_1d
 
 from swsysid._results import Array
 from swsysid._rows import check_sample_weight
+from swsysid._validation.arrays import labels, table
+from swsysid._validation.parameters import whole
 from swsysid.metrics._modes import match_modes
 
 __all__ = ["ModeReliability", "mode_reliability"]
+
+_MOST_BINS = 100_000
 
 
 @dataclass(frozen=True)
@@ -75,12 +78,11 @@ def mode_reliability(
     >>> found.claimed, found.observed, found.count, round(found.error, 12)
     (array([nan, 0.9]), array([nan, 0.9]), array([ 0., 10.]), 0.0)
     """
-    modes_true, probability = column_or_1d(modes_true), check_array(probability)
-    check_consistent_length(modes_true, probability)
+    modes_true = labels("modes_true", modes_true)
+    probability = table("probability", probability, len(modes_true))
     if probability.min() < 0.0 or not np.allclose(probability.sum(axis=1), 1.0, atol=1e-6):
         raise ValueError("every row of probability must be non-negative and sum to one.")
-    if n_bins < 1:
-        raise ValueError(f"n_bins={n_bins}; at least one bin is needed.")
+    whole("n_bins", n_bins, most=_MOST_BINS)
     weight = check_sample_weight(sample_weight, len(modes_true))
     predicted, claim = probability.argmax(axis=1), probability.max(axis=1)
     names = match_modes(modes_true, predicted, weight)

@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 from sklearn.base import BaseEstimator, clone
-from sklearn.utils import check_array
 from sklearn.utils.metadata_routing import UNUSED
 
 from swsysid._rows import check_sample_weight
+from swsysid._validation.arrays import table
+from swsysid._validation.parameters import flag, shown
 from swsysid.metrics._modes import balanced_mode_accuracy, mode_accuracy
 
 __all__ = ["mode_accuracy_scorer", "mode_consistency_scorer"]
@@ -46,6 +47,12 @@ def mode_accuracy_scorer(modes: Callable | None = None, *, balanced: bool = Fals
     >>> from swsysid.metrics import mode_accuracy_scorer
     >>> scorer = mode_accuracy_scorer(modes=lambda X: X[:, 0] > 0)
     """
+    if modes is not None and not callable(modes):
+        raise TypeError(
+            f"modes={shown(modes)} must be a function X -> labels; true modes of the rows of X "
+            "are routed with .set_score_request(modes=True), since folds have only some of them."
+        )
+    flag("balanced", balanced)
     return _ModeAccuracyScorer(modes=modes, balanced=balanced)
 
 
@@ -90,9 +97,9 @@ class _ModeConsistencyScorer(BaseEstimator):
     def score(self, estimator, X, y, *, sample_weight=None) -> float:
         """Weighted fraction of the samples at which the two answers agree."""
         regressor, features = _switching_step(estimator, X)
-        y = check_array(y, ensure_2d=False)
-        targets = y.reshape(len(y), -1)
-        losses = np.abs(regressor.mode_velocities(features) - targets).sum(axis=2)
+        velocities = regressor.mode_velocities(features)
+        targets = table("y", y, *velocities.shape[1:])
+        losses = np.abs(velocities - targets).sum(axis=2)
         chosen = losses[regressor.predict_modes(features), np.arange(len(targets))]
         # residuals of the size of roundoff do not tell modes apart
         roundoff = 1e-12 * np.abs(targets).sum(axis=1)
@@ -110,7 +117,7 @@ mode_consistency_scorer = _ModeConsistencyScorer()
 
 def _switching_step(estimator, X):
     """The regressor inside searches and pipelines, and X as that regressor sees it."""
-    while not hasattr(estimator, "predict_modes"):
+    while isinstance(estimator, type) or not hasattr(estimator, "predict_modes"):
         if hasattr(estimator, "best_estimator_"):
             estimator = estimator.best_estimator_
         elif hasattr(estimator, "steps"):
@@ -118,7 +125,7 @@ def _switching_step(estimator, X):
             estimator = estimator[-1]
         else:
             raise TypeError(
-                f"{type(estimator).__name__} has no predict_modes; mode scorers need a "
+                f"{shown(estimator)} has no predict_modes; mode scorers need a fitted "
                 "SwitchingSystemRegressor, or a pipeline that ends in one."
             )
     return estimator, X

@@ -6,11 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial import cKDTree
-from sklearn.utils import check_array, check_random_state
 
 from swsysid._results import Array
+from swsysid._validation.arrays import numbers, refuse_vanishing, table
+from swsysid._validation.parameters import function, random_numbers, whole
 
 __all__ = ["surface_distance"]
+
+_MOST_POINTS = 1_000_000
 
 
 def surface_distance(
@@ -56,8 +59,12 @@ def surface_distance(
     >>> round(surface_distance(circle(1.0), circle(1.25), X, random_state=0), 6)
     0.25
     """
-    X = check_array(X)
-    rng = check_random_state(random_state)
+    X = table("X", X)
+    refuse_vanishing("X", X)
+    whole("n_points", n_points, most=_MOST_POINTS)
+    function("true_surface", true_surface, "X")
+    function("surface", surface, "X")
+    rng = random_numbers(random_state)
     functions = [_scalar(true_surface), _scalar(surface)]
     points = [_points_on_surface(function, X, n_points, rng) for function in functions]
     if any(len(sample) == 0 for sample in points):
@@ -69,7 +76,7 @@ def surface_distance(
 
 def _scalar(surface: Callable) -> Callable:
     def values(X):
-        result = np.asarray(surface(X), dtype=float)
+        result = numbers("a surface", surface(X))
         if result.size != len(X):
             raise ValueError(
                 f"a surface returned shape {result.shape} for {len(X)} samples; measure one "

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
+from swsysid._validation.arrays import labels
+from swsysid._validation.estimators import check_fitted
 from swsysid.metrics import mode_accuracy
 from swsysid.plotting._style import Display, canvas
 
@@ -77,10 +78,11 @@ class ConvergenceDisplay(Display):
         -------
         ConvergenceDisplay
         """
-        check_is_fitted(estimator, "history_")
+        check_fitted(estimator, "history_")
         history = estimator.history_
         label, changes = "mode changes", [record.mode_changes for record in history]
         if modes is not None:
+            modes = labels("modes", modes, len(estimator.modes_))
             label = "mode mismatch"
             changes = [
                 round(len(modes) * (1.0 - mode_accuracy(modes, record.modes))) for record in history

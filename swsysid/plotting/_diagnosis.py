@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._validation.parameters import shown, whole
 from swsysid.plotting._style import PALETTE, Display, axis_label, canvas
 
 __all__ = ["ResidualReportDisplay"]
@@ -109,10 +110,14 @@ class ResidualReportDisplay(Display):
         -------
         ResidualReportDisplay
         """
+        whole("n_channels", n_channels)
+        if not hasattr(report, "verdicts"):
+            raise TypeError(f"report={shown(report)} is none; give what residual_report returns.")
         equation = _worst(report) if equation is None else equation
-        if equation not in report.equations:
+        if not isinstance(equation, str) or equation not in report.equations:
             raise ValueError(
-                f"{equation!r} is none of the equations {', '.join(report.equations)}."
+                f"equation={shown(equation)} is unknown; choose among "
+                f"{', '.join(report.equations)}."
             )
         data, column = report.data, report.equations.index(equation)
         white = [test for test in report.whiteness if test.equation == equation]

@@ -7,6 +7,9 @@ from functools import partial
 import numpy as np
 
 from swsysid._records import make_records
+from swsysid._validation.arrays import table
+from swsysid._validation.estimators import check_fitted
+from swsysid._validation.parameters import shown, whole
 from swsysid.diagnosis._effect_data import EffectData
 from swsysid.plotting._effect_panels import (
     draw_residuals,
@@ -104,12 +107,13 @@ class EffectReportDisplay(Display):
         -------
         EffectReportDisplay
         """
-        targets = np.asarray(Xdot, dtype=float).reshape(len(Xdot), -1)
+        check_fitted(search, "report_")
         known = search.report_.data
         if known is None:
             raise ValueError(_NOTHING)
+        targets = table("Xdot", Xdot, n_columns=known.targets.shape[1])
         records = make_records(
-            np.asarray(X, dtype=float),
+            table("X", X, len(targets), known.records.X.shape[1]),
             targets.shape[1],
             t=t,
             groups=groups,
@@ -141,6 +145,8 @@ class EffectReportDisplay(Display):
         -------
         EffectReportDisplay
         """
+        if not hasattr(report, "n_held_out"):
+            raise TypeError(f"report={shown(report)} is none; give report_ of an EffectSearchCV.")
         if report.data is None:
             raise ValueError(_NOTHING)
         return cls._of(report.data, equation, effect, units).plot(ax=ax)
@@ -148,10 +154,13 @@ class EffectReportDisplay(Display):
     @classmethod
     def _of(cls, data, equation, effect, units):
         n_effects = len(data.covariances)
-        if effect is not None and not 0 <= effect < n_effects:
-            raise ValueError(f"effect={effect}, but the effects found are {n_effects}.")
-        if equation is not None and equation not in data.names:
-            raise ValueError(f"{equation!r} is none of the states {', '.join(data.names)}.")
+        if whole("effect", effect, least=0, also=(None,)) not in (None, *range(n_effects)):
+            raise ValueError(f"effect={effect} is too large; give a number below {n_effects}.")
+        named = isinstance(equation, str) and equation in data.names
+        if equation is not None and not named:
+            raise ValueError(
+                f"equation={shown(equation)} is unknown; choose among {', '.join(data.names)}."
+            )
         chosen = 0 if effect is None and n_effects else effect
         if equation is not None:
             state = data.names.index(equation)

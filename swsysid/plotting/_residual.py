@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-from sklearn.utils.validation import check_is_fitted
+from numbers import Integral
 
+import numpy as np
+
+from swsysid._validation.arrays import column, table
+from swsysid._validation.estimators import check_fitted
+from swsysid._validation.parameters import whole
 from swsysid.plotting._style import (
     Display,
     axis_label,
@@ -41,7 +45,9 @@ class ResidualDisplay(Display):
     Examples
     --------
     >>> import matplotlib; matplotlib.use("Agg")
-    >>> import numpy as np
+    >>> from numbers import Integral
+
+    import numpy as np
     >>> from sklearn.linear_model import LinearRegression
     >>> from swsysid.plotting import ResidualDisplay
     >>> X = np.linspace(-1, 1, 100)[:, None]
@@ -100,17 +106,18 @@ class ResidualDisplay(Display):
         -------
         ResidualDisplay
         """
-        check_is_fitted(estimator)
-        names = column_names(estimator, np.shape(X)[1], names)
+        check_fitted(estimator)
+        whole("max_points", max_points)
         frame = in_fitted_form(estimator, X)
-        X = np.asarray(X, dtype=float)
-        predicted = _as_columns(estimator.predict(frame))
-        if _as_columns(y).shape != predicted.shape:
+        X, y = table("X", X), table("y", y)
+        names = column_names(estimator, X.shape[1], names)
+        predicted = table("the prediction", estimator.predict(frame))
+        if y.shape != predicted.shape:
             raise ValueError(
                 f"y has shape {np.shape(y)}; the model predicts {predicted.shape[1]} velocities of "
                 f"{len(X)} samples, give one each."
             )
-        residuals = _as_columns(y) - predicted
+        residuals = y - predicted
         state = _state_index(state, names, residuals)
         coordinate, label = _coordinate(against, X, names, units)
         modes = (
@@ -166,27 +173,22 @@ class ResidualDisplay(Display):
         ax.plot(*medians, color=colour, linewidth=2.6, label=label)
 
 
-def _as_columns(values):
-    values = np.asarray(values, dtype=float)
-    return values[:, None] if values.ndim == 1 else values
-
-
 def _state_index(state, names, residuals):
     if state is None:
         return int(np.square(residuals).mean(axis=0).argmax())
     state = resolve_column(state, names)
     if state >= residuals.shape[1]:
-        raise ValueError(f"state={state}, but there are {residuals.shape[1]} states.")
+        raise ValueError(
+            f"state={state} is none of the states; give 0 to {residuals.shape[1] - 1}."
+        )
     return state
 
 
 def _coordinate(against, X, names, units):
-    if np.ndim(against) == 1:
-        if len(against) != len(X):
-            raise ValueError(f"against has {len(against)} entries for {len(X)} samples.")
-        return np.asarray(against, dtype=float), (units or {}).get("against", "coordinate")
-    column = resolve_column(against, names)
-    return X[:, column], axis_label(names[column], units)
+    if not isinstance(against, (str, Integral)):
+        return column("against", against, len(X)), (units or {}).get("against", "coordinate")
+    place = resolve_column(against, names)
+    return X[:, place], axis_label(names[place], units)
 
 
 def _binned_median(coordinate, residual, samples_a_bin=40, max_bins=30):

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
+from swsysid._validation.arrays import table
+from swsysid._validation.estimators import check_fitted
+from swsysid._validation.parameters import shown, whole
 from swsysid.plotting._style import (
     PALETTE,
     Display,
     axis_label,
     canvas,
-    check_length,
     column_names,
     resolve_column,
+    times_of,
     trajectories,
 )
 
@@ -104,12 +106,15 @@ class RolloutDisplay(Display):
         -------
         RolloutDisplay
         """
-        check_is_fitted(estimator, "coef_")
-        names = column_names(estimator, np.shape(X)[1], names)
-        X, t = np.asarray(X, dtype=float), np.asarray(t, dtype=float)
-        check_length("t", t, len(X))
+        check_fitted(estimator, "coef_")
+        whole("max_rollouts", max_rollouts)
+        X = table("X", X)
+        names = column_names(estimator, X.shape[1], names)
+        t = times_of(t, groups, len(X))
         n_states = estimator.coef_.shape[1]
         features = range(min(n_states, 2)) if features is None else features
+        if isinstance(features, str) or not np.iterable(features):
+            raise TypeError(f"features={shown(features)} must be a list of one or two states.")
         columns = [resolve_column(feature, names) for feature in features]
         if len(columns) not in (1, 2) or max(columns) >= n_states:
             raise ValueError(

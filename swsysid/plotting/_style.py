@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from swsysid._validation.arrays import column, labels, table
+from swsysid._validation.parameters import names_of_columns, shown
 from swsysid.metrics import match_modes
 
 __all__ = [
@@ -22,6 +24,7 @@ __all__ = [
     "mode_names",
     "named_as_predicted",
     "resolve_column",
+    "times_of",
     "trajectories",
 ]
 
@@ -71,9 +74,10 @@ def named_as_predicted(modes, predicted):
     """
     if modes is None:
         return predicted
-    partners = match_modes(predicted, modes)
-    labels = np.asarray(modes).tolist()
-    return np.array([partners.get(label, f"{label} (true)") for label in labels], dtype=object)
+    given = labels("modes", modes, len(predicted))
+    partners = match_modes(predicted, given)
+    names = [partners.get(label, f"{label} (true)") for label in given.tolist()]
+    return np.array(names, dtype=object)
 
 
 def mode_names(predicted, named) -> list:
@@ -117,9 +121,7 @@ def column_names(estimator, n_columns: int, names=None) -> list[str]:
         names = getattr(estimator, "feature_names_in_", None)
     if names is None:
         names = [f"x{i}" for i in range(n_columns)]
-    if len(names) != n_columns:
-        raise ValueError(f"names has {len(names)} entries for {n_columns} columns of X.")
-    return [str(name) for name in names]
+    return names_of_columns("names", names, n_columns)
 
 
 def axis_label(name: str, units=None) -> str:
@@ -128,39 +130,49 @@ def axis_label(name: str, units=None) -> str:
     return f"{name} ({unit})" if unit else name
 
 
-def resolve_column(column, names) -> int:
+def resolve_column(given, names) -> int:
     """Index of a column given by index or by name."""
-    if isinstance(column, str):
-        if column not in names:
-            raise ValueError(f"{column!r} is none of the columns {', '.join(names)}.")
-        return names.index(column)
-    if not -len(names) <= column < len(names):
-        raise ValueError(f"there is no column {column}; the columns are {', '.join(names)}.")
-    return int(column) % len(names)
+    if isinstance(given, str):
+        if given not in names:
+            raise ValueError(
+                f"{shown(given)} is none of the columns; choose among {', '.join(names)}."
+            )
+        return names.index(given)
+    a_number = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
+    if not a_number or not -len(names) <= given < len(names):
+        raise ValueError(
+            f"there is no column {shown(given)}; choose among {', '.join(names)}, or their numbers."
+        )
+    return int(given) % len(names)
 
 
 def in_fitted_form(estimator, X):
     """`X` as a data frame where the estimator was fitted on one, else as an array."""
     names = getattr(estimator, "feature_names_in_", None)
+    X = table("X", X)
     if names is None:
-        return np.asarray(X, dtype=float)
+        return X
     import pandas as pd
 
-    return pd.DataFrame(np.asarray(X, dtype=float), columns=names)
+    if X.shape[1] != len(names):
+        raise ValueError(f"X has {X.shape[1]} columns; give {len(names)}: {', '.join(names)}.")
+    return pd.DataFrame(X, columns=names)
 
 
-def check_length(name: str, values, n_samples: int) -> None:
-    """Refuse an array that has not one entry for each sample."""
-    if np.shape(values)[:1] != (n_samples,):
-        raise ValueError(
-            f"{name} has shape {np.shape(values)}; give one for each of {n_samples} rows."
-        )
+def times_of(t, groups, n_samples: int):
+    """Times as numbers that increase along every trajectory."""
+    t = column("t", t, n_samples)
+    for _, rows in trajectories(groups, n_samples, n_samples):
+        if (np.diff(t[rows]) <= 0).any():
+            raise ValueError(
+                "t must increase along every trajectory; sort the rows of each by time, and name "
+                "separate trajectories by groups."
+            )
+    return t
 
 
 def trajectories(groups, n_samples: int, limit: int):
     """Pairs (name, rows) of at most `limit` trajectories, in order of appearance."""
-    groups = np.zeros(n_samples, dtype=int) if groups is None else np.asarray(groups)
-    if len(groups) != n_samples:
-        raise ValueError(f"groups has {len(groups)} entries for {n_samples} samples.")
+    groups = np.zeros(n_samples, int) if groups is None else labels("groups", groups, n_samples)
     _, first = np.unique(groups, return_index=True)
     return [(groups[i], np.flatnonzero(groups == groups[i])) for i in np.sort(first)[:limit]]

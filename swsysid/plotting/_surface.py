@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
+from swsysid._validation.arrays import table
+from swsysid._validation.estimators import check_fitted
+from swsysid._validation.parameters import function, shown, whole
 from swsysid.plotting._style import (
     Display,
     axis_label,
@@ -19,6 +21,8 @@ from swsysid.plotting._style import (
 )
 
 __all__ = ["SwitchingSurfaceDisplay"]
+
+_MOST_RESOLUTION = 5000
 
 
 class SwitchingSurfaceDisplay(Display):
@@ -118,11 +122,15 @@ class SwitchingSurfaceDisplay(Display):
         -------
         SwitchingSurfaceDisplay
         """
-        check_is_fitted(estimator)
-        names = column_names(estimator, np.shape(X)[1], names)
-        X = np.asarray(X, dtype=float)
+        check_fitted(estimator)
+        whole("grid_resolution", grid_resolution, least=2, most=_MOST_RESOLUTION)
+        function("true_guard", true_guard, "X", also=(None,))
+        X = table("X", X)
+        names = column_names(estimator, X.shape[1], names)
         if X.shape[1] < 2:
             raise ValueError("X has one feature; a plane needs two.")
+        if isinstance(features, str) or not np.iterable(features) or len(list(features)) != 2:
+            raise ValueError(f"features={shown(features)} must name the two columns on the axes.")
         columns = [resolve_column(feature, names) for feature in features]
         if limits is None:
             limits = [_padded_range(X[:, column]) for column in columns]

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from sklearn.utils.validation import check_is_fitted
 
+from swsysid._validation.estimators import check_fitted
+from swsysid._validation.parameters import whole
 from swsysid.plotting._style import (
     Display,
     canvas,
-    check_length,
     in_fitted_form,
     mode_colour,
     mode_names,
     named_as_predicted,
+    times_of,
     trajectories,
 )
 
@@ -86,11 +87,11 @@ class ModeTimelineDisplay(Display):
         -------
         ModeTimelineDisplay
         """
-        check_is_fitted(estimator)
-        t = np.asarray(t, dtype=float)
+        check_fitted(estimator)
+        whole("max_trajectories", max_trajectories)
         predict = getattr(estimator, "predict_modes", None) or estimator.predict
         predicted = np.asarray(predict(in_fitted_form(estimator, X)))
-        check_length("t", t, len(predicted))
+        t = times_of(t, groups, len(predicted))
         chosen = trajectories(groups, len(t), max_trajectories)
         named = named_as_predicted(modes, predicted)
         display = cls(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sklearn.base import clone
 
+from swsysid._validation.parameters import shown
 from swsysid.relaxations._base import Relaxation
 from swsysid.relaxations._exact import ExactRelaxation
 from swsysid.relaxations._moment import MomentRelaxation
@@ -50,13 +51,13 @@ def get_relaxation(relaxation) -> Relaxation:
     if isinstance(relaxation, str):
         if relaxation not in RELAXATIONS:
             raise ValueError(
-                f"relaxation={relaxation!r} is unknown; choose one of {', '.join(RELAXATIONS)}, "
-                "or give an instance."
+                f"relaxation={shown(relaxation)} is unknown; choose one of "
+                f"{', '.join(RELAXATIONS)}, or give an instance."
             )
         return RELAXATIONS[relaxation]()
     if isinstance(relaxation, type) or not callable(getattr(relaxation, "assign", None)):
         raise TypeError(
-            f"relaxation={relaxation!r} is neither a name nor an instance with a method "
+            f"relaxation={shown(relaxation)} is neither a name nor an instance with a method "
             "assign(candidates, targets); subclass swsysid.relaxations.Relaxation."
         )
     return clone(relaxation, safe=False)

@@ -10,6 +10,7 @@ from sklearn.base import BaseEstimator
 
 from swsysid._losses import get_loss
 from swsysid._results import Array, Assignment, Status
+from swsysid._validation.arrays import numbers
 
 __all__ = ["Relaxation", "first_least", "hardened", "one_hot"]
 
@@ -70,16 +71,12 @@ class Relaxation(ABC, BaseEstimator):
 
     def checked(self, candidates, targets) -> tuple[Array, Array]:
         """Return both as arrays of floats, or raise ValueError saying what is wrong."""
-        candidates = np.asarray(candidates, dtype=float)
-        targets = np.asarray(targets, dtype=float)
+        candidates = numbers("candidates", candidates)
+        targets = numbers("targets", targets)
         if candidates.ndim != 3 or candidates.shape[1:] != targets.shape or not len(candidates):
             raise ValueError(
                 f"candidates have shape {candidates.shape} and targets {targets.shape}; they "
                 "must be (n_modes, n_samples, n_states) and (n_samples, n_states)."
-            )
-        if not (np.isfinite(candidates).all() and np.isfinite(targets).all()):
-            raise ValueError(
-                "candidates or targets contain NaN or infinity; remove those samples first."
             )
         return candidates, targets
 
@@ -112,16 +109,6 @@ class Relaxation(ABC, BaseEstimator):
         """
         losses = self.mode_losses(candidates, targets)
         return hardened(losses, membership, lower_bound, tightness, status)
-
-    def unsolved(self, candidates, targets, status: Status) -> Assignment:
-        """Assignment to report when a solver gave no point: the best mode, a bound of zero.
-
-        Zero bounds every loss from below, so the record stays true; `status` says what happened.
-        """
-        losses = self.mode_losses(candidates, targets)
-        membership = one_hot(losses.argmin(axis=1), losses.shape[1])
-        nowhere = np.zeros(len(losses), dtype=bool)
-        return self.hardened(candidates, targets, membership, 0.0, nowhere, status)
 
 
 def hardened(losses, membership, lower_bound, tightness=None, status=Status.OPTIMAL) -> Assignment:

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import combinations_with_replacement
+from math import comb
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from swsysid._results import Array, Assignment, Status
-from swsysid._solvers.conic import HAS_VALUES, modelling, solve
+from swsysid._solvers.conic import modelling, require_solution, solve
 from swsysid._solvers.hulls import on_simplex
+from swsysid._validation.parameters import whole
 from swsysid.relaxations._base import Relaxation
 
 __all__ = ["MomentRelaxation"]
@@ -30,6 +32,8 @@ CHUNK = 50
 # The slacks are bounded, as a compact set of moments needs it. In units of the longest
 # displacement no residual exceeds 1, so that the bound is never active.
 SLACK_BOUND = 1.25
+# Rows of a semidefinite matrix beyond which a sample takes minutes, or the memory runs out.
+_LARGEST_SIDE = 300
 
 
 class MomentRelaxation(Relaxation):
@@ -88,8 +92,9 @@ class MomentRelaxation(Relaxation):
             If the solver is not installed.
         """
         candidates, targets = self.checked(candidates, targets)
-        if not isinstance(self.order, (int, np.integer)) or self.order < 1:
-            raise ValueError(f"order={self.order!r}; the order of a moment relaxation is 1, 2, ...")
+        whole("order", self.order)
+        if self.order > 1:
+            _refuse_many_moments(self.order, self.loss, *candidates.shape[::2])
         displacements = (candidates - targets).transpose(1, 0, 2)
         scale = np.linalg.norm(displacements, axis=2).max(axis=1)
         scale[scale == 0] = 1.0
@@ -100,15 +105,10 @@ class MomentRelaxation(Relaxation):
             program, displacements / scale[:, None, None], chunk, self.solver
         )
         status = next((status for status in statuses if not status.ok), Status.OPTIMAL)
-        membership = self.unsolved(candidates, targets, status).membership
-        solved = np.isfinite(values)
-        membership[solved] = on_simplex(moments[solved, 0, 1:])
+        membership = on_simplex(moments[:, 0, 1:])
         units = np.square(scale) if self.loss == "squared" else scale
-        # A sample without a solution keeps its best mode, and zero bounds its loss from below.
-        value = float(np.where(solved, values * units, 0.0).sum())
-        tightness = np.zeros(len(targets), dtype=bool)
-        tightness[solved] = _rank_one(moments[solved])
-        return self.hardened(candidates, targets, membership, value, tightness, status)
+        value = float((values * units).sum())
+        return self.hardened(candidates, targets, membership, value, _rank_one(moments), status)
 
 
 class _Program(NamedTuple):
@@ -121,7 +121,7 @@ class _Program(NamedTuple):
 
 
 def _solve_chunks(program, displacements, chunk, solver):
-    """Moment matrices and values of all samples, NaN where unsolved, and the statuses met."""
+    """Moment matrices and values of all samples, and the statuses met."""
     n_samples, n_modes, _ = displacements.shape
     moments = np.full((n_samples, n_modes + 1, n_modes + 1), np.nan)
     values = np.full(n_samples, np.nan)
@@ -131,9 +131,20 @@ def _solve_chunks(program, displacements, chunk, solver):
         rows = np.minimum(np.arange(start, start + chunk), n_samples - 1)
         program.set_data(displacements[rows])
         statuses.append(solve(program.problem, solver))
-        if statuses[-1] in HAS_VALUES:
-            moments[rows], values[rows] = program.moments(), program.values()
+        require_solution(statuses[-1], "moment relaxation")
+        moments[rows], values[rows] = program.moments(), program.values()
     return moments, values, statuses
+
+
+def _refuse_many_moments(order: int, loss: str, n_modes: int, n_states: int) -> None:
+    """Refuse matrices that no solver gets through, before they are built."""
+    n_variables = n_modes + _NORM_CONES[loss][0](n_states)
+    side = comb(n_variables + order, order) if order <= _LARGEST_SIDE else order
+    if side > _LARGEST_SIDE:
+        raise ValueError(
+            f"order={order} has moment matrices of {side} rows; choose order=2, whose value is "
+            "exact already."
+        )
 
 
 def _rank_one(moments):

@@ -20,7 +20,7 @@ import numpy as np
 
 from swsysid._losses import get_loss
 from swsysid._results import Array, Assignment, Status
-from swsysid._solvers.conic import HAS_VALUES, modelling, solve
+from swsysid._solvers.conic import modelling, require_solution, solve
 from swsysid._solvers.hulls import nearest_euclidean, nearest_l1, on_simplex
 from swsysid.relaxations._base import Relaxation, first_least, hardened, one_hot
 
@@ -77,15 +77,12 @@ class SimplexRelaxation(Relaxation):
             residuals = self.residuals(candidates, targets)
             losses = get_loss(self.loss).values(residuals)
             assign = self._on_segments if len(candidates) == 2 else self._on_hulls
-            membership, value, status = assign(residuals, losses)
+            membership, bounds, status = assign(residuals, losses)
         else:
             membership, status = _assign_whole(candidates, targets, self.loss, self.solver)
             losses = self.mode_losses(candidates, targets).T
-            if membership is not None:
-                value = self.soft_losses(membership, candidates, targets)
-        if membership is None:
-            return self.unsolved(candidates, targets, status)
-        return hardened(losses.T, membership, value.sum(), status=status)
+            bounds = self.soft_losses(membership, candidates, targets)
+        return hardened(losses.T, membership, bounds.sum(), status=status)
 
     def _on_segments(self, residuals, losses):
         """Memberships, their losses and the status for two modes."""
@@ -104,22 +101,23 @@ class SimplexRelaxation(Relaxation):
         return membership.T, value, Status.OPTIMAL
 
     def _on_hulls(self, residuals, losses):
-        """Memberships, their losses and the status for any number of modes."""
+        """Memberships, bounds on their losses and the status for any number of modes."""
         geometry = _GEOMETRIES[self.loss]
         best, value = first_least(losses.T)
         membership, status = one_hot(best, len(losses)), Status.OPTIMAL
         pending = np.flatnonzero(~_vertex_is_optimal(residuals, best, geometry))
         if pending.size:
             residuals = residuals[:, pending]
-            weights, status = geometry.hull(residuals)
-            if weights is None:
-                return None, None, status
+            weights, least, status = geometry.hull(residuals)
             mixed = (weights.T[..., None] * residuals).sum(axis=0)
             found = get_loss(self.loss).values(mixed)
             # Of several minimisers keep the one-hot one, if there is one.
             better = found < value[pending] * (1.0 - ROUNDING)
             membership[pending[better]] = weights[better]
             value[pending[better]] = found[better]
+            if not status.ok:  # what is proved of the norm is all that is known
+                least = get_loss(self.loss).values(least[:, None])
+                value[pending] = np.minimum(value[pending], least)
         return membership, value, status
 
 
@@ -185,6 +183,5 @@ def _assign_whole(candidates, targets, loss, solver):
     }[loss]()
     problem = cp.Problem(cp.Minimize(cost), [cp.sum(membership, axis=1) == 1])
     status = solve(problem, solver)
-    if status not in HAS_VALUES:
-        return None, status
+    require_solution(status, "simplex relaxation")
     return on_simplex(membership.value), status
