@@ -34,7 +34,7 @@ _MARKERS = ("o", "^", "s", "D", "v", "P")
 
 #: Sizes that survive a projector and a two-column page, and the colours of `PALETTE`. Displays use
 #: them without being asked; a picture of one's own takes them with ``plt.style.use(STYLE)``.
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.size": 13,
     "axes.labelsize": 14,
     "axes.titlesize": 14,
