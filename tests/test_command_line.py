@@ -253,6 +253,20 @@ def test_help_and_refusals_do_not_wait_for_heavy_imports(arguments, code, senten
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_many_rows_are_all_used_and_give_the_right_law(tmp_path, capsys):
+    """Noisy samples at 1 kHz, whose raw differences are nothing but noise."""
+    path = write_csv(tmp_path / "fast.csv", oscillator(n_runs=4, step=1e-3, noise=1e-2))
+    arguments = [path, "--states", "x", "v", *NAMES, "--output", str(tmp_path)]
+    assert main(arguments) == 0
+    text = capsys.readouterr().out
+    assert "every" not in text and "noise of one sample: x 0.01, v 0.01" in text
+    n_samples = int(re.search(r"^([\d,]+) samples", text).group(1).replace(",", ""))
+    assert n_samples > 0.75 * 24_000  # ends of the window apart
+    laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
+    assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.03)
+    assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=0.03)
+
+
 def test_progress_is_shown_on_request_and_goes_to_standard_error(recording, tmp_path, capsys):
     arguments = [recording, "--states", "x", "v", *NAMES, "--decimate", "4"]
     assert main([*arguments, "--output", str(tmp_path)]) == 0

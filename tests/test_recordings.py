@@ -159,8 +159,24 @@ def test_words_for_a_missing_value(file):
     rows = ["t,x", "0,NA", "1,---", "2,", "3,NaN", "4,null", "5,n/a", "6,#N/A", "7,ERR", "8,2.5"]
     table = read_table(file(rows), missing=["err"])
     assert np.isnan(table.numbers("x")[:-1]).all() and table.numbers("x")[-1, 0] == 2.5
-    with pytest.raises(TableError, match="row 9 holds 'ERR' .*--missing 'ERR'"):
+    with pytest.raises(TableError, match="row 9 holds 'ERR'; .*--missing 'ERR'"):
         read_table(file(rows)).numbers("x")
+
+
+def test_marks_between_thousands(file):
+    table = read_table(file(["t;x", "0;999,5", "1;1.000,25", "2;12.345.678,0"]))
+    assert table.numbers("x")[:, 0].tolist() == [999.5, 1000.25, 12345678.0]
+    table = read_table(file(["t;x", "0;999.5", "1;1,000.25"]))
+    assert table.numbers("x")[:, 0].tolist() == [999.5, 1000.25]
+
+
+def test_a_slow_column_is_told_what_it_costs(file):
+    rows = [f"{row},{1.5 if k % 10 == 0 else ''}" for k, row in enumerate(lines())]
+    table = read_table(file(["t,x,v,gps", *rows]))
+    what = Measurement(states=("x", "v"), inputs=("gps",), time="t")
+    told = measure(table, what).remarks[0]
+    assert told.startswith("Left out: 270 of 300 rows, with missing values (gps 270; rows 3, 4,")
+    assert told.endswith("logged more slowly than the others costs their rows.")
 
 
 def test_damaged_rows_and_repeated_headers_are_left_out_and_named(file):
@@ -198,6 +214,11 @@ def test_objects_in_files_are_not_loaded(tmp_path):
     np.savez(tmp_path / "log.npz", t=np.array([1, "a", None], dtype=object))
     with pytest.raises(TableError, match="'t' holds Python objects, which are not loaded"):
         read_table(tmp_path / "log.npz")
+
+
+def test_a_folder_is_no_recording(tmp_path):
+    with pytest.raises(TableError, match="is a folder; name one recording in it"):
+        read_table(tmp_path)
 
 
 def test_a_file_that_is_missing_is_looked_for_beside_it(file):

@@ -17,9 +17,14 @@ MISSING = frozenset(
 )
 DAY = 86400.0  # s
 _LOGICAL = {"true": 1.0, "false": 0.0}
+# With the other mark between thousands a number has both: 1.234,5 or 1,234.5.
 _NUMBER = {
-    mark: re.compile(rf"[+-]?(\d+({mark}\d*)?|{mark}\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.I)
-    for mark in (r"\.", ",")
+    mark: re.compile(
+        rf"[+-]?(\d+({mark}\d*)?|{mark}\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?|"
+        rf"[+-]?\d{{1,3}}({other}\d{{3}})+{mark}\d+",
+        re.I,
+    )
+    for mark, other in ((r"\.", ","), (",", r"\."))
 }
 _TIME = r"\d{1,2}:\d\d(?::\d\d(?:[.,]\d+)?)?(?:\s?[AaPp][Mm])?\s?(?:Z|UTC|[+-]\d\d:?\d\d)?"
 _DATE = r"(?:\d{4}(?P<y>[-/.])\d{1,2}(?P=y)\d{1,2}|\d{1,2}(?P<d>[-/.])\d{1,2}(?P=d)\d{4})"
@@ -44,6 +49,8 @@ def is_number(cell: str, decimal: str = ".") -> bool:
     --------
     >>> is_number("-1.5e3"), is_number("1,5", decimal=","), is_number("1,5"), is_number("True")
     (True, True, False, True)
+    >>> is_number("1.234,5", decimal=",")
+    True
     """
     text = cell.strip()
     pattern = _NUMBER["," if decimal == "," else r"\."]
@@ -91,7 +98,9 @@ def column_of(
     present = [text for text, missing in zip(texts, gap, strict=True) if not missing]
     values = np.full(len(texts), np.nan)
     if all(is_number(text, decimal) for text in present):
-        values[~gap] = [number_in(text.replace(decimal, ".")) for text in present]
+        thousands = "." if decimal == "," else ","
+        plain = [text.replace(thousands, "").replace(decimal, ".") for text in present]
+        values[~gap] = [number_in(text) for text in plain]
         return values, ""
     if all(is_clock(text) for text in present):
         values[~gap] = _seconds(present)

@@ -93,9 +93,11 @@ def _left_out(table: Table, names: Sequence[str | None], gaps: NDArray[np.bool_]
             f"No row of {table.source} has a number in every column chosen (missing: {counts}); "
             "leave such a column out."
         )
+    most = 2 * len(rows) > len(gaps)
+    hint = " A column that was logged more slowly than the others costs their rows." if most else ""
     return [
         f"Left out: {len(rows):,} of {len(gaps):,} rows, with missing values "
-        f"({counts}; {rows_listed(table.row(int(row)) for row in rows)})."
+        f"({counts}; {rows_listed(table.row(int(row)) for row in rows)}).{hint}"
     ]
 
 

@@ -52,6 +52,8 @@ def read_table(
     """
     path = Path(path)
     kind = _kind(path)
+    if path.is_dir():
+        raise TableError(f"{path} is a folder; name one recording in it.")
     if kind not in _READERS:
         raise TableError(
             f"{path.name} is no {', '.join(_READERS)} file; save the recording as one of these "

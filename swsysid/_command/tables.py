@@ -76,15 +76,22 @@ class Table:
         columns = {name: self.columns[self.resolve(name)] for name in names}
         for name, column in columns.items():
             if column.dtype.kind != "f":
-                odd = [k for k, cell in enumerate(column) if cell != "" and not _is_number(cell)]
-                row = odd[0] if odd else 0
-                raise TableError(
-                    f"Column {name!r} of {self.source} is not numeric: row {self.row(row)} holds "
-                    f"{str(column[row])!r} (if that means a missing value, say --missing "
-                    f"{str(column[row])!r}). Its columns are: {self.listing()}."
-                )
+                raise TableError(self._not_numeric(name, column))
         self._check_lengths(columns)
         return np.column_stack(list(columns.values())) if columns else np.empty((0, 0))
+
+    def _not_numeric(self, name: str, column: NDArray) -> str:
+        odd = [k for k, cell in enumerate(column) if cell != "" and not _is_number(cell)]
+        first = odd[0] if odd else 0
+        cell = str(column[first])
+        rare = len(odd) < len(column) / 2
+        hint = (
+            f"if that means a missing value, say --missing {cell!r}" if rare else "choose another"
+        )
+        return (
+            f"Column {name!r} of {self.source} is not numeric: row {self.row(first)} holds "
+            f"{cell!r}; {hint}. Its columns are: {self.listing()}."
+        )
 
     def row(self, k: int) -> int:
         """The row of the file that row `k` of the table stands in, counted from 1."""

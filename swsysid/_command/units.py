@@ -14,9 +14,11 @@ _IN_NAMES = frozenset(
 )
 # In a row of their own the single letters, signs and words are units as well.
 _IN_ROWS = _IN_NAMES | frozenset(
-    "- 1 % C F T g d h H L l nm mN uV uA MN Mbar mbar hPa sec secs second seconds minute minutes "
-    "hr hour hours meter meters metre metres volt volts V/s ampere amperes amp amps newton newtons "
-    "degree degrees radian radians celsius kelvin deg/s ° °C °F Ω µm µs µV µA".split()
+    "- 1 % C F T g d h H L l nm mN uV uA MN Mbar mbar hPa hr deg/s ° °C °F Ω µm µs µV µA".split()
+)
+_WORDS = frozenset(
+    "sec secs second seconds minute minutes hour hours meter meters metre metres volt volts "
+    "ampere amperes amp amps newton newtons degree degrees radian radians celsius kelvin".split()
 )
 _BRACKET = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
 
@@ -31,11 +33,11 @@ def is_unit(cell: str) -> bool:
 
     Examples
     --------
-    >>> [is_unit(cell) for cell in ("[m/s]", "rad/s^2", "°C", "kg m^2", "speed")]
+    >>> [is_unit(cell) for cell in ("[m/s]", "rad/s^2", "Volt", "kg m^2", "speed")]
     [True, True, True, True, False]
     """
     text = cell.strip()
-    if _BRACKET.fullmatch(text) or text in _IN_ROWS:
+    if _BRACKET.fullmatch(text) or text in _IN_ROWS or text.lower() in _WORDS:
         return True
     parts = re.split(r"[\s/*·.()]+", re.sub(r"[\^]?[-+]?\d|[²³⁻¹]", "", text))
     return bool(text) and all(part in _IN_ROWS for part in parts if part)
