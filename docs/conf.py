@@ -37,6 +37,7 @@ exclude_patterns = [
     "auto_examples/*.ipynb",
     "auto_examples/*.py.md5",
     "measured_effects.md",
+    "measured_tables.md",
     "quality_summary.md",
     "undeclared_tables.md",
     "speed_tables.md",

@@ -41,6 +41,14 @@ def test_every_result_makes_a_page_that_another_page_shows():
         assert shown, f"no page shows {page.file}"
 
 
+def test_tables_that_a_page_includes_are_no_pages_themselves():
+    # Sphinx fails on a page that no table of contents names
+    conf = (ROOT / "docs" / "conf.py").read_text(encoding="utf-8")
+    for name in _generated():
+        is_page = "\n# " in (ROOT / "docs" / name).read_text(encoding="utf-8")
+        assert is_page or f'"{name}"' in conf, f"{name} is neither a page nor excluded"
+
+
 def test_results_say_where_they_come_from_and_are_small():
     files = list((FOLDER / "results").glob("*.json"))
     assert sum(file.stat().st_size for file in files) < 1e6
