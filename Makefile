@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: help demo test lint examples examples-record docs docs-offline bench bench-quality \
+.PHONY: help demo test lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
 	bench-undeclared bench-measured bench-speed figures clean
 
 help:
@@ -23,7 +23,8 @@ help:
 	@echo "make examples-record  keep what every example prints now as the expected output"
 	@echo "make docs      build the documentation, warnings as errors"
 	@echo "make docs-offline  the same without measured data and without network"
-	@echo "make bench     the paper's tables beside ours"
+	@echo "make bench     the paper's figures and tables beside ours, into the documentation"
+	@echo "make bench-seeding  what the start decides, into the documentation (20 minutes)"
 	@echo "make bench-quality  many systems and methods, into the documentation (hours)"
 	@echo "make bench-undeclared  planted effects: every kind, system and seed (hours; resumes)"
 	@echo "make bench-measured  measured data, before and after"
@@ -63,7 +64,11 @@ examples-record: $(VENV)/.installed-test
 	$(BIN)/python tests/example_output.py
 
 bench: $(VENV)/.installed-bench
-	$(BIN)/python benchmarks/paper.py
+	$(BIN)/python -W ignore benchmarks/paper.py --docs docs
+	$(BIN)/python benchmarks/paper_algorithm.py --docs docs
+
+bench-seeding: $(VENV)/.installed-bench
+	$(BIN)/python benchmarks/seeding.py --jobs $(WORKERS) --docs docs
 
 bench-quality: $(VENV)/.installed-bench $(PARC)
 	$(BIN)/python -W ignore benchmarks/quality.py --jobs $(WORKERS) --parc $(PARC) \

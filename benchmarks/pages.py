@@ -14,6 +14,7 @@ from pathlib import Path
 
 import measured_tables
 import quality_tables
+import seeding_table
 import speed_tables
 import undeclared_tables
 from results import RESULTS, load
@@ -55,6 +56,7 @@ PAGES = (
     Page("speed_tables.md", "speed", "make bench-speed", speed_tables.table),
     Page("quality_summary.md", "quality", "make bench-quality", quality_tables.summary),
     Page("quality_tables.md", "quality", "make bench-quality", quality_tables.tables),
+    Page("seeding_table.md", "seeding", "make bench-seeding", seeding_table.table),
 )
 
 

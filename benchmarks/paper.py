@@ -6,7 +6,7 @@ at the instants of switches. The quartic oscillator is run with both assignments
 fields, the one in the paper's text and the one in the code its authors published. The oracle is
 told the true modes of the training samples; it fits each mode and the same margin LP.
 
-    python benchmarks/paper.py [--seeds 10] [--fast] [--json FILE]
+    python benchmarks/paper.py [--seeds 10] [--fast] [--docs docs]
 
 RMSE of the velocity is sqrt(mean ||e||^2) over the samples; "away" leaves out the samples whose
 guard value is within 2 % of the guard's standard deviation.
@@ -15,13 +15,12 @@ guard value is within 2 % of the guard's standard deviation.
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import platform
 from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
+import pages
+from results import add_docs_options, keep, measured_here
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator
@@ -242,22 +241,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--fast", action="store_true", help="two seeds")
-    parser.add_argument("--json", help="write the figures to this file")
-    arguments = parser.parse_args()
-    seeds = 2 if arguments.fast else arguments.seeds
-    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-    print(f"{seeds} seeds; {machine}; numpy {np.__version__}")
+    add_docs_options(parser)
+    options = parser.parse_args()
+    seeds = 2 if options.fast else options.seeds
+    origin = measured_here()
+    print(f"{seeds} seeds; " + ", ".join(f"{name} {value}" for name, value in origin.items()))
     tables = {case.name: report(case, run(case, seeds)) for case in CASES}
     recovered_lines(seeds)
     print("\nSLS fit, surface included: the paper's algorithm, then the default")
-    ratio = speed(3 if arguments.fast else 5)
-    if arguments.json:
-        with open(arguments.json, "w") as file:
-            json.dump(
-                {"machine": machine, "seeds": seeds, "tables": tables, "speed_ratio": ratio},
-                file,
-                indent=1,
-            )
+    ratio = speed(3 if options.fast else 5)
+    if options.docs:
+        part = {"origin": origin, "seeds": seeds, "tables": tables, "speed_ratio": ratio}
+        keep("paper", {"defaults": part}, options.results)
+        pages.write("paper", options.docs, options.results)
 
 
 if __name__ == "__main__":

@@ -8,26 +8,27 @@ figures of the paper's tables; of the start with the least hardened cost the sur
 and their errors over time. Seconds are CPU seconds of the whole fit, surface included.
 
     python benchmarks/paper_algorithm.py [--starts 10] [--moment-starts 10] [--samples 2000]
-                                         [--results benchmarks/results/paper_algorithm.json]
+                                         [--docs docs]
 
-`paper_page.py` turns the results into the page "The paper reproduced".
+``--docs`` keeps the results, and writes the tables and pictures of the page "The paper reproduced".
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import warnings
 from pathlib import Path
 from time import process_time
 
 import numpy as np
+import pages
 from paper import CASES, METRICS, Case, figures, split
+from paper_picture import draw_iterations, draw_rollouts
+from results import add_docs_options, keep, measured_here
 
 from swsysid import MomentRelaxation, PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid.metrics import mode_accuracy
 
-RESULTS = Path(__file__).parent / "results" / "paper_algorithm.json"
 # The paper's numbers of iterations; the size of what is added to equal laws; times of the curves.
 ITERATIONS = {"SLS": 10, "SPS": 15}
 PERTURBATION = 0.1
@@ -36,13 +37,24 @@ RELAXATIONS = {"simplex": "simplex", "moment": MomentRelaxation(order=1)}
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run all starts, print a line for each, keep them as JSON."""
+    """Run all starts and print a line for each; keep and draw them if there is a folder for it."""
     options = parse(arguments)
-    results = {
-        name: system(name, case, options) for name, case in (("SLS", CASES[0]), ("SPS", CASES[1]))
+    origin = measured_here()
+    parts = {
+        name: {"origin": origin} | system(name, case, options)
+        for name, case in (("SLS", CASES[0]), ("SPS", CASES[1]))
     }
-    options.results.parent.mkdir(parents=True, exist_ok=True)
-    options.results.write_text(json.dumps(results) + "\n", encoding="utf-8")
+    if options.docs:
+        write(keep("paper", parts, options.results), options)
+
+
+def write(parts: dict, options: argparse.Namespace) -> None:
+    """The page's tables, and its pictures."""
+    pages.write("paper", options.docs, options.results)
+    for name in ITERATIONS:
+        pictures = Path(options.docs, "_static")
+        draw_iterations(name, parts[name], pictures / f"paper_{name}_iterations.png")
+        draw_rollouts(parts[name], pictures / f"paper_{name}_rollouts.png")
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -51,7 +63,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--starts", type=int, default=10, help="of the simplex relaxation")
     parser.add_argument("--moment-starts", type=int, default=10, help="of the SDP (slow)")
     parser.add_argument("--samples", type=int, default=2000)
-    parser.add_argument("--results", type=Path, default=RESULTS)
+    add_docs_options(parser)
     return parser.parse_args(arguments)
 
 
@@ -90,10 +102,10 @@ def run(name: str, case: Case, relaxation: str, start: int | None, parts) -> tup
     history = model.history_
     answer = {
         "start": start,
-        "relaxed": [record.lower_bound for record in history],
-        "hardened": [record.loss for record in history],
-        "wrong": [1.0 - mode_accuracy(modes, record.modes) for record in history],
-        "tightness": [record.tightness for record in history],
+        "relaxed": [short(record.lower_bound) for record in history],
+        "hardened": [short(record.loss) for record in history],
+        "wrong": [short(1.0 - mode_accuracy(modes, record.modes)) for record in history],
+        "tightness": [short(record.tightness) for record in history],
         "objective": model.objective_,
         "seconds": seconds,
         "seconds_an_iteration": seconds / len(history),
@@ -158,11 +170,16 @@ def described(case: Case, best: tuple[dict, object], data) -> dict:
         "t": rounded(t),
         "truth": rounded(truth[:N_DRAWN]),
         "found": rounded(found[:N_DRAWN]),
-        "error": [float(f"{e:.3g}") for e in np.sqrt(np.square(found - truth).sum(2).mean(0))],
+        "error": [short(e) for e in np.sqrt(np.square(found - truth).sum(2).mean(0))],
         "labels": "".join(map(str, model.modes_.tolist())),
         "coef": model.coef_.tolist(),
         "surface": model.surface_.coef_[0].tolist(),
     }
+
+
+def short(value: float) -> float:
+    """A number to five digits."""
+    return float(f"{value:.5g}")
 
 
 def rounded(values) -> list:

@@ -7,49 +7,40 @@ alternation moves away from that partition, and the balanced mode accuracy on he
 with either start.
 
     python benchmarks/seeding.py [--cases SLS SPS ...] [--seeds 1] [--jobs 1] [--docs docs]
-                                 [--results benchmarks/results/seeding.json] [--from-results]
 
-``--from-results`` writes the tables of the results that are there and runs nothing; ``--docs``
-writes the table into the documentation.
+``--docs`` keeps the results and writes the table into the documentation.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import warnings
 from itertools import product
-from pathlib import Path
 
 import numpy as np
+import pages
 from joblib import Parallel, delayed
 from quality_cases import CASES, MAIN, Data, make_data
+from results import add_docs_options, keep, measured_here
+from seeding_table import STARTS, table
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid._seeding.seeding import seed_modes
 from swsysid.metrics import balanced_mode_accuracy, mode_accuracy
 
-RESULTS = Path(__file__).parent / "results" / "seeding.json"
-STARTS = {"auto": "experts", "random": "random"}  # init: name of its columns
-# A partition that the alternation moves by less than this is the answer, for all purposes.
-SMALL_MOVE = 0.005
-
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the cells, keep them as JSON, print the table."""
+    """Run the cells, print the table, keep them if there is a page for them."""
     options = parse(arguments)
-    if options.from_results:
-        cells = json.loads(options.results.read_text(encoding="utf-8"))
-    else:
-        wanted = product(options.cases, MAIN, range(options.seeds))
-        cells = Parallel(n_jobs=options.jobs)(delayed(run)(*cell) for cell in wanted)
-        options.results.parent.mkdir(parents=True, exist_ok=True)
-        options.results.write_text(json.dumps(cells, indent=1) + "\n", encoding="utf-8")
-    text = table(cells)
-    print(text)
+    origin = measured_here()
+    wanted = product(options.cases, MAIN, range(options.seeds))
+    cells = Parallel(n_jobs=options.jobs)(delayed(run)(*cell) for cell in wanted)
+    part = {"origin": origin, "cells": cells}
+    print(table({"cells": part}))
     if options.docs:
-        (options.docs / "seeding_table.md").write_text(text, encoding="utf-8")
+        keep("seeding", {"cells": part}, options.results)
+        pages.write("seeding", options.docs, options.results)
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -58,9 +49,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--results", type=Path, default=RESULTS)
-    parser.add_argument("--from-results", action="store_true", help="run nothing")
-    parser.add_argument("--docs", type=Path, metavar="FOLDER", help="write the page's table")
+    add_docs_options(parser)
     return parser.parse_args(arguments)
 
 
@@ -104,44 +93,6 @@ def _most_likely_partition(data: Data, seed: int) -> np.ndarray:
         random_state=seed,
     )
     return seeds[0].labels
-
-
-def table(cells: list[dict]) -> str:
-    """A row for each system and what all say together, as Markdown."""
-    scenarios = list(dict.fromkeys(cell["scenario"] for cell in cells))
-    head = ["system", *(f"moved, {name}" for name in scenarios)]
-    head += [f"{start}, {name}" for name in scenarios for start in ("experts", "random starts")]
-    lines = [
-        "| " + " | ".join(head) + " |",
-        "|---" + "|---:" * (len(head) - 1) + "|",
-    ]
-    for case in dict.fromkeys(cell["case"] for cell in cells):
-        rows = [
-            [c for c in cells if c["case"] == case and c["scenario"] == name] for name in scenarios
-        ]
-        moved = [f"{100 * _mean(some, 'moved'):.2f} %" for some in rows]
-        scores = [f"{_mean(some, name):.3f}" for some in rows for name in STARTS.values()]
-        lines.append("| " + " | ".join([case, *moved, *scores]) + " |")
-    return "\n".join([*lines, "", summary(cells)]) + "\n"
-
-
-def summary(cells: list[dict]) -> str:
-    """The cells in one sentence each."""
-    moved = np.array([cell["moved"] for cell in cells])
-    worst = max(cells, key=lambda cell: cell["moved"])
-    lost = np.array([cell["experts"] - cell["random"] for cell in cells])
-    return (
-        f"From seed to answer {100 * moved.mean():.3f} % of the labels move on average, and less "
-        f"than {100 * SMALL_MOVE:g} % of them in {np.sum(moved < SMALL_MOVE)} of {len(cells)} "
-        f"cells; the most are {100 * worst['moved']:.2f} % ({worst['case']}, "
-        f"{worst['scenario']}). With random starts the balanced accuracy is "
-        f"{lost.mean():.3f} lower on average, by more than 0.05 in {np.sum(lost > 0.05)} cells, "
-        f"and higher by more than 0.005 in {np.sum(lost < -0.005)}."
-    )
-
-
-def _mean(cells: list[dict], name: str) -> float:
-    return float(np.mean([cell[name] for cell in cells]))
 
 
 if __name__ == "__main__":

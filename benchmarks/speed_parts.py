@@ -32,7 +32,7 @@ def general(problems: Callable[[], Iterable[Problem]]) -> Callable[..., Iterator
     def cases(options) -> Iterator[Case]:
         for problem in problems():
             yield Case(
-                f"{problem.name}: cvxpy and Clarabel",
+                problem.name,
                 problem.call("ours", problem.ours),
                 problem.call("general", problem.general),
                 problem.goal,

@@ -41,6 +41,8 @@ exclude_patterns = [
     "quality_summary.md",
     "undeclared_tables.md",
     "speed_tables.md",
+    "paper_tables.md",
+    "seeding_table.md",
 ]
 html_theme = "pydata_sphinx_theme"
 html_static_path = ["_static"]

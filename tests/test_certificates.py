@@ -6,6 +6,7 @@ import pytest
 from swsysid._certificates import certify
 from swsysid._losses import get_loss
 from swsysid._results import SolverError, Status
+from swsysid.relaxations import SimplexRelaxation
 
 LOSSES = ["l1", "l2", "squared"]
 
@@ -135,6 +136,28 @@ def test_rounding_bound_by_hand(loss, bound):
     certificate = certify_velocities([[[0.0, 0.0]], [[2.0, 0.0]]], [[0.5, 0.0]], loss)
     np.testing.assert_allclose(certificate.rounding_bound, [bound], atol=1e-12)
     assert certificate.gap == pytest.approx(bound, abs=1e-12)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_the_rounding_bound_is_the_one_of_the_page(loss):
+    # d = sum_m lambda_m |v_m - v_j|, and 2 |c| d + d^2 for the squared norm
+    features, targets, coef = draw(3, 60, 2, 0.5, seed=7)
+    candidates = features @ coef.transpose(0, 2, 1)
+    relaxation = SimplexRelaxation()
+    relaxation.loss = loss
+    membership = relaxation.assign(candidates, targets).membership
+    norm = np.abs if loss == "l1" else np.square
+    root = (lambda sums: sums) if loss == "l1" else np.sqrt
+    expected = []
+    for sample, weights in enumerate(membership):
+        velocities = candidates[:, sample]
+        chosen = velocities[weights.argmax()]
+        d = weights @ root(norm(velocities - chosen).sum(axis=1))
+        c = np.linalg.norm(targets[sample] - weights @ velocities)
+        expected.append(2.0 * c * d + d**2 if loss == "squared" else d)
+    assert np.max(expected) > 0.1
+    certificate = certify(features, targets, coef, loss)
+    np.testing.assert_allclose(certificate.rounding_bound, expected, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("loss", LOSSES)
