@@ -102,31 +102,11 @@ def warn_about(
             "rarer mode, with less noise, or use a smaller feature_library or degree.",
             ConvergenceWarning,
         )
-    if left.constant is not None and left.constant.helps:
-        constant = left.constant
-        _warn(
-            f"A constant would explain {constant.share:.0%} of the squared residuals of "
-            f"{_rate(estimator, constant.output)} in mode {constant.mode}, and the library has "
-            "none: use feature_library=1 (a constant and the columns of X).",
-            MisfitWarning,
-        )
-    elif found.smooth_degree is not None:
-        _warn(
-            f"One law with all monomials up to degree {found.smooth_degree} predicts held-out "
-            f"samples better than {estimator.n_modes_} modes: they may only tile a smooth term "
-            f"that the library lacks; compare with n_modes=1, feature_library="
-            f"{found.smooth_degree}.",
-            MisfitWarning,
-        )
-    elif estimator.n_modes_ > 1 and left.shared.structured:
-        shared = left.shared
-        _warn(
-            f"Samples at neighbouring states share {shared.share:.0%} of the residuals of "
-            f"{_rate(estimator, shared.output)} (RMS {shared.size:.2g} of its standard deviation), "
-            "so these are no noise and the modes may be wrong: use a richer feature_library, "
-            "more modes, or a larger n_init.",
-            MisfitWarning,
-        )
+    # A start of the user's own may lead anywhere: that is no finding about data and library.
+    own_start = not (isinstance(estimator.init, str) and estimator.init == "auto")
+    misfit = None if own_start else _misfit_in_words(estimator, found, left)
+    if misfit is not None:
+        _warn(misfit, MisfitWarning)
     if guard.missing:
         _warn(
             f"Of {guard.n_decided} samples whose residuals decide their mode, "
@@ -135,6 +115,33 @@ def warn_about(
             "time, an input) to X; if the state does drive it, raise the degree of the surface.",
             IdentificationWarning,
         )
+
+
+def _misfit_in_words(estimator: Any, found: Identification, left: LeftOver) -> str | None:
+    """The strongest finding about what the model leaves over, None if that is noise."""
+    if left.constant is not None and left.constant.helps:
+        constant = left.constant
+        return (
+            f"A constant would explain {constant.share:.0%} of the squared residuals of "
+            f"{_rate(estimator, constant.output)} in mode {constant.mode}, and the library has "
+            "none: use feature_library=1 (a constant and the columns of X)."
+        )
+    if found.smooth_degree is not None:
+        return (
+            f"One law with all monomials up to degree {found.smooth_degree} predicts held-out "
+            f"samples better than {estimator.n_modes_} modes: they may only tile a smooth term "
+            "that the library lacks; compare with n_modes=1, "
+            f"feature_library={found.smooth_degree}."
+        )
+    if estimator.n_modes_ > 1 and left.shared.structured:
+        shared = left.shared
+        return (
+            f"Samples at neighbouring states share {shared.share:.0%} of the residuals of "
+            f"{_rate(estimator, shared.output)} (RMS {shared.size:.2g} of its standard deviation), "
+            "so these are no noise and the modes may be wrong: use a richer feature_library, "
+            "more modes, or a larger n_init."
+        )
+    return None
 
 
 def _rate(estimator: Any, output: int) -> str:
