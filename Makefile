@@ -34,7 +34,7 @@ help:
 
 demo: $(VENV)/.installed-plot
 	$(BIN)/python -m swsysid --output output
-	@echo "Picture, text and model: output/phase_portrait.png, identification.txt, model.joblib"
+	@echo "Picture, text and model: output/phase_portrait.png, identification.txt, model.json"
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n $(WORKERS)

@@ -21,7 +21,7 @@ Give a recording with one column for each signal: a text file of any layout, a s
 .parquet or .mat. States are smoothed and differentiated unless their derivatives are measured too;
 what had to be mended, masked or left out is printed with its rows of the file. The equations, the
 switching surface and the error on held-out data, beside that of the best model without switching,
-are printed; the model (model.joblib), the text (identification.txt) and a picture of the modes
+are printed; the model (model.json), the text (identification.txt) and a picture of the modes
 (phase_portrait.png) go into a folder. Without a file, a built-in damped oscillator is simulated,
 measured with noise and identified.
 
@@ -46,10 +46,10 @@ examples:
         --library linear --diagnose --signals battery_V --html cart.html
 
 Units are read from names such as v_m_per_s or "force [N]". Load the model with
-joblib.load("swsysid_output/model.joblib"); its columns are the states, then the inputs (with
---order 2 the positions, then the velocities, then the inputs)."""
+swsysid.load_model("swsysid_output/model.json"), which runs no code of the file; its columns are
+the states, then the inputs (with --order 2 the positions, then the velocities, then the inputs)."""
 
-LIBRARIES = {"linear": 0, "affine": 1, "quadratic": 2, "cubic": 3}
+LIBRARIES = {"linear": 0, "affine": 1, "quadratic": 2, "cubic": 3, "trigonometric": 1}
 
 
 class _Parser(argparse.ArgumentParser):

@@ -6,28 +6,25 @@ prints is in the result; nothing is printed or written here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 
 import numpy as np
 from sklearn.base import clone
-from sklearn.compose import ColumnTransformer
-from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._command.held_out import BLOCKS, Split, hold_out
+from swsysid._command.laws import Terms
 from swsysid._command.measurement import Measurement
-from swsysid._command.refusal import TableError
 from swsysid._command.samples import Samples, measure
 from swsysid._command.tables import Table
+from swsysid._command.verdict import WORTH, Comparison, Rival, Verdict, count_switches
 from swsysid._regressor import SwitchingSystemRegressor
 
 __all__ = ["JobOptions", "JobResult", "run_job"]
 
-WHOLE_GROUPS = 5  # from so many trajectories on, whole ones are held out
-BLOCKS = 10  # contiguous stretches on which two models are compared
-WORTH = 0.05  # positions and modes must lower the error by this fraction to be worth having
-EXACT = 1e-12  # squared errors below this fraction of the largest are round-off
-CERTAIN = 2.0  # standard errors from which on a gain is called certain
+RARE = 0.005  # a mode with a smaller share of the training rows is absent from them
 
 
 @dataclass(frozen=True)
@@ -40,6 +37,8 @@ class JobOptions:
     modes : int or "auto"
     library_degree : int
         Degree of the law of each mode; 0 means linear without a constant.
+    waves : bool
+        The law may have sines and cosines of the columns.
     surface_degree : int
     loss : {"l1", "l2", "squared"}
     position : {"auto", "yes", "no"}
@@ -54,6 +53,7 @@ class JobOptions:
     measurement: Measurement
     modes: int | str = 2
     library_degree: int = 1
+    waves: bool = False
     surface_degree: int = 1
     loss: str = "l1"
     position: str = "auto"
@@ -65,127 +65,80 @@ class JobOptions:
 
 @dataclass(frozen=True)
 class JobResult:
-    """What was identified and how well it predicts rows that it never saw.
+    """What was identified and how well such models predict rows that they never saw.
 
     Attributes
     ----------
     model : SwitchingSystemRegressor
-        Fitted on all rows, started from what the training rows found.
+        Searched for on all rows; its columns have names.
     samples : Samples
     options : JobOptions
-    n_train, n_test : int
-    whole_groups : bool
-        Whole trajectories were held out, not the last stretch of each.
-    spread, single, switching : ndarray of shape (n_unknown,)
-        Of the held-out rates whose law is sought: standard deviation, and root mean squared
-        error of the best single mode and of the switching model, trained on the other rows.
-    gain : float
-        Mean gain of switching over contiguous held-out blocks, in standard errors of that mean.
+    terms : Terms
+        Of the laws of `model`.
+    split : Split
+    comparison : Comparison
+        Of the modes that were found with smooth laws of one mode.
+    given_up : int or None
+        Number of modes that ``modes="auto"`` found before a smooth law proved as good.
     position_gain : float or None
         Fraction by which positions lower the error, where that decided about them.
-    stability : float
-        Fraction of the starts that found the same answer.
+    notes : tuple of str
+        What the fit of `model` warned about.
     """
 
     model: SwitchingSystemRegressor
     samples: Samples
     options: JobOptions
-    n_train: int
-    n_test: int
-    whole_groups: bool
-    spread: np.ndarray
-    single: np.ndarray
-    switching: np.ndarray
-    gain: float
+    terms: Terms
+    split: Split
+    comparison: Comparison
+    given_up: int | None
     position_gain: float | None
-    stability: float
-
-    @property
-    def improvement(self) -> float:
-        """Fraction by which switching lowers the held-out error of a single mode."""
-        scale = np.where(self.spread > 0, self.spread, 1.0)
-        single, switching = (np.linalg.norm(e / scale) for e in (self.single, self.switching))
-        return float(1.0 - switching / single) if single > 0 else 0.0
-
-    @property
-    def switches(self) -> bool:
-        """True if the held-out samples speak for switching: a gain both certain and worthwhile."""
-        return self.gain > CERTAIN and self.improvement > WORTH
+    notes: tuple[str, ...]
 
 
 def run_job(table: Table, options: JobOptions) -> JobResult:
-    """Differentiate, identify, and compare with the best single mode on held-out rows.
+    """Differentiate, identify, and compare with smooth laws of one mode on held-out rows.
 
     Raises
     ------
     TableError, ValueError
         With a sentence on what to change.
     """
-    if not 0.0 < options.test_fraction < 1.0:
-        raise TableError(f"The test fraction {options.test_fraction:g} is not between 0 and 1.")
     samples = measure(table, options.measurement)
-    test, whole_groups = _held_out(samples.groups, options)
-    estimator, position_gain = _estimator(samples, ~test, options)
-    switching = _fit(estimator, samples, ~test)
-    single = _fit(clone(estimator).set_params(n_modes=1), samples, ~test)
-    errors = [_residuals(model, samples, test) for model in (single, switching)]
-    spread = samples.Xdot[test, samples.n_known :].std(axis=0)
-    # Refined on all rows from what the training rows found, not searched for again.
-    whole = clone(estimator).set_params(n_modes=switching.n_modes_, init=switching.coef_)
+    split = hold_out(samples.groups, options.test_fraction, options.random_state)
+    terms, position_gain = _terms(samples, split, options)
+    model, notes = _fit_with_notes(_regressor(terms, samples, options), samples)
+    comparison = _compare(model, terms, samples, split, options)
+    given_up = None
+    if options.modes == "auto" and comparison.verdict in (Verdict.SMOOTH, Verdict.ONE_MODE):
+        given_up, terms = model.n_modes_, comparison.best.terms
+        plain = _regressor(terms, samples, replace(options, modes=1)).set_params(sparsity="auto")
+        model, notes = _fit_with_notes(plain, samples)
+    _name_columns(model, samples)
     return JobResult(
-        model=_fit(whole, samples, np.ones_like(test)),
-        samples=samples,
-        options=options,
-        n_train=int((~test).sum()),
-        n_test=int(test.sum()),
-        whole_groups=whole_groups,
-        spread=spread,
-        single=np.sqrt(np.mean(errors[0] ** 2, axis=0)),
-        switching=np.sqrt(np.mean(errors[1] ** 2, axis=0)),
-        gain=_gain(errors[0], errors[1], spread),
-        position_gain=position_gain,
-        stability=switching.stability_,
+        model, samples, options, terms, split, comparison, given_up, position_gain, notes
     )
 
 
-def _held_out(groups, options: JobOptions) -> tuple[np.ndarray, bool]:
-    """Rows to test on: whole trajectories if there are enough, else the last of each."""
-    names, codes = np.unique(groups, return_inverse=True)
-    whole = len(names) >= WHOLE_GROUPS
-    if whole:
-        n_test = max(1, round(options.test_fraction * len(names)))
-        generator = np.random.default_rng(options.random_state)
-        test = np.isin(codes, generator.permutation(len(names))[:n_test])
-    else:
-        rank = np.concatenate([np.flatnonzero(codes == k) for k in range(len(names))])
-        position = np.empty(len(codes))
-        counts = np.bincount(codes)
-        position[rank] = np.concatenate([np.arange(n) / n for n in counts])
-        test = position >= 1.0 - options.test_fraction
-    if not test.any() or test.all():
-        raise TableError(
-            f"{len(groups)} samples are too few to hold out {options.test_fraction:g} of them."
-        )
-    return test, whole
-
-
-def _estimator(samples: Samples, train, options: JobOptions):
-    """The regressor to fit, and what the positions are worth where that was tested."""
-    everything = list(range(samples.X.shape[1]))
-    others = everything[samples.n_known :]
+def _terms(samples: Samples, split: Split, options: JobOptions) -> tuple[Terms, float | None]:
+    """Terms of the laws, and what the positions are worth in them where that was tested."""
+    everything = tuple(range(samples.X.shape[1]))
+    full = Terms(everything, options.library_degree, options.waves)
+    without = replace(full, columns=everything[samples.n_known :])
     if not samples.n_known or options.position == "yes":
-        return _regressor(everything, samples, options), None
+        return full, None
     if options.position == "no":
-        return _regressor(others, samples, options), None
-    full = _regressor(everything, samples, options)
-    worth = _worth_of_positions(_fit(full, samples, train), samples, train, options)
-    return (full if worth >= WORTH else _regressor(others, samples, options)), worth
+        return without, None
+    model = _fit_quietly(_regressor(full, samples, options), samples, split.train)
+    worth = _worth_of_positions(model, samples, split.train, options)
+    return (full if worth >= WORTH else without), worth
 
 
-def _regressor(columns, samples: Samples, options: JobOptions) -> SwitchingSystemRegressor:
+def _regressor(terms: Terms, samples: Samples, options: JobOptions) -> SwitchingSystemRegressor:
     return SwitchingSystemRegressor(
         n_modes=options.modes,
-        feature_library=_library(columns, samples.X.shape[1], options.library_degree),
+        feature_library=terms.library(samples.X.shape[1]),
         surface=PolynomialSurfaceClassifier(degree=options.surface_degree),
         loss=options.loss,
         n_jobs=options.n_jobs,
@@ -194,39 +147,61 @@ def _regressor(columns, samples: Samples, options: JobOptions) -> SwitchingSyste
     )
 
 
-def _library(columns, n_columns: int, degree: int):
-    """Monomials of some columns; degree 0 leaves the columns as they are."""
-    if len(columns) == n_columns:
-        return degree or None
-    chosen = ColumnTransformer(
-        [("chosen", "passthrough", columns)], verbose_feature_names_out=False
+def _compare(
+    model: SwitchingSystemRegressor,
+    terms: Terms,
+    samples: Samples,
+    split: Split,
+    options: JobOptions,
+) -> Comparison:
+    """The model's modes, searched for in the training rows alone, against smooth laws."""
+    shares = np.bincount(model.modes_[split.train], minlength=model.n_modes_) / split.train.sum()
+    seen = np.flatnonzero(shares >= RARE)
+    judged = split.test & np.isin(model.modes_, seen)
+    judged = judged if judged.any() else split.test
+
+    def errors(terms: Terms, n_modes: int):
+        again = _regressor(terms, samples, replace(options, modes=n_modes))
+        fitted = _fit_quietly(again, samples, split.train)
+        residuals = samples.Xdot[judged] - fitted.predict(samples.X[judged])
+        return residuals[:, samples.n_known :]
+
+    smooth = [terms, *terms.richer(int(split.train.sum()))]
+    predicted = model.predict_modes(samples.X)
+    return Comparison(
+        errors=errors(terms, len(seen)),
+        rivals=tuple(Rival(each, errors(each, 1)) for each in smooth),
+        spread=samples.Xdot[judged, samples.n_known :].std(axis=0),
+        n_switches=count_switches(predicted, samples.groups),
+        constant=bool(model.n_modes_ > 1 and (predicted == predicted[0]).all()),
+        untested=tuple(int(mode) for mode in np.flatnonzero(shares < RARE)),
     )
-    return make_pipeline(chosen, PolynomialFeatures(degree)) if degree else chosen
 
 
-def _fit(estimator, samples: Samples, rows) -> SwitchingSystemRegressor:
-    return estimator.fit(samples.X[rows], samples.Xdot[rows], groups=samples.groups[rows])
+def _fit_with_notes(
+    estimator: SwitchingSystemRegressor, samples: Samples
+) -> tuple[SwitchingSystemRegressor, tuple[str, ...]]:
+    """The estimator fitted to all rows, and what that warned about."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        estimator.fit(samples.X, samples.Xdot, groups=samples.groups)
+    return estimator, tuple(str(warning.message) for warning in caught)
 
 
-def _residuals(model, samples: Samples, rows):
-    residuals = samples.Xdot[rows] - model.predict(samples.X[rows])
-    return residuals[:, samples.n_known :]
+def _fit_quietly(estimator, samples: Samples, rows) -> SwitchingSystemRegressor:
+    """A fit for comparison: what it warns about is no news of the model that is delivered."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return clone(estimator).fit(
+            samples.X[rows], samples.Xdot[rows], groups=samples.groups[rows]
+        )
 
 
-def _gain(single, switching, spread) -> float:
-    """Mean log ratio of the squared errors over its standard error, blocks being independent.
-
-    Ratios, because the errors of a decaying trajectory differ by decades between its blocks.
-    """
-    scale = np.where(spread > 0, spread, 1.0)
-    size = np.array([np.sum((error / scale) ** 2, axis=1) for error in (single, switching)])
-    blocks = np.array_split(size, min(BLOCKS, size.shape[1]), axis=1)
-    if len(blocks) < 2:
-        return 0.0
-    means = np.array([block.mean(axis=1) for block in blocks])
-    ratios = np.diff(np.log(means + EXACT * means.max()), axis=1)[:, 0]
-    error = ratios.std(ddof=1) / np.sqrt(len(ratios))
-    return float(-ratios.mean() / error) if error > 0 else 0.0
+def _name_columns(model: SwitchingSystemRegressor, samples: Samples) -> None:
+    """Give a model fitted to arrays the names that a frame would have given it."""
+    model.feature_names_in_ = np.array(samples.names, dtype=object)
+    model._feature_map.names_in = list(samples.names)
+    model.feature_names_out_ = model._feature_map.names_out
 
 
 def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> float:

@@ -1,14 +1,13 @@
-"""The result of the main job in words: equations with units, surface, held-out error."""
+"""The result of the main job in words: equations with units, guards, held-out error, verdict."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
-
 import numpy as np
 
-from swsysid._command.job import WORTH, JobResult
+from swsysid._command.guard_words import memory, regions
+from swsysid._command.job import JobResult
 from swsysid._command.samples_text import preparation
+from swsysid._command.verdict import FEWEST_ROWS, FEWEST_SWITCHES, Comparison, Verdict
 from swsysid._printing import linear_combination
 
 __all__ = ["render"]
@@ -18,24 +17,10 @@ PRECISION = 6  # decimals of coefficients
 
 def render(result: JobResult) -> str:
     """The whole text, sections separated by empty lines."""
-    sections = [_data(result), *_laws(result), _surface(result), _errors(result), _verdict(result)]
+    sections = [
+        _data(result), *_laws(result), _guards(result), _errors(result), verdict_text(result)
+    ]  # fmt: skip
     return "\n\n".join(section for section in sections if section)
-
-
-def rename(text: str, names: Sequence[str]) -> str:
-    """Replace x0, x1, ... by the names of the columns.
-
-    Examples
-    --------
-    >>> rename("2.0 x0 x1^2 - x10", ["q", "q'"])
-    "2.0 q q'^2 - x10"
-    """
-
-    def name(match: re.Match) -> str:
-        column = int(match.group(1))
-        return names[column] if column < len(names) else match.group(0)
-
-    return re.sub(r"\bx(\d+)\b", name, text)
 
 
 def _data(result: JobResult) -> str:
@@ -47,7 +32,7 @@ def _data(result: JobResult) -> str:
     lines = [f"{len(samples.X):,} samples of {trajectories}{every}: {columns}"]
     lines += preparation(samples)
     if result.position_gain is not None:
-        kept = "kept in" if _uses_positions(result) else "left out of"
+        kept = "kept in" if 0 in result.terms.columns else "left out of"
         change = max(0.0, 100 * result.position_gain)
         lines.append(
             f"The position is {kept} the law: it lowers the error by {change:.1f} % "
@@ -56,15 +41,10 @@ def _data(result: JobResult) -> str:
     return "\n".join(lines)
 
 
-def _uses_positions(result: JobResult) -> bool:
-    used = " ".join(map(str, result.model.feature_names_out_))
-    return re.search(r"\bx0\b", used) is not None
-
-
 def _laws(result: JobResult) -> list[str]:
     """One section for each mode, after the known equations."""
     model, samples = result.model, result.samples
-    features = [rename(str(name), samples.names) for name in model.feature_names_out_]
+    features = [str(name) for name in model.feature_names_out_]
     known = [
         f"known: the derivative of {position} is {rate}"
         for position, rate in zip(
@@ -77,16 +57,12 @@ def _laws(result: JobResult) -> list[str]:
         lines = [f"mode {mode} ({100 * share:.0f} % of the samples)"]
         for state in range(samples.n_known, len(samples.rate_names)):
             row = model.coef_[mode, state]
-            rate = _rate_name(samples, state)
+            rate = samples.rate_names[state]
             unit = f"   [{samples.rate_units[state]}]" if samples.rate_units[state] else ""
             lines.append(f"    {rate} = {_sum(row, features)}{unit}")
             lines += _balance(row, features, rate, samples)
         sections.append("\n".join(lines))
     return sections
-
-
-def _rate_name(samples, state: int) -> str:
-    return samples.rate_names[state]
 
 
 def _balance(row, features, rate: str, samples) -> list[str]:
@@ -112,94 +88,183 @@ def _sum(row, features) -> str:
     return linear_combination(row, features, precision=PRECISION)
 
 
-def _surface(result: JobResult) -> str:
+def _guards(result: JobResult) -> str:
     model, samples = result.model, result.samples
     if model.n_modes_ == 1:
-        return "No switching surface: one mode explains the data."
-    surface = model.surface_
-    equations = surface.equations(precision=PRECISION, input_features=samples.names)
-    lines = ["switching surface", *(f"    {equation}" for equation in equations)]
-    for mode, signs in zip(surface.classes_, surface.mode_book_, strict=True):
-        sides = (f"f{k} {'>' if sign > 0 else '<'} 0" for k, sign in enumerate(signs) if sign)
-        lines.append(f"    mode {mode} where {' and '.join(sides)}")
-    return "\n".join(lines + _thresholds(surface, samples))
+        return ""
+    if result.comparison.constant:
+        return _no_guard(result)
+    lines = regions(model.surface_, samples)
+    equations = model.surface_equations(precision=PRECISION)
+    return "\n    ".join(["switching surface", *lines, *equations])
 
 
-def _thresholds(surface, samples) -> list[str]:
-    """The threshold on one column that comes closest to each surface."""
-    lines = []
-    for k, values in enumerate(surface.surface_values(samples.X).T):
-        if (values > 0).all() or (values <= 0).all():
-            lines.append(
-                f"    f{k} has one sign on all samples: these columns do not tell the modes apart"
-            )
-            continue
-        found = [best_threshold(column, values > 0) for column in samples.X.T]
-        column = int(np.argmax([agreement for _, agreement in found]))
-        threshold, agreement = found[column]
-        place = f"{samples.names[column]} = {threshold:.2g} {samples.units[column]}".rstrip()
-        lines.append(
-            f"    f{k} = 0 puts {100 * agreement:.1f} % of the samples on the same side as {place}"
-        )
-    return lines
-
-
-def best_threshold(values, positive) -> tuple[float, float]:
-    """The threshold whose sides agree best with a labelling, and the fraction that agrees.
-
-    Examples
-    --------
-    >>> best_threshold(np.array([1.0, 2.0, 3.0, 5.0]), np.array([True, True, False, False]))
-    (2.5, 1.0)
-    """
-    order = np.argsort(values)
-    ordered, labels = values[order], np.asarray(positive)[order]
-    # with the first k samples below the threshold, those positive there plus those negative above
-    # agree with "below is positive"; all others with the opposite orientation
-    below = np.cumsum(labels)[:-1] + (~labels).sum() - np.cumsum(~labels)[:-1]
-    share = np.maximum(below, len(labels) - below) / len(labels)
-    k = int(np.argmax(share))
-    return float(ordered[k : k + 2].mean()), float(share[k])
+def _no_guard(result: JobResult) -> str:
+    """What the samples show where no surface separates their modes."""
+    model, samples = result.model, result.samples
+    always = int(model.surface_.predict(samples.X[:1])[0])
+    shares = np.bincount(model.modes_, minlength=model.n_modes_) / len(model.modes_)
+    listed = ", ".join(f"mode {mode} in {100 * share:.0f} %" for mode, share in enumerate(shares))
+    lines = [
+        f"no switching surface: the fitted one gives mode {always} to every sample, although the "
+        f"rates show {listed} of them",
+        "The same values of the columns are seen in different modes: these columns do not tell "
+        "the modes apart.",
+    ]
+    told = memory(model.modes_, samples) if model.n_modes_ == 2 else ""
+    if told:
+        lines.append(f"The modes have a memory (hysteresis): {told}.")
+    lines.append(
+        "Run again with --diagnose, which looks for a guard that remembers, or add the column "
+        "that drives the switching to --inputs."
+    )
+    return "\n    ".join(lines)
 
 
 def _errors(result: JobResult) -> str:
-    what = "whole trajectories" if result.whole_groups else "the last stretch of each trajectory"
+    comparison, samples = result.comparison, result.samples
+    what = (
+        "whole trajectories" if result.split.whole_groups else "the last stretch of each trajectory"
+    )
     names = [
         _with_unit(name, unit)
-        for name, unit in zip(result.samples.rate_names, result.samples.rate_units, strict=True)
-    ][result.samples.n_known :]
-    width = max(map(len, names))
-    n_modes = result.model.n_modes_
+        for name, unit in zip(samples.rate_names, samples.rate_units, strict=True)
+    ][samples.n_known :]
+    columns = [("spread", comparison.spread)]
+    columns += [(f"one mode, {rival.terms}", _rms(rival.errors)) for rival in _shown(comparison)]
+    n_modes = _n_compared(result)
+    if n_modes > 1:
+        columns.append((f"{n_modes} modes, {comparison.rivals[0].terms}", _rms(comparison.errors)))
     lines = [
-        f"held-out error: RMSE on {result.n_test} samples, {what}, by models trained on the "
-        f"other {result.n_train}",
-        f"    {'':{width}}  {'spread':>10} {'one mode':>10} {f'{n_modes} modes':>10}",
+        f"held-out error: RMSE on {len(comparison.errors)} samples, {what}, by models trained on "
+        f"the other {int(result.split.train.sum())}"
     ]
-    for name, *values in zip(names, result.spread, result.single, result.switching, strict=True):
-        lines.append(f"    {name:{width}}  " + " ".join(f"{value:>10.4g}" for value in values))
-    return "\n".join(lines)
-
-
-def _verdict(result: JobResult) -> str:
-    if result.model.n_modes_ == 1:
-        return ""
-    gain = (
-        f"(error {100 * result.improvement:.1f} % lower, a gain of {result.gain:.1f} standard "
-        "errors over contiguous blocks)."
-    )
-    if result.switches:
-        text = f"Switching predicts the held-out samples clearly better than one mode {gain}"
-    elif result.improvement > WORTH:
-        text = (
-            f"Switching predicts the held-out samples better than one mode, which may be chance "
-            f"{gain} Record more trajectories, or hold out more of them (--test-fraction)."
+    width = max(map(len, names))
+    widths = [max(10, len(title)) for title, _ in columns]
+    head = "  ".join(f"{title:>{w}}" for (title, _), w in zip(columns, widths, strict=True))
+    lines.append(f"    {'':{width}}  {head}")
+    for place, name in enumerate(names):
+        row = "  ".join(
+            f"{values[place]:>{w}.4g}" for (_, values), w in zip(columns, widths, strict=True)
         )
+        lines.append(f"    {name:{width}}  {row}")
+    return "\n".join(lines + _untested(comparison))
+
+
+def _shown(comparison: Comparison):
+    """The law of one mode with the same terms, and the best one if it is another."""
+    plain, best = comparison.rivals[0], comparison.best
+    return [plain] if best is plain else [plain, best]
+
+
+def _n_compared(result: JobResult) -> int:
+    found = result.model.n_modes_ if result.given_up is None else result.given_up
+    return found - len(result.comparison.untested)
+
+
+def _untested(comparison: Comparison) -> list[str]:
+    if not comparison.untested:
+        return []
+    listed = ", ".join(map(str, comparison.untested))
+    which, whose = ("Mode", "its") if len(comparison.untested) == 1 else ("Modes", "their")
+    return [
+        f"    {which} {listed}: found in the held-out part only, so that no other samples test "
+        f"{whose} law; {whose} samples are left out of these errors."
+    ]
+
+
+def verdict_text(result: JobResult) -> str:
+    """The one verdict, and how sure the search was."""
+    comparison, model = result.comparison, result.model
+    if result.given_up is not None:
+        text = (
+            f"No switching: {result.given_up} modes were found, but one mode with {result.terms} "
+            "terms predicts the held-out samples as well, and is delivered (error of the "
+            f"{_n_compared(result)} modes: {_change(comparison)})."
+        )
+    elif model.n_modes_ == 1:
+        text = _of_one_mode(comparison)
     else:
-        text = (
-            f"Switching does not predict the held-out samples clearly better than one mode {gain} "
-            "Do not trust the modes: try another library, or keep one mode."
-        )
-    return f"{text}\nThe same answer came from {100 * result.stability:.0f} % of the starts."
+        text = _of_modes(result)
+    stability = f"The same answer came from {100 * model.stability_:.0f} % of the starts."
+    return f"{text}\n{stability}" if model.n_modes_ > 1 else text
+
+
+def _of_one_mode(comparison: Comparison) -> str:
+    best = comparison.best
+    if best is comparison.rivals[0]:
+        return "No switching: the model has one mode, and no smooth law with more terms is better."
+    return (
+        f"No switching: the model has one mode. With {best.terms} terms its held-out error is "
+        f"{_percent(_gain_of(comparison))} % lower{_advice(best.terms.option)}."
+    )
+
+
+def _gain_of(comparison: Comparison) -> float:
+    """Fraction by which the best law of one mode lowers the error of the model."""
+    return 1.0 - 1.0 / (1.0 - comparison.improvement)
+
+
+def _of_modes(result: JobResult) -> str:
+    comparison, best = result.comparison, result.comparison.best
+    n_modes = _n_compared(result)
+    law = f"one mode with {best.terms} terms"
+    sure = f"error {_change(comparison)}, {comparison.gain:.1f} standard errors over blocks"
+    return {
+        Verdict.SWITCHES: (
+            "Switching predicts the held-out samples clearly better than one mode: than the best "
+            f"smooth law that was tried, {law} ({sure})."
+        ),
+        Verdict.CHANCE: (
+            f"Switching predicts the held-out samples better than {law}, which may be chance "
+            f"({sure}). Record more trajectories, or hold out more of them (--test-fraction)."
+        ),
+        Verdict.SMOOTH: (
+            "Switching does not predict the held-out samples clearly better than one mode: "
+            f"{law} does as well (error of the {n_modes} modes {_change(comparison)}). Do not "
+            "trust the modes, which may only follow a curve piece by piece"
+            f"{_advice(best.terms.option)}."
+        ),
+        Verdict.ONE_MODE: (
+            "Switching does not predict the held-out samples clearly better than one mode "
+            f"(error {_change(comparison)}). Do not trust the modes: try another library, or keep "
+            "one mode (--modes 1)."
+        ),
+        Verdict.TOO_FEW: (
+            "These data do not decide whether there is switching: the modes change "
+            f"{comparison.n_switches} times and {len(comparison.errors)} samples are held out, "
+            f"where at least {FEWEST_SWITCHES} and {FEWEST_ROWS} are needed. Record more."
+        ),
+        Verdict.USELESS: (
+            f"The held-out error of the {n_modes} modes is no smaller than the spread of the "
+            "rates: these laws predict no better than the mean. Smooth the data more (--window), "
+            "add what drives the system to --inputs, or try another library."
+        ),
+        Verdict.HIDDEN: (
+            "The rates show modes, but the columns do not say which is active: the model predicts "
+            f"with the law of one of them alone, and its held-out error, against that of {law}, is "
+            f"{_change(comparison)}."
+        ),
+    }[comparison.verdict]
+
+
+def _change(comparison: Comparison) -> str:
+    share = comparison.improvement
+    if share < -1.0:
+        return f"{1.0 - share:.3g} times as large"
+    return f"{_percent(abs(share))} % {'lower' if share >= 0.0 else 'higher'}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}"
+
+
+def _advice(option: str) -> str:
+    return f"; ask for that law: --modes 1 {option}" if option else ""
+
+
+def _rms(errors):
+    return np.sqrt(np.mean(errors**2, axis=0))
 
 
 def _with_unit(name: str, unit: str) -> str:

@@ -37,7 +37,7 @@ def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -
         print(f"swsysid: {error}", file=sys.stderr)
         return 1
     text = render(result)
-    notes = dict.fromkeys(str(warning.message) for warning in caught)
+    notes = dict.fromkeys([*(str(warning.message) for warning in caught), *result.notes])
     told = [] if search is None else [str(search.report_)]
     text = "\n\n".join([text, *(f"note: {note}" for note in notes), *told])
     print(text)
@@ -50,6 +50,7 @@ def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOpti
         measurement=measurement,
         modes=modes(arguments.modes),
         library_degree=LIBRARIES[arguments.library or "affine"] if degree is None else degree,
+        waves=arguments.library == "trigonometric",
         surface_degree=arguments.surface_degree,
         loss=arguments.loss,
         position=arguments.position,

@@ -5,10 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import joblib
-
 from swsysid._command.diagnosis import units_of
 from swsysid._command.job import JobResult
+from swsysid._saving import Recording, save_model
 from swsysid.diagnosis import EffectSearchCV
 
 __all__ = ["save"]
@@ -18,25 +17,45 @@ def save(
     result: JobResult, text: str, folder: Path, search: EffectSearchCV | None, page: Path | None
 ) -> int:
     """Write model, text, picture and page; the exit code is 2 if they cannot be written."""
-    where = folder
+    where, recording = folder, recording_of(result)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        joblib.dump(result.model, folder / "model.joblib")
+        save_model(result.model, folder / "model.json", recording=recording)
         (folder / "identification.txt").write_text(text + "\n", encoding="utf-8")
         drawn = _draw(result, folder / "phase_portrait.png")
         if search is not None and page is not None:
-            joblib.dump(search.best_estimator_, folder / "model_with_effects.joblib")
-            drawn += ", model_with_effects.joblib"
+            effects = folder / "model_with_effects.json"
+            save_model(search.best_estimator_, effects, recording=recording)
+            drawn += f", {effects.name}"
             where = page
             title = f"Effect search: {result.samples.source}"
             search.report_.to_html(page, units=units_of(result.samples), title=title)
     except OSError as error:
         print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
         return 2
-    print(f"\nSaved in {folder}: model.joblib, identification.txt{drawn}")
+    print(f"\nSaved in {folder}: model.json, identification.txt{drawn}")
     if page is not None:
         print(f"Page with pictures: {page.resolve()}")
     return 0
+
+
+def recording_of(result: JobResult) -> Recording:
+    """What a saved model remembers of its data."""
+    samples, what = result.samples, result.options.measurement
+    named = [
+        *zip(samples.names, samples.units, strict=True),
+        *zip(samples.rate_names, samples.rate_units, strict=True),
+        *zip(samples.signal_names, samples.signal_units, strict=True),
+    ]
+    smoothing = {} if what.derivatives else {
+        "method": what.method, "window": what.window, "cutoff": what.cutoff
+    }  # fmt: skip
+    return Recording(
+        source=samples.source,
+        names=list(samples.names),
+        units={name: unit for name, unit in named if unit} | {"time": samples.time_unit},
+        smoothing=smoothing | {"every": samples.decimate},
+    )
 
 
 def _draw(result: JobResult, path: Path) -> str:
