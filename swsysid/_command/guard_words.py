@@ -102,7 +102,7 @@ def inequality(
     scaled = coef / coef[lead]
     above = positive if coef[lead] > 0.0 else ~positive
     kept, threshold, share = _fewest_terms(scaled, monomials, order, above)
-    terms = [(float(scaled[place]), names[place]) for place in kept]
+    terms = [(float(scaled[place]), names[place]) for place in sorted(kept)]
     left = _sum([term for term in terms if term[0] > 0.0])
     right = _sum([(-value, name) for value, name in terms if value < 0.0])
     right = _with_constant(right, threshold, units[lead])

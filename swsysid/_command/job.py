@@ -168,12 +168,16 @@ def _compare(
 
     smooth = [terms, *terms.richer(int(split.train.sum()))]
     predicted = model.predict_modes(samples.X)
+    constant = bool(model.n_modes_ > 1 and (predicted == predicted[0]).all())
+    laws = model.mode_velocities(samples.X[judged])
+    told = samples.Xdot[judged] - laws[model.modes_[judged], np.arange(judged.sum())]
     return Comparison(
         errors=errors(terms, len(seen)),
         rivals=tuple(Rival(each, errors(each, 1)) for each in smooth),
         spread=samples.Xdot[judged, samples.n_known :].std(axis=0),
         n_switches=count_switches(predicted, samples.groups),
-        constant=bool(model.n_modes_ > 1 and (predicted == predicted[0]).all()),
+        constant=constant,
+        told_by_rates=None if np.isnan(model.guard_score_) else told[:, samples.n_known :],
         untested=tuple(int(mode) for mode in np.flatnonzero(shares < RARE)),
     )
 

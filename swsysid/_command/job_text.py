@@ -107,7 +107,7 @@ def _no_guard(result: JobResult) -> str:
     listed = ", ".join(f"mode {mode} in {100 * share:.0f} %" for mode, share in enumerate(shares))
     lines = [
         f"no switching surface: the fitted one gives mode {always} to every sample, although the "
-        f"rates show {listed} of them",
+        f"rates fit {listed} of them",
         "The same values of the columns are seen in different modes: these columns do not tell "
         "the modes apart.",
     ]
@@ -241,9 +241,9 @@ def _of_modes(result: JobResult) -> str:
             "add what drives the system to --inputs, or try another library."
         ),
         Verdict.HIDDEN: (
-            "The rates show modes, but the columns do not say which is active: the model predicts "
-            f"with the law of one of them alone, and its held-out error, against that of {law}, is "
-            f"{_change(comparison)}."
+            "Switching does not predict the held-out samples clearly better than one mode, since "
+            "the columns do not say which mode is active: the model uses the law of one mode "
+            f"everywhere, and its error, against {law}, is {_change(comparison)}."
         ),
     }[comparison.verdict]
 

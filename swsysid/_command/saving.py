@@ -41,20 +41,19 @@ def save(
 
 def recording_of(result: JobResult) -> Recording:
     """What a saved model remembers of its data."""
-    samples, what = result.samples, result.options.measurement
+    samples = result.samples
     named = [
         *zip(samples.names, samples.units, strict=True),
         *zip(samples.rate_names, samples.rate_units, strict=True),
         *zip(samples.signal_names, samples.signal_units, strict=True),
     ]
-    smoothing = {} if what.derivatives else {
-        "method": what.method, "window": what.window, "cutoff": what.cutoff
-    }  # fmt: skip
+    smoothed = samples.smoothing
+    how = {} if smoothed is None else smoothed._asdict() | {"noise": smoothed.noise.tolist()}
     return Recording(
         source=samples.source,
         names=list(samples.names),
         units={name: unit for name, unit in named if unit} | {"time": samples.time_unit},
-        smoothing=smoothing | {"every": samples.decimate},
+        smoothing=how | {"every": samples.decimate},
     )
 
 

@@ -16,6 +16,7 @@ __all__ = ["Comparison", "Rival", "Verdict", "count_switches"]
 
 WORTH = 0.05  # a richer model must lower the error by this fraction to be worth having
 CERTAIN = 2.0  # standard errors from which on a gain is called certain
+HALF = 0.5  # of the error of a smooth law: modes that leave less are no imitation of a curve
 FEWEST_ROWS = 50  # held-out rows that allow a verdict
 FEWEST_SWITCHES = 5  # changes of the mode that allow one
 
@@ -62,6 +63,8 @@ class Comparison:
         Changes of the mode along the trajectories.
     constant : bool
         The surface gives one mode to all samples.
+    told_by_rates : ndarray of shape (n_rows, n_rates), or None
+        Errors where each sample has the mode that its own rates tell; None if they do not tell.
     untested : tuple of int
         Modes that are (nearly) absent from the training part; the held-out rows of these are left
         out.
@@ -72,6 +75,7 @@ class Comparison:
     spread: Array
     n_switches: int
     constant: bool
+    told_by_rates: Array | None
     untested: tuple[int, ...]
 
     @property
@@ -92,16 +96,25 @@ class Comparison:
         return certainty(self.best.errors, self.errors, self.spread)
 
     @property
+    def hidden(self) -> bool:
+        """True if the rates show modes that no law of one mode imitates, and the columns do not."""
+        if not self.constant or self.told_by_rates is None:
+            return False
+        return self._size(self.told_by_rates) < HALF * self._size(self.best.errors)
+
+    @property
     def verdict(self) -> Verdict:
         """What to say about the model."""
-        if self.constant:
-            return Verdict.HIDDEN
-        if len(self.errors) < FEWEST_ROWS or self.n_switches < FEWEST_SWITCHES:
+        if len(self.errors) < FEWEST_ROWS:
             return Verdict.TOO_FEW
+        if self.hidden:
+            return Verdict.HIDDEN
         if self.improvement <= WORTH:
             return Verdict.ONE_MODE if self.best is self.rivals[0] else Verdict.SMOOTH
         if self._size(self.errors) >= 1.0:
             return Verdict.USELESS
+        if self.n_switches < FEWEST_SWITCHES:
+            return Verdict.TOO_FEW
         return Verdict.SWITCHES if self.gain > CERTAIN else Verdict.CHANCE
 
     def _size(self, errors: Array) -> float:
