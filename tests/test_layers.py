@@ -27,7 +27,8 @@ GROUPS = (
     _command/__init__ _search/__init__ _page/__init__ _page/markup
     _rollouts/__init__ _model_files/__init__ _model_files/arrays""",
     # 1: one tool each
-    """_command/tables _command/layout _command/matlab _rollouts/losses _rollouts/certainty
+    """_command/tables _command/layout _command/matlab
+    _command/held_out _command/laws _rollouts/losses _rollouts/certainty
     _rows _model _smoothing_strength _solvers/conic _solvers/edges _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
     _seeding/designs _simulation/events _simulation/inputs metrics/_surfaces
@@ -49,7 +50,7 @@ GROUPS = (
     "_solvers/norm_summary",
     # 3: the losses; the margin program; mixtures of experts
     """diagnosis/_dependence diagnosis/_sizes _search/regression weak_form
-    _command/readers _command/missing _command/runs
+    _command/readers _command/missing _command/runs _command/verdict
     _losses _surfaces/margin_program _surfaces/probability _seeding/experts metrics/_scorers
     _simulation/stepping _rollouts/stated _rollouts/integrate _rollouts/parameters
     metrics/_reliability datasets/_polynomial_system
@@ -98,7 +99,7 @@ GROUPS = (
     # 19 to 21: the public names, the main job, the command line
     "_saving",
     "__init__ _command/job datasets/__init__",
-    "_command/samples_text",
+    "_command/samples_text _command/guard_words",
     "_command/job_text _command/diagnosis _command/arguments _command/built_in",
     "_command/saving",
     "_command/run",

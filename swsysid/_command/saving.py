@@ -7,6 +7,7 @@ from pathlib import Path
 
 from swsysid._command.diagnosis import units_of
 from swsysid._command.job import JobResult
+from swsysid._command.samples import Samples
 from swsysid._saving import Recording, save_model
 from swsysid.diagnosis import EffectSearchCV
 
@@ -47,14 +48,26 @@ def recording_of(result: JobResult) -> Recording:
         *zip(samples.rate_names, samples.rate_units, strict=True),
         *zip(samples.signal_names, samples.signal_units, strict=True),
     ]
-    smoothed = samples.smoothing
-    how = {} if smoothed is None else smoothed._asdict() | {"noise": smoothed.noise.tolist()}
     return Recording(
         source=samples.source,
         names=list(samples.names),
         units={name: unit for name, unit in named if unit} | {"time": samples.time_unit},
-        smoothing=how | {"every": samples.decimate},
+        smoothing=_smoothing_of(samples),
     )
+
+
+def _smoothing_of(samples: Samples) -> dict[str, str | int | float | list[float]]:
+    """How the velocities were made; empty where they were measured."""
+    used = samples.smoothing
+    if used is None:
+        return {}
+    limits = {"window": used.window, "cutoff": used.cutoff}
+    return {
+        "method": str(used.method),
+        **{name: float(value) for name, value in limits.items() if value is not None},
+        "noise": [float(size) for size in used.noise],
+        "every": samples.decimate,
+    }
 
 
 def _draw(result: JobResult, path: Path) -> str:
