@@ -258,6 +258,7 @@ def test_thresholds_regions_and_constants_in_words():
     assert words(-0.06, 3.0, 0.0, 0.0, 0.0).negative == "x < 0.02 m"
     assert words(1.5, 0.0, 0.0, -1.0, -1.0).positive == "x^2 + y^2 < 1.5"
     assert words(0.0, -2.0, 1.0, 0.0, 0.0).positive == "x < 0.5 y"
+    assert words(-0.001, 2.5, -2.0, 0.0, 0.0).positive == "x > 0.8 y"
     assert words(1.0, 2.0, -1.0, 0.0, 0.0).positive == "x > 0.5 y - 0.5 m"
     slight = words(-0.06, 3.0, 1e-4, 0.0, 0.0)  # a term that moves no sample is left out
     assert slight.positive.startswith("x > 0.0") and "y" not in slight.positive

@@ -12,6 +12,7 @@ import pytest
 from sklearn.base import BaseEstimator
 from sklearn.tree import DecisionTreeClassifier
 
+from swsysid import SwitchingSystemRegressor
 from swsysid._results import IterationRecord
 from swsysid.plotting import (
     PALETTE,
@@ -138,6 +139,23 @@ def test_given_modes_are_coloured_as_the_predicted_ones_they_agree_with(model):
     display = SwitchingSurfaceDisplay.from_estimator(model, X, modes=third)
     assert display.classes == [0, 1, "stuck (true)"]
     np.testing.assert_array_equal(display.modes == "stuck (true)", third == "stuck")
+
+
+def test_labels_of_the_fit_are_not_called_true():
+    """Two laws drawn by a coin: the surface is constant, and the labels are the fit's own."""
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1, 1, (300, 2))
+    rate = np.where(rng.random(300) < 0.7, X[:, 1], 2.0 + X[:, 0])
+    fitted = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
+    with pytest.warns(UserWarning):
+        fitted.fit(X, rate)
+    display = SwitchingSurfaceDisplay.from_estimator(fitted, X, modes="fitted")
+    assert sorted(display.classes) == [0, 1]
+    legend = [text.get_text() for text in display.ax_.get_legend().get_texts()]
+    assert not any("true" in text for text in legend)
+    np.testing.assert_array_equal(display.modes, fitted.modes_)
+    with pytest.raises(ValueError, match="modes='fited' is unknown"):
+        SwitchingSurfaceDisplay.from_estimator(fitted, X, modes="fited")
 
 
 def test_any_classifier_shows_its_regions():

@@ -16,7 +16,8 @@ from swsysid._rows import spread_rows
 __all__ = ["Inequality", "best_threshold", "inequality", "memory", "regions"]
 
 MOST_ROWS = 20_000  # samples that are looked at
-SAME_SIDE = 0.998  # share of the samples on which fewer terms say the same
+SAME_SIDE = 0.99  # share of the samples on which fewer terms say the same
+NO_CONSTANT = 0.001  # share of them that a constant has to put right
 SHARP = 0.25  # of the distance of two thresholds: how far switches may lie from either
 FEWEST = 3  # switches to each side that show a memory
 
@@ -117,16 +118,20 @@ def _fewest_terms(
     for n_terms in range(1, len(order)):
         kept = order[:n_terms]
         values = monomials[:, kept] @ scaled[kept]
-        threshold = best_threshold(values, above)[0]
-        shares = [float(np.mean((values > level) == above)) for level in (0.0, threshold)]
-        if max(shares) >= SAME_SIDE:
-            return (
-                (kept, 0.0, shares[0]) if shares[0] >= SAME_SIDE else (kept, threshold, shares[1])
-            )
+        threshold, share = _with_or_without(best_threshold(values, above)[0], values, above)
+        if share >= SAME_SIDE:
+            return kept, threshold, share
     rest = np.setdiff1d(np.arange(len(scaled)), order)
-    threshold = -float(monomials[0, rest] @ scaled[rest])
-    share = float(np.mean((monomials[:, order] @ scaled[order] > 0.0) == above))
-    return (order, 0.0, share) if share >= SAME_SIDE else (order, threshold, 1.0)
+    values, exact = monomials[:, order] @ scaled[order], -float(monomials[0, rest] @ scaled[rest])
+    return (order, *_with_or_without(exact, values, above))
+
+
+def _with_or_without(
+    threshold: float, values: Array, above: NDArray[np.bool_]
+) -> tuple[float, float]:
+    """A threshold, or zero if that is as good, and the share of the samples on the same side."""
+    shares = [float(np.mean((values > level) == above)) for level in (0.0, threshold)]
+    return (0.0, shares[0]) if shares[0] >= shares[1] - NO_CONSTANT else (threshold, shares[1])
 
 
 def _sum(terms: Sequence[tuple[float, str]]) -> str:

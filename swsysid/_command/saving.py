@@ -84,7 +84,7 @@ def _draw(result: JobResult, path: Path) -> str:
     display = SwitchingSurfaceDisplay.from_estimator(
         result.model,
         samples.X,
-        modes=result.model.modes_,
+        modes="fitted",
         names=samples.names,
         units={name: unit for name, unit in zip(samples.names, samples.units, strict=True) if unit},
     )

@@ -11,6 +11,7 @@ from swsysid.plotting._style import (
     Display,
     axis_label,
     canvas,
+    check_length,
     column_names,
     in_fitted_form,
     mode_colour,
@@ -100,9 +101,10 @@ class SwitchingSurfaceDisplay(Display):
             ``surface_`` (or itself) may offer ``surface_values``; otherwise the boundaries of
             the predicted regions are drawn.
         X : array-like or data frame of shape (n_samples, n_features)
-        modes : array-like of shape (n_samples,), default=None
-            Labels that colour the samples, such as the true ones, under the names of the
-            predicted modes that they agree with best; the predicted ones if None.
+        modes : array-like of shape (n_samples,) or "fitted", default=None
+            True labels that colour the samples, under the names of the predicted modes that they
+            agree with best; the predicted ones if None. ``"fitted"`` are the labels that the fit
+            gave its samples, ``estimator.modes_``, for the `X` of the fit.
         features : pair of int or str, default=(0, 1)
             The features on the axes.
         true_guard : callable, default=None
@@ -139,7 +141,10 @@ class SwitchingSurfaceDisplay(Display):
 
         predict = getattr(estimator, "predict_modes", None) or estimator.predict
         predicted = np.asarray(predict(in_fitted_form(estimator, np.vstack([X, points]))))
-        modes = named_as_predicted(modes, predicted[: len(X)])
+        if isinstance(modes, str):
+            modes = _fitted_modes(estimator, modes, len(X))
+        else:
+            modes = named_as_predicted(modes, predicted[: len(X)])
         in_plane = predicted[len(X) :]
         regions = np.searchsorted(np.unique(predicted), in_plane).reshape(shape)
         display = cls(
@@ -200,6 +205,14 @@ class SwitchingSurfaceDisplay(Display):
                 label=f"mode {label}",
                 **style,
             )
+
+
+def _fitted_modes(estimator, modes, n_samples):
+    """The labels that the fit gave its samples."""
+    if modes != "fitted":
+        raise ValueError(f"modes={modes!r} is unknown; give labels, 'fitted' or None.")
+    check_length("modes_ of the estimator", estimator.modes_, n_samples)
+    return np.asarray(estimator.modes_)
 
 
 def _padded_range(values):
