@@ -11,7 +11,6 @@ from swsysid.plotting._style import (
     Display,
     axis_label,
     canvas,
-    check_length,
     column_names,
     in_fitted_form,
     mode_colour,
@@ -211,8 +210,13 @@ def _fitted_modes(estimator, modes, n_samples):
     """The labels that the fit gave its samples."""
     if modes != "fitted":
         raise ValueError(f"modes={modes!r} is unknown; give labels, 'fitted' or None.")
-    check_length("modes_ of the estimator", estimator.modes_, n_samples)
-    return np.asarray(estimator.modes_)
+    labels = np.asarray(estimator.modes_)
+    if len(labels) != n_samples:
+        raise ValueError(
+            f"modes='fitted' are the labels of the {len(labels)} samples of the fit and X has "
+            f"{n_samples} rows; give the X of the fit, or modes=None."
+        )
+    return labels
 
 
 def _padded_range(values):
