@@ -341,6 +341,23 @@ def test_a_clock_in_whole_seconds_is_refused_and_a_time_step_helps():
     assert by_step.time_unit == "s"
 
 
+def test_a_filter_that_needs_even_times_starts_again_after_a_missing_row():
+    x = X.copy()
+    x[150] = np.nan
+    samples = measured(T, x, method="butterworth", cutoff=5.0)
+    assert "A gap in time, and a new run after it: row 153." in samples.remarks
+    assert preparation(samples)[-1].startswith("Smoothed by a low-pass of 5 Hz; noise of one")
+    np.testing.assert_allclose(samples.Xdot[:, 0], np.cos(samples.t), atol=0.01)
+
+
+def test_a_row_of_no_trajectory_is_left_out():
+    run = np.repeat(["a", "b"], 150).astype(object)
+    run[40] = ""
+    samples = measured(T, X, run=run)
+    assert samples.remarks == ("Left out: 1 of 300 rows, with missing values (run 1; row 42).",)
+    assert set(samples.groups.tolist()) == {"a", "b"}
+
+
 def test_nothing_long_enough_is_a_sentence():
     with pytest.raises(ValueError, match="the longest of 60 has 5 samples"):
         measured(np.tile(T[:5], 60), X)

@@ -78,6 +78,7 @@ def runs_of(
     rows: Rows,
     in_file: Callable[[int], int],
     name: str,
+    largest_gap: float = LARGEST_GAP,
 ) -> Runs:
     """Split rows where the time starts again or skips.
 
@@ -93,6 +94,8 @@ def runs_of(
         From a row of the table to one of the file.
     name : str
         Of the times, for messages.
+    largest_gap : float, default=LARGEST_GAP
+        In usual steps; after a longer one a new run begins.
 
     Raises
     ------
@@ -104,7 +107,7 @@ def runs_of(
     names: list[str] = []
     given = np.zeros(len(times), dtype=int) if labels is None else labels
     for label, members in _by_label(given[rows]):
-        parts = list(_parts(times, rows[members], found))
+        parts = list(_parts(times, rows[members], largest_gap, found))
         pieces += parts
         names += [f"{label}.{k}" if k > 1 else label for k in range(1, len(parts) + 1)]
     _check_resolution(found, len(rows), name)
@@ -128,7 +131,7 @@ def _by_label(labels: NDArray) -> Iterator[tuple[str, Rows]]:
         yield str(int(name) if whole else name), np.flatnonzero(codes == k)
 
 
-def _parts(times, rows: Rows, found: _Findings) -> Iterator[Rows]:
+def _parts(times, rows: Rows, largest_gap: float, found: _Findings) -> Iterator[Rows]:
     """The runs among the rows of one trajectory."""
     steps = np.diff(times[rows])
     if np.sum(steps < 0) > np.sum(steps > 0):
@@ -145,7 +148,7 @@ def _parts(times, rows: Rows, found: _Findings) -> Iterator[Rows]:
         if again.any():
             found.repeated.append(part[again])
         part = part[~again]
-        gaps = np.flatnonzero(np.diff(times[part]) > LARGEST_GAP * usual) + 1
+        gaps = np.flatnonzero(np.diff(times[part]) > largest_gap * usual) + 1
         if len(gaps):
             found.gaps.append(part[gaps])
         yield from np.split(part, gaps)

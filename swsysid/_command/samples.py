@@ -14,9 +14,11 @@ from swsysid._command.tables import Table
 from swsysid._command.units import rate_unit
 from swsysid._command.wording import counted
 from swsysid._results import Array
-from swsysid.differentiation import Smoothing, choose_smoothing, differentiate
+from swsysid.differentiation import LARGEST_GAP, Smoothing, choose_smoothing, differentiate
 
 __all__ = ["Samples", "measure"]
+
+EVEN_GAP = 1.5  # steps; a filter that needs even times starts again after a missing row
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ def measure(table: Table, what: Measurement) -> Samples:
     numbers, labels, remarks = complete_cells(table, what)
     rows = np.flatnonzero(np.isfinite(numbers).all(axis=1))
     if what.timed:
-        runs = runs_of(numbers[:, -1], labels, rows, table.row, what.time or "time")
+        gap = EVEN_GAP if what.method == "butterworth" else LARGEST_GAP
+        runs = runs_of(numbers[:, -1], labels, rows, table.row, what.time or "time", gap)
     else:
         runs = Runs(rows, np.zeros(len(rows), dtype=int) if labels is None else labels[rows], [])
     remarks += runs.remarks
