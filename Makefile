@@ -57,7 +57,7 @@ docs: $(VENV)/.installed-docs
 
 # The same without measured data and without network, as a reader on a train builds them.
 docs-offline: $(VENV)/.installed-docs
-	env -u SWSYSID_DATA XDG_CACHE_HOME=docs/_build/no_cache \
+	env -u SWSYSID_DATA XDG_CACHE_HOME=$(CURDIR)/docs/_build/no_cache \
 		http_proxy=http://127.0.0.1:9 https_proxy=http://127.0.0.1:9 $(MAKE) docs
 
 examples-record: $(VENV)/.installed-test

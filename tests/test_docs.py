@@ -78,8 +78,8 @@ BUILDS = {
 }
 
 
-@pytest.mark.parametrize(("build", "code"), BUILDS.values(), ids=BUILDS)
-def test_make_docs_fails_without_a_front_page(tmp_path, build, code):
+def _checkout(tmp_path, build):
+    """The Makefile beside an interpreter that runs a shell command whatever it is asked."""
     (tmp_path / "Makefile").write_bytes((ROOT / "Makefile").read_bytes())
     interpreter = tmp_path / ".venv" / "bin" / "python"
     interpreter.parent.mkdir(parents=True)
@@ -87,12 +87,29 @@ def test_make_docs_fails_without_a_front_page(tmp_path, build, code):
     interpreter.chmod(0o755)
     (tmp_path / "pyproject.toml").touch()
     (tmp_path / ".venv" / ".installed-docs").touch()
+
+
+@pytest.mark.parametrize(("build", "code"), BUILDS.values(), ids=BUILDS)
+def test_make_docs_fails_without_a_front_page(tmp_path, build, code):
+    _checkout(tmp_path, build)
     # the page of an earlier build proves nothing
     stale = tmp_path / "docs" / "_build" / "html" / "index.html"
     stale.parent.mkdir(parents=True)
     stale.touch()
     done = subprocess.run(["make", "docs"], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == code, done.stdout + done.stderr
+
+
+def test_docs_offline_has_neither_data_nor_network(tmp_path, monkeypatch):
+    whole, _ = BUILDS["whole"]
+    _checkout(tmp_path, f"env > seen && {whole}")
+    monkeypatch.setenv("SWSYSID_DATA", "/somewhere")
+    subprocess.run(["make", "docs-offline"], cwd=tmp_path, check=True, capture_output=True)
+    seen = dict(re.findall(r"^(\w+)=(.*)$", (tmp_path / "seen").read_text(), re.M))
+    assert "SWSYSID_DATA" not in seen
+    # the port of the discard service: nothing listens there
+    assert seen["https_proxy"] == seen["http_proxy"] == "http://127.0.0.1:9"
+    assert seen["XDG_CACHE_HOME"].startswith(os.fspath(tmp_path))
 
 
 def test_no_example_ends_the_interpreter():
