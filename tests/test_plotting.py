@@ -53,6 +53,7 @@ class _Switching(BaseEstimator):
             )
             for i in range(1, 6)
         ]
+        self.modes_ = self.history_[-1].modes
         return self
 
     def predict_modes(self, X):
@@ -179,7 +180,7 @@ def test_a_data_frame_keeps_its_names():
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ({"features": ("x0", "speed")}, "'speed' is none of the columns x0, x1"),
+        ({"features": ("x0", "speed")}, "'speed' is none of the columns; choose among x0, x1"),
         ({"names": ["x"]}, "names has 1 entries for 2 columns"),
     ],
 )
@@ -272,22 +273,22 @@ def test_residual_against_time(model):
     )
     assert display.ax_.get_xlabel() == "time (s)"
     np.testing.assert_array_equal(display.coordinate, t)
-    with pytest.raises(ValueError, match="against has 299 entries for 300 samples"):
+    with pytest.raises(ValueError, match=r"against has shape \(299,\); give one value for each"):
         ResidualDisplay.from_estimator(model, X, X, against=t[1:])
 
 
 def test_arrays_of_another_length_get_a_sentence(model):
     X = _samples()
-    with pytest.raises(ValueError, match="give one for each of 300 rows"):
+    with pytest.raises(ValueError, match="give one value for each of the 300 samples"):
         ModeTimelineDisplay.from_estimator(model, X, np.arange(3.0))
-    with pytest.raises(ValueError, match="give one for each of 300 rows"):
+    with pytest.raises(ValueError, match="give one value for each of the 300 samples"):
         RolloutDisplay.from_estimator(model, X, np.arange(3.0))
     with pytest.raises(ValueError, match="the model predicts 2 velocities of 300 samples"):
         ResidualDisplay.from_estimator(model, X, X[:, :1])
 
 
 def test_a_column_that_is_not_there_gets_a_sentence(model):
-    with pytest.raises(ValueError, match="no column 9; the columns are x0, x1"):
+    with pytest.raises(ValueError, match="no column 9; choose among x0, x1"):
         SwitchingSurfaceDisplay.from_estimator(model, _samples(), features=(0, 9))
 
 
