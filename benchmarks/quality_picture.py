@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from quality_cases import MAIN, STRESS
 from quality_cells import Cells, scenario_title
 
-__all__ = ["STYLES", "draw_errors", "draw_reliability", "pictures"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["STYLES", "draw_errors", "draw_reliability", "fingerprint", "pictures"]
 
 # Colour, marker, size, offset in rows. Red-blind readers see orange and green as one colour; of
 # these four every pair differs in lightness or in blue, and markers repeat the message.
@@ -24,21 +31,37 @@ N_COLUMNS = 3
 
 
 def pictures(parts: dict[str, dict], folder: Path) -> None:
-    """Errors under the usual and under the harder corruptions, and honesty of probabilities."""
+    """Errors under the usual and under the harder corruptions, and honesty of probabilities.
+
+    Each says in its file of which results it is drawn; see `fingerprint`.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    source = {"Source": fingerprint(parts)}
+    for name, figure in _figures(parts):
+        figure.savefig(folder / name, dpi=120, metadata=source)
+        _pyplot().close(figure)
+
+
+def fingerprint(parts: dict[str, dict]) -> str:
+    """A short name of the results that the pictures show."""
+    shown = [parts["cells"], parts.get("reliability")]
+    return hashlib.sha256(json.dumps(shown).encode()).hexdigest()[:16]
+
+
+def _figures(parts: dict[str, dict]) -> Iterator[tuple[str, Figure]]:
     found = Cells(parts["cells"]["cells"])
     for scenarios, name in ((MAIN, "quality.png"), (STRESS, "quality_stress.png")):
         names = [scenario.name for scenario in scenarios if scenario.name in found.scenarios]
         if names:
-            draw_errors(found, names, folder / name)
+            yield name, draw_errors(found, names)
     reliability = parts.get("reliability", {}).get("scenarios", {})
     names = [scenario.name for scenario in MAIN + STRESS if scenario.name in reliability]
     if names:
         shares = {name: reliability[name]["shares"] for name in names}
-        draw_reliability(shares, folder / "quality_reliability.png")
+        yield "quality_reliability.png", draw_reliability(shares)
 
 
-def draw_errors(found: Cells, scenarios: list[str], file: Path) -> None:
+def draw_errors(found: Cells, scenarios: list[str]) -> Figure:
     """Error of the modes of every method, a panel for each corruption, a row for each case."""
     plt = _pyplot()
     n_columns = min(len(scenarios), N_COLUMNS)
@@ -61,8 +84,7 @@ def draw_errors(found: Cells, scenarios: list[str], file: Path) -> None:
         handles.update(dict(zip(*panel.get_legend_handles_labels()[::-1], strict=True)))
     figure.legend(handles.values(), handles, loc="outside upper center", ncols=4, frameon=False)
     figure.supxlabel("1 - balanced accuracy of the modes (smaller is better)", fontsize="medium")
-    figure.savefig(file, dpi=120)
-    plt.close(figure)
+    return figure
 
 
 def _strip(panel, found: Cells, scenario: str, method: str) -> None:
@@ -92,7 +114,7 @@ def _finish(panel, found: Cells, scenario: str) -> None:
         panel.axhspan(row - 0.5, row + 0.5, color="0.95", zorder=0)
 
 
-def draw_reliability(scenarios: dict[str, dict], file: Path) -> None:
+def draw_reliability(scenarios: dict[str, dict]) -> Figure:
     """Claimed probabilities beside how often they are right: a panel for each group of samples."""
     plt = _pyplot()
     groups = {
@@ -116,8 +138,7 @@ def draw_reliability(scenarios: dict[str, dict], file: Path) -> None:
     figure.legend(handles, names, loc="outside upper center", ncols=2, frameon=False)
     told = "share of the samples (a model that is honest has both at one place)"
     figure.supxlabel(told, fontsize="medium")
-    figure.savefig(file, dpi=120)
-    plt.close(figure)
+    return figure
 
 
 def _reliability_panel(panel, group: str, shares: list[dict]) -> None:

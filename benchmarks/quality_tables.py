@@ -20,12 +20,12 @@ def summary(parts: dict[str, dict]) -> str:
     """All cells together."""
     found, timing = Cells(parts["cells"]["cells"]), parts.get("timing", {}).get("cells", [])
     lines = goals(found, parts["cells"]["count"], timing)
-    head = ["figure", "value", "goal", "", "where it is missed"]
+    head = ["figure", "value", "goal", "verdict", "where it is missed"]
     reached = [[one.figure, one.value, one.goal, one.verdict, one.missed] for one in lines]
     return _sections(
         ("Summary", [*_summary(found), "", origins(parts)]),
         ("Where another method is ahead", _defeats(found)),
-        ("Figures to reach", _table(head, reached)),
+        ("Figures to reach", _table(head, reached, others="|---")),
         ("How far the probabilities can be trusted", _reliability(parts)),
         ("Time", _times(timing)),
     )
@@ -46,9 +46,9 @@ def _sections(*sections: tuple[str, list[str]]) -> str:
     return "\n".join(f"## {title}\n\n{text}\n" for title, text in shown)
 
 
-def _table(head: list[str], rows: Iterable[list[str]]) -> list[str]:
-    """A Markdown table, the first column left, the others right."""
-    lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
+def _table(head: list[str], rows: Iterable[list[str]], others: str = "|---:") -> list[str]:
+    """A Markdown table, the first column left, the others right if not told otherwise."""
+    lines = ["| " + " | ".join(head) + " |", "|---" + others * (len(head) - 1) + "|"]
     return lines + ["| " + " | ".join(row) + " |" for row in rows]
 
 
@@ -66,25 +66,30 @@ def _summary(found: Cells) -> list[str]:
         "seeds; in brackets the number of cases whose median loss against the oracle is at most "
         "0.005.\n"
     ]
-    lines += _pivot(found, _typical)
+    lines += _pivot(found, _typical, found.methods())
     lines += [
         "\nThe case with the largest median loss of balanced accuracy against the oracle "
         "(smaller is better).\n"
     ]
-    return lines + _pivot(found, _farthest)
+    others = [name for name in found.methods() if name != "oracle"]
+    return lines + _pivot(found, _farthest, others)
 
 
-def _pivot(found: Cells, entry: Callable[[Cells, list[Cell], str], str]) -> list[str]:
+def _pivot(
+    found: Cells, entry: Callable[[Cells, list[Cell], str], str], shown: list[str]
+) -> list[str]:
     """A table for each set of methods that were run in the same corruptions."""
     groups: dict[tuple[str, ...], list[str]] = {}
     for scenario in found.scenarios:
         if scenario in SCENARIOS:
-            groups.setdefault(tuple(found.methods(scenario)), []).append(scenario)
+            methods = tuple(name for name in found.methods(scenario) if name in shown)
+            groups.setdefault(methods, []).append(scenario)
     lines = []
     for methods, scenarios in groups.items():
         rows = []
         for scenario in scenarios:
-            cells = [cell for cell in found.with_methods(*methods) if cell[1] == scenario]
+            compared = found.with_methods("oracle", *methods)
+            cells = [cell for cell in compared if cell[1] == scenario]
             entries = [entry(found, cells, method) for method in methods]
             rows.append([scenario_title(scenario), *entries])
         head = ["corruption", *(found.title(name, scenarios[0]) for name in methods)]
@@ -105,8 +110,6 @@ def _typical(found: Cells, cells: list[Cell], method: str) -> str:
 
 
 def _farthest(found: Cells, cells: list[Cell], method: str) -> str:
-    if method == "oracle":
-        return ""
     losses = _losses(found, cells, method)
     worst = int(np.argmax(losses))
     return f"{losses[worst]:.4f} ({cells[worst][0]})"

@@ -32,7 +32,7 @@ def general(problems: Callable[[], Iterable[Problem]]) -> Callable[..., Iterator
     def cases(options) -> Iterator[Case]:
         for problem in problems():
             yield Case(
-                problem.name,
+                f"{problem.name}: cvxpy and Clarabel",
                 problem.call("ours", problem.ours),
                 problem.call("general", problem.general),
                 problem.goal,

@@ -108,7 +108,7 @@ def _growth_case(system: System, data, taken) -> Case:
     def exponent():
         sizes, spent = np.log(np.array(taken)).T
         if np.ptp(sizes) == 0.0:
-            return ""
+            return "as many rows on both sides: how far the turns scatter"
         return f"time grows as N to the {np.polyfit(sizes, spent, 1)[0]:.2f} up to here"
 
     return Case(
@@ -137,9 +137,7 @@ def memory(options) -> Iterator[Case]:
 
         library = 15.0 * 8.0 * len(data.X)
         name = f"{system.name}, N = {len(data.X):.0e}, memory in library matrices"
-        yield Case(
-            name, peak, lambda library=library: library, Goal(at_most=3), False, unit="bytes"
-        )
+        yield Case(name, peak, lambda library=library: library, Goal(at_most=3), False, unit="B")
 
 
 def on_disk(options) -> Iterator[Case]:

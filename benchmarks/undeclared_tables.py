@@ -131,7 +131,10 @@ def _wrong(records) -> list[str]:
 
 
 def _figure_table(figures: dict[str, dict]) -> list[str]:
-    lines = ["| figure | value | records | better | goal | |", "|---|---:|---:|---|---|---|"]
+    lines = [
+        "| figure | value | records | better | goal | verdict |",
+        "|---|---:|---:|---|---|---|",
+    ]
     for name, figure in FIGURES.items():
         if name in figures:
             value = figures[name]["value"]

@@ -89,6 +89,15 @@ def test_a_goal_says_which_side_is_better():
     assert Goal().told == ""
 
 
+@pytest.mark.parametrize("name", ["quality", "quality_stress", "quality_reliability"])
+def test_a_picture_is_drawn_from_the_results_that_are_kept(name, import_benchmark):
+    image = pytest.importorskip("PIL.Image")
+    fingerprint = import_benchmark("quality_picture").fingerprint
+    parts = import_benchmark("results").load("quality")
+    with image.open(ROOT / "docs" / "_static" / f"{name}.png") as picture:
+        assert picture.info["Source"] == fingerprint(parts)
+
+
 def _shown(file, name):
     """The line of a generated table that begins with a name."""
     lines = (ROOT / "docs" / file).read_text(encoding="utf-8").splitlines()

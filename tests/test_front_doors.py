@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import inspect
 import os
 import re
 import subprocess
@@ -114,6 +115,21 @@ def test_the_chart_of_settings_names_what_exists():
     homes = (swsysid, swsysid.refinement, sklearn.model_selection)
     for name in classes:
         assert any(hasattr(home, name) for home in homes), name
+
+
+@pytest.mark.parametrize("page", ["glossary", "how_to_choose", "coming_from_pysindy", "quickstart"])
+def test_fitted_attributes_that_a_page_names_exist(page):
+    described = " ".join(
+        inspect.getdoc(cls)
+        for cls in (
+            swsysid.SwitchingSystemRegressor,
+            swsysid.PolynomialSurfaceClassifier,
+            swsysid.EffectSearchCV,
+        )
+    )
+    named = set(re.findall(r"`(\w+[a-z]_)`", _text(f"docs/{page}.md")))
+    assert named
+    assert {name for name in named if f"{name} :" not in described} == set()
 
 
 def _group_pages():

@@ -70,6 +70,27 @@ def test_modelling_is_not_counted(direct):
     assert 0.0 < seconds < 0.9 * whole
 
 
+def test_direct_equals_stand_beside_what_they_equal(import_benchmark):
+    tables = import_benchmark("speed_tables")
+
+    def part(*names):
+        figure = {"ratio": 1700.0, "spread": [0.5, 2000.0], "sides": [24.8e-6, 0.0418], "unit": "s"}
+        asked = {"better": "larger", "goal": {"at_least": 500}, "note": ""}
+        figures = [{"name": name, **figure, **asked} for name in names]
+        return {"origin": {"commit": "abc", "day": "2026-11-22"}, "figures": figures}
+
+    general = part("fit, N = 1: cvxpy", "fit, N = 2: cvxpy")
+    direct = part("fit, N = 1: by hand", "fit, N = 3: by hand")
+    lines = tables.table({"general": general, "direct": direct}).splitlines()[2:6]
+    assert [line.split(" | ")[0] for line in lines] == [
+        "| fit, N = 1: cvxpy",
+        "| ... by hand",
+        "| fit, N = 2: cvxpy",
+        "| fit, N = 3: by hand",
+    ]
+    assert "| 1700 (0.5 to 2000) | 24.8 µs / 41.8 ms | at least 500, reached |" in lines[0]
+
+
 def test_rows_growth_memory_and_imports_are_measured(speed, tmp_path):
     options = ["--repeats", "1", "--output", str(tmp_path), "--largest", "1.2e4"]
     parts = ["rows", "growth", "memory", "on_disk", "imports"]
