@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
 from swsysid._effect_equations import guards_with_effects, laws_with_effects
 from swsysid._effect_simulation import simulate_with_effects
+from swsysid._printing import check_format
 from swsysid._records import Records, make_records
 from swsysid._scores import ScoredByR2
 from swsysid._search.joint_fit import JointFit, check_declared, fit_jointly
@@ -144,6 +145,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
             delay, ``[v > 0]`` one where v is positive and else zero.
         """
         check_fitted(self, "estimator_")
+        check_format(format, precision)
         return laws_with_effects(self._fit, self._channel_names, precision, format)
 
     def surface_equations(self, precision=3, format="text"):
@@ -161,6 +163,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
             each jump of a state.
         """
         check_fitted(self, "estimator_")
+        check_format(format, precision)
         return guards_with_effects(self._fit, self._channel_names, precision, format)
 
     # -- parts ---------------------------------------------------------------------------------

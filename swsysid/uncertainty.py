@@ -249,6 +249,11 @@ def _resamples(estimator, X, y, groups, n_resamples, random_state):
             f"X has {len(X)} samples but the estimator was fitted to {len(estimator.modes_)}; "
             "give the samples that it was fitted to."
         )
+    if targets.shape[1] != estimator.coef_.shape[1]:
+        raise ValueError(
+            f"y has {targets.shape[1]} columns; give {estimator.coef_.shape[1]}, one for each "
+            "velocity of the model."
+        )
     _refuse_other_samples(estimator, X, targets)
     blocks = np.arange(len(X)) if groups is None else trajectory_codes(groups, len(X))
     order = np.lexsort(np.column_stack([X, targets, blocks]).T[::-1])

@@ -231,9 +231,9 @@ def test_axes_of_the_user_are_used_and_a_wrong_wish_is_refused(report):
     assert report.plot(ax=axes).ax_[0] is axes[0, 0]
     with pytest.raises(ValueError, match="this display draws 4 panels"):
         report.plot(ax=plt.subplots()[1])
-    with pytest.raises(ValueError, match="'torque' is none of the states theta, omega"):
+    with pytest.raises(ValueError, match="equation='torque' is unknown; choose among theta, omega"):
         report.plot(equation="torque")
-    with pytest.raises(ValueError, match="the effects found are 1"):
+    with pytest.raises(ValueError, match="effect=1 is too large; give a number below 1"):
         report.plot(effect=1)
 
 

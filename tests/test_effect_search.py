@@ -315,7 +315,11 @@ def test_a_short_record_is_returned_unchanged_with_a_warning():
         ({"effects": "everything"}, ValueError, "must be 'all' or a list"),
         ({"effects": ["coulomb"]}, ValueError, "must be 'all' or a list"),
         ({"max_effects": -1}, ValueError, "at least 0"),
-        ({"significance": 2.0}, ValueError, "between 0 and 1"),
+        (
+            {"significance": 2.0},
+            ValueError,
+            "significance=2.0 must be a number above 0 and below 1",
+        ),
     ],
 )
 def test_bad_parameters_are_refused_in_a_sentence(parameters, error, message):

@@ -160,8 +160,8 @@ def test_exchangeable_rows_have_no_memory_and_say_so():
         ({"t": [0.0, 1.0, 0.5, 2.0, 3.0]}, "must increase along every trajectory"),
         ({"t": [0.0, 1.0]}, "one value for each of the 5 samples"),
         ({"t": [0.0, 1.0, np.nan, 2.0, 3.0]}, "NaN"),
-        ({"groups": [0, 1]}, "one trajectory name for each"),
-        ({"signals": np.ones((3, 2))}, "one row of channels for each"),
+        ({"groups": [0, 1]}, "groups has shape .2,.; give one name for each"),
+        ({"signals": np.ones((3, 2))}, "signals has shape .3, 2.; give one row for each"),
         ({"signals": np.full((5, 1), np.inf)}, "NaN or infinity"),
     ],
 )

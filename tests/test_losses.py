@@ -224,7 +224,7 @@ def test_a_penalty_is_one_more_coordinate(name):
 
 
 def test_an_unknown_loss_is_refused_in_words():
-    with pytest.raises(ValueError, match="loss='l3' is unknown; choose one of l1, l2, squared"):
+    with pytest.raises(ValueError, match="loss='l3' is unknown; choose 'l1', 'l2' or 'squared'"):
         get_loss("l3")
 
 

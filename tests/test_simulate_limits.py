@@ -162,12 +162,15 @@ def test_discrete_time_uses_inputs_and_stops_at_its_limits():
     ("arguments", "sentence"),
     [
         (dict(x0=[[1.0]], t=[0, 1]), "give one finite state"),
-        (dict(x0=[np.nan], t=[0, 1]), "give one finite state"),
+        (dict(x0=[np.nan], t=[0, 1]), "x0 contains NaN or infinity"),
         (dict(x0=[1.0], t=[0, 0]), "strictly increasing"),
         (dict(x0=[1.0], t=[0, 1], inputs=np.ones(3)), "one row for each time"),
-        (dict(x0=[1.0], t=[0, 1], inputs=[1, np.inf]), "fill the gaps"),
+        (
+            dict(x0=[1.0], t=[0, 1], inputs=[1, np.inf]),
+            "inputs contains NaN or infinity .* fill them in",
+        ),
         (dict(x0=[1.0], t=[0, 1], inputs=[1, 1], input_hold="cubic"), "'zero' or 'linear'"),
-        (dict(x0=[1.0], t=[0, 1], inputs=[1, 1], method="Euler"), "choose auto, DOP853"),
+        (dict(x0=[1.0], t=[0, 1], inputs=[1, 1], method="Euler"), "choose 'auto', 'DOP853'"),
         (dict(x0=[1.0, 2.0, 3.0], t=[0, 1], inputs=[[1, 1], [1, 1]]), "shape"),
     ],
 )

@@ -286,17 +286,17 @@ def test_the_declared_model_can_be_cloned_sent_and_fitted(system):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (dict(system="clock"), "system='clock' is unknown; choose from oscillator"),
+        (dict(system="clock"), "system='clock' is unknown; choose 'oscillator'"),
         (dict(effect="overflow"), "'overflow' does not exist on 'oscillator'; choose from bias"),
         (dict(effect=("bias", "bias")), "names a kind twice"),
         (dict(effect="reset", mode=0), "'reset' has no mode of its own"),
         (dict(effect="bias", mode=2), "mode=2 does not exist"),
         (dict(effect="bias", target=0), "cannot have target=0; choose from 1"),
         (dict(effect="lag", system="two_mass", target=3), "target=3; choose from 2"),
-        (dict(noise=-1.0), "must not be negative"),
-        (dict(outliers=2.0), "fraction from 0 to 1"),
+        (dict(noise=-1.0), "noise=-1.0 must be a non-negative number"),
+        (dict(outliers=2.0), "outliers=2.0 must be a number at least 0 and at most 1"),
         (dict(noise_kind="cauchy"), "choose 'gaussian' or 'student'"),
-        (dict(magnitude=0.0), "must be positive"),
+        (dict(magnitude=0.0), "magnitude=0.0 must be a positive number"),
         (dict(n_samples=5, n_trajectories=4), "two samples for each"),
     ],
 )

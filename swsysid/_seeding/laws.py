@@ -75,6 +75,6 @@ def _law(features: Array, targets: Array) -> Array:
 def _neighbourhood(samples: Samples, n_modes: int, random_state) -> int:
     """A random number of rows: few are in one mode, many average their noise."""
     n_features, n_samples = samples.features.values.shape
-    fewest = min(2 * n_features, n_samples)
+    fewest = max(1, min(2 * n_features, n_samples))  # features may all be zero
     most = max(fewest, n_samples // (2 * n_modes))
     return int(fewest * (most / fewest) ** random_state.uniform())
