@@ -29,7 +29,7 @@ help:
 	@echo "make bench-undeclared  planted effects: every kind, system and seed (hours; resumes)"
 	@echo "make bench-measured  measured data, before and after"
 	@echo "make bench-speed     structured solvers and whole fits, in ratios"
-	@echo "make figures   draw the README's figure and the chart of settings, print their numbers"
+	@echo "make figures   draw the figures of README and pages, write what commands print into them"
 
 
 demo: $(VENV)/.installed-plot
@@ -89,6 +89,7 @@ $(PARC):
 figures: $(VENV)/.installed-plot
 	$(BIN)/python docs/readme_figure.py
 	$(BIN)/python docs/choice_chart.py
+	$(BIN)/python docs/printed_runs.py --write
 
 # One stamp for each extra: it is made again when pyproject.toml changes.
 $(VENV)/.installed-%: pyproject.toml
