@@ -43,14 +43,22 @@ def test_the_shipped_recording_is_what_its_script_writes(tmp_path):
 def test_the_page_shows_what_the_first_command_prints(tmp_path):
     """The second one, which takes minutes, is compared whenever the pages are built."""
     runs = _script("printed_runs")
-    (name, command, shown), *_ = runs.RUN.findall(_text("docs/from_csv.md"))
+    page = _text("docs/from_csv.md")
+    (name, command, shown), *_ = runs.RUN.findall(page)
     assert name == "identify"
     printed = runs.printed(command, tmp_path)
     assert runs.alike(shown, printed, runs.TOLERANCE), printed
     # what the page says about it
-    assert "on the same side as x = 0.25 m" in printed
+    edge = re.search(r"mode 1 where x > (\S+) m", printed)
+    assert float(edge[1]) == pytest.approx(0.25, abs=0.005)
     spring = re.search(r"v' = \S+ - (\S+) x", printed.split("mode 1 (")[1])
     assert float(spring[1]) == pytest.approx(80.0, rel=0.1)
+    # the model that the command has left
+    code, text = re.search(r"```py\n(.*?)```\n\n```text\n(.*?)```", page, re.S).groups()
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert runs.alike(text, done.stdout, runs.TOLERANCE), done.stdout
 
 
 def test_a_page_that_shows_another_text_is_noticed():
