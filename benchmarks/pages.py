@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import measured_tables
+import paper_tables
 import quality_tables
 import seeding_table
 import speed_tables
@@ -56,6 +57,7 @@ PAGES = (
     Page("speed_tables.md", "speed", "make bench-speed", speed_tables.table),
     Page("quality_summary.md", "quality", "make bench-quality", quality_tables.summary),
     Page("quality_tables.md", "quality", "make bench-quality", quality_tables.tables),
+    Page("paper_tables.md", "paper", "make bench", paper_tables.tables),
     Page("seeding_table.md", "seeding", "make bench-seeding", seeding_table.table),
 )
 

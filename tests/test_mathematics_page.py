@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = ["mathematics.md", "paper_recipe.md"]
+PAGES = ["mathematics.md", "paper_recipe.md", "paper_reproduced.md"]
 # Characters of a line of a display. Of 67 characters it is 657 px wide, measured in a browser, and
 # an article between its sidebars has 700 px on a small screen.
 WIDEST = 70
@@ -112,7 +112,7 @@ suppress_warnings = ["myst.xref_missing", "toc.not_included", "image.not_readabl
 def test_pages_render_without_quotations_and_errors(tmp_path):
     pytest.importorskip("myst_parser")
     (tmp_path / "conf.py").write_text(SETTINGS, encoding="utf-8")
-    for page in [*PAGES, "seeding_table.md"]:
+    for page in [*PAGES, "paper_tables.md", "seeding_table.md"]:
         (tmp_path / page).write_bytes((DOCS / page).read_bytes())
     command = [sys.executable, "-m", "sphinx", "-q", "-b", "html", str(tmp_path)]
     done = subprocess.run([*command, str(tmp_path / "html")], capture_output=True, text=True)
