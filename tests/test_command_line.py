@@ -346,6 +346,8 @@ def test_diagnosis_of_a_file(rubbing, tmp_path, capsys, monkeypatch):
     page = (tmp_path / "rubbing.html").read_text(encoding="utf-8")
     assert "Effect search: rubbing.csv" in page and "v (m/s)" not in page  # in pictures only
     assert '<th scope="col">x_m&#x27; [m/s]</th>' in page
+    laws = text.partition("model with effects")[2]
+    assert re.search(r"mode \d: v' = .* sign\(v\)", laws) and "f0(x_m, v, u) = " in laws
     output = tmp_path / "swsysid_output"
     assert "coulomb friction" in (output / "identification.txt").read_text(encoding="utf-8")
     model = load_model(output / "model_with_effects.json")

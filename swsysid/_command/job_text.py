@@ -8,9 +8,10 @@ from swsysid._command.guard_words import memory, regions
 from swsysid._command.job import JobResult
 from swsysid._command.samples_text import preparation
 from swsysid._command.verdict import FEWEST_ROWS, FEWEST_SWITCHES, Comparison, Verdict
+from swsysid._effect_regressor import EffectRegressor
 from swsysid._printing import linear_combination
 
-__all__ = ["render"]
+__all__ = ["render", "with_effects"]
 
 PRECISION = 6  # decimals of coefficients
 
@@ -21,6 +22,15 @@ def render(result: JobResult) -> str:
         _data(result), *_laws(result), _guards(result), _errors(result), verdict_text(result)
     ]  # fmt: skip
     return "\n\n".join(section for section in sections if section)
+
+
+def with_effects(model: EffectRegressor) -> str:
+    """The complete laws and guards of a model with effects; "" if it has none."""
+    if not model.effects_:
+        return ""
+    guards = model.surface_equations(precision=PRECISION)
+    lines = ["model with effects", *model.equations(precision=PRECISION), *guards]
+    return "\n    ".join(lines)
 
 
 def _data(result: JobResult) -> str:

@@ -9,7 +9,7 @@ import warnings
 from swsysid._command.arguments import LIBRARIES, modes, names
 from swsysid._command.diagnosis import chosen_effects, diagnose, page_path
 from swsysid._command.job import JobOptions, run_job
-from swsysid._command.job_text import render
+from swsysid._command.job_text import render, with_effects
 from swsysid._command.measurement import Measurement
 from swsysid._command.progress import is_watched, say
 from swsysid._command.saving import save
@@ -38,8 +38,10 @@ def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -
         return 1
     text = render(result)
     notes = dict.fromkeys([*(str(warning.message) for warning in caught), *result.notes])
-    told = [] if search is None else [str(search.report_)]
-    text = "\n\n".join([text, *(f"note: {note}" for note in notes), *told])
+    told = [f"note: {note}" for note in notes]
+    if search is not None:
+        told += [str(search.report_), with_effects(search.best_estimator_)]
+    text = "\n\n".join(part for part in [text, *told] if part)
     print(text)
     return save(result, text, arguments.output, search, page)
 
