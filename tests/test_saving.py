@@ -129,7 +129,8 @@ def test_a_pipeline_and_names_come_back(tmp_path):
     assert same.recording_.names == ["angle", "rate"]
     with pytest.raises(ValueError, match="feature names"):
         same.predict(frame[["rate", "angle"]])
-    line = make_pipeline(StandardScaler(), SwitchingSystemRegressor(2, random_state=0))
+    affine = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
+    line = make_pipeline(StandardScaler(), affine)
     line.fit(frame, DATA.Xdot)
     np.testing.assert_array_equal(
         there_and_back(line, tmp_path).predict(frame), line.predict(frame)
@@ -216,19 +217,21 @@ UNSAVABLE = {
         "feature_library": FunctionLibrary([np.sin, lambda x: x**3])
     },
     "feature_library is an object of the class OwnLibrary": {"feature_library": OwnLibrary(2)},
-    "feature_library.func is the function cbrt_of_all": {"feature_library": FunctionTransformer()},
+    "feature_library.func is the function with_cube_roots": {
+        "feature_library": FunctionTransformer()
+    },
 }
 
 
-def cbrt_of_all(X):
-    return np.cbrt(X)
+def with_cube_roots(X):
+    return np.column_stack([X, np.cbrt(X)])
 
 
 @pytest.mark.parametrize("part", UNSAVABLE)
 def test_code_is_refused_by_the_name_of_the_part(part, tmp_path):
     parameters = UNSAVABLE[part]
     if "func is" in part:
-        parameters["feature_library"].set_params(func=cbrt_of_all)
+        parameters["feature_library"].set_params(func=with_cube_roots)
     model = SwitchingSystemRegressor(2, random_state=0, **parameters).fit(DATA.X, DATA.Xdot)
     with pytest.raises(TypeError, match=re.escape(part)) as caught:
         save_model(model, tmp_path / "model.json")
