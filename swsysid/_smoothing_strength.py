@@ -26,7 +26,7 @@ WINDOWS = (
 )
 CUTOFFS = (0.4, 0.28, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125)  # of the rate
 ROWS = 50_000  # that decide; more of them would say the same
-STRETCH = 2_000  # rows of one trajectory that decide side by side
+STRETCH = 1_000  # rows of one trajectory that decide side by side
 # Noise explains a departure up to this over the root of the number of rows, relative to it: the
 # estimated variance of the noise and the departure itself are uncertain by about five.
 DOUBT = 10.0
@@ -141,8 +141,14 @@ def _deciding(parts: Sequence[Part]) -> Iterator[tuple[Array, Array, NDArray[np.
     for x, t in parts:
         n_stretches = int(np.ceil(share * len(t) / STRETCH))
         stretches = np.array_split(np.arange(len(t)), n_stretches)
-        kept = [rows[: int(np.ceil(share * len(rows)))] for rows in stretches]
-        yield x, t, np.concatenate(kept)
+        yield x, t, np.concatenate([_middle(rows, share) for rows in stretches])
+
+
+def _middle(rows: NDArray[np.intp], share: float) -> NDArray[np.intp]:
+    """The middle part of some rows; the first ones of a trajectory are trimmed by long windows."""
+    count = int(np.ceil(share * len(rows)))
+    start = (len(rows) - count) // 2
+    return rows[start : start + count]
 
 
 @dataclass

@@ -14,6 +14,7 @@ from swsysid._command.samples import measure
 from swsysid._command.samples_text import preparation
 from swsysid._command.spikes import sentinels, spikes
 from swsysid._command.tables import Table
+from swsysid._smoothing_strength import _deciding
 
 STEP = 0.02
 T = STEP * np.arange(300)
@@ -404,3 +405,12 @@ def test_many_rows_are_smoothed_and_kept():
     assert samples.smoothing.window > 500
     # raw differences would be wrong by 28 here
     assert np.abs(samples.Xdot[:, 0] - np.cos(samples.t)).max() < 0.03
+
+
+def test_the_rows_that_choose_the_window_of_a_long_record_are_not_those_that_it_trims():
+    """A decay is largest where it begins, which long windows never see: they would look exact."""
+    t = np.arange(600_000.0)
+    ((_, _, rows),) = _deciding([(np.zeros((len(t), 1)), t)])
+    assert len(rows) == pytest.approx(50_000, rel=0.01)
+    edge = min(rows[0], len(t) - 1 - rows[-1])
+    assert edge > 5_000 and np.diff(rows).max() < 20_000  # spread over the record
