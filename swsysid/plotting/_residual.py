@@ -45,9 +45,7 @@ class ResidualDisplay(Display):
     Examples
     --------
     >>> import matplotlib; matplotlib.use("Agg")
-    >>> from numbers import Integral
-
-    import numpy as np
+    >>> import numpy as np
     >>> from sklearn.linear_model import LinearRegression
     >>> from swsysid.plotting import ResidualDisplay
     >>> X = np.linspace(-1, 1, 100)[:, None]
