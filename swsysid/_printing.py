@@ -11,7 +11,8 @@ __all__ = ["check_format", "linear_combination", "merged", "symbol"]
 
 _MOST_DECIMALS = 50
 # Functions that stand upright in LaTeX.
-_FUNCTIONS = ("sin", "cos", "exp", "sign", "clip", "max", "play", "lag")
+# Functions in the terms of effects; a library's own feature names stay as it gives them.
+_FUNCTIONS = ("sign", "clip", "max", "play", "lag")
 
 
 def check_format(style: str, precision: int = 0) -> None:
