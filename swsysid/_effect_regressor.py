@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from swsysid._effect_simulation import simulate_with_effects
 from swsysid._printing import check_format
 from swsysid._records import Records, make_records
 from swsysid._scores import ScoredByR2
-from swsysid._search.joint_fit import JointFit, check_declared, fit_jointly
+from swsysid._search.joint_fit import JointFit, check_declared, fit_jointly, tell_doubts
 from swsysid._search.trials import PlacedEffect
 from swsysid._validation.arrays import column
 from swsysid._validation.estimators import check_fitted, known_rows, rows_to_fit
@@ -91,6 +92,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         start = None if modes is None else _checked_modes(modes, len(X))
         rows = np.arange(len(X))
         fit = fit_jointly(self.estimator, terms, records, rows, targets, start)
+        tell_doubts(fit, 2)
         return self._adopt(fit, records.names)
 
     def predict(self, X, *, t=None, groups=None, signals=None):
@@ -169,7 +171,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
     # -- parts ---------------------------------------------------------------------------------
 
     def _adopt(self, fit: JointFit, channel_names: Sequence[str]):
-        self._fit = fit
+        self._fit = replace(fit, doubts=())  # which are told once
         self._channel_names = tuple(channel_names)
         self.estimator_ = fit.estimator
         self.effects_ = fit.terms

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from swsysid._pipelines import switching_step
 from swsysid._results import Array, Status, Trajectory
-from swsysid._search.joint_fit import JointFit, corrected, switching_step
+from swsysid._search.joint_fit import JointFit, corrected
 from swsysid._simulation.effect_system import ActingTerm, EffectSystem
 from swsysid._simulation.inputs import checked_inputs, checked_options, checked_times
 from swsysid._simulation.signals import Given, refined_grid, trajectory_records

@@ -16,7 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from swsysid._model_files.classes import name_of
 from swsysid._model_files.values import read_objects, write_objects
-from swsysid._search.joint_fit import switching_step
+from swsysid._pipelines import switching_step
 
 __all__ = ["Recording", "load_model", "save_model"]
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from swsysid._page.markup import (
+    code,
     figure,
     listing,
     page,
@@ -18,7 +19,15 @@ from swsysid._page.markup import (
     table,
 )
 from swsysid._validation.parameters import shown
-from swsysid.diagnosis._effect_text import effect_title, interval, probability, rate, summary
+from swsysid.diagnosis._effect_text import (
+    effect_title,
+    interval,
+    moved,
+    probability,
+    rate,
+    sentence,
+    summary,
+)
 
 __all__ = ["effect_page"]
 
@@ -61,6 +70,7 @@ def effect_page(report: Any, *, units: Units = None, title: str = "Effect search
         parts.append(paragraph('No pictures: pip install "swsysid[plot]".', "note"))
     parts += _before_after(report, units)
     parts += _effects(report, units, drawing)
+    parts += _model(report)
     if report.n_held_out:
         parts += _residuals(report, units, drawing)
         parts += _trajectories(report, units, drawing)
@@ -105,20 +115,14 @@ def _effects(report: Any, units: Units, drawing: bool) -> list[str]:
 def _effect(report: Any, number: int, effect: Any, units: Units, drawing: bool) -> str:
     target = _rate(report, effect.target, units)
     parts = [
-        paragraph(f"{effect.meaning[:1].upper()}{effect.meaning[1:]}."),
-        paragraph(f"Term: {effect.formula}"),
+        paragraph(sentence(effect.meaning, report.data.records.names)),
+        *([paragraph(f"Term: {effect.formula}")] if effect.placed.effect.terms else []),
         paragraph(
             f"Held-out error of {target}: {effect.error_before:.4g} before, "
             f"{effect.error_after:.4g} with it; {probability(effect.p_value)}, corrected for the "
             "number of candidates."
         ),
-        table(
-            ["parameter", "value", "95 % interval"],
-            [
-                [name.replace("_", " "), value, interval(effect, name)]
-                for name, value in effect.parameters.items()
-            ],
-        ),
+        _parameters(effect),
     ]
     if drawing:
         caption = (
@@ -128,6 +132,32 @@ def _effect(report: Any, number: int, effect: Any, units: Units, drawing: bool) 
         parts.append(figure(_drawn("shape", report, units, place=number), caption))
     parts += _rivals(report, effect, target)
     return section(f"{number + 1}. {effect_title(effect, report)}", parts, level=3)
+
+
+def _parameters(effect: Any) -> str:
+    rows = [
+        [name.replace("_", " "), value, interval(effect, name)]
+        for name, value in effect.parameters.items()
+    ]
+    if not rows:
+        return paragraph("It has no parameters of its own; the laws are those of the model below.")
+    return table(["parameter", "value", "95 % interval"], rows)
+
+
+def _model(report: Any) -> list[str]:
+    """Laws and guards of the model that the search hands over."""
+    if report.data is None:
+        return []
+    final = report.data.final
+    body = [paragraph("Law of every mode:"), code("\n".join(final.equations()))]
+    try:
+        guards = final.surface_equations()
+    except TypeError as error:  # a surface of the user's that has no text
+        return [section("The model", [*body, paragraph(str(error))])]
+    if not guards:
+        return [section("The model", [*body, paragraph("It has one mode and never switches.")])]
+    switching = [paragraph("Where it switches:"), code("\n".join(guards))]
+    return [section("The model", body + switching)]
 
 
 def _rivals(report: Any, effect: Any, target: str) -> list[str]:
@@ -264,7 +294,7 @@ def _search(report: Any) -> list[str]:
         ]
         parts.append(table(head, rows, kind="words"))
     if report.effects:
-        parts.append(paragraph(f"{report.guard_moved:.1%} of the samples changed their mode."))
+        parts.append(paragraph(moved(report)))
     if report.skipped:
         parts.append(paragraph("Not looked for:"))
         parts.append(listing(f"{kind}: {why}" for kind, why in report.skipped.items()))

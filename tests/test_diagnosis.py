@@ -6,17 +6,21 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy.signal import lombscargle
 from sklearn.linear_model import LinearRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
 from statsmodels.stats.diagnostic import acorr_ljungbox
 from statsmodels.stats.multitest import multipletests
 
+from swsysid import EffectRegressor, SwitchingSystemRegressor
 from swsysid.diagnosis import noise_floor, residual_report, whiteness_test
 from swsysid.diagnosis._channels import between_shares, make_channel
 from swsysid.diagnosis._rearrangement import max_statistic, rearrangements
-from swsysid.diagnosis._shapes import describe
+from swsysid.diagnosis._shapes import _rounded, describe
 from swsysid.diagnosis._spectrum import frequency_grid, spectrum
 from swsysid.diagnosis._whiteness import holm, normal_scores
 
@@ -365,15 +369,65 @@ def test_coloured_trajectories_are_named():
 
 
 def test_the_picture_shows_what_was_found():
-    import matplotlib.pyplot as plt
-
     report = Oscillator(PLANTED["v"], n_rows=300).report()
     display = report.plot()
     assert display.equation == "v"
-    assert [ax.get_xlabel() for ax in display.ax_][::3] == ["v", "frequency (1 / unit of t)"]
+    assert [ax.get_xlabel() for ax in display.ax_][::3] == ["v", "frequency (Hz)"]
     assert display.ax_[0].get_ylabel() == "residual of d/dt v"
     pair = _switching_report(lambda X, e: e + 0.3 * X[:, 0] * X[:, 1]).plot()
     assert (pair.ax_[0].get_xlabel(), pair.ax_[0].get_ylabel()) == ("x0", "x1")
     with pytest.raises(ValueError, match="'y' is none of the equations x, v"):
         report.plot("y")
     plt.close("all")
+
+
+@pytest.mark.parametrize("tail", [0.0, 1e-300])
+def test_a_constant_residual_is_a_bias_and_nothing_else(tail):
+    # a record that has come to rest: nothing is divided by the spread of nothing
+    residual = np.full(200, 0.5)
+    residual[-1] += tail
+    rest = np.cos(np.arange(200.0))  # what the velocities are, beside the residual of 0.5
+    report = residual_report(Zero(), np.column_stack([rest, rest**2]), residual, np.arange(200.0))
+    assert {finding.kind for finding in report.findings} <= {"bias"}
+
+
+def test_a_threshold_has_the_digits_that_a_reader_needs():
+    # a heater that is hardly ever on: the 5 % and 95 % quantiles are both 0
+    assert _rounded(0.5, np.repeat([0.0, 1.0], [980, 20])) == "0.50"
+    assert _rounded(2.3456789e-9, np.linspace(0.0, 5e-9, 50)) == "2.3e-09"
+    assert _rounded(123456789.0, np.linspace(0.0, 2e8, 50)) == "1.23e+08"
+    assert _rounded(0.123456, np.linspace(0.0, 1.0, 50)) == "0.12"
+
+
+def test_no_verdict_contradicts_the_size_of_the_residual():
+    # nine tenths of the residual are slow, in a record too short for any test to say in what
+    rng = np.random.default_rng(0)
+    jump = np.where(np.arange(120) < 60, -1.0, 1.0) + 0.05 * rng.standard_normal(120)
+    X = rng.uniform(-1.0, 1.0, (120, 1))
+    report = residual_report(Zero(), X, jump, groups=np.zeros(120), random_state=0)
+    (size,) = (size for size in report.size if size.mode is None)
+    assert size.explainable > 0.9
+    (verdict,) = report.verdicts.values()
+    assert "nothing is left" not in verdict and "follows no channel" not in verdict
+    if not report.findings:
+        assert "changes smoothly in time, though no test names what it depends on" in verdict
+    titles = [ax.get_title() for ax in report.plot().ax_]
+    assert not any("nothing found" in title for title in titles)
+    plt.close("all")
+
+
+def test_the_surface_inside_a_pipeline_a_search_or_a_model_with_effects_is_known():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1.0, 1.0, (400, 2))
+    Xdot = np.where(X[:, :1] > 0.1, -1.0, 1.0) * X + 0.02 * rng.standard_normal((400, 2))
+    plain = SwitchingSystemRegressor(2, random_state=0)
+    models = [
+        plain,
+        make_pipeline(FunctionTransformer(), plain),
+        EffectRegressor(make_pipeline(FunctionTransformer(), plain)),
+    ]
+    for model in models:
+        assert "surface" not in residual_report(model.fit(X, Xdot), X, Xdot, random_state=0).skipped
+    one = SwitchingSystemRegressor(1).fit(X, Xdot)
+    report = residual_report(one, X, Xdot, random_state=0)
+    assert report.skipped["surface"] == "the model has one mode"

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -18,11 +19,13 @@ from swsysid._records import make_records
 from swsysid._search.intervals import linearised
 from swsysid.datasets import make_undeclared
 from swsysid.diagnosis import EffectReport
+from swsysid.diagnosis._effect_text import sentence
 from swsysid.effects import (
     AsymmetricFriction,
     Backlash,
     Bias,
     CoulombFriction,
+    ExtraMode,
     InputCoupling,
     Lag,
     PeriodicForcing,
@@ -74,6 +77,47 @@ def test_the_text_names_effect_errors_rivals_and_what_was_not_looked_for(report)
     assert "polynomial of omega" in text.partition("Not identifiable")[2]
     assert "of the samples changed their mode" in text
     assert "Rollout of trajectory run" in text
+
+
+def test_a_channel_keeps_its_letters_at_the_start_of_a_sentence():
+    assert sentence("v has no further effect", ["v", "u"]) == "v has no further effect."
+    assert sentence("dry friction opposes v", ["v", "u"]) == "Dry friction opposes v."
+
+
+def test_the_page_has_the_laws_and_the_guards(search, report):
+    page = report.to_html()
+    for line in [*search.equations(), *search.surface_equations()]:
+        assert escape(line) in page
+    assert "sign(omega)" in page
+
+
+def test_leftovers_say_rightly_why_no_surface_was_looked_at(report):
+    # two modes in the test of one more mode below
+    assert report.residual_before.skipped["surface"] == "the model has one mode"
+
+
+def test_one_more_mode_has_neither_an_empty_table_nor_an_empty_bracket(data):
+    extra = make_undeclared("extra_mode", system="pendulum", n_samples=1200, random_state=3)
+    found = EffectSearchCV(extra.estimator, effects=[ExtraMode()])
+    found = found.fit(extra.X, extra.Xdot, t=extra.t, groups=extra.groups)
+    assert [effect.kind for effect in found.effects_] == ["extra_mode"]
+    assert "surface" not in found.report_.residual_after.skipped
+    page, text = found.report_.to_html(), str(found.report_)
+    assert "<tbody></tbody>" not in page and "()" not in page and "of modes" not in page
+    assert "There is one more mode than declared." in page
+    assert "There is one more mode than declared." in text
+
+
+def test_residuals_of_one_trajectory_are_drawn_over_its_time(data):
+    one = data.groups == data.groups[0]
+    t = data.t[one] + 100.0
+    found = EffectSearchCV(data.estimator, effects=[CoulombFriction()])
+    report = found.fit(data.X[one], data.Xdot[one], t=t).report_
+    axes = report.plot(units={"time": "s"}).ax_[0]
+    assert axes.get_xlabel() == "time (s)"
+    drawn = np.concatenate([dots.get_offsets()[:, 0] for dots in axes.collections])
+    assert set(drawn) <= set(t[report.data.rows])
+    plt.close("all")
 
 
 def test_errors_of_trajectories_add_up_to_the_held_out_error(report):
@@ -191,7 +235,7 @@ def test_the_display_has_four_labelled_panels(report):
     display = report.plot(units=UNITS)
     assert isinstance(display, EffectReportDisplay) and display.figure_ is plt.gcf()
     assert labels(display) == [
-        ("held-out row, trajectory after trajectory", "residual of d/dt omega (rad/s^2)"),
+        ("time (s), trajectory after trajectory", "residual of d/dt omega (rad/s^2)"),
         ("trajectory", "RMS error of d/dt omega (rad/s^2)"),
         ("omega (rad/s)", "share of d/dt omega (rad/s^2)"),
         ("time (s)", "omega (rad/s)"),
@@ -301,6 +345,7 @@ def test_the_page_has_all_parts_and_loads_nothing(report, tmp_path):
         "Error before and after",
         "Effects",
         "1. coulomb friction of omega in omega'",
+        "The model",
         "Residual before and after",
         "Left over by the declared model",
         "Left over by the model with the effects",

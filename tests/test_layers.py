@@ -19,7 +19,7 @@ GROUPS = (
     "_validation/arrays",
     "_validation/estimators",
     # 0: records, words, and numerical tools that know nothing of the package
-    """_results _features _printing _smoothing _solvers/interior_point _solvers/row_space
+    """_results _features _printing _pipelines _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/refusal _command/cells _command/units _command/wording
     _command/arrays _command/spikes _command/progress
     _blocks/__init__ _blocks/pieces datasets/_sources

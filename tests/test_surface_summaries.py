@@ -1,9 +1,11 @@
 """Summaries of many rows lead to the surfaces that all rows would lead to."""
 
+import warnings
+
 import numpy as np
 import pytest
 
-from swsysid import PolynomialSurfaceClassifier
+from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, _large
 from swsysid._solvers.summaries import Reach
 from swsysid._surfaces.fitted import Anchors, HingeSummary
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
@@ -161,3 +163,36 @@ def test_rows_of_much_leverage_are_kept_farther_away():
     near = np.abs(fitted.distance(X, labels)[:, 0]) <= fitted.margin * leverage
     assert len(summary.weight) == near.sum() < len(X)
     assert np.array_equal(summary.weight, weight[near])
+
+
+def test_rows_on_a_margin_are_kept_where_nothing_moves():
+    # 0 times an infinite leverage is no number: such rows were lost, and the program was empty
+    reach = Reach(np.eye(2), np.zeros(1)).of_any_row
+    assert reach.farthest == 0.0
+    assert reach.near(np.ones((3, 2)), np.array([[0.0, 1e-9, 0.0]]))[0].tolist() == [0, 2]
+
+
+def test_passes_over_a_record_that_hardly_ever_switches(monkeypatch):
+    # the surface of the sample is a constant, and all rows are on its margin
+    monkeypatch.setattr(_large, "WHOLE", 900)
+    monkeypatch.setattr(_large, "IDENTIFIED", 300)
+    rng = np.random.default_rng(47)
+    x = rng.uniform(-0.1, 0.1, 2)
+    normal = rng.normal(size=2)
+    normal /= np.linalg.norm(normal)
+    offset = rng.normal() * 0.1 * (rng.random() < 0.5)
+    centre, factor = rng.normal(size=(2, 2)), np.exp(-rng.uniform(0.005, 0.05, 2))
+    noise = rng.choice([0, 0, 1e-3, 1e-2])
+    rng.choice([0, 0, 0.05])
+    states = [x]
+    for _ in range(1500):
+        mode = int(normal @ x + offset > 0.0)
+        x = centre[mode] + (x - centre[mode]) * factor[mode] + noise * rng.standard_normal(2)
+        states.append(x)
+    X = np.array(states)
+    surface = PolynomialSurfaceClassifier(degree=1)
+    model = SwitchingSystemRegressor(2, surface=surface, random_state=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model.fit(X[:-1], X[1:])
+    assert np.isfinite(model.coef_).all()

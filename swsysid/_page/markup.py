@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
-__all__ = ["figure", "listing", "page", "paragraph", "preformatted", "section", "table"]
+__all__ = ["code", "figure", "listing", "page", "paragraph", "preformatted", "section", "table"]
 
 _DPI = 100
 
@@ -63,6 +63,11 @@ def paragraph(text: str, kind: str = "") -> str:
 def listing(entries: Iterable[str]) -> str:
     """A list with a dot for each entry."""
     return "<ul>" + "".join(f"<li>{escape(entry)}</li>" for entry in entries) + "</ul>"
+
+
+def code(text: str) -> str:
+    """Lines as they are, such as equations."""
+    return f"<pre>{escape(text)}</pre>"
 
 
 def preformatted(summary: str, text: str) -> str:

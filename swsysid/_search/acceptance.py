@@ -7,14 +7,14 @@ chance over all candidates would give *and* worth its terms.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from swsysid._results import Array
 from swsysid._search.joint_fit import JointFit
-from swsysid._search.trials import PlacedEffect
+from swsysid._search.robust import exact_below
 from swsysid._search.workshop import TIE, Finding, Structure, Workshop
 
 __all__ = ["Acceptance"]
@@ -41,20 +41,21 @@ class Acceptance(Workshop):
 
     @cached_property
     def _declared_squares(self) -> Array:
-        return self.squared_errors(self.declared)
+        exact = exact_below(self.targets) ** 2
+        return np.asarray(np.maximum(self.squared_errors(self.declared), exact))
 
-    def with_p_value(
-        self, current: Structure, best: Structure, finding: Finding, n_candidates: int
-    ) -> Finding:
-        """The finding of a structure without columns with its corrected p-value."""
-        if finding.trial is not None:
-            return finding
-        # few of the candidates are structures; a ratio of held-out likelihoods is an e-value
-        shown = best.last.effect.shows_in_velocities
-        won = max(current.cost - best.cost, 0.0)
-        p_value = self.structural_p_value(current, best) if shown else float(np.exp(-won))
-        n_tried = self.n_structural if shown else n_candidates
-        return replace(finding, p_value=min(1.0, n_tried * p_value))
+    def confirmed(self, structure: Structure) -> tuple[Structure, tuple[Finding, ...]]:
+        """Without the terms that chance explains in the light of the others, the likeliest first.
+
+        What is left, and a finding for each of its terms.
+        """
+        while terms := structure.fit.terms:
+            findings = tuple(self.finding(structure, place) for place in range(len(terms)))
+            worst = max(range(len(terms)), key=lambda place: findings[place].p_value)
+            if findings[worst].p_value <= self.significance:
+                return structure, findings
+            structure = self.without(structure, worst)
+        return self.priced(self.declared), ()
 
     def is_promising(self, current: Structure, best: Structure, n_candidates: int) -> bool:
         """True for a gain that chance over all candidates would not give, and worth its terms."""
@@ -103,10 +104,9 @@ class Acceptance(Workshop):
             if not option.last.effect.n_more_modes or option.price < limit
         ]
 
-    def preferred(self, options: list[Structure]) -> tuple[Structure, list[PlacedEffect]]:
-        """The cheapest structure; of those as cheap, the simplest explanation, and the others."""
+    def preferred(self, options: list[Structure]) -> Structure:
+        """The cheapest structure; of those as cheap, the simplest explanation."""
         least = min(option.price for option in options)
         ties = [option for option in options if option.price <= least + TIE]
         rank = {effect.kind: place for place, effect in enumerate(self.effects)}
-        best = min(ties, key=lambda option: (rank[option.last.effect.kind], option.price))
-        return best, [tie.last for tie in ties]
+        return min(ties, key=lambda option: (rank[option.last.effect.kind], option.price))

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from swsysid._search.acceptance import Acceptance
 from swsysid._search.trials import Bench, PlacedEffect
-from swsysid._search.workshop import TIE, Finding, Structure, distinct, exchanged
+from swsysid._search.workshop import TIE, Finding, Structure, exchanged
 
 __all__ = ["Round", "Search"]
 
@@ -51,19 +51,28 @@ class Search(Acceptance):
     n_jobs: int | None = None
     verbose: int = 0
 
-    def run(self) -> tuple[Structure, list[Round]]:
-        """Add effects until nothing significant is left.
+    def run(self) -> tuple[Structure, tuple[Finding, ...], list[Round]]:
+        """Add effects until nothing significant is left, and keep those that remain significant.
 
         One more mode bends to whatever the first named effect leaves over. Where it was not the
         only addition, the named effects have to show what they can do without it.
+
+        Returns
+        -------
+        structure : Structure
+        findings : tuple of Finding
+            One for each term of the structure.
+        rounds : list of Round
         """
         structure, rounds = self._climb()
         if len(rounds) > 1 and any(term.effect.n_more_modes for term in structure.fit.terms):
             named = [effect for effect in self.effects if not effect.n_more_modes]
             other, other_rounds = replace(self, effects=named)._climb()
             if other.price < structure.price:
-                return other, other_rounds
-        return structure, rounds
+                structure, rounds = other, other_rounds
+        if len(rounds) == 1 and rounds[0].structure is structure:
+            return structure, (rounds[0].finding,), rounds
+        return *self.confirmed(structure), rounds
 
     def _climb(self) -> tuple[Structure, list[Round]]:
         structure, rounds = self.priced(self.declared), []
@@ -93,8 +102,8 @@ class Search(Acceptance):
         options = [option for option in options if option.cost < current.cost]
         options = self._fair(current, options, n_candidates)
         while options:
-            best, ties = self.preferred(options)
-            found = self._accepted(current, best, ties, n_candidates)
+            best = self.preferred(options)
+            found = self._accepted(current, best, n_candidates)
             if found is not None:
                 return found
             # what looked best does not bear being questioned: perhaps another kind does
@@ -116,21 +125,17 @@ class Search(Acceptance):
         """
         named = self.named(current, options, n_candidates)
         if named and min(options, key=lambda option: option.price).last.effect.n_more_modes:
-            again, _ = self._agreed(named[0], len(current.fit.terms))
+            again = self._agreed(named[0], len(current.fit.terms))
             options, named = [*options, again], [*named, again]
         return self.without_catch_all(options, named)
 
-    def _accepted(
-        self, current: Structure, best: Structure, ties: list[PlacedEffect], n_candidates: int
-    ) -> Round | None:
+    def _accepted(self, current: Structure, best: Structure, n_candidates: int) -> Round | None:
         """An addition whose effect and modes agree and that is significant, or None."""
-        best = self.with_modes_anew(best)
-        best, finding = self._agreed(best, len(current.fit.terms))
-        best, finding = self._or_of_a_sensor(best, finding)
-        finding = replace(finding, rivals=distinct(finding.candidate, finding.rivals, ties))
+        place = len(current.fit.terms)
+        best = self._or_of_a_sensor(self._agreed(self.with_modes_anew(best), place))
         if not self.is_promising(current, best, n_candidates):
             return None
-        finding = self.with_p_value(current, best, finding, n_candidates)
+        finding = self.finding(best, place, current)
         return Round(finding, best, n_candidates) if finding.p_value <= self.significance else None
 
     def _with_modes(self, current: Structure, first: PlacedEffect, top) -> list[Structure]:
@@ -179,9 +184,8 @@ class Search(Acceptance):
                         options.append(self.structure(terms, own[self.rows]))
         return options
 
-    def _agreed(self, best: Structure, place: int) -> tuple[Structure, Finding]:
+    def _agreed(self, best: Structure, place: int) -> Structure:
         """Question one term: scan at the modes found until effect and modes agree."""
-        finding = Finding(None, best.fit.terms[place], 1.0, ())
         for _ in range(_SWAPS):
             term = best.fit.terms[place]
             bench = self.bench(best.fit, without=place)
@@ -189,35 +193,32 @@ class Search(Acceptance):
             if not term.effect.terms:
                 best, better = self._questioned(best, place, top, bench)
                 if not better:
-                    return best, Finding(None, best.fit.terms[place], 0.0, ())
+                    break
                 continue
-            finding = self.chosen(bench, top, n_candidates)
-            same = finding.candidate.signature == term.signature
-            tried = self.structure(
-                exchanged(best.fit.terms, place, finding.candidate), best.fit.modes
-            )
+            if not top:
+                break
+            candidate = self.chosen(bench, top, n_candidates).candidate
+            same = candidate.signature == term.signature
+            tried = self.structure(exchanged(best.fit.terms, place, candidate), best.fit.modes)
             if not same and tried.price > best.price + TIE:
                 break  # the scan prefers another one, the whole does not
             best = tried
             if same:
                 break
-        return best, finding
+        return best
 
-    def _or_of_a_sensor(self, best: Structure, finding: Finding) -> tuple[Structure, Finding]:
-        """The last term or, where that is cheaper, an effect of a sensor in its place.
+    def _or_of_a_sensor(self, best: Structure) -> Structure:
+        """The structure or, where that is cheaper, an effect of a sensor in its last term's place.
 
         With wrong modes no correction of a record lets the laws fit; with those found it may.
         """
         place = len(best.fit.terms) - 1
-        term = best.fit.terms[place]
-        if not term.effect.terms:
-            return best, finding
+        if not best.last.effect.terms:
+            return best
         bench = self.bench(best.fit, without=place)
         others = list(self.without_columns(best, place, bench))
         cheapest = min(others, key=lambda option: option.price, default=best)
-        if cheapest.price >= best.price - TIE:
-            return best, finding
-        return cheapest, Finding(None, cheapest.fit.terms[place], 0.0, (term,))
+        return best if cheapest.price >= best.price - TIE else cheapest
 
     def _questioned(self, best: Structure, place: int, top, bench) -> tuple[Structure, bool]:
         """A term without columns with its parameters found anew, or columns in its place."""
@@ -248,7 +249,7 @@ class Search(Acceptance):
         for _ in range(_SWAPS):
             before = [term.signature for term in structure.fit.terms]
             for place in range(len(structure.fit.terms)):
-                structure, _ = self._agreed(structure, place)
+                structure = self._agreed(structure, place)
             if before == [term.signature for term in structure.fit.terms]:
                 break
         return self.pruned(structure)

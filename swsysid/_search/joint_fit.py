@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import check_random_state
 
 from swsysid._features import FeatureMap
 from swsysid._identification import identify
+from swsysid._pipelines import switching_step, with_parameters
 from swsysid._records import Records
-from swsysid._results import Array
+from swsysid._results import Array, IdentificationWarning
 from swsysid._rows import CanonicalRows, canonical_rows
 from swsysid._search.lending import loans
 from swsysid._search.robust import robust_regression
@@ -29,14 +31,14 @@ __all__ = [
     "check_declared",
     "corrected",
     "fit_jointly",
-    "switching_step",
-    "with_parameters",
+    "tell_doubts",
 ]
 
 Modes = NDArray[np.intp]
 
 _ROUNDS = 4
 _SETTLED = 1e-3  # share of the rows whose mode may still change
+_DOUBTS = (ConvergenceWarning, IdentificationWarning)
 
 
 @dataclass(frozen=True)
@@ -52,12 +54,15 @@ class JointFit:
         Coefficients of the columns of each term (`PlacedEffect.design`).
     modes : ndarray of shape (n_samples,), int
         Modes of the rows of the fit, from the data.
+    doubts : tuple of Warning
+        What the declared model had to say of its fit.
     """
 
     estimator: Any
     terms: tuple[PlacedEffect, ...]
     coef: tuple[Array, ...]
     modes: Modes
+    doubts: tuple[Warning, ...] = ()
 
     @property
     def switching(self) -> Any:
@@ -126,23 +131,6 @@ def check_declared(estimator: Any) -> None:
         )
 
 
-def switching_step(estimator: Any) -> tuple[Any, Any]:
-    """What happens to X before the switching regressor, and the regressor itself."""
-    steps = getattr(estimator, "steps", None)
-    if steps is None:
-        return (lambda X: X), estimator
-    if len(steps) == 1:
-        return (lambda X: X), steps[-1][1]
-    return estimator[:-1].transform, steps[-1][1]
-
-
-def with_parameters(estimator: Any, **parameters: Any) -> Any:
-    """A copy of the estimator whose switching regressor has other parameters."""
-    copy = clone(estimator)
-    switching_step(copy)[1].set_params(**parameters)
-    return copy
-
-
 def fit_jointly(
     estimator: Any,
     terms: Sequence[PlacedEffect],
@@ -179,9 +167,9 @@ def fit_jointly(
     columns = [term.effect.columns(seen, term.place, *term.theta)[rows] for term in terms]
     whole, seen = seen, seen.take(rows)
     if not any(part.shape[1] for part in columns):
-        fitted = _fitted(estimator, seen, targets, modes)
+        fitted, doubts = _fitted(estimator, seen, targets, modes)
         nothing = tuple(np.zeros(0) for _ in terms)
-        return _settled(JointFit(fitted, terms, nothing, _modes_of(fitted)), whole, rows)
+        return _settled(JointFit(fitted, terms, nothing, _modes_of(fitted), doubts), whole, rows)
     if modes is None:
         modes = modes_with_columns(estimator, np.column_stack(columns), seen, targets)
         modes = modes if like is None else _matching(modes, like)[modes]
@@ -193,7 +181,7 @@ def fit_jointly(
         lent = loans(terms, coef, features, seen, int(modes.max()) + 1)
         for loan in lent:
             rest[:, loan.target] += loan.values(features, modes)
-        fitted = _fitted(estimator, seen, rest, modes)
+        fitted, doubts = _fitted(estimator, seen, rest, modes)
         order = _matching(modes, _modes_of(fitted))
         for loan in lent:
             loan.give_back(switching_step(fitted)[1].coef_, order)
@@ -202,7 +190,7 @@ def fit_jointly(
         if np.mean(before != modes) <= _SETTLED:
             break
     coef = _effect_coefficients(features, robust, terms, columns, targets, modes)
-    return _settled(JointFit(fitted, terms, tuple(coef), modes), whole, rows)
+    return _settled(JointFit(fitted, terms, tuple(coef), modes, doubts), whole, rows)
 
 
 def _settled(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> JointFit:
@@ -254,19 +242,31 @@ def corrected(terms: Sequence[PlacedEffect], records: Records) -> Records:
     return records
 
 
-def _fitted(estimator: Any, records: Records, targets: Array, modes: Modes | None) -> Any:
-    """The declared model, from known modes if there are any."""
+def _fitted(
+    estimator: Any, records: Records, targets: Array, modes: Modes | None
+) -> tuple[Any, tuple[Warning, ...]]:
+    """The declared model, from known modes if there are any, and what it warns of.
+
+    A search fits it often and on data that lack something: only the fit that is handed over may
+    tell the user of its doubts; see `tell_doubts`.
+    """
     declared = switching_step(estimator)[1].get_params(deep=False)
     copy = clone(estimator)
     if modes is not None and declared["init"] == "auto":
         n_modes = int(modes.max()) + 1 if declared["n_modes"] == "auto" else declared["n_modes"]
         copy = with_parameters(estimator, init=modes, n_modes=n_modes)
-    with warnings.catch_warnings():
-        # what the declared model lacks is what the search is about
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         copy.fit(records.X, targets)
     switching_step(copy)[1].set_params(init=declared["init"], n_modes=declared["n_modes"])
-    return copy
+    doubts = (one.message for one in caught if issubclass(one.category, _DOUBTS))
+    return copy, tuple(one for one in doubts if isinstance(one, Warning))
+
+
+def tell_doubts(fit: JointFit, stacklevel: int) -> None:
+    """Warn of what the declared model warned of in this fit, from `stacklevel` frames above."""
+    for doubt in fit.doubts:
+        warnings.warn(doubt, stacklevel=stacklevel + 1)
 
 
 def _modes_of(fitted: Any) -> Modes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from swsysid._pipelines import switching_step
 from swsysid._records import Records
 from swsysid._results import Array
 from swsysid._search.bench import bench_of
 from swsysid._search.folds import Folds
-from swsysid._search.joint_fit import JointFit, fit_jointly, switching_step
+from swsysid._search.joint_fit import JointFit, fit_jointly
 from swsysid._search.robust import exact_below
 from swsysid._search.scan import refined
 from swsysid._search.scores import held_out_cost, unseen_cost
@@ -65,7 +66,6 @@ class Structure:
 class Finding:
     """A candidate, its corrected p-value, and those that the data do not tell from it."""
 
-    trial: Trial | None
     candidate: PlacedEffect
     p_value: float
     rivals: tuple[PlacedEffect, ...]
@@ -131,7 +131,7 @@ class Workshop:
         modes[self.rows] = fit.modes
         return self.targets - fit.predict(self.records, modes)[self.rows]
 
-    def structural_p_value(self, before: Structure, after: Structure) -> float:
+    def _structural_chance(self, before: Structure, after: Structure) -> float:
         """Of so large a gain in each block of rows by chance, for effects without columns.
 
         One more surface is fitted to all rows and bends to those that are to be predicted; it is
@@ -179,8 +179,11 @@ class Workshop:
         )
         return Structure(fit, float(rows.sum()), n_parameters, len(self.rows), rows)
 
-    def scanned(self, bench: Bench) -> tuple[list[Trial], int]:
-        """The most promising trials, refined, the best first; and how many there were."""
+    def scanned(self, bench: Bench, own: tuple | None = None) -> tuple[list[Trial], int]:
+        """The most promising trials, refined, the best first; and how many there were.
+
+        That with the signature `own` is among them, if it is a trial at all.
+        """
         trials = [trial for effect in self.usable for trial in effect.trials(bench)]
         if not trials:
             return [], 0
@@ -189,8 +192,9 @@ class Workshop:
         kinds: set[str] = set()
         chosen = []
         for rank, place in enumerate(order):
-            kind = trials[place].candidate.effect.kind
-            if rank < _REFINED or kind not in kinds:
+            candidate = trials[place].candidate
+            kind = candidate.effect.kind
+            if rank < _REFINED or kind not in kinds or candidate.signature == own:
                 chosen.append(refined(bench, trials[place]))
             kinds.add(kind)
         order = np.argsort(-_gains(bench, chosen).sum(axis=1), kind="stable")
@@ -202,34 +206,47 @@ class Workshop:
         best = min(behind, key=lambda place: (top[place].candidate.n_parameters, behind[place]))
         rivals = tuple(top[place].candidate for place in behind if place != best)
         p_value = min(1.0, n_candidates * bench.p_value(top[best]))
-        return Finding(top[best], top[best].candidate, p_value, rivals)
+        return Finding(top[best].candidate, p_value, rivals)
 
     # -- what is known of the result ------------------------------------------------------------
 
     def without(self, structure: Structure, place: int) -> Structure:
-        """The structure without one of its terms; one that no velocity shows keeps its price."""
-        term = structure.fit.terms[place]
-        if not term.effect.shows_in_velocities:
-            return structure
-        return self.structure(exchanged(structure.fit.terms, place), structure.fit.modes)
+        """The structure without one of its terms; one that no velocity shows leaves it as it is."""
+        fit, terms = structure.fit, exchanged(structure.fit.terms, place)
+        if fit.terms[place].effect.shows_in_velocities:
+            return self.structure(terms, fit.modes)
+        coef = (*fit.coef[:place], *fit.coef[place + 1 :])
+        return replace(structure, fit=replace(fit, terms=terms, coef=coef))
 
-    def finding(self, structure: Structure, place: int) -> Finding:
-        """p-value and rivals of one term in the light of all others."""
+    def finding(self, structure: Structure, place: int, *fewer: Structure) -> Finding:
+        """p-value and rivals of one term in the light of all others.
+
+        This p-value is the only one by which an effect enters, stays and is reported. One of a
+        term without columns is of its gain on the structure without it, and on each of `fewer`.
+        """
         term, bench = structure.fit.terms[place], self.bench(structure.fit, without=place)
         known = self._structural_rivals(structure, place, bench)
         if not term.effect.terms:
-            won = term.effect.gain(bench, term)
-            fewer = self.without(structure, place)
-            p_value = won[1] if won is not None else self.structural_p_value(fewer, structure)
-            p_value = min(1.0, p_value * self.n_structural)
-            return Finding(None, term, p_value, distinct(term, known))
-        top, n_candidates = self.scanned(bench)
+            chance = self.n_structural * self._chance(structure, place, bench, fewer)
+            return Finding(term, min(1.0, chance), distinct(term, known))
+        top, n_candidates = self.scanned(bench, term.signature)
         own = [trial for trial in top if trial.candidate.signature == term.signature]
         if not own:
-            return Finding(None, term, 1.0, known)
+            return Finding(term, 1.0, known)
         level = [top[place].candidate for place in _level_with(bench, own[0], top)]
         p_value = min(1.0, n_candidates * bench.p_value(own[0]))
-        return Finding(own[0], term, p_value, distinct(term, level, known))
+        return Finding(term, p_value, distinct(term, level, known))
+
+    def _chance(
+        self, structure: Structure, place: int, bench: Bench, fewer: Sequence[Structure]
+    ) -> float:
+        """Of what a term without columns gains."""
+        term = structure.fit.terms[place]
+        won = term.effect.gain(bench, term)
+        if won is not None:
+            return won[1]
+        others = (self.without(structure, place), *fewer)
+        return max(self._structural_chance(other, structure) for other in others)
 
     def _structural_rivals(self, structure: Structure, place: int, bench: Bench):
         """Effects that are more than columns and as good in the place of a term."""

@@ -54,7 +54,7 @@ class Reach:
         Leverages are not computed for residuals out of reach of any expected row.
         """
         sizes = np.abs(residuals)
-        some = np.flatnonzero(np.any(sizes <= (self.most * self.size)[:, None], axis=0))
+        some = np.flatnonzero(np.any(sizes <= self.farthest[:, None], axis=0))
         inside = sizes[:, some] <= self.of(design[some]).T
         return [some[chosen] for chosen in inside]
 
@@ -62,6 +62,14 @@ class Reach:
         """Reach of every row for every output, (n_rows, n_outputs)."""
         whitened = design @ self.metric
         return np.sqrt(np.einsum("ij,ij->i", whitened, whitened))[:, None] * self.size
+
+    @property
+    def farthest(self) -> Array:
+        """What no row is expected to reach beyond, (n_outputs,).
+
+        Where nothing moves the reach is nothing, of whatever leverage a row may be.
+        """
+        return self.size * np.where(self.size == 0.0, 1.0, self.most)
 
     def scaled(self, factor: float) -> Reach:
         """The reach of changes that are so many times as large."""

@@ -141,7 +141,7 @@ class FittedSurfaces:
         distance = self._distance(values, labels)
         summaries = []
         for surface, signs in enumerate(self.book.T):
-            some = np.flatnonzero(distance[:, surface] <= reach.most * reach.size)
+            some = np.flatnonzero(distance[:, surface] <= reach.farthest)
             signed = self.basis(X[some]) * signs[labels[some], None] if some.size else self.empty
             beyond = distance[some, surface]
             within = reach.of(signed)[:, 0]

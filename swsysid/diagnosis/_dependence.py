@@ -31,6 +31,8 @@ _AT_ONCE = 4_000_000  # entries of rearranged residuals in memory
 _MOST_REMOVED = 4
 # A channel as strong as this is taken away before the correlation in time is measured.
 _STRONG = 0.2
+# Share of a residual's size below which its changes are rounding.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,7 @@ def examine(
     (n_rows, n_columns) holds what the model could use itself: it had taken what it could of every
     effect that it lacks, and gives it back when the effect is found.
     """
-    values = robust_clip(residual)
-    values = values / values.std()
+    values = _scaled(robust_clip(residual), residual)
     channels = _telling(channels)
     block = block_length(_without_strong(channels, values), codes) if ordered else 1
     orders = rearrangements(len(values), block, n_permutations, rng)
@@ -124,6 +125,13 @@ def examine(
         search.take_away(spread, size)
         tests += spread
     return Examination(tests, block, periodogram, search.frequency)
+
+
+def _scaled(values: Array, residual: Array) -> Array:
+    """Values of unit variance; none but zeros where the residual is constant to rounding."""
+    spread = values.std()
+    constant = spread <= _ROUNDING * np.abs(residual).max(initial=0.0)
+    return np.zeros_like(values) if constant else values / spread
 
 
 def _telling(channels: list[Channel]) -> list[Channel]:

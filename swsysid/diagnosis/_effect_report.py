@@ -14,7 +14,7 @@ from swsysid._search.folds import Split, make_folds
 from swsysid._search.greedy import Round, Search
 from swsysid._search.intervals import term_covariances
 from swsysid.diagnosis._effect_data import EffectData
-from swsysid.diagnosis._effect_text import report_text, summary, title
+from swsysid.diagnosis._effect_text import named, report_text, summary, title
 from swsysid.diagnosis._ladder import Ladder
 from swsysid.diagnosis._report import ResidualReport, plain
 from swsysid.diagnosis._residuals import residual_report
@@ -119,7 +119,7 @@ class EffectReport(Mapping):
     ) -> EffectReport:
         """Everything a search has found."""
         models = ["declared model"] + [
-            f"+ {effect.kind.replace('_', ' ')} of {effect.place}" for effect in estimator.effects_
+            f"+ {named(effect.kind, effect.place)}" for effect in estimator.effects_
         ]
         errors = [
             {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
@@ -227,16 +227,16 @@ class EffectReport(Mapping):
 def _history(rounds: list[Round], records: Records) -> tuple[dict[str, Any], ...]:
     targets = records.names[: records.n_states]
 
-    def named(term) -> str:
+    def told(term) -> str:
         label = term.effect.label(term.place, records.names)
         return title(term.effect.kind, label, targets[term.target], term.mode)
 
     return tuple(
         {
-            "added": named(one.finding.candidate),
+            "added": told(one.finding.candidate),
             "p_value": float(one.finding.p_value),
             "n_candidates": one.n_candidates,
-            "effects": [named(term) for term in one.structure.fit.terms],
+            "effects": [told(term) for term in one.structure.fit.terms],
         }
         for one in rounds
     )
@@ -274,6 +274,8 @@ def _leftover(fit, records: Records, targets, split: Split) -> ResidualReport | 
 
     class Known:
         """The predictions of a fit, whose memory has seen the rows before."""
+
+        estimator_ = fit.estimator
 
         def predict(self, X):
             return predicted[rows]

@@ -13,17 +13,13 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
 from sklearn.model_selection import check_cv
 
 from swsysid._effect_regressor import EffectRegressor
+from swsysid._pipelines import seeded, switching_step, with_parameters
 from swsysid._records import Records, make_records
 from swsysid._results import IdentificationWarning
 from swsysid._scores import explained
 from swsysid._search.folds import Folds, Split, make_folds, split_records
 from swsysid._search.greedy import Search
-from swsysid._search.joint_fit import (
-    check_declared,
-    fit_jointly,
-    switching_step,
-    with_parameters,
-)
+from swsysid._search.joint_fit import JointFit, check_declared, fit_jointly, tell_doubts
 from swsysid._validation.estimators import check_fitted, known_velocities, rows_to_fit
 from swsysid._validation.parameters import (
     function,
@@ -73,7 +69,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         Of an effect found by chance in the whole search of one effect.
     n_jobs : int or None, default=None
     random_state : int, RandomState instance or None, default=None
-        Of what is held out. None is 0: the same data give the same answer.
+        Of what is held out, and of the estimator where it has none itself. None is 0: the same
+        data give the same answer.
     verbose : int, default=0
         1 shows a progress bar.
 
@@ -159,7 +156,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         names = list(getattr(self, "feature_names_in_", [f"x{i}" for i in range(X.shape[1])]))
         records = make_records(X, targets.shape[1], t=t, groups=groups, signals=frame, names=names)
         self._trajectory_names = None if groups is None else np.unique(groups)
-        rng = random_numbers(0 if self.random_state is None else self.random_state)
+        seed = 0 if self.random_state is None else self.random_state
+        self._declared, rng = seeded(self.estimator, seed), random_numbers(seed)
         split = split_records(records, rng)
         if self._too_short(records, split, targets):
             return self._unchanged(records, targets)
@@ -203,9 +201,9 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     # -- parts of fit ------------------------------------------------------------------------------
 
     def _search(self, records: Records, targets, split: Split, rng):
-        rows = split.search
-        declared = fit_jointly(self.estimator, (), records, rows, targets[rows])
-        estimator = with_parameters(self.estimator, n_modes=declared.n_modes)
+        declared, rows = self._declared, split.search
+        first = fit_jointly(declared, (), records, rows, targets[rows])
+        estimator = with_parameters(declared, n_modes=first.n_modes)
         search = Search(
             estimator=estimator,
             effects=all_effects() if isinstance(self.effects, str) else list(self.effects),
@@ -213,32 +211,36 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             rows=rows,
             targets=targets[rows],
             folds=self._folds(records.take(rows), targets[rows], rng),
-            declared=declared,
+            declared=first,
             max_effects=self.max_effects,
             significance=self.significance,
             n_jobs=self.n_jobs,
             verbose=self.verbose,
         )
-        structure, rounds = search.run()
-        ladder = Ladder.of(search, structure, targets, split)
-        everything = np.arange(len(records))
-        modes = structure.fit.predict_modes(records)
-        modes[rows] = structure.fit.modes
-        final = fit_jointly(estimator, ladder.terms, records, everything, targets, modes)
-        self.best_estimator_ = self._regressor(final, records)
-        self.declared_estimator_ = (
-            self.best_estimator_
-            if not final.terms
-            else self._regressor(
-                fit_jointly(self.estimator, (), records, everything, targets), records
-            )
+        structure, findings, rounds = search.run()
+        ladder = Ladder.of(search, structure, findings, targets, split)
+        plain = fit_jointly(declared, (), records, np.arange(len(records)), targets)
+        final = self._with_effects(search, ladder, targets, structure) if ladder.terms else plain
+        self.declared_estimator_ = self._regressor(plain, records)
+        self.best_estimator_ = (
+            self._regressor(final, records) if final.terms else self.declared_estimator_
         )
         self.effects_ = describe_findings(search, structure, ladder, final, targets)
         self.report_ = EffectReport.of(search, ladder, rounds, self, records, targets, split)
+        tell_doubts(final, 3)
         return self
 
+    @staticmethod
+    def _with_effects(search: Search, ladder: Ladder, targets, structure) -> JointFit:
+        """The model with the effects, fitted to all rows from the modes found."""
+        records = search.records
+        modes = structure.fit.predict_modes(records)
+        modes[search.rows] = structure.fit.modes
+        everything = np.arange(len(records))
+        return fit_jointly(search.estimator, ladder.terms, records, everything, targets, modes)
+
     def _regressor(self, fit, records: Records) -> EffectRegressor:
-        regressor = EffectRegressor(clone(self.estimator), fit.terms)
+        regressor = EffectRegressor(clone(self._declared), fit.terms)
         regressor.n_features_in_ = self.n_features_in_
         if hasattr(self, "feature_names_in_"):
             regressor.feature_names_in_ = self.feature_names_in_
@@ -268,7 +270,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             IdentificationWarning,
             stacklevel=3,
         )
-        fit = fit_jointly(self.estimator, (), records, np.arange(len(records)), targets)
+        fit = fit_jointly(self._declared, (), records, np.arange(len(records)), targets)
+        tell_doubts(fit, 3)
         self.best_estimator_ = self.declared_estimator_ = self._regressor(fit, records)
         self.effects_ = []
         self.report_ = EffectReport.nothing_done(records)

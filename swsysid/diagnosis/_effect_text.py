@@ -8,11 +8,20 @@ from typing import Any
 import numpy as np
 
 from swsysid.effects import FoundEffect, Rival
+from swsysid.effects._base import NOWHERE
 
-__all__ = ["effect_title", "interval", "probability", "rate", "report_text", "summary", "title"]
+__all__ = [
+    "effect_title",
+    "interval",
+    "probability",
+    "rate",
+    "report_text",
+    "sentence",
+    "summary",
+    "title",
+]
 
 _MOST_NAMED = 12
-_NOWHERE = ("constant", "time", "modes")  # places that say nothing beside the kind
 _SMALLEST = 1e-16
 _WORTH_TELLING = 0.01  # share of an error
 _LEFT_OUT = "and {} more"
@@ -26,8 +35,25 @@ def rate(name: str, discrete: bool = False) -> str:
 def title(kind: str, place: str, state: str, mode: int | None, discrete: bool = False) -> str:
     """Kind, place, equation and mode of an effect in a few words."""
     where = "" if mode is None else f", mode {mode}"
-    of = "" if place in _NOWHERE else f" of {place}"
-    return f"{kind.replace('_', ' ')}{of} in {rate(state, discrete)}{where}"
+    return f"{named(kind, place)} in {rate(state, discrete)}{where}"
+
+
+def named(kind: str, place: str) -> str:
+    """Kind of an effect, and its place where that says more."""
+    return kind.replace("_", " ") + ("" if place in NOWHERE else f" of {place}")
+
+
+def moved(report: Any) -> str:
+    """What became of the modes, in a sentence."""
+    if any(effect.placed.effect.n_more_modes for effect in report.effects):
+        return "There is one more mode than declared."
+    return f"{report.guard_moved:.1%} of the samples changed their mode."
+
+
+def sentence(text: str, names: Sequence[str]) -> str:
+    """Text as a sentence; a channel's name that it begins with keeps its letters."""
+    first = text if any(text.startswith(name) for name in names) else text[:1].upper() + text[1:]
+    return f"{first}."
 
 
 def probability(value: float) -> str:
@@ -124,7 +150,7 @@ def _consequences(report: Any) -> list[str]:
     """Modes, leftovers and rollouts."""
     lines = []
     if report.effects:
-        lines.append(f"Modes: {report.guard_moved:.1%} of the samples changed their mode.")
+        lines.append(f"Modes: {moved(report)}")
     for when in ("before", "after") if report.effects else ("before",):
         leftover = getattr(report, f"residual_{when}")
         if leftover is not None:

@@ -44,9 +44,18 @@ class Ladder:
     split: Split
 
     @classmethod
-    def of(cls, search: Search, structure: Structure, targets: Array, split: Split) -> Ladder:
+    def of(
+        cls,
+        search: Search,
+        structure: Structure,
+        findings: tuple[Finding, ...],
+        targets: Array,
+        split: Split,
+    ) -> Ladder:
         """Order the effects of a structure by what is lost without them, and climb."""
-        terms, findings = ordered_findings(search, structure)
+        order = _by_loss(search, structure)
+        terms = tuple(structure.fit.terms[place] for place in order)
+        findings = tuple(findings[place] for place in order)
         fits = [search.declared]
         for count in range(1, len(terms) + 1):
             if count == len(terms):
@@ -66,16 +75,13 @@ class Ladder:
         return np.sqrt(np.mean(errors**2, axis=0))
 
 
-def ordered_findings(
-    search: Search, structure: Structure
-) -> tuple[tuple[PlacedEffect, ...], tuple[Finding, ...]]:
-    """Effects of a structure, the one whose loss costs most first."""
+def _by_loss(search: Search, structure: Structure) -> list[int]:
+    """Places of the effects of a structure, the one whose loss costs most first."""
     order = list(range(len(structure.fit.terms)))
     if len(order) > 1:
         losses = {place: search.without(structure, place).price for place in order}
         order.sort(key=lambda place: -losses[place])
-    found = [search.finding(structure, place) for place in order]
-    return tuple(structure.fit.terms[place] for place in order), tuple(found)
+    return order
 
 
 def replace_terms(fit: JointFit, terms: tuple[PlacedEffect, ...]) -> JointFit:

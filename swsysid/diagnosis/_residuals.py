@@ -49,12 +49,13 @@ def residual_report(
     model : object
         Fitted, with ``predict(X)``, or ``predict(X, t=, groups=, signals=)`` of which it is given
         what its signature names. With ``predict_modes`` every mode is examined too, with
-        ``surface_`` the neighbourhood of the switching surface.
+        ``surface_`` (its own, or that of the regressor inside a pipeline, a model with effects
+        or a search) the neighbourhood of the switching surface.
     X : array-like or data frame of shape (n_samples, n_states + n_inputs)
     Xdot : array-like of shape (n_samples, n_states) or (n_samples,)
         Measured velocities (next states in discrete time).
     t : array-like of shape (n_samples,), default=None
-        Times, increasing within each trajectory.
+        Times in s, increasing within each trajectory.
     groups : array-like of shape (n_samples,), default=None
         Trajectory of each row, rows in time order. Without `t` and `groups` rows have no order,
         and everything about time is skipped.
@@ -149,7 +150,7 @@ def _clock(samples: ResidualSamples) -> tuple[Clock | None, dict[str, str]]:
     elif samples.t is None:
         skipped = dict.fromkeys(("spectrum", "time"), "t is not given")
     if samples.nearness is None:
-        skipped["surface"] = "the model has no switching surface"
+        skipped["surface"] = samples.why_no_nearness
     if samples.t is None:
         return None, skipped
     pieces = make_pieces(samples.codes)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import NotFittedError
 
+from swsysid._pipelines import switching_step
 from swsysid._results import Array
 from swsysid._validation.arrays import column, labels, numbers, refuse_vanishing, table
 from swsysid._validation.parameters import shown
@@ -35,6 +36,8 @@ class ResidualSamples:
     modes : ndarray of shape (n_rows,) or None
     nearness : ndarray of shape (n_rows,) or None
         Distance from the switching surface, in the units of its function.
+    why_no_nearness : str
+        Empty if there is one.
     trajectories : list
         Their names, in the order of the codes.
     names, signal_names, equations : list of str
@@ -50,6 +53,7 @@ class ResidualSamples:
     signals: Array
     modes: NDArray | None
     nearness: Array | None
+    why_no_nearness: str
     trajectories: list
     names: list[str]
     signal_names: list[str]
@@ -88,7 +92,7 @@ def collect(model: Any, X, Xdot, t=None, groups=None, signals=None) -> ResidualS
     if not np.isfinite(predicted).all():
         raise ValueError("the model predicts NaN or infinity on these rows; leave them out.")
     modes = np.asarray(model.predict_modes(frame)) if hasattr(model, "predict_modes") else None
-    nearness = _nearness(getattr(model, "surface_", None), frame)
+    nearness, why_no_nearness = _nearness(model, X, columns)
     ordered = t is not None or groups is not None
     order = (
         np.argsort(codes, kind="stable")
@@ -105,6 +109,7 @@ def collect(model: Any, X, Xdot, t=None, groups=None, signals=None) -> ResidualS
         signals=channels[order],
         modes=None if modes is None else modes[order],
         nearness=None if nearness is None else nearness[order],
+        why_no_nearness=why_no_nearness,
         trajectories=trajectories,
         names=names,
         signal_names=_column_names(signals, channels.shape[1], "signal"),
@@ -187,19 +192,37 @@ def _predicted(model: Any, X: Any, extras: dict[str, Any]) -> Array:
     return predicted[:, None] if predicted.ndim == 1 else predicted
 
 
-def _nearness(surface: Any, X: Any) -> Array | None:
-    """How far each row is from the nearest place where the surface changes the mode."""
-    X = np.asarray(X, dtype=float)
+def _nearness(model: Any, X: Any, columns: Array) -> tuple[Array | None, str]:
+    """How far each row is from the nearest place where the surface changes the mode.
+
+    The surface is that of the regressor inside: of a search's best model, of a model with effects,
+    of the last step of a pipeline. Without one the second answer says why.
+    """
+    for inside in ("best_estimator_", "estimator_"):
+        model = getattr(model, inside, model)
+    transform, regressor = switching_step(model)
+    surface = getattr(regressor, "surface_", None)
+    if surface is None:
+        return None, "the model has no switching surface"
+    seen = np.asarray(transform(_in_fitted_form(model, X, columns)), dtype=float)
+    distance = _distance(surface, seen)
+    if distance is None:
+        return None, f"a {type(surface).__name__} does not say how far its surface is"
+    return (distance, "") if distance.size else (None, "the model has one mode")
+
+
+def _distance(surface: Any, X: Array) -> Array | None:
+    """Distance of each row in the units of the surface, empty if there is no surface."""
     if hasattr(surface, "surface_values"):
         values = np.abs(np.asarray(surface.surface_values(X), dtype=float).reshape(len(X), -1))
         if not values.shape[1]:
-            return None
+            return np.empty(0)
         typical = np.median(values, axis=0)
-        return (values / np.where(typical > 0.0, typical, 1.0)).min(axis=1)
+        return np.asarray((values / np.where(typical > 0.0, typical, 1.0)).min(axis=1))
     if not hasattr(surface, "decision_function"):
         return None
     values = np.asarray(surface.decision_function(X), dtype=float)
     if values.ndim == 1:
         return np.abs(values)
     best = np.sort(values, axis=1)
-    return best[:, -1] - best[:, -2]
+    return np.asarray(best[:, -1] - best[:, -2])

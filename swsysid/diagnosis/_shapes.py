@@ -11,6 +11,8 @@ __all__ = ["describe"]
 
 # A shape is named if it holds this share of what the bins hold.
 _ENOUGH = 0.8
+# Numbers with more digits before or behind the point are written with an exponent.
+_MOST_DIGITS = 6
 
 
 def describe(name: str, coordinate: Array, values: Array, share: float) -> str:
@@ -57,5 +59,10 @@ def _parabola(z: Array, y: Array) -> float:
 def _rounded(place: float, x: Array) -> str:
     """A threshold with the digits that its neighbours deserve."""
     low, high = np.quantile(x, [0.05, 0.95])
-    digits = int(np.ceil(-np.log10(max(high - low, 1e-300) / 20.0)))
-    return f"{round(place, digits) + 0.0:.{max(digits, 0)}f}"
+    if low == high:  # nearly all rows have one value, as of a switch that is hardly ever on
+        low, high = x[0], x[-1]
+    digits = int(np.ceil(-np.log10((high - low) / 20.0)))
+    rounded = round(place, digits) + 0.0
+    if digits > _MOST_DIGITS or abs(rounded) >= 10.0**_MOST_DIGITS:
+        return f"{rounded:.3g}"
+    return f"{rounded:.{max(digits, 0)}f}"

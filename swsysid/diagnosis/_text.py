@@ -10,6 +10,13 @@ __all__ = ["table", "verdict"]
 
 # The table names so many dependences of each equation.
 _MOST_NAMED = 4
+# Share of a residual that is no noise and has to be spoken of, whatever the tests say.
+_MUCH = 0.5
+# What the estimate of the noise has found the rest to be.
+_SMOOTH = {
+    "neighbours in time": "changes smoothly in time",
+    "neighbours in space": "is a smooth function of the columns of X",
+}
 
 
 def table(report: Any) -> str:
@@ -35,7 +42,7 @@ def _sizes(report: Any) -> list[str]:
     white = {test.equation: test.p_value for test in report.whiteness}
     lines = [
         f"{'equation':<{width}} {'mode':>4} {'rmse':>10} {'R2':>8} {'noise':>10} {'ratio':>7} "
-        f"{'explainable':>11} {'white p':>8}"
+        f"{'not noise':>11} {'white p':>8}"
     ]
     for size in report.size:
         p_value = white.get(size.equation) if size.mode is None else None
@@ -86,11 +93,18 @@ def verdict(report: Any, equation: str) -> str:
     clauses = _clauses(found)
     clauses += _in_one_mode(report, equation)
     coloured = any(test.significant for test in report.whiteness if test.equation == equation)
-    if coloured and not clauses:
-        clauses = ["it is correlated in time, but follows no channel given"]
+    clauses = clauses or _unnamed(size, coloured)
     if clauses:
         return f"{_size_in_words(size)}; {'; '.join(clauses)}."
     return f"nothing is left; {_size_in_words(size)}."
+
+
+def _unnamed(size: Size, coloured: bool) -> list[str]:
+    """What is there although no test names what it depends on."""
+    share = size.explainable or 0.0
+    if share >= _MUCH:
+        return [f"{share:.0%} of it {_SMOOTH[size.how]}, though no test names what it depends on"]
+    return ["it is correlated in time, though no test names what it depends on"] if coloured else []
 
 
 def _in_one_mode(report: Any, equation: str) -> list[str]:

@@ -15,10 +15,11 @@ from swsysid._results import Array
 from swsysid._search.scan import scan
 from swsysid._search.trials import Bench, PlacedEffect, Trial
 
-__all__ = ["Effect", "Parameter", "Place", "figure", "quantile_levels", "spread"]
+__all__ = ["NOWHERE", "Effect", "Parameter", "Place", "figure", "quantile_levels", "spread"]
 
 Modes = NDArray[np.intp]
 Place = Any  # a channel's number, or whatever else the effect understands
+NOWHERE = ("constant", "time", "modes")  # places that say nothing beside the kind
 
 
 @dataclass(frozen=True)
@@ -219,7 +220,8 @@ class Effect(BaseEstimator):
     def formula(self, label: str, parameters: Mapping[str, float]) -> str:
         """The effect's term as text."""
         listed = ", ".join(f"{name} {value:.4g}" for name, value in parameters.items())
-        return f"{self.kind.replace('_', ' ')} of {label} ({listed})"
+        of = "" if label in NOWHERE else f" of {label}"
+        return f"{self.kind.replace('_', ' ')}{of}" + (f" ({listed})" if listed else "")
 
     def describe(self, label: str, target: str) -> str:
         """What the effect means physically, in one sentence."""

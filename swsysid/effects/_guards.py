@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._pipelines import switching_step, with_parameters
 from swsysid._printing import linear_combination
 from swsysid._records import Records
 from swsysid._results import Array
-from swsysid._search.joint_fit import switching_step, with_parameters
 from swsysid._search.trials import Bench, PlacedEffect
 from swsysid.effects._base import Effect, figure
 
@@ -310,6 +310,8 @@ class Reset(_Structural):
     def gain(self, bench: Bench, candidate: PlacedEffect) -> tuple[float, float]:
         """Nats won on the jumps, each predicted by the others, and their p-value."""
         before, after, _ = _jumps(bench, candidate.target)
+        if len(before) < _FEWEST_JUMPS:  # the effects found since have explained them
+            return 0.0, 1.0
         size = before @ before
         leverage = before**2 / size
         error = (after - before * (before @ after) / size) / (1.0 - leverage)

@@ -102,7 +102,7 @@ class ResidualReportDisplay(Display):
         n_channels : int, default=2
             How many channels, the most telling ones.
         units : mapping from names to units, default=None
-            A name ``"d/dt x"`` gives the unit of a velocity.
+            A name ``"d/dt x"`` gives the unit of a velocity, ``"time"`` that of time (s).
         ax : array of matplotlib Axes, default=None
             One for each panel; a new figure if None.
 
@@ -133,6 +133,7 @@ class ResidualReportDisplay(Display):
             peak=peaks[0].frequency if peaks and peaks[0].significant else None,
             verdict=report.verdicts[equation],
         )
+        display._frequency = f"frequency ({_inverse((units or {}).get('time', 's'))})"
         display._label = f"residual of {axis_label(f'd/dt {equation}', units)}"
         return display.plot(ax=ax)
 
@@ -213,7 +214,7 @@ class ResidualReportDisplay(Display):
         ax.figure.colorbar(points, ax=ax, label=self._label)
         ax.set(xlabel=panel.names[0], ylabel=panel.names[1], title=panel.found)
 
-    _label = "residual"
+    _label, _frequency = "residual", "frequency (Hz)"
 
     def _draw_autocorrelation(self, ax):
         lags = np.arange(1, len(self.autocorrelation) + 1)
@@ -239,7 +240,7 @@ class ResidualReportDisplay(Display):
         if self.peak is not None:
             ax.axvline(self.peak, color=_WARNING, linewidth=1.5, linestyle="--", zorder=0)
             title = f"spectrum, peak at {self.peak:.3g}"
-        ax.set(xlabel="frequency (1 / unit of t)", ylabel="share of variance", title=title)
+        ax.set(xlabel=self._frequency, ylabel="share of variance", title=title)
         ax.set_xlim(0.0, self.frequency[-1])
         ax.set_ylim(bottom=0.0)
 
@@ -249,6 +250,11 @@ class ResidualReportDisplay(Display):
         width = int(24 * self.figure_.get_figwidth() / 2.6)
         text = "\n".join(textwrap.wrap(f"{self.equation}: {self.verdict}", width))
         self.figure_.suptitle(text, fontsize=13, x=0.01, ha="left")
+
+
+def _inverse(unit: str) -> str:
+    """Unit of a frequency for that of time."""
+    return "Hz" if unit == "s" else f"1/{unit}"
 
 
 def _worst(report) -> str:
@@ -274,19 +280,26 @@ def _panels(report, equation, n_channels, units) -> list[_Panel]:
     panels: dict[str, _Panel] = {}
     for test in ranked:
         if test.channel in channels and test.channel not in panels:
-            what = "" if test.aspect == "mean" else "spread: "
-            found = f"{what}{test.share:.0%}, p<={test.p_value:.2g}" if test.direct else ""
             parts = report.data.pairs.get(test.channel, (test.channel,))
+            named = ("time",) if test.kind == "time" else parts
             # of a lag only what is new beyond the channel now is drawn, as it was tested
             ending = ", new part" if test.kind == "lag" else ""
             panels[test.channel] = _Panel(
-                tuple(axis_label(part, units) + ending for part in parts),
+                tuple(axis_label(name, units) + ending for name in named),
                 tuple(channels[part] for part in parts),
-                found or "nothing found",
+                _told(test),
             )
         if len(panels) == n_channels:
             break
     return list(panels.values())
+
+
+def _told(test) -> str:
+    """What a test says of its channel; a picture that shows more is not contradicted."""
+    what = f"{'' if test.aspect == 'mean' else 'spread: '}{test.share:.0%}, p<={test.p_value:.2g}"
+    if test.direct:
+        return what
+    return f"{what}, told by others" if test.significant else f"not significant: {what}"
 
 
 def _binned(coordinate, residual, samples_a_bin=40, max_bins=25):

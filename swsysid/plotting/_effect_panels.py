@@ -33,32 +33,49 @@ def rate_label(data: Any, state: int, units=None) -> str:
 
 
 def draw_residuals(ax, data: Any, state: int, units=None) -> None:
-    """Residual before and after over the held-out rows, stretch after stretch."""
+    """Residual before and after over the time of the held-out rows."""
     before, after = (one[:, state] for one in data.residuals)
-    parts = [rows for _, rows in data.stretches] or [np.arange(len(before))]
-    order = np.concatenate(parts)
-    shown = np.arange(0, len(order), max(1, len(order) // _MOST_DOTS))
-    x = np.arange(len(order))
-    for values, colour, label in (
+    x, edges, label = _held_out_axis(data, units)
+    shown = np.flatnonzero(np.isfinite(x))
+    shown = shown[:: max(1, len(shown) // _MOST_DOTS)]
+    for values, colour, name in (
         (before, BEFORE, "declared model"),
         (after, AFTER, "with effects"),
     ):
-        ax.scatter(
-            x[shown], values[order][shown], s=7, color=colour, linewidths=0, alpha=0.7, label=label
-        )
+        ax.scatter(x[shown], values[shown], s=7, color=colour, linewidths=0, alpha=0.7, label=name)
     ax.axhline(0.0, color="0.2", linewidth=1.0)
-    for edge in np.cumsum([len(part) for part in parts])[:-1]:
-        ax.axvline(edge - 0.5, color="0.75", linewidth=0.8, zorder=0)
+    for edge in edges:
+        ax.axvline(edge, color="0.75", linewidth=0.8, zorder=0)
     low, high = np.quantile(before, [0.002, 0.998])
     low, high = min(low, after.min()), max(high, after.max())
     room = 0.05 * (high - low)
     if room > 0.0:
         ax.set_ylim(low - room, high + room)
-    ax.set(
-        xlabel="held-out row, trajectory after trajectory" if data.stretches else "held-out row",
-        ylabel=_wrapped(f"residual of {rate_label(data, state, units)}"),
-    )
+    ax.set(xlabel=label, ylabel=_wrapped(f"residual of {rate_label(data, state, units)}"))
     _legend_above(ax, 2, markerscale=2.5)
+
+
+def _held_out_axis(data: Any, units) -> tuple[np.ndarray, list[float], str]:
+    """Where each held-out row is drawn, where trajectories meet, and the label of the axis.
+
+    Over time, one trajectory after the other if there are several; over row numbers where the
+    times are not known.
+    """
+    records, n_rows = data.records, len(data.rows)
+    if not data.stretches:
+        return np.arange(n_rows, dtype=float), [], "held-out row"
+    time = axis_label("time", units)
+    if records.timed and len(records.trajectories) == 1:
+        return records.t[data.rows], [], time
+    x, edges, start = np.full(n_rows, np.nan), [], 0.0
+    for _, part in data.stretches:
+        t = records.t[data.rows[part]] if records.timed else np.arange(len(part), dtype=float)
+        step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+        x[part] = start + t - t[0]
+        start += float(t[-1] - t[0]) + step
+        edges.append(start - 0.5 * step)
+    what = time if records.timed else "held-out row"
+    return x, edges[:-1], f"{what}, trajectory after trajectory"
 
 
 def draw_trajectory_errors(ax, data: Any, state: int, units=None) -> None:
