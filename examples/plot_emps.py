@@ -20,6 +20,8 @@ The data are found through ``SWSYSID_DATA`` or downloaded.
 # every tenth row is kept. The states are position and velocity, the input is the force.
 
 # sphinx_gallery_thumbnail_number = 2
+import warnings
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
@@ -46,7 +48,8 @@ units = {"q": "m", "q'": "m/s", "force": "N", "d/dt q'": "m/s²"}
 # One law, and two laws
 # ---------------------
 # The library is affine in velocity and force: the friction does not depend on the position. The
-# single law is fitted by least squares, as one would without suspecting a switch.
+# single law is fitted by least squares, as one would without suspecting a switch. A fit may warn
+# that what it leaves over is no noise; the warnings are printed.
 
 
 def without_position(X):
@@ -68,7 +71,11 @@ models = {
 }
 rows = pd.DataFrame(train.X, columns=names)
 for name, model in models.items():
-    model.fit(rows, train.Xdot)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model.fit(rows, train.Xdot)
+    for warning in caught:
+        print(f"{name}: {warning.message}")
     error = velocity_rmse(test.Xdot, model.predict(pd.DataFrame(test.X, columns=names)))
     print(f"{name}: error of the acceleration on the test record {error:.4f} m/s²")
 two = models["two laws"]
