@@ -10,8 +10,8 @@ from swsysid._validation.parameters import one_of, whole
 __all__ = ["check_format", "linear_combination", "merged", "symbol"]
 
 _MOST_DECIMALS = 50
-# Functions that stand upright in LaTeX.
-# Functions in the terms of effects; a library's own feature names stay as it gives them.
+# Functions in the terms of effects stand upright in LaTeX; the feature names of a library stay as
+# the library gives them.
 _FUNCTIONS = ("sign", "clip", "max", "play", "lag")
 
 
