@@ -18,7 +18,7 @@ from swsysid._features import FeatureMap
 from swsysid._identification import identify
 from swsysid._pipelines import switching_step, with_parameters
 from swsysid._records import Records
-from swsysid._results import Array, IdentificationWarning
+from swsysid._results import Array, IdentificationWarning, MisfitWarning
 from swsysid._rows import CanonicalRows, canonical_rows
 from swsysid._search.lending import loans
 from swsysid._search.robust import robust_regression
@@ -259,7 +259,9 @@ def _fitted(
         warnings.simplefilter("always")
         copy.fit(records.X, targets)
     switching_step(copy)[1].set_params(init=declared["init"], n_modes=declared["n_modes"])
-    doubts = (one.message for one in caught if issubclass(one.category, _DOUBTS))
+    # What the model leaves over is what the search is for, so that is no doubt about its fit.
+    said = (one for one in caught if not issubclass(one.category, MisfitWarning))
+    doubts = (one.message for one in said if issubclass(one.category, _DOUBTS))
     return copy, tuple(one for one in doubts if isinstance(one, Warning))
 
 
