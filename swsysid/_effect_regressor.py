@@ -126,9 +126,10 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         Trajectory
         """
         check_fitted(self, "estimator_")
-        return simulate_with_effects(
+        done = simulate_with_effects(
             self._fit, x0, t, inputs, signals=signals, input_hold=input_hold, **options
         )
+        return replace(done, names=self._channel_names[: done.x.shape[1]])
 
     def equations(self, precision=3, format="text"):
         """The law of every mode, with the terms of the effects.

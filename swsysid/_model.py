@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from swsysid._blocks.pieces import pieces
 from swsysid._features import FeatureMap
 from swsysid._printing import check_format, linear_combination, merged, symbol
-from swsysid._results import Array
+from swsysid._results import Array, Trajectory
 from swsysid._validation.parameters import shown
 
 __all__ = ["AddedTerms", "SwitchingModel", "fitted_system"]
@@ -133,6 +133,10 @@ class SwitchingModel:
     def n_inputs(self) -> int:
         """Number of columns of X after the states."""
         return len(self.feature_map.names_in) - self.n_states
+
+    def named(self, trajectory: Trajectory) -> Trajectory:
+        """The trajectory under the names of the states."""
+        return replace(trajectory, names=tuple(self.feature_map.names_in[: self.n_states]))
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity (or next state) at one point in one mode."""

@@ -320,15 +320,9 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
                 f"The model has {n_states} velocities but only {self.n_features_in_} columns in "
                 "X; simulate needs the states themselves as the first columns of X."
             )
-        return simulate(
-            self._model,
-            x0,
-            t,
-            inputs,
-            input_hold=input_hold,
-            discrete_time=self.discrete_time,
-            **checked_options(options),
-        )
+        options = {**checked_options(options), "discrete_time": self.discrete_time}
+        model = self._model
+        return model.named(simulate(model, x0, t, inputs, input_hold=input_hold, **options))
 
     def certificate(self, X, y):
         """How far the vector fields and the modes can be from optimal on some data.

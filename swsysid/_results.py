@@ -9,9 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from swsysid._series import draw_series, frame_of, names_or_numbers, span
 
 __all__ = [
     "Assignment",
@@ -280,6 +283,8 @@ class Trajectory:
     modes : ndarray of shape (n_times,), int
     events : tuple of SwitchEvent
     status : Status
+    names : tuple of str
+        Names of the states; x0, x1, ... if empty.
     """
 
     t: Array
@@ -287,3 +292,43 @@ class Trajectory:
     modes: NDArray[np.intp]
     events: tuple[SwitchEvent, ...]
     status: Status
+    names: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        names, n_switches = ", ".join(self._names), len(self._switches)
+        counted = f"{n_switches} switch{'' if n_switches == 1 else 'es'}"
+        return f"Trajectory({span(self.t)}, {names}; {counted}; {self.status.value})"
+
+    def to_frame(self) -> Any:
+        """The states and the mode at every time, as a data frame.
+
+        Returns
+        -------
+        pandas.DataFrame of n_times rows
+            Indexed by the times, with a column for each state and the column ``mode``.
+        """
+        columns = dict(zip(self._names, self.x.T, strict=True))
+        return frame_of(self.t, columns, {"mode": self.modes})
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the states over time; thin lines stand where the mode switches.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, default=None
+            None draws on a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        return draw_series(ax, [(self.t, self.x)], self._names, self._switches)
+
+    @property
+    def _names(self) -> list[str]:
+        return names_or_numbers(self.names, self.x.shape[1])
+
+    @property
+    def _switches(self) -> list[float]:
+        """Times at which the mode becomes another one."""
+        return [event.time for event in self.events if event.before != event.after]

@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import comb
 
+from swsysid._derivatives import Derivatives, rates_appended
 from swsysid._smoothing import Array, TooShortError
 from swsysid._smoothing_strength import Strength, strengths, strongest
-from swsysid._validation.arrays import column, refuse_vanishing, table
+from swsysid._validation.arrays import column, names_of, refuse_vanishing, table
 from swsysid._validation.arrays import labels as labels_of_rows
 from swsysid._validation.parameters import flag, one_of, real, whole
 
@@ -34,28 +35,6 @@ _MOST_DEGREE = 20  # polynomials beyond are lost to rounding
 _MOST_DECIMATED = 1_000_000
 LARGEST_GAP = 20.0  # a longer gap, in median steps, is not one trajectory any more
 NOISE_ORDER = 6  # differences of this order leave noise and hardly any of a smooth signal
-
-
-class Derivatives(NamedTuple):
-    """States and their time derivatives, ends trimmed.
-
-    Attributes
-    ----------
-    X : ndarray of shape (n_kept, n_states + n_inputs)
-        Smoothed states, then the inputs, filtered alike. With ``order=2`` the states are the
-        positions followed by the velocities.
-    Xdot : ndarray of shape (n_kept, n_states)
-    t : ndarray of shape (n_kept,)
-    groups : ndarray of shape (n_kept,)
-    noise : ndarray of shape (n_columns,)
-        Standard deviation of the noise in each measured column, in its unit.
-    """
-
-    X: Array
-    Xdot: Array
-    t: Array
-    groups: NDArray
-    noise: Array
 
 
 class Smoothing(NamedTuple):
@@ -134,7 +113,8 @@ def differentiate(
     Returns
     -------
     Derivatives
-        Unpacks as ``X, Xdot, t, groups, noise``.
+        Unpacks as ``X, Xdot, t, groups, noise``; columns keep the names that a data frame gives
+        them.
 
     Raises
     ------
@@ -151,6 +131,8 @@ def differentiate(
     True
     """
     states, times, labels, signals = _checked(x, t, groups, inputs)
+    own = names_of(x, states.shape[1], "x")
+    names = rates_appended(own, names_of(inputs, signals.shape[1], "u"), order)
     flag("filter_inputs", filter_inputs)
     _check_options(order, window, degree, cutoff, decimate)
     rows = dict(_trajectories(labels))
@@ -181,7 +163,7 @@ def differentiate(
             f"{longest} samples; use a smaller window or record longer ones."
         )
     X, Xdot, t, groups = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    return Derivatives(X, Xdot, t, groups, noise)
+    return Derivatives(X, Xdot, t, groups, noise, names)
 
 
 def choose_smoothing(

@@ -18,6 +18,9 @@ GROUPS = (
     "_validation/__init__ _validation/parameters",
     "_validation/arrays",
     "_validation/estimators",
+    # named signals, and what they are drawn on
+    "plotting/_canvas",
+    "_series",
     # 0: records, words, and numerical tools that know nothing of the package
     """_results _features _printing _pipelines _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/refusal _command/cells _command/units _command/wording
@@ -29,7 +32,7 @@ GROUPS = (
     # 1: one tool each
     """_command/tables _command/layout _command/matlab
     _command/held_out _command/laws _rollouts/losses _rollouts/certainty
-    _rows _model _smoothing_strength _solvers/conic _solvers/edges _solvers/euclidean
+    _derivatives _rows _model _smoothing_strength _solvers/conic _solvers/edges _solvers/euclidean
     _solvers/dynamics_program _surfaces/parameters _surfaces/mode_books
     _seeding/designs _simulation/events _simulation/inputs metrics/_surfaces
     datasets/_undeclared_records

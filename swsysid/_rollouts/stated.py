@@ -301,15 +301,9 @@ class StatedModel:
 
     def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options) -> Trajectory:
         """Roll the states out, with switches located; see `SwitchingSystemRegressor.simulate`."""
-        return simulate(
-            self._model,
-            x0,
-            t,
-            inputs,
-            input_hold=input_hold,
-            discrete_time=self.discrete_time,
-            **checked_options(options),
-        )
+        options = {**checked_options(options), "discrete_time": self.discrete_time}
+        model = self._model
+        return model.named(simulate(model, x0, t, inputs, input_hold=input_hold, **options))
 
     def measure(self, x: ArrayLike, inputs: ArrayLike | None = None) -> Array:
         """What the sensors read along a trajectory of the states, (n_samples, n_outputs)."""

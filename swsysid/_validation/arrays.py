@@ -16,6 +16,7 @@ from scipy.sparse import issparse
 __all__ = [
     "column",
     "labels",
+    "names_of",
     "numbers",
     "plain_array",
     "refuse_overflow",
@@ -56,6 +57,20 @@ def numbers(name: str, values: Any, *, missing: bool = False) -> Array:
     if not usable.all():
         _refuse_not_finite(name, array, usable)
     return array
+
+
+def names_of(values: Any, n_columns: int, stem: str) -> list[str]:
+    """Names of the columns of a data frame, or a stem with numbers where there are none.
+
+    Examples
+    --------
+    >>> from swsysid._validation.arrays import names_of
+    >>> names_of([[1.0, 2.0]], 2, "x")
+    ['x0', 'x1']
+    """
+    columns = getattr(values, "columns", [getattr(values, "name", None)])
+    named = len(columns) == n_columns and all(isinstance(name, str) for name in columns)
+    return list(columns) if named else [f"{stem}{column}" for column in range(n_columns)]
 
 
 def table(
