@@ -302,3 +302,15 @@ def test_modes_of_noise_are_no_memory():
     assert memory(np.zeros(len(result.samples.X), dtype=int), result.samples) == ""
     short = replace(result.samples, X=result.samples.X[:3], groups=result.samples.groups[:3])
     assert memory(np.array([0, 1, 0]), short) == ""
+
+
+@pytest.mark.parametrize(("gain", "told"), [(1e-12, False), (0.5, True)])
+def test_a_balance_of_forces_is_told_where_the_input_moves_the_body(gain, told):
+    rng = np.random.default_rng(0)
+    q, v, u = rng.normal(size=(3, 400))
+    columns = {"q": q, "v": v, "a": gain * u - 0.3 * v - q, "u": u}
+    what = Measurement(states=("q",), inputs=("u",), derivatives=("v", "a"), order=2)
+    text = render(run_job(Table("made.csv", columns, {}), JobOptions(measurement=what, modes=1)))
+    # 1 / 0.5 is the inertia; divided by 1e-12 the law would be its own noise
+    assert ("    or 2 " in text) == told
+    assert ("\n    or " in text) == told

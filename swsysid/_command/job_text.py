@@ -14,6 +14,7 @@ from swsysid._printing import linear_combination
 __all__ = ["render", "with_effects"]
 
 PRECISION = 6  # decimals of coefficients
+SENSIBLE = 0.01  # share of the spread of a rate that its input has to move
 
 
 def render(result: JobResult) -> str:
@@ -70,28 +71,37 @@ def _laws(result: JobResult) -> list[str]:
             rate = samples.rate_names[state]
             unit = f"   [{samples.rate_units[state]}]" if samples.rate_units[state] else ""
             lines.append(f"    {rate} = {_sum(row, features)}{unit}")
-            lines += _balance(row, features, rate, samples)
+            if _is_driven(row, features, samples, state, model.modes_ == mode):
+                lines.append(_balance(row, features, rate, samples))
         sections.append("\n".join(lines))
     return sections
 
 
-def _balance(row, features, rate: str, samples) -> list[str]:
-    """The law of an accelerated body as a balance of forces: inertia q'' = input - rest.
+def _is_driven(row, features, samples, state: int, members) -> bool:
+    """True if one input drives a second-order system linearly, and moves the rate sensibly.
 
-    It exists where one input drives a second-order system linearly; then the coefficients are
-    mass and friction as a data sheet has them.
+    A balance of forces is divided by the input's coefficient, so that of an input that does not
+    matter it would be the noise of the fit blown up.
     """
     inputs = samples.names[2 * samples.n_known :]
-    if not samples.n_known or len(inputs) != 1 or inputs[0] not in features:
-        return []
-    driven = features.index(inputs[0])
-    if row[driven] == 0.0:
-        return []
+    if not samples.n_known or len(inputs) != 1 or inputs[0] not in features or not members.any():
+        return False
+    moved = abs(row[features.index(inputs[0])]) * samples.X[members, -1].std()
+    return bool(moved > SENSIBLE * samples.Xdot[members, state].std())
+
+
+def _balance(row, features, rate: str, samples) -> str:
+    """The law of an accelerated body as a balance of forces: inertia q'' = input - rest.
+
+    Its coefficients are mass and friction as a data sheet has them.
+    """
+    driven = features.index(samples.names[-1])
     scaled = -np.asarray(row) / row[driven]
     scaled[driven] = 0.0
     rest = _sum(scaled, features)
     unit = f"   [{samples.units[-1]}]" if samples.units[-1] else ""
-    return [f"    or {1.0 / row[driven]:.{PRECISION}g} {rate} + ({rest}) = {inputs[0]}{unit}"]
+    inertia = f"{1.0 / row[driven]:.{PRECISION}g}"
+    return f"    or {inertia} {rate} + ({rest}) = {samples.names[-1]}{unit}"
 
 
 def _sum(row, features) -> str:
