@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
-from tqdm import tqdm
 
 from swsysid._answer import Answer
 from swsysid._blocks.sampling import Sample, Thinned, draw_sample
@@ -19,6 +18,7 @@ from swsysid._identification import Identification, Search
 from swsysid._passes import Pass, PassResult
 from swsysid._polish import Polished, polish
 from swsysid._problem import Modes, SwitchingProblem, fit_weighted, one_hot
+from swsysid._progress import progress
 from swsysid._reach import Sampled, rows_to_know
 from swsysid._results import Array
 from swsysid._scale import may_discard
@@ -160,8 +160,12 @@ class _Start:
 def _run(
     blocks: RowBlocks, verbose: bool, look: Pass, before: NDArray[np.int8] | None
 ) -> PassResult:
-    results = tqdm(blocks.map(look, before), desc="blocks of a pass", disable=not verbose)
-    return PassResult.joined(list(results))
+    results = []
+    with progress(None, "blocks of a pass", verbose) as bar:
+        for result in blocks.map(look, before):
+            results.append(result)
+            bar.update()
+    return PassResult.joined(results)
 
 
 def _with_reach(look: Pass, sampled: Sampled) -> Pass:

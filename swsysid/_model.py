@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swsysid._blocks.pieces import pieces
 from swsysid._features import FeatureMap
-from swsysid._printing import check_format, linear_combination, merged, symbol
+from swsysid._printing import check_format, linear_combination, merged, rate, symbol
 from swsysid._results import Array, Trajectory
 from swsysid._validation.parameters import shown
 
@@ -116,11 +116,8 @@ class SwitchingModel:
 
     def _left_side(self, state: int, style: str, mode: int, names: Sequence[str]) -> str:
         name = names[state] if state < len(names) else f"y{state}"
-        where = f"mode {mode}: "
-        if style == "latex":
-            name, where = symbol(name, style), rf"\text{{mode }} {mode}: \; "
-            return where + (f"{name}[k+1]" if self.discrete_time else rf"\dot{{{name}}}")
-        return where + (f"{name}[k+1]" if self.discrete_time else f"{name}'")
+        where = rf"\text{{mode }} {mode}: \; " if style == "latex" else f"mode {mode}: "
+        return where + (f"{symbol(name, style)}[k+1]" if self.discrete_time else rate(name, style))
 
     # -- what a simulation asks --------------------------------------------------------------
 

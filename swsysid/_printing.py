@@ -7,12 +7,14 @@ from collections.abc import Iterable, Sequence
 
 from swsysid._validation.parameters import one_of, whole
 
-__all__ = ["check_format", "linear_combination", "merged", "symbol"]
+__all__ = ["check_format", "linear_combination", "merged", "rate", "symbol"]
 
 _MOST_DECIMALS = 50
 # Functions in the terms of effects stand upright in LaTeX; the feature names of a library stay as
 # the library gives them.
 _FUNCTIONS = ("sign", "clip", "max", "play", "lag")
+# A name with its primes and power, a blank, and the name after it.
+_SIDE_BY_SIDE = re.compile(r"\b([^\W\d_]\w*)('*(?:\^\d+)?\)*) (?=([^\W\d_]\w*))")
 
 
 def check_format(style: str, precision: int = 0) -> None:
@@ -88,18 +90,50 @@ def symbol(name: str, style: str) -> str:
     --------
     >>> symbol("x12 v_a^3", "latex")
     'x_{12} v_{a}^{3}'
+    >>> symbol("speed_m_per_s", "latex")
+    'speed_{m/s}'
     """
     if style == "text":
         return name
+    name = re.sub(r"[#$%&{}]", r"\\\g<0>", name)
+    name = _SIDE_BY_SIDE.sub(_apart, name)
     name = re.sub(r"\^(\d+)", r"^{\1}", name)
     name = re.sub(rf"\b({'|'.join(_FUNCTIONS)})\(", r"\\operatorname{\1}(", name)
-    name = re.sub(r"\b([A-Za-z]+)(\d+)\b", r"\1_{\2}", name)
-    return re.sub(r"\b([A-Za-z]+)_([A-Za-z0-9_]+)", _subscript, name)
+    return re.sub(r"(?<!\\)\b\w+", _subscripted, name)
 
 
-def _subscript(match: re.Match) -> str:
-    inner = match.group(2).replace("_", ",")
-    return f"{match.group(1)}_{{{inner}}}"
+def rate(name: str, style: str) -> str:
+    r"""The rate of a state; in LaTeX a dot where it fits over the name.
+
+    Examples
+    --------
+    >>> [rate(name, "latex") for name in ("x0", "q'", "speed_m_per_s")]
+    ['\\dot{x}_{0}', "q''", '\\frac{d}{dt} speed_{m/s}']
+    """
+    if style == "text" or name.endswith("'"):
+        return symbol(f"{name}'", style)
+    whole = symbol(name, style)
+    letter = re.fullmatch(r"([^\W\d])(_.*)?", whole)
+    if letter is None:
+        return rf"\frac{{d}}{{dt}} {whole}"
+    return rf"\dot{{{letter[1]}}}{letter[2] or ''}"
+
+
+def _apart(match: re.Match) -> str:
+    """Two factors, with a thin space where one is a word whose letters would run together."""
+    left, ending, right = match.groups()
+    has_words = any(len(re.split(r"[\d_]", name)[0]) > 1 for name in (left, right))
+    return f"{left}{ending} " + (r"\, " if has_words else "")
+
+
+def _subscripted(match: re.Match) -> str:
+    """A name with all that follows its letters as one subscript, units as a fraction."""
+    head, *parts = [part for part in match[0].split("_") if part] or [r"\_"]
+    number = re.fullmatch(r"([^\W\d]+)(\d+)", head)
+    if number:
+        head, parts = number[1], [number[2], *parts]
+    inner = re.sub(r"/([^\W\d]+)(\d)\b", r"/\1^{\2}", ",".join(parts).replace(",per,", "/"))
+    return f"{head}_{{{inner}}}" if inner else head
 
 
 def _number(value: float, precision: int, style: str) -> str:

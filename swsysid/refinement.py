@@ -24,11 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swsysid._progress import progress
 from swsysid._results import Array, Status
 from swsysid._rollouts.estimation import Estimation
 from swsysid._rollouts.losses import LOSSES
 from swsysid._rollouts.stated import ParametricLibrary, StatedModel, StatedSurface
-from swsysid._validation.parameters import flag, one_of, whole
+from swsysid._validation.parameters import flag, one_of, verbosity, whole
 
 __all__ = [
     "ParametricLibrary",
@@ -125,6 +126,7 @@ def refine(
     input_hold: str = "zero",
     joined: bool = True,
     max_nfev: int = 100,
+    verbose: int = 0,
 ) -> RefinementResult:
     """Improve the parameters of a model on the error of its rollouts.
 
@@ -164,6 +166,8 @@ def refine(
         systems, whose long rollouts mean nothing.
     max_nfev : int, default=100
         Largest number of batched integrations.
+    verbose : int, default=0
+        1 shows a bar of the integrations on standard error.
 
     Returns
     -------
@@ -189,21 +193,23 @@ def refine(
     _check(loss, input_hold, max_nfev, segment_length)
     flag("fit_surface", fit_surface)
     flag("joined", joined)
-    estimation = Estimation(
-        model,
-        trajectories,
-        observed=observed,
-        initial_states=initial_states,
-        segment_length=segment_length,
-        loss=loss,
-        fit_surface=fit_surface,
-        free=free,
-        bounds={} if bounds is None else bounds,
-        noise=noise,
-        linear=input_hold == "linear",
-        frozen=False,
-    )
-    found = estimation.solve(joined, max_nfev)
+    with progress(max_nfev, "integrations", bool(verbosity(verbose))) as bar:
+        estimation = Estimation(
+            model,
+            trajectories,
+            observed=observed,
+            initial_states=initial_states,
+            segment_length=segment_length,
+            loss=loss,
+            fit_surface=fit_surface,
+            free=free,
+            bounds={} if bounds is None else bounds,
+            noise=noise,
+            linear=input_hold == "linear",
+            frozen=False,
+            integrated=bar.update,
+        )
+        found = estimation.solve(joined, max_nfev)
     parameters = estimation.parameters
     covariance = estimation.covariance(found)
     undetermined = _undetermined(parameters.names, covariance)
@@ -278,6 +284,7 @@ def initial_states(
         noise=noise,
         linear=input_hold == "linear",
         frozen=True,
+        integrated=int,  # too short for a bar
     )
     return estimation.initial_states(max_nfev)
 

@@ -7,7 +7,7 @@ from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures
 
 from swsysid import FunctionLibrary
 from swsysid._features import FeatureMap
-from swsysid._printing import check_format, linear_combination, symbol
+from swsysid._printing import check_format, linear_combination, rate, symbol
 
 X = np.array([[1.0, 2.0], [3.0, -4.0]])
 
@@ -138,6 +138,43 @@ def test_round_off_is_not_printed():
 )
 def test_symbols_in_latex(name, latex):
     assert symbol(name, "latex") == latex
+
+
+@pytest.mark.parametrize(
+    ("name", "latex"),
+    [
+        ("speed_m_per_s", "speed_{m/s}"),
+        ("accel_m_per_s2", "accel_{m/s^{2}}"),
+        ("v2_m_s", "v_{2,m,s}"),
+        ("v_", "v"),
+        ("q_rad''", "q_{rad}''"),
+        ("q'^2", "q'^{2}"),
+        ("speed_m_per_s force^2", r"speed_{m/s} \, force^{2}"),
+        ("sin(x1) torque x2", r"sin(x_{1}) \, torque \, x_{2}"),
+        ("duty_%", r"duty\%"),
+        ("_", r"\_"),
+        ("2nd_gear_on", "2nd_{gear,on}"),
+        ("sign(v_m_per_s)", r"\operatorname{sign}(v_{m/s})"),
+    ],
+)
+def test_symbols_of_long_names_are_valid_latex(name, latex):
+    assert symbol(name, "latex") == latex
+
+
+@pytest.mark.parametrize(
+    ("name", "latex"),
+    [
+        ("x0", r"\dot{x}_{0}"),
+        ("x", r"\dot{x}"),
+        ("T_box_degC", r"\dot{T}_{box,degC}"),
+        ("q'", "q''"),
+        ("speed", r"\frac{d}{dt} speed"),
+        ("speed_m_per_s", r"\frac{d}{dt} speed_{m/s}"),
+    ],
+)
+def test_rates_in_latex(name, latex):
+    assert rate(name, "latex") == latex
+    assert rate(name, "text") == f"{name}'"
 
 
 def test_format_is_checked():

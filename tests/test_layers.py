@@ -20,7 +20,7 @@ GROUPS = (
     "_validation/estimators",
     # named signals, and what they are drawn on
     "plotting/_canvas",
-    "_series",
+    "_series _progress",
     # 0: records, words, and numerical tools that know nothing of the package
     """_results _features _printing _pipelines _smoothing _solvers/interior_point _solvers/row_space
     _solvers/vertex _command/refusal _command/cells _command/units _command/wording

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,6 +81,7 @@ class Estimation:
         guess = self._guess(names, options["initial_states"])
         self._measure(guess)
         self._cut(guess, options["segment_length"])
+        self.integrated: Callable[[], object] = options["integrated"]
 
     # -- preparation -----------------------------------------------------------------------
 
@@ -262,6 +264,7 @@ class Estimation:
         self.f_scale = robust_scale(first[:n_residuals]) if self.loss != "linear" else 1.0
 
         def residuals(trial):
+            self.integrated()
             try:
                 return function(trial)
             except ValueError:  # the features have no value there: the step was too long

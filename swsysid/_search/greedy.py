@@ -15,6 +15,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
+from swsysid._progress import progress
 from swsysid._search.acceptance import Acceptance
 from swsysid._search.trials import Bench, PlacedEffect
 from swsysid._search.workshop import TIE, Finding, Structure, exchanged
@@ -76,15 +77,14 @@ class Search(Acceptance):
 
     def _climb(self) -> tuple[Structure, list[Round]]:
         structure, rounds = self.priced(self.declared), []
-        bar = tqdm(total=self.max_effects, desc="effects", disable=not self.verbose)
-        while len(structure.fit.terms) < self.max_effects:
-            step = self.addition(structure)
-            if step is None:
-                break
-            structure = self.settled(step.structure)
-            rounds.append(replace(step, structure=structure))
-            bar.update()
-        bar.close()
+        with progress(self.max_effects, "rounds of the search", bool(self.verbose)) as bar:
+            while len(structure.fit.terms) < self.max_effects:
+                step = self.addition(structure)
+                bar.update()
+                if step is None:
+                    break
+                structure = self.settled(step.structure)
+                rounds.append(replace(step, structure=structure))
         return structure, rounds
 
     # -- one round -----------------------------------------------------------------------------
