@@ -98,6 +98,26 @@ def test_a_system_without_memory_has_no_hysteresis():
         assert search.effects_ == []
 
 
+def test_a_record_that_is_fitted_in_passes_is_searched():
+    # more rows than the programs hold at once, from a few starts
+    n_runs, n_steps = 4, 10_250
+    x = np.random.default_rng(0).normal(scale=0.3, size=(n_runs, 2))
+    states = [x]
+    for _ in range(n_steps):
+        above = (x @ [0.714286, 1.0] > 0.0)[:, None]
+        end = np.where(above, [0.7, -0.7], [-0.7, 0.7])
+        x = end + (x - end) * np.exp([-0.02, -0.01])
+        states.append(x)
+    X = np.array(states).transpose(1, 0, 2)
+    Xdot = (np.diff(X, axis=1) / 0.01).reshape(-1, 2)
+    groups = np.repeat(np.arange(n_runs), n_steps)
+    t = np.tile(0.01 * np.arange(n_steps), n_runs)
+    declared = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
+    search = EffectSearchCV(declared, effects=[GuardHysteresis()])
+    search.fit(X[:, :-1].reshape(-1, 2), Xdot, t=t, groups=groups)
+    assert search.effects_ == []
+
+
 # --- one seed -------------------------------------------------------------------------------
 
 

@@ -28,6 +28,7 @@ from swsysid.effects import (
     Trigonometric,
     all_effects,
 )
+from swsysid.effects._guards import Guard, _best_band
 
 
 def records(X, **options):
@@ -183,3 +184,17 @@ def test_influence_of_a_students_error_has_its_own_slope():
 
     numeric = (pulled(errors + step) - pulled(errors - step)) / (2.0 * step)
     np.testing.assert_allclose(slope, numeric, atol=1e-8)
+
+
+@pytest.mark.parametrize("decimals", [1, 8])
+def test_the_best_band_of_a_guard_is_that_of_all_rows(decimals):
+    rng = np.random.default_rng(0)
+    # three trajectories whose rows lie between each other's, some rows exactly on an edge
+    X = np.round(np.cumsum(rng.normal(scale=0.3, size=(300, 1)), axis=0), decimals)
+    data = records(X, t=np.arange(300.0), groups=rng.integers(0, 3, 300))
+    guard, sides = Guard(((0,),), (1.0,), 1), rng.choice([-1.0, 0.0, 1.0], 300)
+    levels = np.quantile(X, [0.1, 0.3, 0.5, 0.7, 0.9])
+    bands = [(low, high) for low in levels for high in levels if low <= high]
+    every = [sides @ np.where(guard.modes(data, *band) == 1, 1.0, -1.0) for band in bands]
+    excess, band = _best_band(bands, data, guard(data.X), sides)
+    assert excess == max(every) and band == bands[int(np.argmax(every))]

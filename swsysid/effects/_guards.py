@@ -225,20 +225,40 @@ def _with_thresholds(
     guard: Guard, records: Records, rows: NDArray[np.intp], modes: Modes
 ) -> Option:
     """How well the best band of a guard agrees with the modes, the guard, and the band."""
-    values = guard(records.X)
+    values, sides = guard(records.X), np.zeros(len(records))
+    sides[rows] = np.where(modes == guard.upper_mode, 1.0, -1.0)
     levels = np.unique(np.quantile(values[rows], np.linspace(0.02, 0.98, _N_THRESHOLDS)))
-
-    def agreement(band):
-        return float(np.mean(guard.modes(records, *band)[rows] == modes))
-
     pairs = [(low, high) for place, low in enumerate(levels) for high in levels[place:]]
-    band = max(pairs, key=agreement)
+    excess, band = _best_band(pairs, records, values, sides)
     step = 0.5 * float(np.max(np.diff(levels), initial=0.0))
     for _ in range(_REFINEMENTS):
-        near = product(*((edge - step, edge, edge + step) for edge in band))
-        band = max((pair for pair in near if pair[0] <= pair[1]), key=agreement)
+        lows, highs = ((edge - step, edge, edge + step) for edge in band)
+        near = product(lows, highs)
+        ordered = [pair for pair in near if pair[0] <= pair[1]]
+        excess, band = _best_band(ordered, records, values, sides)
         step *= 0.5
-    return agreement(band), guard, (float(band[0]), float(band[1]))
+    return 0.5 * (len(rows) + excess) / len(rows), guard, (float(band[0]), float(band[1]))
+
+
+def _best_band(
+    bands: list[tuple[float, float]], records: Records, values: Array, sides: Array
+) -> tuple[float, tuple[float, float]]:
+    """The band whose remembered sides agree best with `sides`, and agreeing rows less others.
+
+    Rows that follow each other between the same two edges have the same side whatever the band,
+    so that the first of them stands for all.
+    """
+    edges, order = np.unique(bands), np.concatenate(records.trajectories)
+    along = values[order]
+    between = np.searchsorted(edges, along, "left") + np.searchsorted(edges, along, "right")
+    begins = np.diff(between, prepend=-1) != 0
+    begins[np.cumsum([0, *map(len, records.trajectories[:-1])])] = True
+    first = order[begins]
+    votes = np.bincount(np.cumsum(begins) - 1, weights=sides[order])
+    some, part = records.take(first), values[first]
+    excesses = [float(votes @ remembered(some, part, *band)) for band in bands]
+    best = int(np.argmax(excesses))
+    return excesses[best], bands[best]
 
 
 def _guard_with_memory(
@@ -356,7 +376,8 @@ def remembered(records: Records, values: Array, low: float, high: float) -> Arra
     start = np.where(values[first] > 0.5 * (low + high), 1.0, -1.0)
     side[first] = np.where(side[first] == 0.0, start, side[first])
 
-    def last(t: Array, sides: Array) -> Array:
-        return sides[np.maximum.accumulate(np.where(sides != 0.0, np.arange(len(sides)), 0))]
-
-    return records.along(last, side)
+    # every trajectory begins with a side, so that none remembers the one before it
+    order = np.concatenate(records.trajectories)
+    along = side[order]
+    side[order] = along[np.maximum.accumulate(np.where(along != 0.0, np.arange(len(order)), 0))]
+    return side
