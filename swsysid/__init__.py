@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from swsysid._effect_regressor import EffectRegressor
     from swsysid._features import FunctionLibrary
     from swsysid._mip import solve_mip
+    from swsysid._pipelines import ModePipeline
     from swsysid._regressor import SwitchingSystemRegressor
     from swsysid._results import (
         Assignment,
@@ -45,6 +46,7 @@ __all__ = [
     "FunctionLibrary",
     "IdentificationWarning",
     "MisfitWarning",
+    "ModePipeline",
     "MomentRelaxation",
     "PolynomialSurfaceClassifier",
     "Recording",
@@ -67,6 +69,7 @@ _HOMES = {
     "EffectRegressor": "_effect_regressor",
     "FunctionLibrary": "_features",
     "solve_mip": "_mip",
+    "ModePipeline": "_pipelines",
     "SwitchingSystemRegressor": "_regressor",
     **dict.fromkeys(
         (

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from sklearn.base import clone
+from sklearn.pipeline import Pipeline
+from sklearn.utils.metaestimators import available_if
 
-__all__ = ["seeded", "switching_step", "with_parameters"]
+__all__ = ["ModePipeline", "seeded", "switching_step", "with_parameters"]
 
 
 def switching_step(estimator: Any) -> tuple[Any, Any]:
@@ -35,3 +37,50 @@ def seeded(estimator: Any, random_state: Any) -> Any:
         if name.split("__")[-1] == "random_state" and value is None
     ]
     return copy.set_params(**dict.fromkeys(unseeded, random_state))
+
+
+def _last_step_has(method: str):
+    return available_if(lambda pipeline: hasattr(pipeline.steps[-1][1], method))
+
+
+class ModePipeline(Pipeline):
+    """A pipeline of scikit-learn's whose modes can be asked for as those of its last step.
+
+    A plain `Pipeline` that ends in a `SwitchingSystemRegressor` predicts velocities only; here
+    ``predict_modes``, ``predict_mode_proba`` and ``mode_velocities`` transform `X` first, as
+    ``predict`` does. They exist where the last step has them.
+
+    Parameters
+    ----------
+    steps, transform_input, memory, verbose
+        As in `sklearn.pipeline.Pipeline`.
+
+    Examples
+    --------
+    >>> from sklearn.preprocessing import StandardScaler
+    >>> from swsysid import ModePipeline, SwitchingSystemRegressor
+    >>> from swsysid.datasets import make_damped_oscillator
+    >>> data = make_damped_oscillator(n_samples=500, random_state=0)
+    >>> switching = SwitchingSystemRegressor(n_modes=2, feature_library=1, random_state=0)
+    >>> model = ModePipeline([("scale", StandardScaler()), ("switching", switching)])
+    >>> model.fit(data.X, data.Xdot).predict_modes(data.X).shape
+    (500,)
+    """
+
+    @_last_step_has("predict_modes")
+    def predict_modes(self, X):
+        """Mode of every sample according to the surface, shape (n_samples,)."""
+        transform, switching = switching_step(self)
+        return switching.predict_modes(transform(X))
+
+    @_last_step_has("predict_mode_proba")
+    def predict_mode_proba(self, X):
+        """Probability of every mode, shape (n_samples, n_modes)."""
+        transform, switching = switching_step(self)
+        return switching.predict_mode_proba(transform(X))
+
+    @_last_step_has("mode_velocities")
+    def mode_velocities(self, X):
+        """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states)."""
+        transform, switching = switching_step(self)
+        return switching.mode_velocities(transform(X))

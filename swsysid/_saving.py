@@ -25,6 +25,7 @@ _MODELS = (
     "SwitchingSystemRegressor",
     "PolynomialSurfaceClassifier",
     "EffectRegressor",
+    "ModePipeline",
     "sklearn.Pipeline",
 )
 _FORMAT = 1  # raised where an older version could not read what is written

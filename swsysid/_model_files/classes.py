@@ -17,6 +17,7 @@ from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._features import FeatureMap, FunctionLibrary, Monomials
 from swsysid._monomials import SurfaceCandidate
+from swsysid._pipelines import ModePipeline
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import IterationRecord
 from swsysid._search.joint_fit import JointFit
@@ -34,7 +35,7 @@ __all__ = ["class_named", "made", "name_of", "state_of"]
 _OWN = {
     each.__name__: each
     for each in (
-        SwitchingSystemRegressor, PolynomialSurfaceClassifier, EffectRegressor,
+        SwitchingSystemRegressor, PolynomialSurfaceClassifier, EffectRegressor, ModePipeline,
         FeatureMap, FunctionLibrary, Monomials,
         PolynomialBasis, LibraryBasis, RelevantBasis,
         ModePosterior, SurfaceEvidence, SurfaceCandidate, ModeCandidate, IterationRecord,
