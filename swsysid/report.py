@@ -20,6 +20,7 @@ from swsysid._page.markup import (
 )
 from swsysid._validation.parameters import shown
 from swsysid.diagnosis._effect_text import (
+    SPANNED,
     effect_title,
     interval,
     moved,
@@ -293,13 +294,18 @@ def _search(report: Any) -> list[str]:
             for number, one in enumerate(report.history, start=1)
         ]
         parts.append(table(head, rows, kind="words"))
+    if report.dropped:
+        told = "; ".join(report.dropped)
+        parts.append(
+            paragraph(f"Dropped at the end, since chance explains it as well: {told}.", "note")
+        )
     if report.effects:
         parts.append(paragraph(moved(report)))
     if report.skipped:
         parts.append(paragraph("Not looked for:"))
         parts.append(listing(f"{kind}: {why}" for kind, why in report.skipped.items()))
     if report.not_identifiable:
-        parts.append(paragraph("Not identifiable: the declared model has them already."))
+        parts.append(paragraph(f"Not looked for, since {SPANNED}:"))
         parts.append(paragraph(_some(report.not_identifiable), "note"))
     return [section("The search", parts)] if parts else []
 

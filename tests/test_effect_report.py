@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+from dataclasses import replace
 from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -19,6 +20,7 @@ from swsysid._records import make_records
 from swsysid._search.intervals import linearised
 from swsysid.datasets import make_undeclared
 from swsysid.diagnosis import EffectReport
+from swsysid.diagnosis._effect_rollouts import stretches
 from swsysid.diagnosis._effect_text import sentence
 from swsysid.effects import (
     AsymmetricFriction,
@@ -74,7 +76,7 @@ def test_the_text_names_effect_errors_rivals_and_what_was_not_looked_for(report)
     assert "rival, as good on these data: asymmetric friction of omega" in text
     assert "more samples with omega between" in text
     assert "input_coupling: needs logged signals: give signals" in text
-    assert "polynomial of omega" in text.partition("Not identifiable")[2]
+    assert "polynomial of omega" in text.partition("the declared model can take their shape")[2]
     assert "of the samples changed their mode" in text
     assert "Rollout of trajectory run" in text
 
@@ -392,3 +394,16 @@ def test_the_table_of_effects_in_the_documentation_is_the_library():
     assert all(f"| `{effect.kind}` |" in page for effect in all_effects())
     for name in ("README.md", "CHANGELOG.md"):
         assert f"{len(all_effects())} kinds" in (ROOT / name).read_text(encoding="utf-8")
+
+
+def test_the_texts_name_when_where_and_what(report, data):
+    text = str(report)
+    assert "Left over of omega' without the effects: " in text
+    assert "Left over of omega' with the effects: " in text
+    noted = replace(report, dropped=("reset in omega",)).to_html()
+    assert "Dropped at the end, since chance explains it as well: reset in omega." in noted
+    assert "Dropped at the end" not in report.to_html()
+    records = make_records(data.X, 2, t=data.t, groups=data.groups, names=NAMES)
+    numbers, rows = np.unique(data.groups), np.arange(len(records))
+    found = stretches(records, rows, numbers.astype(float))
+    assert [name for name, _ in found] == [str(number) for number in numbers]

@@ -18,7 +18,8 @@ from swsysid import (
     SwitchingSystemRegressor,
 )
 from swsysid._pipelines import seeded
-from swsysid._search.greedy import Search
+from swsysid._search.greedy import Round, Search
+from swsysid.diagnosis._effect_report import _dropped
 from swsysid.effects import CoulombFriction, GuardHysteresis, PlacedEffect, QuadraticDrag, Reset
 from swsysid.effects._guards import Guard
 
@@ -79,6 +80,10 @@ def test_what_chance_explains_is_dropped_and_what_is_needed_stays(searches, spur
     assert kinds == [term.effect.kind for term in structure.fit.terms]
     assert len(findings) == len(kinds)
     assert all(finding.p_value <= SIGNIFICANCE for finding in findings)
+    # the report says which effect of the last round is not among those at the end
+    last = Round(search.finding(more, len(more.fit.terms) - 1), more, 1)
+    (told,) = _dropped([last], kept.fit.terms, search.records)
+    assert told.startswith(spurious.effect.kind.replace("_", " "))
 
 
 def test_a_system_without_memory_has_no_hysteresis():

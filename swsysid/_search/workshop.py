@@ -267,12 +267,12 @@ class Workshop:
                 terms = exchanged(structure.fit.terms, place, candidate)
                 yield self.structure(terms, structure.fit.modes)
 
-    def spanned(self, fit: JointFit) -> tuple[str, ...]:
-        """Candidates whose columns the declared library spans already on these data."""
+    def spanned(self, fit: JointFit) -> tuple[tuple[str, str], ...]:
+        """Kinds and places whose columns the declared library spans already on these data."""
         bench = self.bench(fit)
         names = bench.records.names
         return tuple(
-            f"{effect.kind} of {effect.label(place, names)}"
+            (effect.kind, effect.label(place, names))
             for effect in self.usable
             for place in effect.places(bench.records)
             if effect.terms and bench.is_spanned(effect, place)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from swsysid._records import Records
 from swsysid._search.folds import Split, make_folds
 from swsysid._search.greedy import Round, Search
 from swsysid._search.intervals import term_covariances
+from swsysid._search.trials import PlacedEffect
 from swsysid.diagnosis._effect_data import EffectData
 from swsysid.diagnosis._effect_text import named, report_text, summary, title
 from swsysid.diagnosis._ladder import Ladder
@@ -41,6 +42,7 @@ _PARTS = (
     "residual_after",
     "guard_moved",
     "history",
+    "dropped",
     "by_trajectory",
     "rollouts",
 )
@@ -78,6 +80,9 @@ class EffectReport(Mapping):
     history : tuple of dict
         For each round of the search: ``added``, ``p_value``, ``n_candidates``, and all
         ``effects`` after the round.
+    dropped : tuple of str
+        Effects after the last round that did not stay significant beside the others, and are
+        not among `effects`.
     discrete : bool
         True if the targets are the next states.
     data : EffectData or None
@@ -97,6 +102,7 @@ class EffectReport(Mapping):
     residual_after: ResidualReport | None = None
     guard_moved: float = 0.0
     history: tuple[dict[str, Any], ...] = ()
+    dropped: tuple[str, ...] = ()
     discrete: bool = False
     data: EffectData | None = None
 
@@ -140,11 +146,12 @@ class EffectReport(Mapping):
                 for effect in search.effects
                 if (reason := effect.missing(records)) is not None
             },
-            not_identifiable=search.spanned(ladder.fits[0]),
+            not_identifiable=tuple(named(*one) for one in search.spanned(ladder.fits[0])),
             residual_before=_leftover(first, records, targets, split),
             residual_after=_leftover(last, records, targets, split),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
             history=_history(rounds, records),
+            dropped=_dropped(rounds, last.terms, records),
             discrete=bool(first.switching.discrete_time),
             data=_data(ladder, estimator, records, targets, split),
         )
@@ -225,21 +232,36 @@ class EffectReport(Mapping):
 
 
 def _history(rounds: list[Round], records: Records) -> tuple[dict[str, Any], ...]:
-    targets = records.names[: records.n_states]
-
-    def told(term) -> str:
-        label = term.effect.label(term.place, records.names)
-        return title(term.effect.kind, label, targets[term.target], term.mode)
-
     return tuple(
         {
-            "added": told(one.finding.candidate),
+            "added": _told(one.finding.candidate, records),
             "p_value": float(one.finding.p_value),
             "n_candidates": one.n_candidates,
-            "effects": [told(term) for term in one.structure.fit.terms],
+            "effects": [_told(term, records) for term in one.structure.fit.terms],
         }
         for one in rounds
     )
+
+
+def _told(term: PlacedEffect, records: Records) -> str:
+    label = term.effect.label(term.place, records.names)
+    return title(term.effect.kind, label, records.names[term.target], term.mode)
+
+
+def _dropped(
+    rounds: list[Round], kept: Sequence[PlacedEffect], records: Records
+) -> tuple[str, ...]:
+    """Effects after the last round that are not kept.
+
+    A place that a fit moves, such as a guard, and the numbers of the modes may differ.
+    """
+
+    def identity(term: PlacedEffect) -> tuple:
+        return term.effect.kind, term.target, term.place if term.effect.terms else None
+
+    last = rounds[-1].structure.fit.terms if rounds else ()
+    stayed = {identity(term) for term in kept}
+    return tuple(_told(term, records) for term in last if identity(term) not in stayed)
 
 
 def _data(ladder: Ladder, search: Any, records: Records, targets, split: Split) -> EffectData:

@@ -82,13 +82,18 @@ def stretches(
         edges = np.flatnonzero(np.diff(chosen[trajectory].astype(int))) + 1
         parts = [part for part in np.split(trajectory, edges) if len(part) and chosen[part[0]]]
         only = len(records.trajectories) == 1
-        name = str(number if names is None else names[number])
+        name = _name(number if names is None else names[number])
         for part in parts:
             whole = len(part) == len(trajectory)
             start, end = records.t[part[[0, -1]]]
             told = f"{start:.4g} to {end:.4g}"
             found.append((name if whole else told if only else f"{name}, {told}", part))
     return found
+
+
+def _name(label: Any) -> str:
+    """A label of a trajectory; a column of whole numbers may have been read as decimals."""
+    return f"{label:.15g}" if isinstance(label, float) else str(label)
 
 
 def compare_rollouts(

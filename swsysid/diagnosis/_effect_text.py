@@ -11,6 +11,7 @@ from swsysid.effects import FoundEffect, Rival
 from swsysid.effects._base import NOWHERE
 
 __all__ = [
+    "SPANNED",
     "effect_title",
     "interval",
     "probability",
@@ -25,6 +26,8 @@ _MOST_NAMED = 12
 _SMALLEST = 1e-16
 _WORTH_TELLING = 0.01  # share of an error
 _LEFT_OUT = "and {} more"
+SPANNED = "the declared model can take their shape"
+_WHEN = {"before": " without the effects", "after": " with the effects"}
 
 
 def rate(name: str, discrete: bool = False) -> str:
@@ -108,7 +111,7 @@ def report_text(report: Any) -> str:
         lines += ["", *_effect(number, effect, report)]
     lines += ["", *_consequences(report)] if report.n_held_out else []
     lines += _listed("Not looked for", [f"{k}: {why}" for k, why in report.skipped.items()])
-    lines += _listed("Not identifiable, the declared model has them", report.not_identifiable)
+    lines += _listed(f"Not looked for, since {SPANNED}", report.not_identifiable)
     return "\n".join(lines)
 
 
@@ -154,9 +157,9 @@ def _consequences(report: Any) -> list[str]:
     for when in ("before", "after") if report.effects else ("before",):
         leftover = getattr(report, f"residual_{when}")
         if leftover is not None:
-            told = f"Left over {when}" if report.effects else "Left over"
+            told = _WHEN[when] if report.effects else ""
             lines += [
-                f"{told} of {rate(name, report.discrete)}: {text}"
+                f"Left over of {rate(name, report.discrete)}{told}: {text}"
                 for name, text in leftover.verdicts.items()
             ]
     return lines + (_rollouts(report) if report.effects else [])

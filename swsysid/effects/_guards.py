@@ -148,13 +148,13 @@ class GuardHysteresis(_Structural):
         return place.statement(names, *theta)
 
     def label(self, place: Any, names) -> str:
-        """The guard as text."""
+        """The guard as text; a single channel as itself."""
         parts = [
             f"{weight:+.3g} {' '.join(names[channel] for channel in term)}"
             for term, weight in zip(place.terms, place.weights, strict=True)
             if abs(weight) > 1e-3 * max(map(abs, place.weights))
         ]
-        return " ".join(parts)
+        return " ".join(parts) if len(parts) > 1 else parts[0].removeprefix("+1 ")
 
 
 Option = tuple[float, Guard, tuple[float, float]]  # agreement with the modes, guard, band
@@ -170,7 +170,7 @@ def _known(records: Records, rows: NDArray[np.intp], modes: Modes) -> Modes:
 def _guards(records: Records, rows: NDArray[np.intp], modes: Modes) -> list[Option]:
     """Guards that could have the modes: one state alone, and polynomials."""
     known = _known(records, rows, modes)
-    guards = [Guard(((state,),), (sign,), 1) for state in records.states for sign in (1.0, -1.0)]
+    guards = [Guard(((state,),), (1.0,), upper) for state in records.states for upper in (1, 0)]
     for degree, turns in product((1, 2), (False, True)):
         found = _guard_with_memory(records, known, _all_terms(records, degree), turns)
         if found is not None:
@@ -288,8 +288,9 @@ def _guard_with_memory(
     weights = classifier.coef_[0][1:-1] / size
     if not weights.any():
         return None
-    sign = 1.0 if classifier.mode_book_[1, 0] > 0 else -1.0
-    return Guard(terms, tuple(float(w) for w in sign * weights / np.abs(weights).max()), 1)
+    lead = weights[np.argmax(np.abs(weights))]
+    upper_mode = int(classifier.mode_book_[1, 0] * lead > 0.0)
+    return Guard(terms, tuple(float(weight) for weight in weights / lead), upper_mode)
 
 
 class Reset(_Structural):
