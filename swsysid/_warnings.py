@@ -138,8 +138,7 @@ def _misfit_in_words(estimator: Any, found: Identification, left: LeftOver) -> s
         return (
             f"Samples at neighbouring states share {shared.share:.0%} of the residuals of "
             f"{_rate(estimator, shared.output)} (RMS {shared.size:.2g} of its standard deviation), "
-            "so these are no noise and the modes may be wrong: use a richer feature_library, "
-            "more modes, or a larger n_init."
+            "so these are no noise: use a richer feature_library, more modes, or a larger n_init."
         )
     return None
 
