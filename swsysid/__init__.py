@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from swsysid._regressor import SwitchingSystemRegressor
     from swsysid._results import (
         Assignment,
+        GuardWarning,
         IdentificationWarning,
         MisfitWarning,
         SolverError,
@@ -44,6 +45,7 @@ __all__ = [
     "EffectSearchCV",
     "ExactRelaxation",
     "FunctionLibrary",
+    "GuardWarning",
     "IdentificationWarning",
     "MisfitWarning",
     "ModePipeline",
@@ -74,6 +76,7 @@ _HOMES = {
     **dict.fromkeys(
         (
             "Assignment",
+            "GuardWarning",
             "IdentificationWarning",
             "MisfitWarning",
             "SolverError",

@@ -26,8 +26,8 @@ _LEAST, _MOST_ROWS = 100, 3000
 _APART, _APART_SHARE = 50, 0.02
 _NEIGHBOURS = 128
 # A constant is missed if it explains at least this share of the squared residuals of a mode, which
-# has at least so many rows for each coefficient.
-_WORTH, _ROWS_A_COEFFICIENT = 0.3, 10
+# has at least so many rows for each coefficient, and this share of the spread of the velocity.
+_WORTH, _ROWS_A_COEFFICIENT, _NOTICED = 0.3, 10, 0.1
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def missing_constant(
         with_constant = np.hstack([design, rooted])
         target = rooted * targets[rows]
         before, after = (_squared_residuals(each, target) for each in (design, with_constant))
-        noticed = before > np.square(_ROUNDING * spread) * weight[rows].sum()
+        noticed = before - after > np.square(_NOTICED * spread) * weight[rows].sum()
         share = np.where(noticed, 1.0 - after / np.where(noticed, before, 1.0), 0.0)
         if share.max() > best.share:
             best = MissingConstant(float(share.max()), int(mode), int(share.argmax()))

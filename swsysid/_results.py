@@ -19,6 +19,7 @@ from swsysid._series import draw_series, frame_of, names_or_numbers, span
 __all__ = [
     "Assignment",
     "FitCertificate",
+    "GuardWarning",
     "IdentificationWarning",
     "IterationRecord",
     "MarginCertificate",
@@ -35,6 +36,10 @@ Array = NDArray[np.float64]
 
 class IdentificationWarning(UserWarning):
     """The data do not determine the answer (too few samples, a mode without data, ...)."""
+
+
+class GuardWarning(IdentificationWarning):
+    """The modes of the samples are not a function of the state: no surface tells them apart."""
 
 
 class MisfitWarning(IdentificationWarning):

@@ -13,7 +13,7 @@ from swsysid._answer import Answer
 from swsysid._guard import GuardCheck
 from swsysid._identification import Identification
 from swsysid._misfit import Misfit, MissingConstant, missing_constant, shared_residual
-from swsysid._results import IdentificationWarning, MisfitWarning, Status
+from swsysid._results import GuardWarning, IdentificationWarning, MisfitWarning, Status
 from swsysid._rows import CanonicalRows
 from swsysid._seeding.designs import centre_and_scale
 from swsysid._setup import input_names
@@ -102,9 +102,11 @@ def warn_about(
             "rarer mode, with less noise, or use a smaller feature_library or degree.",
             ConvergenceWarning,
         )
-    # A start of the user's own may lead anywhere: that is no finding about data and library.
-    own_start = not (isinstance(estimator.init, str) and estimator.init == "auto")
-    misfit = None if own_start else _misfit_in_words(estimator, found, left)
+    # One mode is often fitted for comparison, a start of the user's own may lead anywhere, and
+    # bounded coefficients leave something over.
+    searched = isinstance(estimator.init, str) and estimator.init == "auto"
+    free = searched and estimator.coef_bound is None and estimator.n_modes_ > 1
+    misfit = _misfit_in_words(estimator, found, left) if free else None
     if misfit is not None:
         _warn(misfit, MisfitWarning)
     if guard.missing:
@@ -113,7 +115,7 @@ def warn_about(
             f"{guard.contradicted:.1%} lie where the surface and the neighbouring samples are in "
             "another mode: the switching is not a function of the state. Add what drives it (a "
             "time, an input) to X; if the state does drive it, raise the degree of the surface.",
-            IdentificationWarning,
+            GuardWarning,
         )
 
 
@@ -133,7 +135,7 @@ def _misfit_in_words(estimator: Any, found: Identification, left: LeftOver) -> s
             "that the library lacks; compare with n_modes=1, "
             f"feature_library={found.smooth_degree}."
         )
-    if estimator.n_modes_ > 1 and left.shared.structured:
+    if left.shared.structured:
         shared = left.shared
         return (
             f"Samples at neighbouring states share {shared.share:.0%} of the residuals of "

@@ -18,7 +18,7 @@ from swsysid._features import FeatureMap
 from swsysid._identification import identify
 from swsysid._pipelines import switching_step, with_parameters
 from swsysid._records import Records
-from swsysid._results import Array, IdentificationWarning, MisfitWarning
+from swsysid._results import Array, GuardWarning, IdentificationWarning, MisfitWarning
 from swsysid._rows import CanonicalRows, canonical_rows
 from swsysid._search.lending import loans
 from swsysid._search.robust import robust_regression
@@ -266,9 +266,14 @@ def _fitted(
 
 
 def tell_doubts(fit: JointFit, stacklevel: int) -> None:
-    """Warn of what the declared model warned of in this fit, from `stacklevel` frames above."""
+    """Warn of what the declared model warned of in this fit, from `stacklevel` frames above.
+
+    That the modes are no function of the state is no doubt where a guard remembers.
+    """
+    remembered = any(term.effect.remembers for term in fit.terms)
     for doubt in fit.doubts:
-        warnings.warn(doubt, stacklevel=stacklevel + 1)
+        if not (remembered and isinstance(doubt, GuardWarning)):
+            warnings.warn(doubt, stacklevel=stacklevel + 1)
 
 
 def _modes_of(fitted: Any) -> Modes:

@@ -13,7 +13,6 @@ from sklearn.exceptions import NotFittedError
 from swsysid._pipelines import switching_step
 from swsysid._results import Array
 from swsysid._validation.arrays import column, labels, numbers, refuse_vanishing, table
-from swsysid._validation.parameters import shown
 
 __all__ = ["ResidualSamples", "collect", "rows_of_modes"]
 
@@ -69,7 +68,8 @@ def collect(model: Any, X, Xdot, t=None, groups=None, signals=None) -> ResidualS
         If something is missing, of the wrong length or not finite; the message says what to do.
     """
     if isinstance(model, type) or not hasattr(model, "predict"):
-        raise TypeError(f"model={shown(model)} has no predict; give a fitted model.")
+        kind = model if isinstance(model, type) else type(model)
+        raise TypeError(f"{kind.__name__} has no predict; give a fitted model.")
     columns = table("X", X)
     n_rows = len(columns)
     target = table("Xdot", Xdot, n_rows)

@@ -116,8 +116,8 @@ class ResidualReportDisplay(Display):
         equation = _worst(report) if equation is None else equation
         if not isinstance(equation, str) or equation not in report.equations:
             raise ValueError(
-                f"equation={shown(equation)} is unknown; choose among "
-                f"{', '.join(report.equations)}."
+                f"{shown(equation)} is none of the equations {', '.join(report.equations)}; "
+                "choose one of them."
             )
         data, column = report.data, report.equations.index(equation)
         white = [test for test in report.whiteness if test.equation == equation]
