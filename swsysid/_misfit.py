@@ -16,7 +16,8 @@ __all__ = ["Misfit", "MissingConstant", "missing_constant", "shared_residual"]
 _INDEPENDENT = np.sqrt(0.5)
 # Of the residuals, neighbours share this much if what is missing is seven times the noise: less is
 # the rule in measured data, whose laws are never quite those of the library.
-_STRUCTURED = 0.85
+# It must also be this share of the spread of the velocity: less is no wrong partition.
+_STRUCTURED, _LARGE = 0.85, 0.05
 # Residuals below this share of the spread of a velocity are rounding errors.
 _ROUNDING = 1e-7
 # Fewer pairs of neighbours allow no judgement, and more rows say no more.
@@ -52,7 +53,7 @@ class Misfit:
     @property
     def structured(self) -> bool:
         """True if a part of the vector field that is far above the noise is left over."""
-        return self.share > _STRUCTURED
+        return self.share > _STRUCTURED and self.size > _LARGE
 
 
 def shared_residual(

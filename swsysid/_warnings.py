@@ -32,7 +32,7 @@ class LeftOver:
     ----------
     shared : Misfit
     constant : MissingConstant or None
-        None where the user chose the library.
+        None where the user chose the library, or where states are missing in `X`.
     """
 
     shared: Misfit
@@ -51,7 +51,8 @@ def check_residuals(estimator: Any, found: Identification, rows: CanonicalRows) 
         rows.arrays[2],
         rows.first,
     )
-    if estimator.feature_library is not None:
+    partly_observed = problem.targets.shape[1] > problem.coordinates.shape[1]
+    if estimator.feature_library is not None or partly_observed:
         return LeftOver(shared, None)
     inlying = np.where(problem.outlying, 0.0, problem.weight)
     return LeftOver(shared, missing_constant(problem.features, problem.targets, modes, inlying))
