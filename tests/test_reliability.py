@@ -42,7 +42,7 @@ def test_names_of_modes_do_not_matter_and_weights_are_repetitions():
     [
         ([[0.5, 0.4]], {}, "sum to one"),
         ([[1.5, -0.5]], {}, "sum to one"),
-        ([[0.5, 0.5]], {"n_bins": 0}, "at least one bin"),
+        ([[0.5, 0.5]], {"n_bins": 0}, "n_bins=0 must be a positive integer"),
     ],
 )
 def test_refusals(probability, options, message):

@@ -28,6 +28,10 @@ def check_parameters(classifier: Any) -> None:
 
 def check_relevance(relevance: ArrayLike, n_features: int) -> Array:
     """Relevance of the surface features as an array."""
+    if isinstance(relevance, str):
+        raise ValueError(
+            f"relevance={relevance!r}; give None or {n_features} numbers between 0 and 1."
+        )
     checked = numbers("relevance", relevance)
     if checked.shape != (n_features,) or not ((checked >= 0) & (checked <= 1)).all():
         raise ValueError(
