@@ -284,7 +284,6 @@ def initial_states(
         noise=noise,
         linear=input_hold == "linear",
         frozen=True,
-        integrated=int,  # too short for a bar
     )
     return estimation.initial_states(max_nfev)
 

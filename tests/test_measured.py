@@ -3,11 +3,13 @@
 import hashlib
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from swsysid._command.job import JobOptions, run_job
 from swsysid._command.measurement import Measurement
 from swsysid._command.tables import Table
+from swsysid._command.verdict import Verdict
 from swsysid.datasets import _measured, _sources
 from swsysid.datasets._sources import MeasuredDataError, Source, locate
 from swsysid.differentiation import differentiate
@@ -196,14 +198,15 @@ def test_emps_two_modes_find_the_friction_by_themselves(fetch_measured, loss, to
     result = run_job(table, JobOptions(what, loss=loss))
 
     model, X = result.model, result.samples.X
+    names = list(result.samples.names)
     # the surface: its sides are the directions of motion
-    forward = model.predict_modes(np.array([[0.1, 0.05, 0.0]]))[0]
+    forward = model.predict_modes(pd.DataFrame([[0.1, 0.05, 0.0]], columns=names))[0]
     moving = abs(X[:, 1]) > 1e-3
-    agree = (model.predict_modes(X) == forward) == (X[:, 1] > 0)
+    agree = (model.predict_modes(pd.DataFrame(X, columns=names)) == forward) == (X[:, 1] > 0)
     assert agree[moving].mean() > 0.999
     assert agree.mean() > 0.99
     # the law: q'' = (force - Fv q' - Fc) / M in each mode, without the position
-    assert [str(name) for name in model.feature_names_out_] == ["1", "x1", "x2"]
+    assert [str(name) for name in model.feature_names_out_] == ["1", *names[1:]]
     published = data.published["asymmetric"]
     for k, (mode, sign) in enumerate(((forward, 1.0), (1 - forward, -1.0))):
         constant, drag, gain = model.coef_[mode, 1]
@@ -212,5 +215,9 @@ def test_emps_two_modes_find_the_friction_by_themselves(fetch_measured, loss, to
         np.testing.assert_allclose(found, expected, rtol=tolerance)
     # the known equation q' = velocity is found exactly, and one mode cannot do this
     np.testing.assert_allclose(model.coef_[:, 0], [[0, 1, 0]] * 2, atol=1e-6)
-    assert result.switching[0] < 0.25 * result.single[0]
-    assert result.switches
+    compared = result.comparison
+    switching, single = (
+        np.square(e[:, 0]).mean() for e in (compared.errors, compared.rivals[0].errors)
+    )
+    assert np.sqrt(switching) < 0.25 * np.sqrt(single)
+    assert compared.verdict is Verdict.SWITCHES

@@ -61,7 +61,14 @@ class Estimate:
 class Estimation:
     """The refinement of one model on some trajectories; the options are those of `refine`."""
 
-    def __init__(self, model: Any, trajectories: Any, **options: Any):
+    def __init__(
+        self,
+        model: Any,
+        trajectories: Any,
+        *,
+        integrated: Callable[[], object] = int,  # called after each integration
+        **options: Any,
+    ):
         system = fitted_system(model)
         output = getattr(model, "output", None)
         self.maps = Maps(system, output)
@@ -81,7 +88,7 @@ class Estimation:
         guess = self._guess(names, options["initial_states"])
         self._measure(guess)
         self._cut(guess, options["segment_length"])
-        self.integrated: Callable[[], object] = options["integrated"]
+        self.integrated = integrated
 
     # -- preparation -----------------------------------------------------------------------
 
