@@ -131,10 +131,10 @@ def differentiate(
     True
     """
     states, times, labels, signals = _checked(x, t, groups, inputs)
-    own = names_of(x, states.shape[1], "x")
-    names = rates_appended(own, names_of(inputs, signals.shape[1], "u"), order)
     flag("filter_inputs", filter_inputs)
     _check_options(order, window, degree, cutoff, decimate)
+    own = names_of(x, states.shape[1], "x")
+    names = rates_appended(own, names_of(inputs, signals.shape[1], "u"), order)
     rows = dict(_trajectories(labels))
     noise = estimate_noise(states, labels)
     parts = [(states[index], times[index]) for index in rows.values()]
