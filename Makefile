@@ -45,7 +45,7 @@ lint: $(VENV)/.installed-test
 	$(BIN)/mypy
 
 examples: $(VENV)/.installed-test
-	$(BIN)/python -m pytest tests/test_examples.py
+	$(BIN)/python -m pytest tests/docs/test_examples.py
 
 # Sphinx may end early with status 0, as when an example leaves the interpreter: a build that wrote
 # no front page has failed.
@@ -61,7 +61,7 @@ docs-offline: $(VENV)/.installed-docs
 		http_proxy=http://127.0.0.1:9 https_proxy=http://127.0.0.1:9 $(MAKE) docs
 
 examples-record: $(VENV)/.installed-test
-	$(BIN)/python tests/example_output.py
+	$(BIN)/python tests/helpers/example_output.py
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python -W ignore benchmarks/paper.py --docs docs

@@ -24,13 +24,7 @@ from results import add_docs_options, keep, measured_here
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator
-from swsysid.metrics import (
-    mode_accuracy,
-    mode_iou,
-    rollout_errors,
-    surface_distance,
-    velocity_rmse,
-)
+from swsysid.metrics import mode_accuracy, mode_iou, rollout_errors, surface_distance, velocity_rmse
 
 METRICS = {  # name: larger is better
     "velocity RMSE": False,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from paper import CASES, split
 
-from swsysid.plotting._style import PALETTE
+from swsysid._displays.style import PALETTE
 
 __all__ = ["draw_iterations", "draw_rollouts"]
 

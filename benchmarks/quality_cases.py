@@ -14,11 +14,7 @@ from functools import lru_cache
 import numpy as np
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid.datasets import (
-    make_damped_oscillator,
-    make_quartic_oscillator,
-    make_switching_network,
-)
+from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator, make_switching_network
 
 __all__ = ["CASES", "MAIN", "N_TEST", "STRESS", "Case", "Data", "Scenario", "make_data"]
 

@@ -14,7 +14,7 @@ WIDTH = 84  # characters of a line
 
 def help_text():
     """The help, wrapped for the page and not for the terminal in which it is built."""
-    from swsysid._command.arguments import parser
+    from swsysid._cli.arguments import parser
 
     with mock.patch.dict(os.environ, COLUMNS=str(WIDTH)):
         return parser().format_help()

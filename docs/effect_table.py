@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swsysid._records import make_records
+from swsysid._data.records import make_records
 from swsysid.effects import all_effects
 
 PAGE = Path(__file__).parent / "effects.md"

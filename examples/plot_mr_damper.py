@@ -27,14 +27,7 @@ from sklearn.preprocessing import FunctionTransformer
 from swsysid import EffectSearchCV, PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid.datasets import fetch_mr_damper
 from swsysid.differentiation import differentiate
-from swsysid.effects import (
-    Bias,
-    CoulombFriction,
-    DeadZone,
-    ExtraMode,
-    QuadraticDrag,
-    Saturation,
-)
+from swsysid.effects import Bias, CoulombFriction, DeadZone, ExtraMode, QuadraticDrag, Saturation
 from swsysid.plotting import STYLE
 
 plt.style.use(STYLE)

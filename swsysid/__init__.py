@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from swsysid._classifier import PolynomialSurfaceClassifier
+    from swsysid._data.features import FunctionLibrary
     from swsysid._effect_regressor import EffectRegressor
-    from swsysid._features import FunctionLibrary
-    from swsysid._mip import solve_mip
     from swsysid._pipelines import ModePipeline
     from swsysid._regressor import SwitchingSystemRegressor
     from swsysid._results import (
@@ -27,14 +26,10 @@ if TYPE_CHECKING:
         Status,
         Trajectory,
     )
-    from swsysid._saving import Recording, load_model, save_model
+    from swsysid._saving.files import Recording, load_model, save_model
     from swsysid.diagnosis import EffectReport, EffectSearchCV
-    from swsysid.relaxations import (
-        ExactRelaxation,
-        MomentRelaxation,
-        Relaxation,
-        SimplexRelaxation,
-    )
+    from swsysid.relaxations import ExactRelaxation, MomentRelaxation, Relaxation, SimplexRelaxation
+    from swsysid.relaxations._mixed_integer import solve_mip
 
 __version__ = "0.1.0"
 
@@ -69,8 +64,8 @@ __all__ = [
 _HOMES = {
     "PolynomialSurfaceClassifier": "_classifier",
     "EffectRegressor": "_effect_regressor",
-    "FunctionLibrary": "_features",
-    "solve_mip": "_mip",
+    "FunctionLibrary": "_data.features",
+    "solve_mip": "relaxations._mixed_integer",
     "ModePipeline": "_pipelines",
     "SwitchingSystemRegressor": "_regressor",
     **dict.fromkeys(
@@ -85,7 +80,7 @@ _HOMES = {
         ),
         "_results",
     ),
-    **dict.fromkeys(("Recording", "load_model", "save_model"), "_saving"),
+    **dict.fromkeys(("Recording", "load_model", "save_model"), "_saving.files"),
     **dict.fromkeys(("EffectReport", "EffectSearchCV"), "diagnosis"),
     **dict.fromkeys(
         ("ExactRelaxation", "MomentRelaxation", "Relaxation", "SimplexRelaxation"), "relaxations"

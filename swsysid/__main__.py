@@ -7,13 +7,13 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from swsysid._command.arguments import measurement, modes, parser, units
-from swsysid._command.progress import is_watched, say
-from swsysid._command.refusal import TableError
+from swsysid._cli.arguments import measurement, modes, parser, units
+from swsysid._cli.progress import is_watched, say
+from swsysid._tables.refusal import TableError
 
 if TYPE_CHECKING:
-    from swsysid._command.measurement import Measurement
-    from swsysid._command.tables import Table
+    from swsysid._cli.measurement import Measurement
+    from swsysid._tables.tables import Table
 
 __all__ = ["main"]
 
@@ -24,7 +24,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         _check_wishes(arguments)
         recording = _recording(arguments)
-        from swsysid._command.run import run  # what is refused above does not wait for it
+        from swsysid._cli.run import run  # what is refused above does not wait for it
 
         return run(*recording, arguments)
     except ValueError as error:  # sentences of ours, TableError among them
@@ -53,8 +53,8 @@ def _recording(arguments: argparse.Namespace) -> tuple[Table, Measurement]:
     """The table to work on and which of its columns are what."""
     if arguments.file is None:
         return _built_in(arguments)
-    from swsysid._command.measurement import check_roles
-    from swsysid._command.readers import read_table
+    from swsysid._cli.measurement import check_roles
+    from swsysid._tables.readers import read_table
 
     say(f"Reading {arguments.file}", is_watched(arguments.verbose))
     what = measurement(arguments)
@@ -66,7 +66,7 @@ def _recording(arguments: argparse.Namespace) -> tuple[Table, Measurement]:
 def _built_in(arguments: argparse.Namespace) -> tuple[Table, Measurement]:
     if arguments.signals:
         raise TableError("The built-in example has no signals; give a file with --signals.")
-    from swsysid._command.built_in import oscillator, oscillator_with_friction
+    from swsysid._cli.built_in import oscillator, oscillator_with_friction
 
     if not arguments.diagnose:
         return oscillator(arguments.random_state)

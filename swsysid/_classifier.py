@@ -7,9 +7,11 @@ from copy import copy
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
 
-from swsysid._printing import check_format, linear_combination, symbol
-from swsysid._rows import canonical_rows, check_sample_weight, places_between
-from swsysid._scores import ScoredByAccuracy
+from swsysid._checks.estimators import check_fitted, classes_to_fit, known_classes, known_rows
+from swsysid._checks.parameters import names_of_columns, random_numbers
+from swsysid._data.rows import canonical_rows, check_sample_weight, places_between
+from swsysid._data.scores import ScoredByAccuracy
+from swsysid._rendering.printing import check_format, linear_combination, symbol
 from swsysid._surfaces.book_program import (
     choose_mode_book,
     fit_mode_book,
@@ -23,8 +25,6 @@ from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
 from swsysid._surfaces.parameters import check_parameters
 from swsysid._surfaces.polynomials import surface_basis
 from swsysid._surfaces.probability import ModePosterior
-from swsysid._validation.estimators import check_fitted, classes_to_fit, known_classes, known_rows
-from swsysid._validation.parameters import names_of_columns, random_numbers
 
 __all__ = ["PolynomialSurfaceClassifier"]
 

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
-from swsysid._effect_equations import guards_with_effects, laws_with_effects
-from swsysid._effect_simulation import simulate_with_effects
-from swsysid._printing import check_format
-from swsysid._records import Records, make_records
-from swsysid._scores import ScoredByR2
+from swsysid._checks.arrays import column
+from swsysid._checks.estimators import check_fitted, known_rows, rows_to_fit
+from swsysid._checks.parameters import MOST_MODES, shown
+from swsysid._data.records import Records, make_records
+from swsysid._data.scores import ScoredByR2
+from swsysid._rendering.printing import check_format
+from swsysid._search.equations import guards_with_effects, laws_with_effects
 from swsysid._search.joint_fit import JointFit, check_declared, fit_jointly, tell_doubts
+from swsysid._search.simulation import simulate_with_effects
 from swsysid._search.trials import PlacedEffect
-from swsysid._validation.arrays import column
-from swsysid._validation.estimators import check_fitted, known_rows, rows_to_fit
-from swsysid._validation.parameters import MOST_MODES, shown
 
 __all__ = ["EffectRegressor"]
 

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
-from swsysid._answer import Answer, answer_of_all
-from swsysid._blocks.sources import over_blocks
-from swsysid._certificates import certify
+from swsysid._checks.estimators import check_fitted, known_rows, known_velocities
+from swsysid._checks.parameters import random_numbers
 from swsysid._classifier import PolynomialSurfaceClassifier
-from swsysid._evidence import tell_likelihood
-from swsysid._features import FeatureMap
-from swsysid._guard import check_guard
-from swsysid._identification import identify
-from swsysid._large import drawn_rows, fit_all_rows
-from swsysid._model import SwitchingModel
-from swsysid._monomials import surface_candidates
-from swsysid._problem import one_hot
-from swsysid._rows import canonical_rows
-from swsysid._scores import ScoredByR2
-from swsysid._setup import (
+from swsysid._data.features import FeatureMap
+from swsysid._data.rows import canonical_rows
+from swsysid._data.scores import ScoredByR2
+from swsysid._data.sources import over_blocks
+from swsysid._identification.answer import Answer, answer_of_all
+from swsysid._identification.evidence import tell_likelihood
+from swsysid._identification.guard import check_guard
+from swsysid._identification.identify import identify
+from swsysid._identification.large import drawn_rows, fit_all_rows
+from swsysid._identification.monomials import surface_candidates
+from swsysid._identification.problem import one_hot
+from swsysid._identification.setup import (
     build_problem,
     build_search,
     check_parameters,
@@ -26,12 +26,12 @@ from swsysid._setup import (
     input_names,
     trajectory_codes,
 )
+from swsysid._identification.warnings import check_residuals, warn_about
 from swsysid._simulation.inputs import checked_options
+from swsysid._simulation.model import SwitchingModel
 from swsysid._simulation.simulate import simulate
-from swsysid._validation.estimators import check_fitted, known_rows, known_velocities
-from swsysid._validation.parameters import random_numbers
-from swsysid._warnings import check_residuals, warn_about
 from swsysid.relaxations import get_relaxation
+from swsysid.relaxations._certificates import certify
 
 __all__ = ["SwitchingSystemRegressor"]
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._series import draw_series, frame_of, names_or_numbers, span
+from swsysid._rendering.series import draw_series, frame_of, names_or_numbers, span
 
 __all__ = [
     "Assignment",

@@ -8,7 +8,8 @@ public, whichever part of the package makes them.
 'Increase time_limit; the bound and the gap say how far the answer can be.'
 """
 
-from swsysid._monomials import SurfaceCandidate
+from swsysid._identification.monomials import SurfaceCandidate
+from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._results import (
     Assignment,
     FitCertificate,
@@ -19,7 +20,6 @@ from swsysid._results import (
     SwitchEvent,
     Trajectory,
 )
-from swsysid._selection import ModeCandidate
 
 __all__ = [
     "Assignment",

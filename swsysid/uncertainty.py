@@ -14,23 +14,16 @@ from scipy.stats import t as student
 from sklearn.base import clone
 from tqdm import tqdm
 
-from swsysid._alternation import alternate
-from swsysid._losses import get_loss
-from swsysid._model import fitted_system
-from swsysid._problem import fit_weighted, one_hot
+from swsysid._checks.estimators import known_rows, known_velocities
+from swsysid._checks.parameters import MOST_RESAMPLES, jobs, random_numbers, real, verbosity, whole
+from swsysid._data.rows import CanonicalRows
+from swsysid._identification.alternation import alternate
+from swsysid._identification.problem import fit_weighted, one_hot
+from swsysid._identification.scale import calibrate
+from swsysid._identification.setup import build_problem, trajectory_codes
+from swsysid._losses.losses import get_loss
 from swsysid._results import Array
-from swsysid._rows import CanonicalRows
-from swsysid._scale import calibrate
-from swsysid._setup import build_problem, trajectory_codes
-from swsysid._validation.estimators import known_rows, known_velocities
-from swsysid._validation.parameters import (
-    MOST_RESAMPLES,
-    jobs,
-    random_numbers,
-    real,
-    verbosity,
-    whole,
-)
+from swsysid._simulation.model import fitted_system
 
 __all__ = ["BootstrapResult", "bootstrap"]
 

@@ -31,12 +31,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from swsysid._features import FeatureMap
-from swsysid._model import fitted_system
+from swsysid._checks.arrays import column, refuse_vanishing, table
+from swsysid._checks.arrays import labels as labels_of_rows
+from swsysid._checks.parameters import whole
+from swsysid._data.features import FeatureMap
 from swsysid._results import Array
-from swsysid._validation.arrays import column, refuse_vanishing, table
-from swsysid._validation.arrays import labels as labels_of_rows
-from swsysid._validation.parameters import whole
+from swsysid._simulation.model import fitted_system
 from swsysid.differentiation import estimate_noise
 
 __all__ = ["WeakForm", "weak_form", "weak_refit"]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 
 __all__ = ["Folds", "Split", "make_folds", "split_records"]
 

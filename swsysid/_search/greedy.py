@@ -15,7 +15,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from swsysid._progress import progress
+from swsysid._rendering.progress import progress
 from swsysid._search.acceptance import Acceptance
 from swsysid._search.trials import Bench, PlacedEffect
 from swsysid._search.workshop import TIE, Finding, Structure, exchanged

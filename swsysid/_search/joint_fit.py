@@ -14,17 +14,17 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import check_random_state
 
-from swsysid._features import FeatureMap
-from swsysid._identification import identify
+from swsysid._checks.parameters import shown
+from swsysid._data.features import FeatureMap
+from swsysid._data.records import Records
+from swsysid._data.rows import CanonicalRows, canonical_rows
+from swsysid._identification.identify import identify
+from swsysid._identification.setup import build_problem, build_search
 from swsysid._pipelines import switching_step, with_parameters
-from swsysid._records import Records
 from swsysid._results import Array, GuardWarning, IdentificationWarning, MisfitWarning
-from swsysid._rows import CanonicalRows, canonical_rows
 from swsysid._search.lending import loans
 from swsysid._search.robust import robust_regression
 from swsysid._search.trials import PlacedEffect
-from swsysid._setup import build_problem, build_search
-from swsysid._validation.parameters import shown
 
 __all__ = [
     "JointFit",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._search.trials import PlacedEffect
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, corrected

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._search.regression import COLLINEAR, Background, Regression
 from swsysid._search.robust import exact_below, negative_log_likelihood, robust_weights

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from swsysid._data.records import Records
 from swsysid._pipelines import switching_step
-from swsysid._records import Records
 from swsysid._results import Array
 from swsysid._search.bench import bench_of
 from swsysid._search.folds import Folds

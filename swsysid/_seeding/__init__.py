@@ -1,1 +1,1 @@
-"""Starts: a gated mixture of linear experts, fitted by expectation maximisation."""
+"""Starts of the alternation: mixtures of experts with a gate, level sets, neighbourhood laws."""

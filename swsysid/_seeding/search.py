@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from swsysid._misfit import shared_residual
 from swsysid._results import Array
 from swsysid._seeding.designs import weighted_quantile
 from swsysid._seeding.experts import (
@@ -22,6 +21,7 @@ from swsysid._seeding.experts import (
     single_model,
 )
 from swsysid._seeding.laws import law_labels
+from swsysid._seeding.misfit import shared_residual
 from swsysid._seeding.starts import Scene, draw_labels, some_rows
 
 __all__ = ["GAUSSIAN", "MOST_STARTS", "Pool", "refine", "same_partition", "search"]

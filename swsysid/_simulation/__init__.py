@@ -1,1 +1,1 @@
-"""Rollouts of switching systems with located events."""
+"""A fitted switching system and its rollouts: events, sliding, inputs, effects with memory."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array
 
 __all__ = ["ActingTerm", "EffectSystem"]

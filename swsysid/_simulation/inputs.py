@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from swsysid._checks.arrays import column, state, table
+from swsysid._checks.parameters import one_of, real, whole
 from swsysid._results import Array
-from swsysid._validation.arrays import column, state, table
-from swsysid._validation.parameters import one_of, real, whole
 
 __all__ = [
     "METHODS",

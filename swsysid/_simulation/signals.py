@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._simulation.inputs import Stretch
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import DOP853, RK45, Radau
 
+from swsysid._checks.parameters import one_of
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.events import (
     GuardedSystem,
@@ -27,7 +28,6 @@ from swsysid._simulation.inputs import (
     probe,
     stretches,
 )
-from swsysid._validation.parameters import one_of
 
 __all__ = ["SwitchingSystem", "follow", "simulate"]
 

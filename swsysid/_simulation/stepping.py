@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.effect_system import EffectSystem
 from swsysid._simulation.events import SimulationEnded

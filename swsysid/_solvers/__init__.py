@@ -1,1 +1,1 @@
-"""Convex programs and their solvers: structured ones of our own, and the door to the others."""
+"""Solvers of convex programs on plain arrays, each with a proof of optimality."""

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swsysid._data.rows import spread_rows
 from swsysid._results import Array, Status
-from swsysid._rows import spread_rows
 from swsysid._solvers.edges import along_edges
 from swsysid._solvers.interior_point import interior_point
 from swsysid._solvers.row_space import RowSpace, rounding

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.exceptions import ConvergenceWarning
 
+from swsysid._data.rows import spread_rows
 from swsysid._results import Array, IdentificationWarning, Status
-from swsysid._rows import spread_rows
 from swsysid._surfaces.hinge import MarginProgram, least_squares
 from swsysid._surfaces.margin_program import SurfaceFit, fit_programs
 from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement, pairwise_book

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._losses.summaries import Reach
 from swsysid._results import Array
-from swsysid._solvers.summaries import Reach
 from swsysid._surfaces.hinge import MarginProgram
 from swsysid._surfaces.margin_program import SurfaceFit, fit_programs
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.rows import spread_rows
 from swsysid._results import Array
-from swsysid._rows import spread_rows
 
 __all__ = ["MarginProgram", "approach", "best_multiple", "least_squares"]
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import block_diag
 
+from swsysid._data.rows import spread_rows
 from swsysid._results import Array, Status
-from swsysid._rows import spread_rows
 from swsysid._solvers.conic import linear_program, require_solution
 from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
 

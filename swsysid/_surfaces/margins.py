@@ -9,11 +9,7 @@ import numpy as np
 from swsysid._results import Array, MarginCertificate, Status
 from swsysid._solvers.conic import linear_program, require_solution
 from swsysid._surfaces.hinge import least_squares
-from swsysid._surfaces.margin_program import (
-    SurfaceFit,
-    fit_surface,
-    worst_status,
-)
+from swsysid._surfaces.margin_program import SurfaceFit, fit_surface, worst_status
 
 __all__ = ["certify_margin", "max_margin", "nonzero_margin"]
 

@@ -17,8 +17,8 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swsysid._checks import arrays
 from swsysid._results import Array
-from swsysid._validation import arrays
 
 __all__ = ["candidate_books", "check_book", "decisions", "disagreement", "pairwise_book"]
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from swsysid._checks.arrays import numbers
+from swsysid._checks.parameters import flag, one_of, random_numbers, real, solver_name, whole
 from swsysid._results import Array
-from swsysid._validation.arrays import numbers
-from swsysid._validation.parameters import flag, one_of, random_numbers, real, solver_name, whole
 
 __all__ = ["check_parameters", "check_relevance"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import comb
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._features import FeatureMap, Monomials, check_degree, monomials_at
+from swsysid._data.features import FeatureMap, Monomials, check_degree, monomials_at
 from swsysid._results import Array
 from swsysid._surfaces.parameters import check_relevance
 

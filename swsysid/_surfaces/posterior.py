@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import log_expit
 
+from swsysid._data.rows import spread_rows
 from swsysid._results import Array
-from swsysid._rows import spread_rows
 
 __all__ = ["SurfaceEvidence", "sample_surface"]
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from sklearn.isotonic import IsotonicRegression
 
+from swsysid._data.rows import spread_rows
 from swsysid._results import Array
-from swsysid._rows import spread_rows
 from swsysid._surfaces.mode_books import Book, decisions
 from swsysid._surfaces.posterior import SurfaceEvidence, sample_surface
 

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from swsysid._data.rows import spread_rows
 from swsysid._results import Array
-from swsysid._rows import spread_rows
 
 __all__ = ["Relevance", "feature_relevance"]
 

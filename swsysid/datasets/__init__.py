@@ -15,8 +15,8 @@ from swsysid.datasets._measured import (
     fetch_silverbox,
 )
 from swsysid.datasets._sources import MeasuredDataError
-from swsysid.datasets._undeclared import make_undeclared, undeclared_kinds
-from swsysid.datasets._undeclared_records import PlantedEffect
+from swsysid.datasets._undeclared.make import make_undeclared, undeclared_kinds
+from swsysid.datasets._undeclared.records import PlantedEffect
 
 __all__ = [
     "MeasuredDataError",

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from sklearn.utils import Bunch
 
+from swsysid._checks.parameters import one_of, random_numbers, real, whole
 from swsysid._results import Array
-from swsysid._validation.parameters import one_of, random_numbers, real, whole
 from swsysid.datasets._polynomial_system import PolynomialSwitchingSystem
 from swsysid.datasets._trajectories import integrate_grid
 

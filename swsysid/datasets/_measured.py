@@ -12,7 +12,7 @@ import inspect
 import numpy as np
 from sklearn.utils import Bunch
 
-from swsysid._command.readers import read_table
+from swsysid._tables.readers import read_table
 from swsysid.datasets._sources import (
     DAMPER,
     DRIVES,

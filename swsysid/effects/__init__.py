@@ -1,6 +1,6 @@
 """Effects that a declared model may lack."""
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._search.trials import PlacedEffect
 from swsysid.effects._actuator import DeadZone, GainChange, Overflow, PowerLaw, Saturation
 from swsysid.effects._base import Effect, Parameter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Parameter, Place, figure, quantile_levels
 

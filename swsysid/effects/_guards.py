@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._data.records import Records
 from swsysid._pipelines import switching_step, with_parameters
-from swsysid._printing import linear_combination
-from swsysid._records import Records
+from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
 from swsysid._search.trials import Bench, PlacedEffect
 from swsysid.effects._base import Effect, figure

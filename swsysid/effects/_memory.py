@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import lfilter
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Parameter, Place, figure, spread
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._search.trials import Bench, PlacedEffect
 from swsysid.effects._base import Effect, Parameter, Place, figure, spread

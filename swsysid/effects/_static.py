@@ -7,7 +7,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from swsysid._records import Records
+from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Parameter, Place, figure, spread
 

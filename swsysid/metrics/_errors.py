@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from swsysid._checks.arrays import refuse_vanishing, table
+from swsysid._data.rows import check_sample_weight
 from swsysid._results import Array
-from swsysid._rows import check_sample_weight
-from swsysid._validation.arrays import refuse_vanishing, table
 
 __all__ = ["RolloutErrors", "rollout_errors", "velocity_rmse"]
 

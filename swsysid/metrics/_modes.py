@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from swsysid._checks.arrays import labels
+from swsysid._data.rows import check_sample_weight
 from swsysid._results import Array
-from swsysid._rows import check_sample_weight
-from swsysid._validation.arrays import labels
 
 __all__ = ["balanced_mode_accuracy", "match_modes", "mode_accuracy", "mode_iou"]
 

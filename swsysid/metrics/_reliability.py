@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._checks.arrays import labels, table
+from swsysid._checks.parameters import whole
+from swsysid._data.rows import check_sample_weight
 from swsysid._results import Array
-from swsysid._rows import check_sample_weight
-from swsysid._validation.arrays import labels, table
-from swsysid._validation.parameters import whole
 from swsysid.metrics._modes import match_modes
 
 __all__ = ["ModeReliability", "mode_reliability"]

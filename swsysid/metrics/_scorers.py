@@ -8,9 +8,9 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.metadata_routing import UNUSED
 
-from swsysid._rows import check_sample_weight
-from swsysid._validation.arrays import table
-from swsysid._validation.parameters import flag, shown
+from swsysid._checks.arrays import table
+from swsysid._checks.parameters import flag, shown
+from swsysid._data.rows import check_sample_weight
 from swsysid.metrics._modes import balanced_mode_accuracy, mode_accuracy
 
 __all__ = ["mode_accuracy_scorer", "mode_consistency_scorer"]

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
+from swsysid._checks.arrays import numbers, refuse_vanishing, table
+from swsysid._checks.parameters import function, random_numbers, whole
 from swsysid._results import Array
-from swsysid._validation.arrays import numbers, refuse_vanishing, table
-from swsysid._validation.parameters import function, random_numbers, whole
 
 __all__ = ["surface_distance"]
 

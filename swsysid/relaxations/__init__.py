@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sklearn.base import clone
 
-from swsysid._validation.parameters import shown
+from swsysid._checks.parameters import shown
 from swsysid.relaxations._base import Relaxation
 from swsysid.relaxations._exact import ExactRelaxation
 from swsysid.relaxations._moment import MomentRelaxation

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
-from swsysid._losses import get_loss
+from swsysid._checks.arrays import numbers
+from swsysid._losses.losses import get_loss
 from swsysid._results import Array, Assignment, Status
-from swsysid._validation.arrays import numbers
 
 __all__ = ["Relaxation", "first_least", "hardened", "one_hot"]
 

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from swsysid._checks.parameters import whole
 from swsysid._results import Array, Assignment, Status
 from swsysid._solvers.conic import modelling, require_solution, solve
-from swsysid._solvers.hulls import on_simplex
-from swsysid._validation.parameters import whole
 from swsysid.relaxations._base import Relaxation
+from swsysid.relaxations._hulls import on_simplex
 
 __all__ = ["MomentRelaxation"]
 

@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swsysid._losses import get_loss
+from swsysid._losses.losses import get_loss
 from swsysid._results import Array, Assignment, Status
 from swsysid._solvers.conic import modelling, require_solution, solve
-from swsysid._solvers.hulls import nearest_euclidean, nearest_l1, on_simplex
 from swsysid.relaxations._base import Relaxation, first_least, hardened, one_hot
+from swsysid.relaxations._hulls import nearest_euclidean, nearest_l1, on_simplex
 
 __all__ = ["SimplexRelaxation"]
 

@@ -1,1 +1,0 @@
-"""Data in blocks of rows: where the rows come from, and a sample of them."""

@@ -1,0 +1,1 @@
+"""The main job from a recording: samples, the identification and its text."""

@@ -1,0 +1,238 @@
+"""The options of the command line and the words in them; nothing heavy is imported here."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+from collections.abc import Callable
+from pathlib import Path
+
+from swsysid import __version__
+from swsysid._cli.measurement import Measurement
+from swsysid._tables.refusal import TableError
+
+__all__ = ["LIBRARIES", "measurement", "modes", "names", "parser", "units"]
+
+DESCRIPTION = """\
+Identify a switching system from measured trajectories: the differential equation of each mode
+and the surface in the state space at which the law changes.
+
+Give a recording with one column for each signal: a text file of any layout, a spreadsheet, .npz,
+.parquet or .mat. States are smoothed and differentiated unless their derivatives are measured too;
+what had to be mended, masked or left out is printed with its rows of the file. The equations, the
+switching surface and the error on held-out data, beside that of the best model without switching,
+are printed; the model (model.json), the text (identification.txt) and a picture of the modes
+(phase_portrait.png) go into a folder. Without a file, a built-in damped oscillator is simulated,
+measured with noise and identified.
+
+With --diagnose the identified model is then asked what it lacks: friction, backlash, delays,
+saturations, forces, sensor offsets and more are tried on what it leaves over, and judged on
+trajectories that took no part in the search. The error before and after is printed, and a page
+with pictures (swsysid_diagnosis.html) is written."""
+
+EXAMPLES = """\
+examples:
+  A pendulum log with angle, rate and motor voltage, several runs in one file:
+    python -m swsysid runs.csv --states angle_rad rate_rad_per_s --inputs motor_V \\
+        --time t_s --groups run
+
+  A servo axis: force and position measured, acceleration = (force - friction) / mass,
+  friction changes with the direction of motion:
+    python -m swsysid axis.mat --states q --inputs force --time t --order 2 \\
+        --units q=m,force=N,t=s
+
+  What does one linear law of a cart lack? One mode, a logged signal it does not use, a page:
+    python -m swsysid cart.csv --states x v --inputs u --time t --groups run --modes 1 \\
+        --library linear --diagnose --signals battery_V --html cart.html
+
+Units are read from names such as v_m_per_s or "force [N]". Load the model with
+swsysid.load_model("swsysid_output/model.json"), which runs no code of the file; its columns are
+the states, then the inputs (with --order 2 the positions, then the velocities, then the inputs)."""
+
+LIBRARIES = {"linear": 0, "affine": 1, "quadratic": 2, "cubic": 3, "trigonometric": 1}
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that refuses in one sentence, with the option that was probably meant."""
+
+    def error(self, message: str):
+        wrong = message.removeprefix("unrecognized arguments: ").split()[0]
+        close = difflib.get_close_matches(wrong, self._option_string_actions, n=1)
+        if message.startswith("unrecognized") and wrong.startswith("-"):
+            hint = f" Did you mean {close[0]}?" if close else ""
+            message = f"{wrong} is no option.{hint}"
+        elif message.startswith("unrecognized"):
+            message = f"{wrong!r} belongs to no option; one recording is read at a time."
+        self.exit(2, f"swsysid: {message} (python -m swsysid --help lists the options)\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the command line."""
+    parser = _Parser(
+        prog="python -m swsysid",
+        description=DESCRIPTION,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"swsysid {__version__}")
+    _add_recording(parser.add_argument)
+    _add_model(parser.add_argument)
+    _add_diagnosis(parser.add_argument)
+    return parser
+
+
+def _add_recording(add: Callable) -> None:
+    """What was measured, and how velocities are made of it."""
+    add(
+        "file",
+        nargs="?",
+        help="recording with named columns: text of any layout (.csv, .tsv, .txt, .dat; .gz), "
+        ".xlsx, .parquet, .npz, .mat (none: an example)",
+    )
+    add("--states", nargs="+", default=[], metavar="NAME", help="columns of the measured states")
+    add("--inputs", nargs="+", default=[], metavar="NAME", help="columns of the inputs")
+    add("--time", metavar="NAME", help="column of the times: numbers, or dates and clock times")
+    add("--time-step", type=float, metavar="S", help="seconds between rows, if no column has times")
+    add(
+        "--derivatives",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="columns of measured derivatives, one for each state; else they are computed",
+    )
+    add("--groups", metavar="NAME", help="column that names the trajectory of each row")
+    add(
+        "--order",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="2: the states are positions and their second derivatives obey the law",
+    )
+    add(
+        "--missing",
+        nargs="+",
+        default=[],
+        metavar="WORD",
+        help="further words for a missing value, beside NA, NaN, ---, #N/A and the like",
+    )
+    add(
+        "--keep-spikes",
+        action="store_true",
+        help="use cells that look like no measurement (9999, isolated spikes) all the same",
+    )
+    add("--units", nargs="+", default=[], metavar="NAME=UNIT", help="such as q=m,force=N")
+    add(
+        "--method",
+        choices=("savitzky_golay", "butterworth", "finite_difference"),
+        default="savitzky_golay",
+        help="of differentiation (default: savitzky_golay)",
+    )
+    add("--window", type=int, help="samples of the savitzky_golay window (default: from noise)")
+    add("--cutoff", type=float, help="of the butterworth filter, in Hz (default: from noise)")
+    add(
+        "--decimate",
+        type=int,
+        default=1,
+        metavar="K",
+        help="keep every K-th row after smoothing (default: 1, all rows)",
+    )
+
+
+def _add_model(add: Callable) -> None:
+    """The law that is looked for, how, and where the answer goes."""
+    add("--modes", default="2", help='number of modes, or "auto" (default: 2)')
+    add(
+        "--library",
+        choices=LIBRARIES,
+        help="terms of the law of each mode: linear has no constant (default: affine; linear in "
+        "the built-in example of --diagnose)",
+    )
+    add("--library-degree", type=int, metavar="D", help="all products up to degree D instead")
+    add("--surface-degree", type=int, default=1, metavar="D", help="of the surface (default: 1)")
+    add(
+        "--loss",
+        choices=("l1", "l2", "squared"),
+        default="l1",
+        help="l1 bears outliers, squared suits many rows of plain noise (default: l1)",
+    )
+    add(
+        "--position",
+        choices=("auto", "yes", "no"),
+        default="auto",
+        help="with --order 2: may the law depend on the position? auto asks the data",
+    )
+    add("--test-fraction", type=float, default=0.3, help="held out for the error (default: 0.3)")
+    add("--output", type=Path, default=Path("swsysid_output"), metavar="DIR", help="folder to fill")
+    add("--random-state", type=int, default=0, metavar="SEED", help="(default: 0)")
+    add("--jobs", type=int, metavar="N", help="starts searched in parallel")
+    add(
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="show progress on standard error, which a terminal gets anyway",
+    )
+
+
+def _add_diagnosis(add: Callable) -> None:
+    """The search for what the model lacks."""
+    add("--diagnose", action="store_true", help="search for effects that the model lacks")
+    add(
+        "--html",
+        type=Path,
+        metavar="OUT.html",
+        help="with --diagnose: the page (default: swsysid_diagnosis.html, in this folder)",
+    )
+    add(
+        "--signals",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="with --diagnose: logged columns that the model does not use",
+    )
+    add(
+        "--effects",
+        nargs="+",
+        default=[],
+        metavar="KIND",
+        help="with --diagnose: look for these only, such as coulomb_friction,backlash",
+    )
+
+
+def measurement(arguments: argparse.Namespace) -> Measurement:
+    """Which columns are what."""
+    return Measurement(
+        states=names(arguments.states),
+        inputs=names(arguments.inputs),
+        signals=names(arguments.signals),
+        time=arguments.time,
+        derivatives=names(arguments.derivatives),
+        groups=arguments.groups,
+        order=arguments.order,
+        method=arguments.method,
+        window=arguments.window,
+        cutoff=arguments.cutoff,
+        decimate=arguments.decimate,
+        time_step=arguments.time_step,
+        keep_spikes=arguments.keep_spikes,
+    )
+
+
+def names(words: list[str]) -> tuple[str, ...]:
+    """Column names, given as several words, comma-separated, or both."""
+    return tuple(name.strip() for word in words for name in word.split(",") if name.strip())
+
+
+def units(words: list[str]) -> dict[str, str]:
+    pairs = [name.partition("=") for name in names(words)]
+    wrong = [name for name, equals, unit in pairs if not (equals and unit)]
+    if wrong:
+        raise TableError(f"--units {wrong[0]!r} is not of the form NAME=UNIT.")
+    return {name: unit for name, _, unit in pairs}
+
+
+def modes(word: str) -> int | str:
+    if word == "auto":
+        return word
+    if not word.isdecimal() or int(word) < 1:
+        raise TableError(f'--modes {word!r} is neither a positive number nor "auto".')
+    return int(word)

@@ -1,0 +1,233 @@
+"""The main job: from a table of measured trajectories to an identified, tested model.
+
+One pure function, ``run_job(table, options) -> JobResult``. Everything that the command line
+prints is in the result; nothing is printed or written here.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+from sklearn.base import clone
+from sklearn.preprocessing import PolynomialFeatures
+
+from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._cli.held_out import BLOCKS, Split, hold_out
+from swsysid._cli.laws import Terms
+from swsysid._cli.measurement import Measurement
+from swsysid._cli.samples import Samples, measure
+from swsysid._cli.verdict import WORTH, Comparison, Rival, Verdict, count_switches
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._tables.tables import Table
+
+__all__ = ["JobOptions", "JobResult", "run_job"]
+
+RARE = 0.005  # a mode with a smaller share of the training rows is absent from them
+
+
+@dataclass(frozen=True)
+class JobOptions:
+    """What to identify.
+
+    Attributes
+    ----------
+    measurement : Measurement
+    modes : int or "auto"
+    library_degree : int
+        Degree of the law of each mode; 0 means linear without a constant.
+    waves : bool
+        The law may have sines and cosines of the columns.
+    surface_degree : int
+    loss : {"l1", "l2", "squared"}
+    position : {"auto", "yes", "no"}
+        Whether the law may depend on the positions, with ``order=2``.
+    test_fraction : float
+    random_state : int
+    n_jobs : int or None
+    verbose : bool
+        Whether fits show their progress.
+    """
+
+    measurement: Measurement
+    modes: int | str = 2
+    library_degree: int = 1
+    waves: bool = False
+    surface_degree: int = 1
+    loss: str = "l1"
+    position: str = "auto"
+    test_fraction: float = 0.3
+    random_state: int = 0
+    n_jobs: int | None = None
+    verbose: bool = False
+
+
+@dataclass(frozen=True)
+class JobResult:
+    """What was identified and how well such models predict rows that they never saw.
+
+    Attributes
+    ----------
+    model : SwitchingSystemRegressor
+        Searched for on all rows; its columns have names.
+    samples : Samples
+    options : JobOptions
+    terms : Terms
+        Of the laws of `model`.
+    split : Split
+    comparison : Comparison
+        Of the modes that were found with smooth laws of one mode.
+    given_up : int or None
+        Number of modes that ``modes="auto"`` found before a smooth law proved as good.
+    position_gain : float or None
+        Fraction by which positions lower the error, where that decided about them.
+    notes : tuple of str
+        What the fit of `model` warned about.
+    """
+
+    model: SwitchingSystemRegressor
+    samples: Samples
+    options: JobOptions
+    terms: Terms
+    split: Split
+    comparison: Comparison
+    given_up: int | None
+    position_gain: float | None
+    notes: tuple[str, ...]
+
+
+def run_job(table: Table, options: JobOptions) -> JobResult:
+    """Differentiate, identify, and compare with smooth laws of one mode on held-out rows.
+
+    Raises
+    ------
+    TableError, ValueError
+        With a sentence on what to change.
+    """
+    samples = measure(table, options.measurement)
+    split = hold_out(samples.groups, options.test_fraction, options.random_state)
+    terms, position_gain = _terms(samples, split, options)
+    model, notes = _fit_with_notes(_regressor(terms, samples, options), samples)
+    comparison = _compare(model, terms, samples, split, options)
+    given_up = None
+    if options.modes == "auto" and comparison.verdict in (Verdict.SMOOTH, Verdict.ONE_MODE):
+        given_up, terms = model.n_modes_, comparison.best.terms
+        plain = _regressor(terms, samples, replace(options, modes=1)).set_params(sparsity="auto")
+        model, notes = _fit_with_notes(plain, samples)
+    _name_columns(model, samples)
+    return JobResult(
+        model, samples, options, terms, split, comparison, given_up, position_gain, notes
+    )
+
+
+def _terms(samples: Samples, split: Split, options: JobOptions) -> tuple[Terms, float | None]:
+    """Terms of the laws, and what the positions are worth in them where that was tested."""
+    everything = tuple(range(samples.X.shape[1]))
+    full = Terms(everything, options.library_degree, options.waves)
+    without = replace(full, columns=everything[samples.n_known :])
+    if not samples.n_known or options.position == "yes":
+        return full, None
+    if options.position == "no":
+        return without, None
+    model = _fit_quietly(_regressor(full, samples, options), samples, split.train)
+    worth = _worth_of_positions(model, samples, split.train, options)
+    return (full if worth >= WORTH else without), worth
+
+
+def _regressor(terms: Terms, samples: Samples, options: JobOptions) -> SwitchingSystemRegressor:
+    return SwitchingSystemRegressor(
+        n_modes=options.modes,
+        feature_library=terms.library(samples.X.shape[1]),
+        surface=PolynomialSurfaceClassifier(degree=options.surface_degree),
+        loss=options.loss,
+        n_jobs=options.n_jobs,
+        random_state=options.random_state,
+        verbose=int(options.verbose),
+    )
+
+
+def _compare(
+    model: SwitchingSystemRegressor,
+    terms: Terms,
+    samples: Samples,
+    split: Split,
+    options: JobOptions,
+) -> Comparison:
+    """The model's modes, searched for in the training rows alone, against smooth laws."""
+    shares = np.bincount(model.modes_[split.train], minlength=model.n_modes_) / split.train.sum()
+    seen = np.flatnonzero(shares >= RARE)
+    judged = split.test & np.isin(model.modes_, seen)
+    judged = judged if judged.any() else split.test
+
+    def errors(terms: Terms, n_modes: int):
+        again = _regressor(terms, samples, replace(options, modes=n_modes))
+        fitted = _fit_quietly(again, samples, split.train)
+        residuals = samples.Xdot[judged] - fitted.predict(samples.X[judged])
+        return residuals[:, samples.n_known :]
+
+    smooth = [terms, *terms.richer(int(split.train.sum()))]
+    predicted = model.predict_modes(samples.X)
+    constant = bool(model.n_modes_ > 1 and (predicted == predicted[0]).all())
+    laws = model.mode_velocities(samples.X[judged])
+    told = samples.Xdot[judged] - laws[model.modes_[judged], np.arange(judged.sum())]
+    return Comparison(
+        errors=errors(terms, len(seen)),
+        rivals=tuple(Rival(each, errors(each, 1)) for each in smooth),
+        spread=samples.Xdot[judged, samples.n_known :].std(axis=0),
+        n_switches=count_switches(predicted, samples.groups),
+        constant=constant,
+        told_by_rates=None if np.isnan(model.guard_score_) else told[:, samples.n_known :],
+        untested=tuple(int(mode) for mode in np.flatnonzero(shares < RARE)),
+    )
+
+
+def _fit_with_notes(
+    estimator: SwitchingSystemRegressor, samples: Samples
+) -> tuple[SwitchingSystemRegressor, tuple[str, ...]]:
+    """The estimator fitted to all rows, and what that warned about."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        estimator.fit(samples.X, samples.Xdot, groups=samples.groups)
+    return estimator, tuple(str(warning.message) for warning in caught)
+
+
+def _fit_quietly(estimator, samples: Samples, rows) -> SwitchingSystemRegressor:
+    """A fit for comparison: what it warns about is no news of the model that is delivered."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return clone(estimator).fit(
+            samples.X[rows], samples.Xdot[rows], groups=samples.groups[rows]
+        )
+
+
+def _name_columns(model: SwitchingSystemRegressor, samples: Samples) -> None:
+    """Give a model fitted to arrays the names that a frame would have given it."""
+    model.feature_names_in_ = np.array(samples.names, dtype=object)
+    model._feature_map.names_in = list(samples.names)
+    model.feature_names_out_ = model._feature_map.names_out
+
+
+def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> float:
+    """Fraction by which positions lower the error of the law, cross-validated over blocks.
+
+    The modes are those of the model that may use the positions; given them the laws are plain
+    least squares, so that the comparison costs nothing.
+    """
+    X, targets = samples.X[train], samples.Xdot[train, samples.n_known :]
+    modes = model.predict_modes(X)
+    block = np.arange(len(X)) * BLOCKS // len(X)
+    everything = list(range(X.shape[1]))
+    errors = []
+    for columns in (everything[samples.n_known :], everything):
+        design = PolynomialFeatures(options.library_degree or 1).fit_transform(X[:, columns])
+        residuals = np.full_like(targets, np.nan)
+        for mode in np.unique(modes):
+            for held in range(BLOCKS):
+                inside = (modes == mode) & (block != held)
+                outside = (modes == mode) & (block == held)
+                if inside.sum() > design.shape[1]:
+                    coef = np.linalg.lstsq(design[inside], targets[inside], rcond=None)[0]
+                    residuals[outside] = targets[outside] - design[outside] @ coef
+        errors.append(np.sqrt(np.nanmean((residuals / targets.std(axis=0)) ** 2)))
+    return float(1.0 - errors[1] / errors[0]) if errors[0] > 0 else 0.0

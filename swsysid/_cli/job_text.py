@@ -1,0 +1,296 @@
+"""The result of the main job in words: equations with units, guards, held-out error, verdict."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._cli.guard_words import memory, regions
+from swsysid._cli.job import JobResult
+from swsysid._cli.samples_text import preparation
+from swsysid._cli.verdict import FEWEST_ROWS, FEWEST_SWITCHES, Comparison, Verdict
+from swsysid._effect_regressor import EffectRegressor
+from swsysid._rendering.printing import linear_combination
+
+__all__ = ["render", "with_effects"]
+
+PRECISION = 6  # decimals of coefficients
+SENSIBLE = 0.01  # share of the spread of a rate that its input has to move
+
+
+def render(result: JobResult) -> str:
+    """The whole text, sections separated by empty lines."""
+    sections = [
+        _data(result), *_laws(result), _guards(result), _errors(result), verdict_text(result)
+    ]  # fmt: skip
+    return "\n\n".join(section for section in sections if section)
+
+
+def with_effects(model: EffectRegressor) -> str:
+    """The complete laws and guards of a model with effects; "" if it has none."""
+    if not model.effects_:
+        return ""
+    guards = model.surface_equations(precision=PRECISION)
+    lines = ["model with effects", *model.equations(precision=PRECISION), *guards]
+    return "\n    ".join(lines)
+
+
+def _data(result: JobResult) -> str:
+    samples = result.samples
+    columns = ", ".join(map(_with_unit, samples.names, samples.units))
+    n_groups = len(np.unique(samples.groups))
+    every = f", every {_ordinal(samples.decimate)} row" if samples.decimate > 1 else ""
+    trajectories = "1 trajectory" if n_groups == 1 else f"{n_groups} trajectories"
+    lines = [f"{len(samples.X):,} samples of {trajectories}{every}: {columns}"]
+    lines += preparation(samples)
+    if result.position_gain is not None:
+        kept = "kept in" if 0 in result.terms.columns else "left out of"
+        change = max(0.0, 100 * result.position_gain)
+        lines.append(
+            f"The position is {kept} the law: it lowers the error by {change:.1f} % "
+            "(--position yes or no decides otherwise)."
+        )
+    return "\n".join(lines)
+
+
+def _laws(result: JobResult) -> list[str]:
+    """One section for each mode, after the known equations."""
+    model, samples = result.model, result.samples
+    features = [str(name) for name in model.feature_names_out_]
+    known = [
+        f"known: the derivative of {position} is {rate}"
+        for position, rate in zip(
+            samples.names, samples.rate_names[: samples.n_known], strict=False
+        )
+    ]
+    shares = np.bincount(model.modes_, minlength=model.n_modes_) / len(model.modes_)
+    sections = ["\n".join(known)]
+    for mode, share in enumerate(shares):
+        lines = [f"mode {mode} ({100 * share:.0f} % of the samples)"]
+        for state in range(samples.n_known, len(samples.rate_names)):
+            row = model.coef_[mode, state]
+            rate = samples.rate_names[state]
+            unit = f"   [{samples.rate_units[state]}]" if samples.rate_units[state] else ""
+            lines.append(f"    {rate} = {_sum(row, features)}{unit}")
+            if _is_driven(row, features, samples, state, model.modes_ == mode):
+                lines.append(_balance(row, features, rate, samples))
+        sections.append("\n".join(lines))
+    return sections
+
+
+def _is_driven(row, features, samples, state: int, members) -> bool:
+    """True if one input drives a second-order system linearly, and moves the rate sensibly.
+
+    A balance of forces is divided by the input's coefficient, so that of an input that does not
+    matter it would be the noise of the fit blown up.
+    """
+    inputs = samples.names[2 * samples.n_known :]
+    if not samples.n_known or len(inputs) != 1 or inputs[0] not in features or not members.any():
+        return False
+    moved = abs(row[features.index(inputs[0])]) * samples.X[members, -1].std()
+    return bool(moved > SENSIBLE * samples.Xdot[members, state].std())
+
+
+def _balance(row, features, rate: str, samples) -> str:
+    """The law of an accelerated body as a balance of forces: inertia q'' = input - rest.
+
+    Its coefficients are mass and friction as a data sheet has them.
+    """
+    driven = features.index(samples.names[-1])
+    scaled = -np.asarray(row) / row[driven]
+    scaled[driven] = 0.0
+    rest = _sum(scaled, features)
+    unit = f"   [{samples.units[-1]}]" if samples.units[-1] else ""
+    inertia = f"{1.0 / row[driven]:.{PRECISION}g}"
+    return f"    or {inertia} {rate} + ({rest}) = {samples.names[-1]}{unit}"
+
+
+def _sum(row, features) -> str:
+    return linear_combination(row, features, precision=PRECISION)
+
+
+def _guards(result: JobResult) -> str:
+    model, samples = result.model, result.samples
+    if model.n_modes_ == 1:
+        return ""
+    if result.comparison.constant:
+        return _no_guard(result)
+    lines = regions(model.surface_, samples)
+    equations = model.surface_equations(precision=PRECISION)
+    return "\n    ".join(["switching surface", *lines, *equations])
+
+
+def _no_guard(result: JobResult) -> str:
+    """What the samples show where no surface separates their modes."""
+    model, samples = result.model, result.samples
+    always = int(model.surface_.predict(samples.X[:1])[0])
+    shares = np.bincount(model.modes_, minlength=model.n_modes_) / len(model.modes_)
+    listed = ", ".join(f"mode {mode} in {100 * share:.0f} %" for mode, share in enumerate(shares))
+    lines = [
+        f"no switching surface: the fitted one gives mode {always} to every sample, although the "
+        f"rates fit {listed} of them",
+        "The same values of the columns are seen in different modes: these columns do not tell "
+        "the modes apart.",
+    ]
+    told = memory(model.modes_, samples) if model.n_modes_ == 2 else ""
+    if told:
+        lines.append(f"The modes have a memory (hysteresis): {told}.")
+    lines.append(
+        "Run again with --diagnose, which looks for a guard that remembers, or add the column "
+        "that drives the switching to --inputs."
+    )
+    return "\n    ".join(lines)
+
+
+def _errors(result: JobResult) -> str:
+    comparison, samples = result.comparison, result.samples
+    what = (
+        "whole trajectories" if result.split.whole_groups else "the last stretch of each trajectory"
+    )
+    names = [
+        _with_unit(name, unit)
+        for name, unit in zip(samples.rate_names, samples.rate_units, strict=True)
+    ][samples.n_known :]
+    columns = [("spread", comparison.spread)]
+    columns += [(f"one mode, {rival.terms}", _rms(rival.errors)) for rival in _shown(comparison)]
+    n_modes = _n_compared(result)
+    if n_modes > 1:
+        columns.append((f"{n_modes} modes, {comparison.rivals[0].terms}", _rms(comparison.errors)))
+    lines = [
+        f"held-out error: RMSE on {len(comparison.errors)} samples, {what}, by models trained on "
+        f"the other {int(result.split.train.sum())}"
+    ]
+    width = max(map(len, names))
+    widths = [max(10, len(title)) for title, _ in columns]
+    head = "  ".join(f"{title:>{w}}" for (title, _), w in zip(columns, widths, strict=True))
+    lines.append(f"    {'':{width}}  {head}")
+    for place, name in enumerate(names):
+        row = "  ".join(
+            f"{values[place]:>{w}.4g}" for (_, values), w in zip(columns, widths, strict=True)
+        )
+        lines.append(f"    {name:{width}}  {row}")
+    return "\n".join(lines + _untested(comparison))
+
+
+def _shown(comparison: Comparison):
+    """The law of one mode with the same terms, and the best one if it is another."""
+    plain, best = comparison.rivals[0], comparison.best
+    return [plain] if best is plain else [plain, best]
+
+
+def _n_compared(result: JobResult) -> int:
+    found = result.model.n_modes_ if result.given_up is None else result.given_up
+    return found - len(result.comparison.untested)
+
+
+def _untested(comparison: Comparison) -> list[str]:
+    if not comparison.untested:
+        return []
+    listed = ", ".join(map(str, comparison.untested))
+    which, whose = ("Mode", "its") if len(comparison.untested) == 1 else ("Modes", "their")
+    return [
+        f"    {which} {listed}: found in the held-out part only, so that no other samples test "
+        f"{whose} law; {whose} samples are left out of these errors."
+    ]
+
+
+def verdict_text(result: JobResult) -> str:
+    """The one verdict, and how sure the search was."""
+    comparison, model = result.comparison, result.model
+    if result.given_up is not None:
+        text = (
+            f"No switching: {result.given_up} modes were found, but one mode with {result.terms} "
+            "terms predicts the held-out samples as well, and is delivered (error of the "
+            f"{_n_compared(result)} modes: {_change(comparison)})."
+        )
+    elif model.n_modes_ == 1:
+        text = _of_one_mode(comparison)
+    else:
+        text = _of_modes(result)
+    stability = f"The same answer came from {100 * model.stability_:.0f} % of the starts."
+    return f"{text}\n{stability}" if model.n_modes_ > 1 else text
+
+
+def _of_one_mode(comparison: Comparison) -> str:
+    best = comparison.best
+    if best is comparison.rivals[0]:
+        return "No switching: the model has one mode, and no smooth law with more terms is better."
+    return (
+        f"No switching: the model has one mode. With {best.terms} terms its held-out error is "
+        f"{_percent(_gain_of(comparison))} % lower{_advice(best.terms.option)}."
+    )
+
+
+def _gain_of(comparison: Comparison) -> float:
+    """Fraction by which the best law of one mode lowers the error of the model."""
+    return 1.0 - 1.0 / (1.0 - comparison.improvement)
+
+
+def _of_modes(result: JobResult) -> str:
+    comparison, best = result.comparison, result.comparison.best
+    n_modes = _n_compared(result)
+    law = f"one mode with {best.terms} terms"
+    sure = f"error {_change(comparison)}, {comparison.gain:.1f} standard errors over blocks"
+    return {
+        Verdict.SWITCHES: (
+            "Switching predicts the held-out samples clearly better than one mode: than the best "
+            f"smooth law that was tried, {law} ({sure})."
+        ),
+        Verdict.CHANCE: (
+            f"Switching predicts the held-out samples better than {law}, which may be chance "
+            f"({sure}). Record more trajectories, or hold out more of them (--test-fraction)."
+        ),
+        Verdict.SMOOTH: (
+            "Switching does not predict the held-out samples clearly better than one mode: "
+            f"{law} does as well (error of the {n_modes} modes {_change(comparison)}). Do not "
+            "trust the modes, which may only follow a curve piece by piece"
+            f"{_advice(best.terms.option)}."
+        ),
+        Verdict.ONE_MODE: (
+            "Switching does not predict the held-out samples clearly better than one mode "
+            f"(error {_change(comparison)}). Do not trust the modes: try another library, or keep "
+            "one mode (--modes 1)."
+        ),
+        Verdict.TOO_FEW: (
+            "These data do not decide whether there is switching: the modes change "
+            f"{comparison.n_switches} times and {len(comparison.errors)} samples are held out, "
+            f"where at least {FEWEST_SWITCHES} and {FEWEST_ROWS} are needed. Record more."
+        ),
+        Verdict.USELESS: (
+            f"The held-out error of the {n_modes} modes is no smaller than the spread of the "
+            "rates: these laws predict no better than the mean. Smooth the data more (--window), "
+            "add what drives the system to --inputs, or try another library."
+        ),
+        Verdict.HIDDEN: (
+            "Switching does not predict the held-out samples clearly better than one mode, since "
+            "the columns do not say which mode is active: the model uses the law of one mode "
+            f"everywhere, and its error, against {law}, is {_change(comparison)}."
+        ),
+    }[comparison.verdict]
+
+
+def _change(comparison: Comparison) -> str:
+    share = comparison.improvement
+    if share < -1.0:
+        return f"{1.0 - share:.3g} times as large"
+    return f"{_percent(abs(share))} % {'lower' if share >= 0.0 else 'higher'}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}"
+
+
+def _advice(option: str) -> str:
+    return f"; ask for that law: --modes 1 {option}" if option else ""
+
+
+def _rms(errors):
+    return np.sqrt(np.mean(errors**2, axis=0))
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _ordinal(number: int) -> str:
+    suffix = {1: "st", 2: "nd", 3: "rd"}.get(number % 10 if number % 100 not in (11, 12, 13) else 0)
+    return f"{number}{suffix or 'th'}"

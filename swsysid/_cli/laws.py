@@ -1,0 +1,84 @@
+"""The terms that a law may have, and the regressor that looks for such laws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+from typing import Any
+
+import numpy as np
+from sklearn.compose import ColumnTransformer
+from sklearn.pipeline import FeatureUnion, make_pipeline
+from sklearn.preprocessing import PolynomialFeatures
+
+from swsysid._data.features import FunctionLibrary
+
+__all__ = ["Terms"]
+
+_DEGREES = {0: "linear", 1: "affine", 2: "quadratic", 3: "cubic"}
+_MOST_FEATURES = 200  # of a richer law that is only tried
+_ROWS_A_FEATURE = 5
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Terms of a law: products of columns, and their sines and cosines.
+
+    Attributes
+    ----------
+    columns : tuple of int
+        Columns of X that the law may use.
+    degree : int
+        Of the products; 0 means the columns themselves, without a constant.
+    waves : bool
+        Sines and cosines of the columns as well.
+    """
+
+    columns: tuple[int, ...]
+    degree: int
+    waves: bool = False
+
+    def library(self, n_columns: int) -> Any:
+        """The feature library of a regressor whose X has so many columns."""
+        if len(self.columns) == n_columns and not self.waves:
+            return self.degree or None
+        products: Any = PolynomialFeatures(self.degree or 1, include_bias=self.degree > 0)
+        if self.waves:
+            waves = FunctionLibrary([np.sin, np.cos])
+            parts = [("products", products), ("waves", waves)]
+            products = FeatureUnion(parts, verbose_feature_names_out=False)
+        chosen = ColumnTransformer(
+            [("chosen", "passthrough", list(self.columns))], verbose_feature_names_out=False
+        )
+        return make_pipeline(chosen, products)
+
+    @property
+    def n_features(self) -> int:
+        """How many terms a law has."""
+        n_columns = len(self.columns)
+        products = comb(n_columns + self.degree, self.degree) if self.degree else n_columns
+        return products + 2 * n_columns * self.waves
+
+    def richer(self, n_rows: int) -> Sequence[Terms]:
+        """Smooth laws with more terms: one degree more, two more, and sines of the columns."""
+        least = max(self.degree, 1)
+        more = [
+            Terms(self.columns, least + 1, self.waves),
+            Terms(self.columns, least + 2, self.waves),
+            Terms(self.columns, least, True),
+        ]
+        most = min(_MOST_FEATURES, n_rows / _ROWS_A_FEATURE)
+        return [terms for terms in more if terms != self and terms.n_features <= most]
+
+    def __str__(self) -> str:
+        products = _DEGREES.get(self.degree, f"degree-{self.degree}")
+        return f"{products} and sine" if self.waves else products
+
+    @property
+    def option(self) -> str:
+        """The words of the command line that ask for such a law; "" if there are none."""
+        if self.waves:
+            return "--library trigonometric" if self.degree <= 1 else ""
+        word = _DEGREES.get(self.degree)
+        return f"--library {word}" if word else f"--library-degree {self.degree}"

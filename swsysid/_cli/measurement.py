@@ -1,0 +1,106 @@
+"""Which columns of a table are what: said by the user, checked against the table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from swsysid._tables.refusal import TableError
+
+if TYPE_CHECKING:
+    from swsysid._tables.tables import Table
+
+__all__ = ["Measurement", "check_roles"]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Which columns of a table are what, and how to differentiate them.
+
+    Attributes
+    ----------
+    states, inputs, signals : tuple of str
+        Columns of the states (positions with ``order=2``), of the inputs, and of logged signals
+        that the model does not use.
+    time : str or None
+    derivatives : tuple of str
+        Columns of measured derivatives, one for each state; with ``order=2`` the velocities,
+        then the accelerations. Empty to differentiate the states.
+    groups : str or None
+        Column that names the trajectory of each row.
+    order : {1, 2}
+        2 means that the states are positions whose second derivative obeys the law.
+    method, window, cutoff, decimate
+        Of `differentiate`.
+    time_step : float or None
+        Seconds between two rows, where no column holds the times.
+    keep_spikes : bool
+        Whether cells that look like no measurement are used all the same.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...] = ()
+    signals: tuple[str, ...] = ()
+    time: str | None = None
+    derivatives: tuple[str, ...] = ()
+    groups: str | None = None
+    order: int = 1
+    method: str = "savitzky_golay"
+    window: int | None = None
+    cutoff: float | None = None
+    decimate: int = 1
+    time_step: float | None = None
+    keep_spikes: bool = False
+
+    @property
+    def timed(self) -> bool:
+        """Whether the times of the rows are known."""
+        return self.time is not None or self.time_step is not None
+
+    @property
+    def channels(self) -> list[str]:
+        """The columns of numbers other than the times."""
+        return [*self.states, *self.inputs, *self.signals, *self.derivatives]
+
+
+def check_roles(table: Table, what: Measurement) -> None:
+    """Refuse roles that are missing, doubled, or played by a column that does not exist.
+
+    Raises
+    ------
+    TableError
+    """
+    if not what.states:
+        raise TableError(f"Name the states with --states; the columns are: {table.listing()}.")
+    times = [what.time] if what.time else []
+    for name in [*what.channels, *times, *([what.groups] if what.groups else [])]:
+        table.resolve(name)
+    expected = len(what.states) * what.order
+    if what.derivatives and len(what.derivatives) != expected:
+        kind = "velocities, then accelerations" if what.order == 2 else "one for each state"
+        raise TableError(
+            f"{len(what.derivatives)} derivatives are named; name {expected} columns, {kind}."
+        )
+    if not what.derivatives and not what.timed:
+        raise TableError(
+            "Neither times nor derivatives are named; name the column of the times (--time t) or "
+            "those of measured derivatives (--derivatives), or give the seconds between two rows "
+            "(--time-step 0.01)."
+        )
+    if what.time is not None and what.time_step is not None:
+        raise TableError("Both --time and --time-step are given; one of them says it all.")
+    if what.time_step is not None and not 0 < what.time_step < float("inf"):
+        raise TableError(f"--time-step {what.time_step:g} is not a positive number of seconds.")
+    _check_distinct(table, [*what.channels, *times])
+
+
+def _check_distinct(table: Table, names: Sequence[str]) -> None:
+    """Refuse a column with two roles, by either of its names."""
+    columns = [table.resolve(name) for name in names]
+    twice = [column for column in columns if columns.count(column) > 1]
+    if twice:
+        raise TableError(
+            f"Column {twice[0]!r} is named twice; give each column one role: state, input, "
+            "derivative or time."
+        )

@@ -1,0 +1,177 @@
+"""Rows of a recording put in order: runs in which time increases without gaps.
+
+Logs start their clock again, stand still, skip, repeat rows or write them late. What can be
+mended is mended, what cannot is left out, and each is said with its rows of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._tables.refusal import TableError
+from swsysid._tables.wording import counted, rows_listed
+from swsysid.differentiation._differentiate import LARGEST_GAP
+
+__all__ = ["Runs", "runs_of"]
+
+Rows = NDArray[np.intp]
+
+LATE = 3  # rows after which a clock that went back has caught up, if a row was merely late
+COARSE = 0.2  # of the rows may repeat a time; more is a clock that is too coarse
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Rows of a table, run by run.
+
+    Attributes
+    ----------
+    rows : ndarray of shape (n_kept,)
+        In order of time within each run.
+    labels : ndarray of shape (n_kept,)
+        The run each of them belongs to.
+    remarks : list of str
+        What was reordered, left out and split.
+    """
+
+    rows: Rows
+    labels: NDArray
+    remarks: list[str]
+
+
+@dataclass
+class _Findings:
+    """Rows of the table at which something was found."""
+
+    reversed: list[Rows] = field(default_factory=list)
+    late: list[Rows] = field(default_factory=list)
+    repeated: list[Rows] = field(default_factory=list)
+    restarts: list[Rows] = field(default_factory=list)
+    gaps: list[Rows] = field(default_factory=list)
+
+    def sentences(self, in_file: Callable[[int], int]) -> Iterator[str]:
+        """What was found, with rows of the file."""
+
+        def named(found: list[Rows]) -> str:
+            return rows_listed(in_file(k) for k in np.concatenate(found).tolist())
+
+        if self.reversed:
+            yield "The rows run backward in time; they were reversed."
+        if self.late:
+            yield f"Rows that stood out of time order were moved: {named(self.late)}."
+        if self.repeated:
+            count = counted(sum(map(len, self.repeated)), "row")
+            yield f"Left out: {count} with a time that was there before ({named(self.repeated)})."
+        if self.restarts:
+            yield f"The time starts again, and a new run with it: {named(self.restarts)}."
+        if self.gaps:
+            yield f"A gap in time, and a new run after it: {named(self.gaps)}."
+
+
+def runs_of(
+    times: NDArray[np.float64],
+    labels: NDArray | None,
+    rows: Rows,
+    in_file: Callable[[int], int],
+    name: str,
+    largest_gap: float = LARGEST_GAP,
+) -> Runs:
+    """Split rows where the time starts again or skips.
+
+    Parameters
+    ----------
+    times : ndarray of shape (n_rows,)
+        Of all rows of the table.
+    labels : ndarray of shape (n_rows,) or None
+        The trajectory each row belongs to, if the user said so.
+    rows : ndarray of shape (n_complete,)
+        The rows to use, in the order of the file.
+    in_file : callable
+        From a row of the table to one of the file.
+    name : str
+        Of the times, for messages.
+    largest_gap : float, default=LARGEST_GAP
+        In usual steps; after a longer one a new run begins.
+
+    Raises
+    ------
+    TableError
+        If the clock is too coarse to order the rows.
+    """
+    found = _Findings()
+    pieces: list[Rows] = []
+    names: list[str] = []
+    given = np.zeros(len(times), dtype=int) if labels is None else labels
+    for label, members in _by_label(given[rows]):
+        parts = list(_parts(times, rows[members], largest_gap, found))
+        pieces += parts
+        names += [f"{label}.{k}" if k > 1 else label for k in range(1, len(parts) + 1)]
+    _check_resolution(found, len(rows), name)
+    kept = np.concatenate(pieces)
+    lengths = list(map(len, pieces))
+    if labels is None:
+        runs: NDArray = np.repeat(np.arange(len(pieces)), lengths)
+    elif found.restarts or found.gaps:
+        runs = np.repeat(np.array(names, dtype=object), lengths)
+    else:
+        runs = given[kept]
+    return Runs(kept, runs, list(found.sentences(in_file)))
+
+
+def _by_label(labels: NDArray) -> Iterator[tuple[str, Rows]]:
+    """Name and positions of each label, in order of appearance."""
+    values, first, codes = np.unique(labels, return_index=True, return_inverse=True)
+    for k in np.argsort(first):
+        name = values[k]
+        whole = isinstance(name, float) and name.is_integer()
+        yield str(int(name) if whole else name), np.flatnonzero(codes == k)
+
+
+def _parts(times, rows: Rows, largest_gap: float, found: _Findings) -> Iterator[Rows]:
+    """The runs among the rows of one trajectory."""
+    steps = np.diff(times[rows])
+    if np.sum(steps < 0) > np.sum(steps > 0):
+        rows = rows[::-1]
+        found.reversed.append(rows)
+    usual = np.median(np.abs(steps)) if len(steps) else 0.0
+    for part in _between_restarts(times, rows, found):
+        order = np.argsort(times[part], kind="stable")
+        late = times[part] < np.maximum.accumulate(times[part])
+        if late.any():
+            found.late.append(part[late])
+        part = part[order]
+        again = np.diff(times[part], prepend=-np.inf) == 0
+        if again.any():
+            found.repeated.append(part[again])
+        part = part[~again]
+        gaps = np.flatnonzero(np.diff(times[part]) > largest_gap * usual) + 1
+        if len(gaps):
+            found.gaps.append(part[gaps])
+        yield from np.split(part, gaps)
+
+
+def _between_restarts(times, rows: Rows, found: _Findings) -> list[Rows]:
+    """Parts in which the clock runs on, save for rows that were merely written late."""
+    t = times[rows]
+    cuts: list[int] = []
+    for back in (np.flatnonzero(np.diff(t) < 0) + 1).tolist():
+        start = cuts[-1] if cuts else 0
+        if t[back : back + LATE + 1].max() <= t[start:back].max():
+            cuts.append(back)
+    if cuts:
+        found.restarts.append(rows[cuts])
+    return np.split(rows, cuts)
+
+
+def _check_resolution(found: _Findings, n_rows: int, name: str) -> None:
+    repeated = sum(map(len, found.repeated))
+    if repeated > COARSE * n_rows:
+        raise TableError(
+            f"Column {name!r} repeats its times in {repeated:,} of {n_rows:,} rows, which is too "
+            "coarse a clock; name a finer column, or give the time between two rows with "
+            "--time-step instead."
+        )

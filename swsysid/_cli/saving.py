@@ -1,0 +1,93 @@
+"""What the command line leaves behind: the model, the text, the picture and the page."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from swsysid._cli.diagnosis import units_of
+from swsysid._cli.job import JobResult
+from swsysid._cli.samples import Samples
+from swsysid._saving.files import Recording, save_model
+from swsysid.diagnosis import EffectSearchCV
+
+__all__ = ["save"]
+
+
+def save(
+    result: JobResult, text: str, folder: Path, search: EffectSearchCV | None, page: Path | None
+) -> int:
+    """Write model, text, picture and page; the exit code is 2 if they cannot be written."""
+    where, recording = folder, recording_of(result)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        save_model(result.model, folder / "model.json", recording=recording)
+        (folder / "identification.txt").write_text(text + "\n", encoding="utf-8")
+        drawn = _draw(result, folder / "phase_portrait.png")
+        if search is not None and page is not None:
+            effects = folder / "model_with_effects.json"
+            save_model(search.best_estimator_, effects, recording=recording)
+            drawn += f", {effects.name}"
+            where = page
+            title = f"Effect search: {result.samples.source}"
+            search.report_.to_html(page, units=units_of(result.samples), title=title)
+    except OSError as error:
+        print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
+        return 2
+    print(f"\nSaved in {folder}: model.json, identification.txt{drawn}")
+    if page is not None:
+        print(f"Page with pictures: {page.resolve()}")
+    return 0
+
+
+def recording_of(result: JobResult) -> Recording:
+    """What a saved model remembers of its data."""
+    samples = result.samples
+    named = [
+        *zip(samples.names, samples.units, strict=True),
+        *zip(samples.rate_names, samples.rate_units, strict=True),
+        *zip(samples.signal_names, samples.signal_units, strict=True),
+    ]
+    return Recording(
+        source=samples.source,
+        names=list(samples.names),
+        units={name: unit for name, unit in named if unit} | {"time": samples.time_unit},
+        smoothing=_smoothing_of(samples),
+    )
+
+
+def _smoothing_of(samples: Samples) -> dict[str, str | int | float | list[float]]:
+    """How the velocities were made; empty where they were measured."""
+    used = samples.smoothing
+    if used is None:
+        return {}
+    limits = {"window": used.window, "cutoff": used.cutoff}
+    return {
+        "method": str(used.method),
+        **{name: float(value) for name, value in limits.items() if value is not None},
+        "noise": [float(size) for size in used.noise],
+        "every": samples.decimate,
+    }
+
+
+def _draw(result: JobResult, path: Path) -> str:
+    """Draw the modes and the surface over the first two columns; says what came of it."""
+    samples = result.samples
+    if samples.X.shape[1] < 2:
+        return " (no picture: it needs two columns)."
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError:
+        return ' (no picture: install matplotlib, pip install "swsysid[plot]").'
+    from swsysid.plotting import SwitchingSurfaceDisplay
+
+    display = SwitchingSurfaceDisplay.from_estimator(
+        result.model,
+        samples.X,
+        modes="fitted",
+        names=samples.names,
+        units={name: unit for name, unit in zip(samples.names, samples.units, strict=True) if unit},
+    )
+    display.figure_.savefig(path, dpi=150)
+    plt.close(display.figure_)
+    return f", {path.name}"

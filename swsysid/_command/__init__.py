@@ -1,1 +1,0 @@
-"""The main job from a recording: tables, samples, the identification and its text."""

@@ -1,0 +1,1 @@
+"""Rows in memory, in files and in blocks; samples of them; records; the feature map Phi."""

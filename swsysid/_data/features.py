@@ -1,0 +1,326 @@
+"""The feature map Phi: any scikit-learn transformer or PySINDy library, behind one adapter."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from math import comb
+
+import numpy as np
+from sklearn.base import BaseEstimator, TransformerMixin, clone
+from sklearn.preprocessing import PolynomialFeatures
+
+from swsysid._checks.estimators import check_fitted, known_rows, rows_of_library
+from swsysid._checks.parameters import shown, whole
+
+__all__ = [
+    "FeatureMap",
+    "FunctionLibrary",
+    "Monomials",
+    "check_degree",
+    "monomials_at",
+    "refuse_many_features",
+]
+
+# More columns than that are days of work at best, and terabytes at worst.
+_MOST_FEATURES = 3000
+# Sizes of features whose squares neither overflow nor vanish.
+_LARGEST, _SMALLEST = 1e100, 1e-100
+
+
+class FunctionLibrary(TransformerMixin, BaseEstimator):
+    """Apply a list of functions to every column, or every combination of columns.
+
+    A function of k arguments is applied to every combination of k columns, as PySINDy's
+    ``CustomLibrary`` does; unlike it, this class survives ``clone`` and ``repr``, so that it
+    can live in pipelines and grid searches.
+
+    Parameters
+    ----------
+    functions : sequence of callables
+        Each takes one or more 1-d arrays and returns one.
+    names : sequence of str, default=None
+        A format string for each function, such as ``"sin({})"`` or ``"{} |{}|"``, filled with
+        the names of the columns. By default the function's own name is used; several lambdas
+        are f0, f1, ... by their places in the list.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from swsysid import FunctionLibrary
+    >>> library = FunctionLibrary([np.sin, lambda x, v: x * abs(v)], names=["sin({})", "{}|{}|"])
+    >>> library.fit_transform(np.array([[0.0, -2.0]])).round(3)
+    array([[ 0.   , -0.909,  0.   ]])
+    >>> library.get_feature_names_out(["x", "v"])
+    array(['sin(x)', 'sin(v)', 'x|v|'], dtype=object)
+    """
+
+    def __init__(self, functions: Sequence[Callable], names: Sequence[str] | None = None):
+        self.functions = functions
+        self.names = names
+
+    def fit(self, X, y=None):
+        """Check `X` and remember its columns."""
+        rows_of_library(self, X)
+        _check_functions(self.functions, self.n_features_in_)
+        if self.names is not None:
+            _check_patterns(self.names, len(self.functions))
+        return self
+
+    def transform(self, X):
+        """Values of all functions, shape (n_samples, n_features_out)."""
+        X = known_rows(self, X)
+        columns = [
+            _values(function, pattern, X[:, list(group)].T)
+            for function, pattern, group in self._terms()
+        ]
+        return np.column_stack(columns)
+
+    def get_feature_names_out(self, input_features=None):
+        """Names of the functions of the columns."""
+        check_fitted(self, "n_features_in_")
+        given = self._input_names() if input_features is None else list(input_features)
+        names = [
+            pattern.format(*(given[column] for column in group))
+            for _, pattern, group in self._terms()
+        ]
+        return np.array(names, dtype=object)
+
+    def _input_names(self):
+        return getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])
+
+    def _terms(self):
+        """Every function with its format and the columns it is applied to."""
+        patterns = self.names or _default_formats(self.functions)
+        return [
+            (function, pattern, group)
+            for function, pattern in zip(self.functions, patterns, strict=True)
+            for group in combinations(range(self.n_features_in_), _arity(function))
+        ]
+
+
+def _arity(function) -> int:
+    if isinstance(function, np.ufunc):
+        return function.nin
+    parameters = inspect.signature(function).parameters.values()
+    return sum(
+        p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
+        for p in parameters
+    )
+
+
+def _check_functions(functions, n_columns: int) -> None:
+    if not isinstance(functions, Sequence) or not all(callable(f) for f in functions):
+        raise TypeError(f"functions={shown(functions)} must be a list of functions of columns.")
+    if not functions:
+        raise ValueError("functions is empty; give at least one function of columns.")
+    for place, function in enumerate(functions):
+        if not 1 <= _arity(function) <= n_columns:
+            raise ValueError(
+                f"functions[{place}] takes {_arity(function)} columns and X has {n_columns}; give "
+                f"a function of 1 to {n_columns} columns."
+            )
+
+
+def _check_patterns(names, n_functions: int) -> None:
+    listed = list(names) if isinstance(names, Sequence) and not isinstance(names, str) else [None]
+    if not all(isinstance(name, str) for name in listed):
+        raise TypeError(f"names={shown(names)} must be a list of format strings.")
+    if len(listed) != n_functions:
+        raise ValueError(
+            f"names has {len(listed)} entries for {n_functions} functions; give one format string "
+            "for each function."
+        )
+
+
+def _values(function, pattern: str, columns) -> np.ndarray:
+    """Values of one function, shape (n_samples,); a scalar is a constant column."""
+    values, n_samples = np.asarray(function(*columns), dtype=float), len(columns[0])
+    if values.shape not in ((), (n_samples,)):
+        raise ValueError(
+            f"the function {pattern!r} returned an array of shape {values.shape} for {n_samples} "
+            "samples; it must return one value for each sample."
+        )
+    return np.broadcast_to(values, n_samples)
+
+
+def _default_formats(functions) -> list[str]:
+    """The functions' own names; lambdas have none and are told apart by their places."""
+    names = [getattr(function, "__name__", type(function).__name__) for function in functions]
+    numbered = names.count("<lambda>") > 1
+    return [
+        f"{name.replace('<lambda>', f'f{place}' if numbered else 'f')}"
+        f"({', '.join(['{}'] * _arity(function))})"
+        for place, (name, function) in enumerate(zip(names, functions, strict=True))
+    ]
+
+
+def monomials_at(point: np.ndarray, powers: np.ndarray) -> np.ndarray:
+    """Monomials with exponents `powers` (n_monomials, n_columns) at one point."""
+    return np.multiply.reduce(point**powers, axis=1)
+
+
+class Monomials:
+    """Monomials with exponents `powers` (n_monomials, n_columns), column by column.
+
+    Each is the product of a column and an earlier monomial, the same as in scikit-learn's
+    ``PolynomialFeatures``, without its checks and in a third of its time.
+
+    Examples
+    --------
+    >>> Monomials(np.array([[0, 0], [1, 0], [1, 2]]))(np.array([[2.0, 3.0]]))
+    array([[ 1.,  2., 18.]])
+    """
+
+    def __init__(self, powers: np.ndarray):
+        self.factors = [np.repeat(np.arange(powers.shape[1]), row) for row in powers]
+        places = {tuple(factors): place for place, factors in enumerate(self.factors)}
+        # the monomial without its first factor, if it comes earlier
+        rest = [places.get(tuple(factors[1:])) for factors in self.factors]
+        self.rest = [
+            earlier if earlier is not None and earlier < place else None
+            for place, earlier in enumerate(rest)
+        ]
+
+    def __call__(self, X: np.ndarray) -> np.ndarray:
+        """Values at the rows of `X`, shape (n_samples, n_monomials)."""
+        columns = np.ascontiguousarray(X.T)
+        values = np.empty((len(self.factors), len(X)))
+        for out, factors, rest in zip(values, self.factors, self.rest, strict=True):
+            if rest is None:
+                out[:] = np.multiply.reduce(columns[factors[::-1]], axis=0, initial=1.0)
+            else:
+                np.multiply(columns[factors[0]], values[rest], out=out)
+        return values.T
+
+
+class FeatureMap:
+    """A fitted copy of a feature library, with plain arrays and names at its boundary.
+
+    Parameters
+    ----------
+    library : None, int, transformer or PySINDy library
+        None is the identity; an int d is all monomials up to degree d, constant included;
+        anything else is cloned and fitted.
+    X : ndarray of shape (n_samples, n_features_in)
+    names : sequence of str
+        Names of the columns of `X`.
+    """
+
+    def __init__(self, library, X, names: Sequence[str]):
+        self.library = _as_transformer(library, X.shape[1]).fit(X)
+        self.names_in = list(names)
+        self._monomials = None
+        # Polynomial libraries tell their size before they have made anything of it.
+        refuse_many_features("feature_library", getattr(self.library, "n_output_features_", 0))
+        refuse_many_features("feature_library", self(X[:1]).shape[1])
+        self._monomials = _monomials_of(self.library)
+        features = self(X)
+        self.n_features_out = features.shape[1]
+        self.sizes = np.abs(features).max(axis=0)  # what a coefficient of each can amount to
+        self._refuse_out_of_reach()
+        self._powers = getattr(self.library, "powers_", None)  # of a polynomial library
+
+    def at(self, point: np.ndarray) -> np.ndarray:
+        """Phi at one point, (n_features_in,) -> (n_features_out,), without checks.
+
+        A simulation asks for one point at a time, where a transformer's checks cost more than
+        its work; monomials are evaluated from their exponents.
+        """
+        if self._powers is not None:
+            return monomials_at(point, self._powers)
+        return np.asarray(self.library.transform(point[None, :]), dtype=float)[0]
+
+    @property
+    def names_out(self) -> np.ndarray:
+        """Names of the features."""
+        return self.names(self.names_in)
+
+    def names(self, inputs: Sequence[str]) -> np.ndarray:
+        """Names of the features, for given names of the columns; numbered if it has none."""
+        for method in ("get_feature_names_out", "get_feature_names"):
+            if hasattr(self.library, method):
+                return np.asarray(getattr(self.library, method)(list(inputs)), dtype=object)
+        return np.array([f"phi{column}" for column in range(self.n_features_out)], dtype=object)
+
+    def __call__(self, X) -> np.ndarray:
+        """Phi(X), shape (n_samples, n_features_out), a plain array of finite floats."""
+        # What overflows, or has no value, is refused below.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            if self._monomials is not None and isinstance(X, np.ndarray):
+                features = self._monomials(X)
+            else:
+                features = np.asarray(self.library.transform(X), dtype=float)
+        if features.ndim != 2 or len(features) != len(X):
+            raise ValueError(
+                f"feature_library returned an array of shape {features.shape} for {len(X)} "
+                "samples; transform must return one row of features for each sample."
+            )
+        if not np.isfinite(features).all():
+            raise ValueError(
+                "feature_library returned NaN or infinite features; check its functions on the "
+                "range of the data."
+            )
+        return features
+
+    def _refuse_out_of_reach(self) -> None:
+        sizes = self.sizes
+        beyond = (sizes > _LARGEST) | ((sizes > 0.0) & (sizes < _SMALLEST))
+        if beyond.any():
+            place = int(beyond.argmax())
+            raise ValueError(
+                f"the feature {self.names_out[place]} reaches {sizes[place]:.1e}, whose square is "
+                "lost in double precision; give X in units in which its values are of order one."
+            )
+
+
+def check_degree(name: str, degree: int, n_columns: int) -> None:
+    """Refuse a degree that is no whole number, or of more monomials than anyone can use."""
+    whole(name, degree, least=0)
+    many = degree >= _MOST_FEATURES
+    refuse_many_features(
+        f"{name}={degree}", degree if many else comb(int(degree) + n_columns, n_columns)
+    )
+
+
+def refuse_many_features(name: str, n_features: int) -> None:
+    """Refuse a library before memory and time are spent on it."""
+    if n_features > _MOST_FEATURES:
+        raise ValueError(
+            f"{name} makes at least {n_features} features of the columns of X, more than the "
+            f"{_MOST_FEATURES} that can be handled; choose a lower degree or fewer columns."
+        )
+
+
+def _monomials_of(library) -> Monomials | None:
+    """All monomials up to a degree, if that is what a library is."""
+    return Monomials(library.powers_) if type(library) is PolynomialFeatures else None
+
+
+def _as_transformer(library, n_columns: int):
+    if library is None:
+        return PolynomialFeatures(1, include_bias=False)  # the columns themselves
+    if isinstance(library, (int, np.integer)) and not isinstance(library, bool):
+        if library < 0:
+            raise ValueError(f"feature_library={library}, but a polynomial degree is at least 0.")
+        check_degree("feature_library", int(library), n_columns)
+        return PolynomialFeatures(int(library))
+    if _holds_custom_library(library):
+        raise TypeError(
+            "PySINDy's CustomLibrary cannot be cloned by scikit-learn; use "
+            "swsysid.FunctionLibrary(functions, names) in its place."
+        )
+    usable = hasattr(library, "fit") and hasattr(library, "transform")
+    if isinstance(library, type) or not usable:
+        raise TypeError(
+            f"feature_library={shown(library)} is neither None, a degree, a scikit-learn "
+            "transformer nor a PySINDy library; it must have fit and transform."
+        )
+    return clone(library)
+
+
+def _holds_custom_library(library) -> bool:
+    if any(base.__name__ == "CustomLibrary" for base in type(library).__mro__):
+        return True
+    return any(_holds_custom_library(part) for part in getattr(library, "libraries", None) or ())

@@ -1,0 +1,197 @@
+"""Rows in canonical order: sorted, repetitions merged into weights, weight-zero rows dropped.
+
+A weight means repetition, and the order of the rows means nothing. An optimum that is not
+unique, or a start drawn by position, could still depend on both; estimators therefore work on
+the canonical rows and carry per-row answers back with `CanonicalRows.restore`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swsysid._checks.arrays import numbers, refuse_overflow, refuse_vanishing
+from swsysid._results import Array
+
+__all__ = [
+    "CanonicalRows",
+    "canonical_rows",
+    "check_sample_weight",
+    "places_between",
+    "spread_rows",
+]
+
+
+@dataclass(frozen=True)
+class CanonicalRows:
+    """The distinct rows of some arrays, in lexicographic order.
+
+    Attributes
+    ----------
+    arrays : tuple of ndarray
+        The given arrays with their distinct rows only; all have the same length n_distinct.
+    weight : ndarray of shape (n_distinct,)
+        Sum of the weights of the rows that were merged; positive.
+    inverse : ndarray of shape (n_samples,), int
+        Row of `arrays` that holds each original row, -1 for a row of weight zero.
+    """
+
+    arrays: tuple[NDArray, ...]
+    weight: Array
+    inverse: NDArray[np.intp]
+
+    @property
+    def first(self) -> NDArray[np.intp]:
+        """Number of the first original row that each row of `arrays` stands for, (n_distinct,)."""
+        kept = np.flatnonzero(self.inverse >= 0)[::-1]
+        numbers = np.empty(len(self.weight), dtype=np.intp)
+        numbers[self.inverse[kept]] = kept  # the last one written is the first row
+        return numbers
+
+    def restore(self, values: NDArray, dropped: float = 0.0) -> NDArray:
+        """Values of the original rows, `dropped` where the weight was zero."""
+        restored = values[self.inverse]
+        restored[self.inverse < 0] = dropped
+        return restored
+
+
+def canonical_rows(*arrays: ArrayLike, sample_weight: ArrayLike | None = None) -> CanonicalRows:
+    """Sort rows lexicographically over all arrays, merge equal ones and drop weight zero.
+
+    The answer is the same, bit for bit, for any order of the rows and for any way to express
+    the same repetitions by integer weights.
+
+    Parameters
+    ----------
+    *arrays : array-like of shape (n_samples,) or (n_samples, n_columns)
+        Parallel arrays, sorted by the first column of the first one, then by the next.
+    sample_weight : array-like of shape (n_samples,), default=None
+        Non-negative weights; None is one each.
+
+    Returns
+    -------
+    CanonicalRows
+
+    Raises
+    ------
+    ValueError
+        If the weights are negative, not finite, all zero, or not one for each row.
+
+    Examples
+    --------
+    >>> rows = canonical_rows([[2.0], [1.0], [2.0]], [0, 1, 0], sample_weight=[1, 1, 3])
+    >>> rows.arrays[0].ravel(), rows.arrays[1], rows.weight, rows.inverse
+    (array([1., 2.]), array([1, 0]), array([1., 4.]), array([1, 0, 1]))
+    """
+    given = [np.asarray(array) for array in arrays]
+    n_samples = len(given[0])
+    weight = check_sample_weight(sample_weight, n_samples)
+    kept = np.flatnonzero(weight > 0)
+    # -0.0 equals 0.0 but is printed and divided by differently: merged rows must not depend
+    # on which of the two came first.
+    given = [array[kept] + 0 if array.dtype.kind == "f" else array[kept] for array in given]
+    weight = weight[kept]
+    columns = [column for array in given for column in np.atleast_2d(array.T)]
+
+    order, is_first = _lexicographic(columns, weight)
+    group = np.cumsum(is_first) - 1
+    starts = np.flatnonzero(is_first)
+    inverse = np.full(n_samples, -1, dtype=np.intp)
+    inverse[kept[order]] = group
+    return CanonicalRows(
+        arrays=tuple(array[order[starts]] for array in given),
+        weight=np.add.reduceat(weight[order], starts),
+        inverse=inverse,
+    )
+
+
+def spread_rows(n_samples: int, n_chosen: int) -> NDArray[np.intp]:
+    """About `n_chosen` distinct rows, spread evenly but without a period.
+
+    Multiples of the golden ratio modulo one leave no gap much larger than another, and no
+    periodic signal in the rows can hide between them.
+    """
+    golden = (np.sqrt(5.0) - 1.0) / 2.0
+    return np.unique((np.arange(1, n_chosen + 1) * golden % 1.0 * n_samples).astype(np.intp))
+
+
+def places_between(X: Array, n_chosen: int = 2000) -> Array:
+    """Places on the lines between far apart pairs of rows, (at most n_chosen, n_features).
+
+    They fill the region that the rows span, where no row is as well.
+    """
+    some = X[spread_rows(len(X), n_chosen)]
+    share = (np.arange(1, len(some) + 1) * (np.sqrt(2.0) - 1.0) % 1.0)[:, None]
+    return share * some + (1.0 - share) * np.roll(some, len(some) // 2, axis=0)
+
+
+def check_sample_weight(sample_weight: ArrayLike | None, n_samples: int) -> Array:
+    """Weights as floats, one for each sample; ones for None.
+
+    Raises
+    ------
+    ValueError
+        If they are negative, not finite, all zero, or of another shape.
+    """
+    if sample_weight is None:
+        return np.ones(n_samples)
+    weight = numbers("sample_weight", sample_weight)
+    if weight.shape != (n_samples,):
+        raise ValueError(
+            f"sample_weight has shape {weight.shape}; give one weight for each of the "
+            f"{n_samples} samples."
+        )
+    refuse_overflow("sample_weight", weight)
+    if (weight < 0).any():
+        raise ValueError(
+            "sample_weight contains negative weights; give repetition counts, which are not."
+        )
+    if not (weight > 0).any():
+        raise ValueError("all sample weights are zero; give at least one sample a positive weight.")
+    refuse_vanishing("sample_weight", weight)
+    return weight
+
+
+def _lexicographic(
+    columns: list[NDArray], weight: Array
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Order of the rows, and which of the ordered rows differ from the one before.
+
+    One full sort by the first column; every further column sorts only rows still tied. The
+    weight comes last, so that equal rows are summed in an order of their own.
+    """
+    order = np.argsort(columns[0], kind="stable")
+    is_first = _changes(columns[0][order])
+    for column in columns[1:]:
+        tied = _tied(is_first)
+        if not tied.size:
+            return order, is_first
+        _sort_within_runs(order, tied, is_first, column)
+        values = column[order[tied]]
+        # Rows of `tied` that are neighbours in a run are neighbours in `order` as well.
+        is_first[tied[1:][values[1:] != values[:-1]]] = True
+    tied = _tied(is_first)
+    if tied.size:
+        _sort_within_runs(order, tied, is_first, weight)
+    return order, is_first
+
+
+def _changes(ordered: NDArray) -> NDArray[np.bool_]:
+    is_first = np.ones(len(ordered), dtype=bool)
+    is_first[1:] = ordered[1:] != ordered[:-1]
+    return is_first
+
+
+def _tied(is_first: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Positions that share their run with a neighbour."""
+    continues = ~is_first
+    continues[:-1] |= ~is_first[1:]
+    return np.flatnonzero(continues)
+
+
+def _sort_within_runs(order, tied, is_first, column) -> None:
+    """Reorder the tied positions of `order`, in place, by run and then by `column`."""
+    rows = order[tied]
+    order[tied] = rows[np.lexsort((column[rows], np.cumsum(is_first[tied])))]

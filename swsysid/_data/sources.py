@@ -1,0 +1,337 @@
+"""Where rows come from: arrays, files mapped into memory, sequences of blocks, Dask arrays.
+
+Every computation on many rows is a map over blocks and a small reduction. A source of rows runs
+the map: `RowBlocks.map` applies a function to every block, where the block is, and gives the
+results in the order of the blocks. An array is one block.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._checks.arrays import labels, numbers
+from swsysid._checks.estimators import block_of_rows
+from swsysid._data.pieces import pieces
+from swsysid._data.rows import check_sample_weight
+from swsysid._results import Array
+
+__all__ = ["RowBlocks", "Rows", "holds_blocks", "over_blocks", "row_blocks"]
+
+# Rows that are read at once from a file.
+_READ_AT_ONCE = 1 << 18
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Consecutive rows of the data.
+
+    Attributes
+    ----------
+    X : ndarray of shape (n_rows, n_features_in)
+    targets : ndarray of shape (n_rows, n_states)
+    weight : ndarray of shape (n_rows,)
+    groups : ndarray of shape (n_rows,) or None
+        Names of the trajectories.
+    """
+
+    X: Array
+    targets: Array
+    weight: Array
+    groups: NDArray | None
+
+    def __len__(self) -> int:
+        return len(self.targets)
+
+    def pieces(self) -> Iterator[Rows]:
+        """The rows in pieces small enough for a processor's cache."""
+        for piece in pieces(len(self)):
+            yield self.take(piece)
+
+    def take(self, rows: Any) -> Rows:
+        """Some of the rows."""
+        groups = None if self.groups is None else self.groups[rows]
+        return Rows(self.X[rows], self.targets[rows], self.weight[rows], groups)
+
+
+class RowBlocks(ABC):
+    """Rows in blocks, and the map over them.
+
+    Attributes
+    ----------
+    n_rows : int or None
+        Number of rows, None if only a pass over them tells.
+    """
+
+    n_rows: int | None = None
+
+    @abstractmethod
+    def map(self, function: Callable[..., Any], carried: NDArray | None = None) -> Iterator[Any]:
+        """`function` of every block that has rows, in the order of the blocks.
+
+        A block's answer must not depend on another block: it may be computed anywhere, and again
+        if a machine is lost. `carried`, (n_samples,), gives the function the entries of the
+        block's rows as its second argument.
+        """
+
+
+@dataclass(frozen=True)
+class _Array(RowBlocks):
+    """Rows in memory: one block."""
+
+    rows: Rows
+
+    @property
+    def n_rows(self):
+        """Number of rows."""
+        return len(self.rows)
+
+    def map(self, function, carried=None):
+        yield function(self.rows) if carried is None else function(self.rows, carried)
+
+
+@dataclass(frozen=True)
+class _Sequence(RowBlocks):
+    """Blocks one after another, each in memory only while it is worked on."""
+
+    parts: Sequence[tuple]
+    n_rows: int | None = None
+
+    def map(self, function, carried=None):
+        end, first = 0, None
+        for number in range(len(self.parts)):
+            part = self.parts[number]
+            rows = _as_rows(number, *part)
+            columns = _columns(part[0], rows.X), _columns(part[1], rows.targets)
+            first = first or columns
+            if columns != first:
+                raise ValueError(
+                    f"Block {number} has the columns {columns} and block 0 {first}, of X and of y; "
+                    "give all blocks the same columns in the same order."
+                )
+            start, end = end, end + len(rows)
+            if len(rows):
+                yield function(rows) if carried is None else function(rows, carried[start:end])
+            del part, rows  # before the next ones are read
+
+
+@dataclass(frozen=True)
+class _Dask(RowBlocks):
+    """Blocks of Dask arrays: the function runs where they are."""
+
+    parts: Sequence[tuple]
+    n_rows: int | None = None
+
+    @cached_property
+    def ends(self) -> NDArray[np.intp]:
+        """Where each block ends among all rows."""
+        from dask import compute, delayed
+
+        return np.cumsum(compute(*(delayed(len)(part[0]) for part in self.parts)))
+
+    def map(self, function, carried=None):
+        from dask import compute, delayed
+
+        extra = [()] * len(self.parts)
+        if carried is not None:
+            extra = [(part,) for part in np.split(carried, self.ends[:-1])]
+        # The function is one node of the graph: every worker gets it once.
+        run, function = delayed(_on_part, pure=False), delayed(function, pure=False)
+        tasks = [
+            run(function, number, part, *more)
+            for number, (part, more) in enumerate(zip(self.parts, extra, strict=True))
+        ]
+        yield from (answer for answer in compute(*tasks) if answer is not None)
+
+
+def _on_part(function, number, part, *more):
+    rows = _as_rows(number, *part)
+    return function(rows, *more) if len(rows) else None
+
+
+class _Slices(Sequence):
+    """An array on disk as a sequence of slices."""
+
+    def __init__(self, array: Any):
+        self.array = array
+
+    def __len__(self) -> int:
+        return -(-self.array.shape[0] // _READ_AT_ONCE)
+
+    def __getitem__(self, index):
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        return self.array[index * _READ_AT_ONCE : (index + 1) * _READ_AT_ONCE]
+
+
+class _Parts(Sequence):
+    """Parallel sequences as one of tuples, read when asked for; None is None for every block."""
+
+    def __init__(self, *sequences: Sequence | None):
+        self.sequences = sequences
+        self.length = len(sequences[0] or ())
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __getitem__(self, index):
+        return tuple(None if one is None else one[index] for one in self.sequences)
+
+
+def holds_blocks(X: Any) -> bool:
+    """True for a Dask array, an array on disk, or a sequence of two-dimensional blocks."""
+    return _is_dask(X) or _is_on_disk(X) or _is_sequence(X)
+
+
+def over_blocks(function: Callable[[Any], NDArray], X: Any, dtype: Any, *columns: int) -> Any:
+    r"""`function` of `X`; of every block, if it has blocks.
+
+    Parameters
+    ----------
+    function : callable
+        Rows to an ndarray (n_rows, \*columns) of the type `dtype`.
+    X : array-like, Dask array or sequence of blocks
+
+    Returns
+    -------
+    ndarray, Dask array (not computed yet) or list of ndarray
+    """
+    if _is_dask(X):
+        X = X.rechunk({1: -1})
+        shape = {"chunks": (X.chunks[0], columns)} if columns else {"drop_axis": 1}
+        return X.map_blocks(function, dtype=dtype, **shape)
+    return [function(block) for block in X] if _is_sequence(X) else function(X)
+
+
+def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) -> RowBlocks:
+    """A source of rows.
+
+    Parameters
+    ----------
+    X, y : ndarray, array on disk, Dask array, or sequence of blocks
+        Both of the same kind. An array on disk is a memory map, or anything with a shape that
+        gives an array when it is sliced (of HDF5, of Zarr); the blocks of a sequence are arrays,
+        or data frames, which may be read when the sequence is asked for them.
+    sample_weight, groups : of the kind of `y`, or ndarray of shape (n_samples,), default=None
+
+    Raises
+    ------
+    ValueError, TypeError
+        If they are not of the same length or kind.
+    """
+    for name, values in {"X": X, "y": y}.items():
+        if hasattr(values, "to_dask_array"):
+            raise TypeError(
+                f"{name} is a Dask data frame; give {name}.to_dask_array(lengths=True) instead."
+            )
+    if _is_dask(X):
+        n_rows = None if np.isnan(X.shape[0]) else int(X.shape[0])
+        return _Dask(_dask_parts(X, y, sample_weight, groups), n_rows)
+    if not holds_blocks(X):
+        weight = check_sample_weight(sample_weight, len(X))
+        return _Array(Rows(X, np.reshape(y, (len(X), -1)), weight, groups))
+    given = {"y": y, "sample_weight": sample_weight, "groups": groups}
+    if _is_on_disk(X):
+        _require_columns(X)
+        for name, other in given.items():
+            if other is None:
+                continue
+            given[name] = other = other if hasattr(other, "shape") else np.asarray(other)
+            if other.shape[:1] != X.shape[:1]:
+                raise ValueError(
+                    f"{name} has shape {other.shape}; it must have one row for each of the "
+                    f"{X.shape[0]} rows of X."
+                )
+        others = [None if other is None else _Slices(other) for other in given.values()]
+        return _Sequence(_Parts(_Slices(X), *others), X.shape[0])
+    for name, other in given.items():
+        if other is not None and (not hasattr(other, "__getitem__") or len(other) != len(X)):
+            raise TypeError(
+                f"X is a sequence of {len(X)} blocks; give {name} as a sequence of as many blocks."
+            )
+    return _Sequence(_Parts(X, *given.values()))
+
+
+def _as_rows(number: int, X: Any, y: Any, weight: Any, groups: Any) -> Rows:
+    """A block as plain arrays."""
+    try:
+        X, targets = block_of_rows(X, y)
+        if len(targets) != len(X):
+            raise ValueError(f"X has {len(X)} rows and y {len(targets)}; give both as many.")
+        # A block all of whose weights are zero is no mistake.
+        weight = np.ones(len(X)) if weight is None else numbers("sample_weight", weight)
+        if weight.any() or weight.shape != (len(X),):
+            weight = check_sample_weight(weight, len(X))
+        if groups is not None and len(X):
+            groups = labels("groups", groups, len(X))
+    except ValueError as error:
+        raise ValueError(f"Block {number}: {error}") from error
+    return Rows(X, targets if targets.ndim == 2 else targets[:, None], weight, groups)
+
+
+def _columns(given: Any, rows: Array) -> list:
+    """Names of the columns of a data frame, numbers of those of an array."""
+    return list(getattr(given, "columns", range(rows.shape[1])))
+
+
+def _require_columns(X: Any) -> None:
+    if len(X.shape) != 2:
+        raise ValueError(
+            f"X has shape {X.shape}; give a two-dimensional array, one column for each state."
+        )
+
+
+def _is_dask(X: Any) -> bool:
+    return hasattr(X, "dask") and hasattr(X, "to_delayed")
+
+
+def _is_on_disk(X: Any) -> bool:
+    if isinstance(X, np.memmap):
+        return True
+    plain = isinstance(X, np.ndarray) or hasattr(X, "iloc") or _is_dask(X)
+    return not plain and hasattr(X, "shape") and hasattr(X, "dtype") and hasattr(X, "chunks")
+
+
+def _is_sequence(X: Any) -> bool:
+    if hasattr(X, "shape") or not (hasattr(X, "__len__") and hasattr(X, "__getitem__")):
+        return False
+    return not isinstance(X, (str, bytes, dict)) and len(X) > 0 and np.ndim(X[0]) == 2
+
+
+def _dask_parts(X, y, sample_weight, groups) -> list[tuple]:
+    import dask.array as da
+
+    _require_columns(X)
+    X = X.rechunk({1: -1})
+    chunks = X.chunks[0]
+
+    def delayed_blocks(name, values):
+        if values is None:
+            return [None] * len(chunks)
+        if not _is_dask(values):
+            values = da.from_array(np.asarray(values), chunks=-1)
+        values = values.rechunk({axis: -1 for axis in range(1, values.ndim)})
+        if np.isnan(chunks).any() or np.isnan(values.chunks[0]).any():
+            if len(values.chunks[0]) != len(chunks):
+                raise ValueError(
+                    f"X has {len(chunks)} blocks of unknown length and {name} "
+                    f"{len(values.chunks[0])}; call compute_chunk_sizes() on both."
+                )
+        elif values.shape[0] != X.shape[0]:
+            raise ValueError(
+                f"{name} has shape {values.shape}; it must have one row for each of the "
+                f"{X.shape[0]} rows of X."
+            )
+        else:
+            values = values.rechunk({0: chunks})
+        return list(values.to_delayed().ravel())
+
+    others = {"y": y, "sample_weight": sample_weight, "groups": groups}
+    blocks = [delayed_blocks(name, values) for name, values in others.items()]
+    return list(zip(X.to_delayed().ravel(), *blocks, strict=True))

@@ -1,0 +1,1 @@
+"""Displays in the manner of scikit-learn: ``from_estimator`` computes, ``plot`` draws."""

@@ -1,0 +1,150 @@
+"""How the alternation converged: objective, modes and tightness by iteration."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._checks.arrays import labels
+from swsysid._checks.estimators import check_fitted
+from swsysid._displays.style import Display, canvas
+from swsysid.metrics import mode_accuracy
+
+__all__ = ["ConvergenceDisplay"]
+
+# A quantity that falls by more than this factor is drawn on a logarithmic axis.
+_LOG_RANGE = 100.0
+# What falls below this share of its first value is as good as zero; its size is rounding.
+_ZERO = 1e-6
+
+
+class ConvergenceDisplay(Display):
+    """Three panels over the iterations: objective, mode changes, tightness ratio.
+
+    Use `from_estimator`; call `plot` of a second display with ``ax=first.ax_`` to compare two
+    relaxations in the same panels.
+
+    Parameters
+    ----------
+    iterations : ndarray of shape (n_iterations,)
+    objective : ndarray of shape (n_iterations,)
+        The joint objective J.
+    mode_changes : ndarray of shape (n_iterations,)
+        Samples whose label differs from the previous iteration's, or from the truth.
+    tightness : ndarray of shape (n_iterations,)
+        Fraction of samples at which the relaxation itself was one-hot.
+    mode_label : str, default="mode changes"
+        What `mode_changes` counts.
+
+    Attributes
+    ----------
+    ax_ : ndarray of 3 matplotlib Axes
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib; matplotlib.use("Agg")
+    >>> from swsysid.plotting import ConvergenceDisplay
+    >>> display = ConvergenceDisplay(
+    ...     iterations=[1, 2, 3], objective=[9.0, 1.0, 1e-6], mode_changes=[70, 5, 0],
+    ...     tightness=[0.6, 0.95, 1.0])
+    >>> display.plot().ax_[0].get_yscale()
+    'log'
+    """
+
+    def __init__(
+        self, *, iterations, objective, mode_changes, tightness, mode_label="mode changes"
+    ):
+        self.iterations = iterations
+        self.objective = objective
+        self.mode_changes = mode_changes
+        self.tightness = tightness
+        self.mode_label = mode_label
+
+    @classmethod
+    def from_estimator(cls, estimator, *, modes=None, ax=None, **kwargs):
+        """Read ``history_`` of a fitted estimator and draw it.
+
+        Parameters
+        ----------
+        estimator : SwitchingSystemRegressor
+        modes : array-like of shape (n_samples,), default=None
+            True modes of the training samples: the second panel then counts the samples in the
+            wrong mode (matched to the identified ones as well as possible) after each iteration.
+        ax : array of 3 matplotlib Axes, default=None
+        **kwargs
+            Passed to ``ax.plot``; ``label`` names the curve in the legend.
+
+        Returns
+        -------
+        ConvergenceDisplay
+        """
+        check_fitted(estimator, "history_")
+        history = estimator.history_
+        label, changes = "mode changes", [record.mode_changes for record in history]
+        if modes is not None:
+            modes = labels("modes", modes, len(estimator.modes_))
+            label = "mode mismatch"
+            changes = [
+                round(len(modes) * (1.0 - mode_accuracy(modes, record.modes))) for record in history
+            ]
+        return cls(
+            iterations=np.array([record.iteration for record in history]),
+            objective=np.array([record.objective for record in history]),
+            mode_changes=np.array(changes),
+            tightness=np.array([record.tightness for record in history]),
+            mode_label=label,
+        ).plot(ax=ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw.
+
+        Parameters
+        ----------
+        ax : array of 3 matplotlib Axes, default=None
+            A new figure if None.
+        **kwargs
+            Passed to ``ax.plot``; ``label`` names the curve in the legend.
+
+        Returns
+        -------
+        ConvergenceDisplay
+        """
+        panels = {
+            "objective": self.objective,
+            self.mode_label: self.mode_changes,
+            "tightness ratio": self.tightness,
+        }
+        style = {"marker": "o", "markersize": 5, **kwargs}
+        with canvas(ax, len(panels), panel_size=(4.3, 3.6)) as axes:
+            self.ax_, self.figure_ = axes, axes[0].figure
+            for axis, (name, values) in zip(axes, panels.items(), strict=True):
+                axis.plot(self.iterations, values, **style)
+                axis.set(xlabel="iteration", ylabel=name)
+                axis.xaxis.get_major_locator().set_params(integer=True)
+            self._scale_objective(axes[0])
+            # of all curves in the panel, those of an earlier display included
+            most = max(np.max(line.get_ydata()) for line in axes[1].get_lines())
+            axes[1].set_ylim(0.0, 1.05 * max(most, 1.0))
+            axes[2].set_ylim(-0.03, 1.05)
+            if "label" in kwargs:
+                axes[0].legend()
+        return self
+
+    def _scale_objective(self, ax):
+        values = np.asarray(self.objective, dtype=float)
+        zero = _ZERO * values.max()
+        if values.max() <= _LOG_RANGE * max(values.min(), zero):
+            return
+        ax.set_yscale("log")
+        if values.min() < zero:
+            ax.set_ylim(bottom=zero)
+            ax.annotate(
+                "below: rounding only",
+                (1.0, 0.0),
+                xytext=(-4, 4),
+                xycoords="axes fraction",
+                textcoords="offset points",
+                ha="right",
+                color="0.4",
+                fontsize=10,
+            )

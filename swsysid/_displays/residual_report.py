@@ -1,0 +1,318 @@
+"""A residual report as a picture: its most telling channels, its memory, its spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._checks.parameters import shown, whole
+from swsysid._displays.style import PALETTE, Display, axis_label, canvas
+
+__all__ = ["ResidualReportDisplay"]
+
+_POINTS, _MIDDLE, _WARNING = "0.55", PALETTE[0], PALETTE[1]
+# Half width of the band in which 99 of 100 autocorrelations of white noise lie, times sqrt(n).
+_QUANTILE = 2.576
+_FEW_VALUES = 4
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """One channel, or two together: names, values and what was found."""
+
+    names: tuple[str, ...]
+    values: tuple[NDArray[np.float64], ...]
+    found: str
+
+
+class ResidualReportDisplay(Display):
+    """The residual of one equation against what tells most about it.
+
+    Use `from_report`, or the report's own ``plot``. Dots are samples, the line is the mean of the
+    residual in bins of equally many samples and the band one standard deviation about it; below
+    or beside them the autocorrelation with the band of white noise, and the spectrum.
+
+    Parameters
+    ----------
+    equation : str
+    residual : ndarray of shape (n_samples,)
+    panels : list
+        Channels to draw.
+    autocorrelation : ndarray of shape (n_lags,) or None
+    band : ndarray of shape (n_lags,) or None
+        Half width of the band of white noise.
+    frequency, periodogram : ndarray of shape (n_frequencies,) or None
+    peak : float or None
+        Frequency of the peak, if it is significant.
+    verdict : str
+
+    Attributes
+    ----------
+    ax_ : ndarray of matplotlib Axes
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib; matplotlib.use("Agg")
+    >>> import numpy as np
+    >>> from sklearn.linear_model import LinearRegression
+    >>> from swsysid.diagnosis import residual_report
+    >>> X = np.linspace(-1, 1, 200)[:, None]
+    >>> Xdot = -X + 0.2 * np.sign(X)
+    >>> report = residual_report(LinearRegression().fit(X, Xdot), X, Xdot, random_state=0)
+    >>> display = report.plot()
+    >>> display.ax_[0].get_xlabel()
+    'x0'
+    """
+
+    def __init__(
+        self,
+        *,
+        equation,
+        residual,
+        panels,
+        autocorrelation,
+        band,
+        frequency,
+        periodogram,
+        peak,
+        verdict,
+    ):
+        self.equation = equation
+        self.residual = residual
+        self.panels = panels
+        self.autocorrelation = autocorrelation
+        self.band = band
+        self.frequency = frequency
+        self.periodogram = periodogram
+        self.peak = peak
+        self.verdict = verdict
+
+    @classmethod
+    def from_report(cls, report, *, equation=None, n_channels=2, units=None, ax=None):
+        """Choose what to draw of a `ResidualReport`, and draw it.
+
+        Parameters
+        ----------
+        report : ResidualReport
+        equation : str, default=None
+            The state whose residual is drawn; the one furthest above its noise if None.
+        n_channels : int, default=2
+            How many channels, the most telling ones.
+        units : mapping from names to units, default=None
+            A name ``"d/dt x"`` gives the unit of a velocity, ``"time"`` that of time (s).
+        ax : array of matplotlib Axes, default=None
+            One for each panel; a new figure if None.
+
+        Returns
+        -------
+        ResidualReportDisplay
+        """
+        whole("n_channels", n_channels)
+        if not hasattr(report, "verdicts"):
+            raise TypeError(f"report={shown(report)} is none; give what residual_report returns.")
+        equation = _worst(report) if equation is None else equation
+        if not isinstance(equation, str) or equation not in report.equations:
+            raise ValueError(
+                f"{shown(equation)} is none of the equations {', '.join(report.equations)}; "
+                "choose one of them."
+            )
+        data, column = report.data, report.equations.index(equation)
+        white = [test for test in report.whiteness if test.equation == equation]
+        peaks = [peak for peak in report.spectrum if peak.equation == equation]
+        display = cls(
+            equation=equation,
+            residual=data.residual[:, column],
+            panels=_panels(report, equation, n_channels, units),
+            autocorrelation=np.array(white[0].autocorrelation) if white else None,
+            band=_QUANTILE / np.sqrt(white[0].n_pairs) if white else None,
+            frequency=data.frequency,
+            periodogram=data.periodogram.get(equation),
+            peak=peaks[0].frequency if peaks and peaks[0].significant else None,
+            verdict=report.verdicts[equation],
+        )
+        display._frequency = f"frequency ({_inverse((units or {}).get('time', 's'))})"
+        display._label = f"residual of {axis_label(f'd/dt {equation}', units)}"
+        return display.plot(ax=ax)
+
+    def plot(self, ax=None, max_points=3000):
+        """Draw.
+
+        Parameters
+        ----------
+        ax : array of matplotlib Axes, default=None
+            One for each panel; a new figure if None.
+        max_points : int, default=3000
+            Draw at most so many samples of a channel, evenly spaced in their order.
+
+        Returns
+        -------
+        ResidualReportDisplay
+        """
+        extra = [self.autocorrelation is not None, self.periodogram is not None]
+        with canvas(ax, len(self.panels) + sum(extra), panel_size=(4.6, 4.2)) as axes:
+            self.ax_, self.figure_ = axes, axes[0].figure
+            for panel, one in zip(self.panels, axes, strict=False):
+                draw = self._draw_pair if len(panel.names) == 2 else self._draw_channel
+                draw(one, panel, max_points)
+            rest = iter(axes[len(self.panels) :])
+            if extra[0]:
+                self._draw_autocorrelation(next(rest))
+            if extra[1]:
+                self._draw_spectrum(next(rest))
+            if ax is None:
+                self._write_verdict()
+        return self
+
+    def _draw_channel(self, ax, panel, max_points):
+        (values,) = panel.values
+        known = np.flatnonzero(np.isfinite(values))
+        shown = known[:: max(1, -(-len(known) // max_points))]
+        ax.scatter(
+            values[shown],
+            self.residual[shown],
+            s=8,
+            color=_POINTS,
+            alpha=0.35,
+            linewidths=0,
+            rasterized=len(shown) > 1000,
+        )
+        ax.axhline(0.0, color="0.2", linewidth=1.0)
+        middle, mean, deviation = _binned(values[known], self.residual[known])
+        if len(middle) <= _FEW_VALUES:  # a channel of few values: nothing lies between them
+            ax.errorbar(middle, mean, deviation, fmt="o", color=_MIDDLE, capsize=6)
+            ax.set_xticks(middle)
+            ax.margins(x=0.25)
+        else:
+            ax.fill_between(
+                middle, mean - deviation, mean + deviation, color=_MIDDLE, alpha=0.2, linewidth=0
+            )
+            ax.plot(middle, mean, color="white", linewidth=4.5)
+            ax.plot(middle, mean, color=_MIDDLE, linewidth=2.4, marker="o", markersize=4)
+        low, high = np.quantile(self.residual, [0.002, 0.998])
+        room = 0.08 * (high - low)
+        if room > 0.0:  # a few outliers must not press all others flat
+            ax.set_ylim(low - room, high + room)
+        ax.set(xlabel=panel.names[0], ylabel=self._label, title=panel.found)
+
+    def _draw_pair(self, ax, panel, max_points):
+        shown = slice(None, None, max(1, -(-len(self.residual) // max_points)))
+        limit = np.quantile(np.abs(self.residual), 0.98)
+        points = ax.scatter(
+            panel.values[0][shown],
+            panel.values[1][shown],
+            c=self.residual[shown],
+            s=14,
+            cmap="RdBu_r",
+            vmin=-limit,
+            vmax=limit,
+            linewidths=0,
+            rasterized=True,
+        )
+        ax.figure.colorbar(points, ax=ax, label=self._label)
+        ax.set(xlabel=panel.names[0], ylabel=panel.names[1], title=panel.found)
+
+    _label, _frequency = "residual", "frequency (Hz)"
+
+    def _draw_autocorrelation(self, ax):
+        lags = np.arange(1, len(self.autocorrelation) + 1)
+        outside = np.abs(self.autocorrelation) > self.band
+        ends = np.arange(len(lags) + 1) + 0.5
+        ax.stairs(self.band, ends, baseline=-self.band, color="0.85", fill=True, zorder=0)
+        ax.axhline(0.0, color="0.2", linewidth=1.0)
+        for rows, colour in ((outside, _WARNING), (~outside, _MIDDLE)):
+            ax.vlines(lags[rows], 0.0, self.autocorrelation[rows], color=colour, linewidth=3.0)
+            ax.plot(lags[rows], self.autocorrelation[rows], "o", color=colour, markersize=6)
+        largest = max(1.3 * np.abs(self.autocorrelation).max(), 2.0 * self.band.max())
+        ax.set(
+            xlabel="lag (rows)",
+            ylabel="autocorrelation",
+            ylim=(-min(largest, 1.05), min(largest, 1.05)),
+            title="memory",
+        )
+        ax.xaxis.get_major_locator().set_params(integer=True)
+
+    def _draw_spectrum(self, ax):
+        ax.plot(self.frequency, self.periodogram, color=_MIDDLE, linewidth=1.2)
+        title = "spectrum"
+        if self.peak is not None:
+            ax.axvline(self.peak, color=_WARNING, linewidth=1.5, linestyle="--", zorder=0)
+            title = f"spectrum, peak at {self.peak:.3g}"
+        ax.set(xlabel=self._frequency, ylabel="share of variance", title=title)
+        ax.set_xlim(0.0, self.frequency[-1])
+        ax.set_ylim(bottom=0.0)
+
+    def _write_verdict(self):
+        import textwrap
+
+        width = int(24 * self.figure_.get_figwidth() / 2.6)
+        text = "\n".join(textwrap.wrap(f"{self.equation}: {self.verdict}", width))
+        self.figure_.suptitle(text, fontsize=13, x=0.01, ha="left")
+
+
+def _inverse(unit: str) -> str:
+    """Unit of a frequency for that of time."""
+    return "Hz" if unit == "s" else f"1/{unit}"
+
+
+def _worst(report) -> str:
+    """The equation furthest above its noise, among those in which something was found."""
+    sizes = [size for size in report.size if size.mode is None]
+    found = {finding.equation for finding in report.findings}
+    return max(
+        sizes, key=lambda size: (size.equation in found, size.ratio or 0.0, size.size)
+    ).equation
+
+
+def _panels(report, equation, n_channels, units) -> list[_Panel]:
+    """Channels of the findings first, then those of the largest shares."""
+    channels = report.data.channels
+    ranked = [test for test in report.findings if test.equation == equation]
+    ranked += [
+        test
+        for test in report.tests
+        if test.equation == equation
+        and test.mode is None
+        and test.kind not in ("lag", "residual lag")
+    ]
+    panels: dict[str, _Panel] = {}
+    for test in ranked:
+        if test.channel in channels and test.channel not in panels:
+            parts = report.data.pairs.get(test.channel, (test.channel,))
+            named = ("time",) if test.kind == "time" else parts
+            # of a lag only what is new beyond the channel now is drawn, as it was tested
+            ending = ", new part" if test.kind == "lag" else ""
+            panels[test.channel] = _Panel(
+                tuple(axis_label(name, units) + ending for name in named),
+                tuple(channels[part] for part in parts),
+                _told(test),
+            )
+        if len(panels) == n_channels:
+            break
+    return list(panels.values())
+
+
+def _told(test) -> str:
+    """What a test says of its channel; a picture that shows more is not contradicted."""
+    what = f"{'' if test.aspect == 'mean' else 'spread: '}{test.share:.0%}, p<={test.p_value:.2g}"
+    if test.direct:
+        return what
+    return f"{what}, told by others" if test.significant else f"not significant: {what}"
+
+
+def _binned(coordinate, residual, samples_a_bin=40, max_bins=25):
+    """Middles, means and standard deviations of bins of equally many samples."""
+    n_bins = int(np.clip(len(coordinate) // samples_a_bin, 2, max_bins))
+    distinct = np.unique(coordinate)
+    order = np.argsort(coordinate, kind="stable")
+    bins = (
+        [np.flatnonzero(coordinate == value) for value in distinct]
+        if len(distinct) <= n_bins
+        else np.array_split(order, n_bins)
+    )
+    return tuple(
+        np.array([summary(values[rows]) for rows in bins])
+        for summary, values in ((np.mean, coordinate), (np.mean, residual), (np.std, residual))
+    )

@@ -1,0 +1,206 @@
+"""Rollouts of the identified system beside the measured trajectories, and their error."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._checks.arrays import table
+from swsysid._checks.estimators import check_fitted
+from swsysid._checks.parameters import shown, whole
+from swsysid._displays.style import (
+    PALETTE,
+    Display,
+    axis_label,
+    canvas,
+    column_names,
+    resolve_column,
+    times_of,
+    trajectories,
+)
+
+__all__ = ["RolloutDisplay"]
+
+
+class RolloutDisplay(Display):
+    """Two panels: trajectories, identified and measured; and the error over time.
+
+    Use `from_estimator`. With two features the trajectories are drawn in their plane, from the
+    dot on, with one over time. The error is the Euclidean norm of the difference of the states.
+
+    Parameters
+    ----------
+    times : list of ndarray of shape (n_times,)
+        Times since the start of each trajectory, in s.
+    measured, simulated : list of ndarray of shape (n_times, n_states)
+        A rollout that stopped early is shorter than its measured trajectory.
+    columns : sequence of 1 or 2 int
+        The states that are drawn.
+    labels : sequence of str
+        Their axis labels.
+
+    Attributes
+    ----------
+    ax_ : ndarray of 2 matplotlib Axes
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib; matplotlib.use("Agg")
+    >>> import numpy as np
+    >>> from swsysid.plotting import RolloutDisplay
+    >>> t = np.linspace(0, 6, 50)
+    >>> x = np.column_stack([np.cos(t), -np.sin(t)])
+    >>> display = RolloutDisplay(times=[t], measured=[x], simulated=[x + 0.01 * t[:, None]],
+    ...                          columns=(0, 1), labels=("x", "v"))
+    >>> display.plot().ax_[1].get_ylabel()
+    'error norm'
+    """
+
+    def __init__(self, *, times, measured, simulated, columns, labels):
+        self.times = times
+        self.measured = measured
+        self.simulated = simulated
+        self.columns = columns
+        self.labels = labels
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator,
+        X,
+        t,
+        *,
+        groups=None,
+        features=None,
+        max_rollouts=5,
+        input_hold="zero",
+        names=None,
+        units=None,
+        ax=None,
+        **kwargs,
+    ):
+        """Simulate from the first state of every trajectory and draw.
+
+        Parameters
+        ----------
+        estimator : SwitchingSystemRegressor
+        X : array-like or data frame of shape (n_samples, n_states + n_inputs)
+            Measured states, then inputs, rows of one trajectory in time order.
+        t : array-like of shape (n_samples,)
+            Times in s.
+        groups : array-like of shape (n_samples,), default=None
+            The trajectory of each row; one trajectory if None.
+        features : sequence of 1 or 2 int or str, default=None
+            The states that are drawn; the first two, or the only one, if None.
+        max_rollouts : int, default=5
+            Simulate and draw the first so many trajectories; more of them hide one another.
+        input_hold : {"zero", "linear"}, default="zero"
+        names : sequence of str, default=None
+            Names of the columns of `X`.
+        units : mapping from names to units, default=None
+        ax : array of 2 matplotlib Axes, default=None
+        **kwargs
+            Passed to ``ax.plot`` for the identified trajectories.
+
+        Returns
+        -------
+        RolloutDisplay
+        """
+        check_fitted(estimator, "coef_")
+        whole("max_rollouts", max_rollouts)
+        X = table("X", X)
+        names = column_names(estimator, X.shape[1], names)
+        t = times_of(t, groups, len(X))
+        n_states = estimator.coef_.shape[1]
+        features = range(min(n_states, 2)) if features is None else features
+        if isinstance(features, str) or not np.iterable(features):
+            raise TypeError(f"features={shown(features)} must be a list of one or two states.")
+        columns = [resolve_column(feature, names) for feature in features]
+        if len(columns) not in (1, 2) or max(columns) >= n_states:
+            raise ValueError(
+                f"features={features}; name one or two of the states {', '.join(names[:n_states])}."
+            )
+        times, measured, simulated = [], [], []
+        for _, rows in trajectories(groups, len(X), max_rollouts):
+            states, inputs = X[rows, :n_states], X[rows, n_states:]
+            rollout = estimator.simulate(
+                states[0],
+                t[rows],
+                inputs=inputs if inputs.shape[1] else None,
+                input_hold=input_hold,
+            )
+            times.append(t[rows] - t[rows[0]])
+            measured.append(states)
+            simulated.append(rollout.x)
+        display = cls(
+            times=times,
+            measured=measured,
+            simulated=simulated,
+            columns=columns,
+            labels=[axis_label(names[column], units) for column in columns],
+        )
+        return display.plot(ax=ax, **kwargs)
+
+    @property
+    def errors(self):
+        """Norm of the error over time, a list of ndarray of shape (n_times,)."""
+        return [
+            np.linalg.norm(simulated - measured[: len(simulated)], axis=1)
+            for simulated, measured in zip(self.simulated, self.measured, strict=True)
+        ]
+
+    def plot(self, ax=None, **kwargs):
+        """Draw.
+
+        Parameters
+        ----------
+        ax : array of 2 matplotlib Axes, default=None
+            A new figure if None.
+        **kwargs
+            Passed to ``ax.plot`` for the identified trajectories.
+
+        Returns
+        -------
+        RolloutDisplay
+        """
+        with canvas(ax, 2) as axes:
+            self.ax_, self.figure_ = axes, axes[0].figure
+            self._draw_trajectories(axes[0], **kwargs)
+            self._draw_errors(axes[1])
+        return self
+
+    def _draw_trajectories(self, ax, **kwargs):
+        style = {"color": PALETTE[0], "linewidth": 1.6, **kwargs}
+        for i, (t, measured, simulated) in enumerate(
+            zip(self.times, self.measured, self.simulated, strict=True)
+        ):
+            first = i == 0
+            ax.plot(*self._path(t, simulated), label="identified" if first else None, **style)
+            # a broad pale line beneath the thin dark one: both are seen where they agree
+            ax.plot(
+                *self._path(t, measured),
+                color="0.75",
+                linewidth=5.0,
+                solid_capstyle="round",
+                zorder=1,
+                label="measured" if first else None,
+            )
+            if len(self.columns) == 2:
+                ax.plot(*measured[0, self.columns], "o", color="black", markersize=5)
+        over_time = len(self.columns) == 1
+        ax.set_xlabel("time (s)" if over_time else self.labels[0])
+        ax.set_ylabel(self.labels[-1])
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+
+    def _path(self, t, x):
+        if len(self.columns) == 1:
+            return t[: len(x)], x[:, self.columns[0]]
+        return x[:, self.columns[0]], x[:, self.columns[1]]
+
+    def _draw_errors(self, ax):
+        for t, error in zip(self.times, self.errors, strict=True):
+            # the first state is given: its error is zero and has no place on a log axis
+            ax.plot(t[1 : len(error)], error[1:], color=PALETTE[1], alpha=0.6, linewidth=1.4)
+        ax.set(xlabel="time (s)", ylabel="error norm")
+        if any((error[1:] > 0).any() for error in self.errors):
+            ax.set_yscale("log")

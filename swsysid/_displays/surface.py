@@ -1,0 +1,284 @@
+"""The switching surface over the samples, in a plane of two features."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._checks.arrays import table
+from swsysid._checks.estimators import check_fitted
+from swsysid._checks.parameters import function, shown, whole
+from swsysid._displays.style import (
+    Display,
+    axis_label,
+    canvas,
+    column_names,
+    in_fitted_form,
+    mode_colour,
+    mode_marker,
+    mode_names,
+    named_as_predicted,
+    resolve_column,
+)
+
+__all__ = ["SwitchingSurfaceDisplay"]
+
+_MOST_RESOLUTION = 5000
+
+
+class SwitchingSurfaceDisplay(Display):
+    """Samples coloured by mode, predicted regions shaded, identified surfaces drawn.
+
+    Use `from_estimator`. All features but two are held at their medians over the samples.
+
+    Parameters
+    ----------
+    grid : tuple of two ndarrays of shape (n_grid,)
+        Values of the two features on the axes.
+    regions : ndarray of shape (n_grid, n_grid)
+        Position in `classes` of the predicted mode; rows go along the second feature.
+    levels : list of ndarray of shape (n_grid, n_grid)
+        Functions whose zero level sets are drawn as the identified surfaces.
+    true_levels : list of ndarray of shape (n_grid, n_grid)
+        The same for the true guard; empty if unknown.
+    samples : ndarray of shape (n_samples, 2)
+    modes : ndarray of shape (n_samples,)
+    classes : list
+        Names of the modes.
+    labels : tuple of two str
+        Labels of the axes, with units where they are known.
+
+    Attributes
+    ----------
+    ax_ : matplotlib Axes
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib; matplotlib.use("Agg")
+    >>> import numpy as np
+    >>> from sklearn.linear_model import LogisticRegression
+    >>> from swsysid.plotting import SwitchingSurfaceDisplay
+    >>> X = np.random.default_rng(0).uniform(-1, 1, size=(200, 2))
+    >>> surface = LogisticRegression().fit(X, X[:, 0] > 0)
+    >>> display = SwitchingSurfaceDisplay.from_estimator(surface, X, true_guard=lambda X: X[:, 0])
+    >>> display.ax_.get_xlabel()
+    'x0'
+    """
+
+    def __init__(self, *, grid, regions, levels, true_levels, samples, modes, classes, labels):
+        self.grid = grid
+        self.regions = regions
+        self.levels = levels
+        self.true_levels = true_levels
+        self.samples = samples
+        self.modes = modes
+        self.classes = classes
+        self.labels = labels
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator,
+        X,
+        *,
+        modes=None,
+        features=(0, 1),
+        true_guard=None,
+        names=None,
+        units=None,
+        limits=None,
+        grid_resolution=250,
+        ax=None,
+        **kwargs,
+    ):
+        """Evaluate the surface on a grid and draw it.
+
+        Parameters
+        ----------
+        estimator : SwitchingSystemRegressor or classifier
+            Anything fitted with ``predict_modes`` or, without it, ``predict``. Its
+            ``surface_`` (or itself) may offer ``surface_values``; otherwise the boundaries of
+            the predicted regions are drawn.
+        X : array-like or data frame of shape (n_samples, n_features)
+        modes : array-like of shape (n_samples,) or "fitted", default=None
+            True labels that colour the samples, under the names of the predicted modes that they
+            agree with best; the predicted ones if None. ``"fitted"`` are the labels that the fit
+            gave its samples, ``estimator.modes_``, for the `X` of the fit.
+        features : pair of int or str, default=(0, 1)
+            The features on the axes.
+        true_guard : callable, default=None
+            ``true_guard(X)`` of shape (n_samples,) or (n_samples, n_surfaces) vanishes on the
+            true surfaces; drawn dashed.
+        names : sequence of str, default=None
+            Names of the columns of `X`.
+        units : mapping from names to units, default=None
+        limits : pair of (low, high), default=None
+            What the two axes show; the range of the samples, a little widened, if None.
+        grid_resolution : int, default=250
+        ax : matplotlib Axes, default=None
+        **kwargs
+            Passed to ``ax.scatter``.
+
+        Returns
+        -------
+        SwitchingSurfaceDisplay
+        """
+        check_fitted(estimator)
+        whole("grid_resolution", grid_resolution, least=2, most=_MOST_RESOLUTION)
+        function("true_guard", true_guard, "X", also=(None,))
+        X = table("X", X)
+        names = column_names(estimator, X.shape[1], names)
+        if X.shape[1] < 2:
+            raise ValueError("X has one feature; a plane needs two.")
+        if isinstance(features, str) or not np.iterable(features) or len(list(features)) != 2:
+            raise ValueError(f"features={shown(features)} must name the two columns on the axes.")
+        columns = [resolve_column(feature, names) for feature in features]
+        if limits is None:
+            limits = [_padded_range(X[:, column]) for column in columns]
+        grid = tuple(np.linspace(low, high, grid_resolution) for low, high in limits)
+        points, shape = _plane(X, columns, grid)
+
+        predict = getattr(estimator, "predict_modes", None) or estimator.predict
+        predicted = np.asarray(predict(in_fitted_form(estimator, np.vstack([X, points]))))
+        if isinstance(modes, str):
+            modes = _fitted_modes(estimator, modes, len(X))
+        else:
+            modes = named_as_predicted(modes, predicted[: len(X)])
+        in_plane = predicted[len(X) :]
+        regions = np.searchsorted(np.unique(predicted), in_plane).reshape(shape)
+        display = cls(
+            grid=grid,
+            regions=regions,
+            levels=_level_functions(estimator, points, regions),
+            true_levels=[] if true_guard is None else _as_levels(true_guard(points), shape),
+            samples=X[:, columns],
+            modes=modes,
+            classes=mode_names(predicted, modes),
+            labels=tuple(axis_label(names[column], units) for column in columns),
+        )
+        return display.plot(ax=ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, default=None
+            A new figure if None.
+        **kwargs
+            Passed to ``ax.scatter``.
+
+        Returns
+        -------
+        SwitchingSurfaceDisplay
+        """
+        with canvas(ax, panel_size=(6.4, 5.2)) as (axes,):
+            self.ax_, self.figure_ = axes, axes.figure
+            self._shade_regions(axes)
+            self._scatter(axes, **kwargs)
+            _draw_levels(axes, self.grid, self.levels, "identified surface", "black", "-")
+            _draw_levels(axes, self.grid, self.true_levels, "true guard", "#F0E442", "--")
+            axes.set(xlabel=self.labels[0], ylabel=self.labels[1])
+            axes.set_xlim(self.grid[0][[0, -1]])
+            axes.set_ylim(self.grid[1][[0, -1]])
+            _legend_above(axes)
+        return self
+
+    def _shade_regions(self, ax):
+        for position in range(len(self.classes)):
+            # a mask of one region, filled where it exceeds one half
+            mask = (self.regions == position).astype(float)
+            if mask.any():
+                ax.contourf(
+                    *self.grid, mask, levels=[0.5, 1.5], colors=[mode_colour(position)], alpha=0.18
+                )
+
+    def _scatter(self, ax, **kwargs):
+        style = {"s": 14, "alpha": 0.75, "linewidths": 0, **kwargs}
+        for position, label in enumerate(self.classes):
+            rows = self.modes == label
+            ax.scatter(
+                *self.samples[rows].T,
+                color=mode_colour(position),
+                marker=mode_marker(position),
+                label=f"mode {label}",
+                **style,
+            )
+
+
+def _fitted_modes(estimator, modes, n_samples):
+    """The labels that the fit gave its samples."""
+    if modes != "fitted":
+        raise ValueError(f"modes={modes!r} is unknown; give labels, 'fitted' or None.")
+    labels = np.asarray(estimator.modes_)
+    if len(labels) != n_samples:
+        raise ValueError(
+            f"modes='fitted' are the labels of the {len(labels)} samples of the fit and X has "
+            f"{n_samples} rows; give the X of the fit, or modes=None."
+        )
+    return labels
+
+
+def _padded_range(values):
+    pad = 0.04 * (np.ptp(values) or 1.0)
+    return values.min() - pad, values.max() + pad
+
+
+def _plane(X, columns, grid):
+    """Points of the plane, all other features at their medians, and the shape of the grid."""
+    first, second = np.meshgrid(*grid)
+    points = np.tile(np.median(X, axis=0), (first.size, 1))
+    points[:, columns] = np.column_stack([first.ravel(), second.ravel()])
+    return points, first.shape
+
+
+def _level_functions(estimator, points, regions):
+    surface = getattr(estimator, "surface_", estimator)
+    # a surface between two of several modes is an edge only where no third mode is active
+    of_pairs = not np.all(getattr(surface, "mode_book_", True))
+    if hasattr(surface, "surface_values") and not of_pairs:
+        values = surface.surface_values(in_fitted_form(surface, points))
+        return _as_levels(values, regions.shape)
+    # no formula to draw: the edges of each predicted region but one
+    return [(regions == position) - 0.5 for position in np.unique(regions)[1:]]
+
+
+def _as_levels(values, shape):
+    values = np.asarray(values, dtype=float).reshape(shape[0] * shape[1], -1)
+    return [column.reshape(shape) for column in values.T]
+
+
+def _draw_levels(ax, grid, levels, label, colour, style):
+    import matplotlib.patheffects as effects
+
+    # the yellow dashes of the true guard lie on the black line of the identified surface
+    width = 3.0 if style == "-" else 1.8
+    drawn = False
+    for level in levels:
+        if level.min() < 0.0 < level.max():
+            ax.contour(
+                *grid, level, levels=[0.0], colors=colour, linestyles=style, linewidths=width
+            )
+            drawn = True
+    if drawn:
+        (proxy,) = ax.plot([], [], color=colour, linestyle=style, linewidth=width, label=label)
+        if style != "-":
+            proxy.set_path_effects(
+                [effects.Stroke(linewidth=3.4, foreground="black"), effects.Normal()]
+            )
+
+
+def _legend_above(ax):
+    handles, _ = ax.get_legend_handles_labels()
+    legend = ax.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=min(len(handles), 4),
+        frameon=False,
+        handletextpad=0.4,
+        columnspacing=1.2,
+    )
+    for handle in legend.legend_handles:
+        if hasattr(handle, "set_sizes"):
+            handle.set_sizes([50])
+            handle.set_alpha(1.0)

@@ -1,0 +1,164 @@
+"""Which mode was active when: one bar a trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._checks.estimators import check_fitted
+from swsysid._checks.parameters import whole
+from swsysid._displays.style import (
+    Display,
+    canvas,
+    in_fitted_form,
+    mode_colour,
+    mode_names,
+    named_as_predicted,
+    times_of,
+    trajectories,
+)
+
+__all__ = ["ModeTimelineDisplay"]
+
+
+class ModeTimelineDisplay(Display):
+    """One bar a trajectory, coloured by the active mode; the true modes beneath, if known.
+
+    Use `from_estimator`.
+
+    Parameters
+    ----------
+    times : list of ndarray of shape (n_times,)
+        Times in s.
+    modes : list of ndarray of shape (n_times,)
+        Identified modes.
+    true_modes : list of ndarray of shape (n_times,), or None
+    groups : list
+        Names of the trajectories.
+    classes : list
+        Names of the modes.
+
+    Attributes
+    ----------
+    ax_ : matplotlib Axes
+    figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> import matplotlib; matplotlib.use("Agg")
+    >>> import numpy as np
+    >>> from swsysid.plotting import ModeTimelineDisplay
+    >>> display = ModeTimelineDisplay(
+    ...     times=[np.arange(4.0)], modes=[np.array([0, 0, 1, 1])], true_modes=None,
+    ...     groups=["run"], classes=[0, 1])
+    >>> [label.get_text() for label in display.plot().ax_.get_yticklabels()]
+    ['run']
+    """
+
+    def __init__(self, *, times, modes, true_modes, groups, classes):
+        self.times = times
+        self.modes = modes
+        self.true_modes = true_modes
+        self.groups = groups
+        self.classes = classes
+
+    @classmethod
+    def from_estimator(
+        cls, estimator, X, t, *, groups=None, modes=None, max_trajectories=12, ax=None, **kwargs
+    ):
+        """Predict the modes along the trajectories and draw them.
+
+        Parameters
+        ----------
+        estimator : SwitchingSystemRegressor or classifier
+        X : array-like or data frame of shape (n_samples, n_features)
+            Rows of one trajectory in time order.
+        t : array-like of shape (n_samples,)
+            Times in s.
+        groups : array-like of shape (n_samples,), default=None
+            The trajectory of each row; one trajectory if None.
+        modes : array-like of shape (n_samples,), default=None
+            True modes; relabelled to agree best with the identified ones.
+        max_trajectories : int, default=12
+        ax : matplotlib Axes, default=None
+        **kwargs
+            Passed to ``ax.broken_barh``.
+
+        Returns
+        -------
+        ModeTimelineDisplay
+        """
+        check_fitted(estimator)
+        whole("max_trajectories", max_trajectories)
+        predict = getattr(estimator, "predict_modes", None) or estimator.predict
+        predicted = np.asarray(predict(in_fitted_form(estimator, X)))
+        t = times_of(t, groups, len(predicted))
+        chosen = trajectories(groups, len(t), max_trajectories)
+        named = named_as_predicted(modes, predicted)
+        display = cls(
+            times=[t[rows] for _, rows in chosen],
+            modes=[predicted[rows] for _, rows in chosen],
+            true_modes=None if modes is None else [named[rows] for _, rows in chosen],
+            groups=[name for name, _ in chosen],
+            classes=mode_names(predicted, named),
+        )
+        return display.plot(ax=ax, **kwargs)
+
+    def plot(self, ax=None, **kwargs):
+        """Draw.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, default=None
+            A new figure if None.
+        **kwargs
+            Passed to ``ax.broken_barh``.
+
+        Returns
+        -------
+        ModeTimelineDisplay
+        """
+        height = 1.6 + 0.45 * len(self.groups)
+        with canvas(ax, panel_size=(8.0, height)) as (axes,):
+            self.ax_, self.figure_ = axes, axes.figure
+            top = 0.8 if self.true_modes is None else 0.5
+            for row, (t, modes) in enumerate(zip(self.times, self.modes, strict=True)):
+                self._bar(axes, t, modes, row - 0.4, top, **kwargs)
+                if self.true_modes is not None:
+                    true = {"alpha": 0.5, **kwargs}
+                    self._bar(axes, t, self.true_modes[row], row + 0.15, 0.25, **true)
+            axes.set_yticks(range(len(self.groups)), [str(name) for name in self.groups])
+            axes.invert_yaxis()
+            axes.set(xlabel="time (s)", ylabel="trajectory")
+            self._legend(axes)
+        return self
+
+    def _bar(self, ax, t, modes, bottom, height, **kwargs):
+        edges = _sample_edges(t)
+        starts = np.flatnonzero(np.r_[True, modes[1:] != modes[:-1]])
+        stops = np.r_[starts[1:], len(modes)]
+        colours = [mode_colour(self.classes.index(mode)) for mode in modes[starts]]
+        spans = list(zip(edges[starts], edges[stops] - edges[starts], strict=True))
+        ax.broken_barh(spans, (bottom, height), facecolors=colours, linewidth=0, **kwargs)
+
+    def _legend(self, ax):
+        from matplotlib.patches import Patch
+
+        handles = [
+            Patch(color=mode_colour(position), label=f"mode {label}")
+            for position, label in enumerate(self.classes)
+        ]
+        if self.true_modes is not None:
+            handles.append(Patch(color="0.6", label="thin bar: true modes"))
+        ax.legend(
+            handles=handles,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+            ncols=len(handles),
+            frameon=False,
+        )
+
+
+def _sample_edges(t):
+    """Each sample holds from the middle of the interval before it to that after it."""
+    middles = (t[1:] + t[:-1]) / 2
+    return np.r_[t[0], middles, t[-1]]

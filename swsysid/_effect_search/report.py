@@ -1,0 +1,320 @@
+"""What a search for effects has to say: text, a dictionary, and the parts of a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swsysid._data.records import Records
+from swsysid._effect_search.data import EffectData
+from swsysid._effect_search.ladder import Ladder
+from swsysid._effect_search.page import effect_page
+from swsysid._effect_search.text import named, report_text, summary, title
+from swsysid._residual_report.report import ResidualReport, plain
+from swsysid._residual_report.residuals import residual_report
+from swsysid._search.folds import Split, make_folds
+from swsysid._search.greedy import Round, Search
+from swsysid._search.intervals import term_covariances
+from swsysid._search.trials import PlacedEffect
+from swsysid.effects import FoundEffect
+
+__all__ = ["EffectReport"]
+
+
+_FEWEST_ROWS = 30  # of a residual report
+_PARTS = (
+    "summary",
+    "clean",
+    "targets",
+    "held_out",
+    "n_search",
+    "n_held_out",
+    "n_candidates",
+    "errors",
+    "effects",
+    "skipped",
+    "not_identifiable",
+    "residual_before",
+    "residual_after",
+    "guard_moved",
+    "history",
+    "dropped",
+    "by_trajectory",
+    "rollouts",
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EffectReport(Mapping):
+    """Error before and after, the effects found, and what was looked for.
+
+    It is a mapping of its own contents, prints as a table (`print`), draws (`plot`), and writes
+    a page (`to_html`), which a notebook shows by itself.
+
+    Attributes
+    ----------
+    targets : tuple of str
+        Names of the state equations.
+    held_out : str
+        What took no part in any choice.
+    n_search, n_held_out : int
+        Rows of the two parts.
+    n_candidates : int
+        Candidates tried in all rounds.
+    errors : list of dict
+        For the declared model and after each effect: ``model``, and the root mean square errors
+        ``search`` and ``held_out`` of each equation.
+    effects : tuple of FoundEffect
+    skipped : dict
+        Kinds that were not looked for, and why.
+    not_identifiable : tuple of str
+        Candidates that the declared library spans already on these data.
+    residual_before, residual_after : ResidualReport or None
+        What the declared model and the last one leave over on the held-out data.
+    guard_moved : float
+        Share of the samples whose mode the effects changed.
+    history : tuple of dict
+        For each round of the search: ``added``, ``p_value``, ``n_candidates``, and all
+        ``effects`` after the round.
+    dropped : tuple of str
+        Effects after the last round that did not stay significant beside the others, and are
+        not among `effects`.
+    discrete : bool
+        True if the targets are the next states.
+    data : EffectData or None
+        Rows for `plot` and `to_html`; not part of the dict.
+    """
+
+    targets: tuple[str, ...]
+    held_out: str
+    n_search: int
+    n_held_out: int
+    n_candidates: int = 0
+    errors: list[dict[str, Any]] = field(default_factory=list)
+    effects: tuple[FoundEffect, ...] = ()
+    skipped: dict[str, str] = field(default_factory=dict)
+    not_identifiable: tuple[str, ...] = ()
+    residual_before: ResidualReport | None = None
+    residual_after: ResidualReport | None = None
+    guard_moved: float = 0.0
+    history: tuple[dict[str, Any], ...] = ()
+    dropped: tuple[str, ...] = ()
+    discrete: bool = False
+    data: EffectData | None = None
+
+    @classmethod
+    def nothing_done(cls, records: Records) -> EffectReport:
+        """The report of a record too short to hold anything out."""
+        names = tuple(records.names[: records.n_states])
+        return cls(names, "nothing: the record is too short", len(records), 0)
+
+    @classmethod
+    def of(
+        cls,
+        search: Search,
+        ladder: Ladder,
+        rounds: list[Round],
+        estimator: Any,
+        records: Records,
+        targets: Any,
+        split: Split,
+    ) -> EffectReport:
+        """Everything a search has found."""
+        models = ["declared model"] + [
+            f"+ {named(effect.kind, effect.place)}" for effect in estimator.effects_
+        ]
+        errors = [
+            {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
+            for model, inside, outside in zip(models, ladder.search, ladder.held_out, strict=True)
+        ]
+        first, last = ladder.fits[0], ladder.fits[-1]
+        before, after = first.predict_modes(records), last.predict_modes(records)
+        return cls(
+            targets=tuple(records.names[: records.n_states]),
+            held_out=split.how,
+            n_search=len(split.search),
+            n_held_out=len(split.held_out),
+            n_candidates=max((one.n_candidates for one in rounds), default=0),
+            errors=errors,
+            effects=tuple(estimator.effects_),
+            skipped={
+                effect.kind: reason
+                for effect in search.effects
+                if (reason := effect.missing(records)) is not None
+            },
+            not_identifiable=tuple(named(*one) for one in search.spanned(ladder.fits[0])),
+            residual_before=_leftover(first, records, targets, split),
+            residual_after=_leftover(last, records, targets, split),
+            guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
+            history=_history(rounds, records),
+            dropped=_dropped(rounds, last.terms, records),
+            discrete=bool(first.switching.discrete_time),
+            data=_data(ladder, estimator, records, targets, split),
+        )
+
+    @property
+    def clean(self) -> bool:
+        """True if no effect was found."""
+        return not self.effects
+
+    @property
+    def summary(self) -> str:
+        """What came out, in one sentence."""
+        return summary(self)
+
+    @property
+    def by_trajectory(self) -> list[dict[str, Any]]:
+        """Errors before and after on every held-out trajectory, or stretch of one."""
+        return [] if self.data is None else plain(self.data.by_trajectory)
+
+    @property
+    def rollouts(self) -> list[dict[str, Any]]:
+        """Errors of simulations from the first state of held-out trajectories, and their ends."""
+        return [] if self.data is None else [one.to_dict() for one in self.data.rollouts]
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in _PARTS:
+            raise KeyError(f"{name!r} is no part of the report; these are: {', '.join(_PARTS)}.")
+        return getattr(self, name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_PARTS)
+
+    def __len__(self) -> int:
+        return len(_PARTS)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but `data`, in types that JSON knows; NaN becomes None."""
+        listed = {name: getattr(self, name) for name in _PARTS}
+        listed["effects"] = [effect.to_dict() for effect in self.effects]
+        for name in ("residual_before", "residual_after"):
+            listed[name] = None if listed[name] is None else listed[name].to_dict()
+        return plain(listed)
+
+    def plot(self, *, equation: str | None = None, effect: int | None = None, units=None, ax=None):
+        """Draw before and after; see `swsysid.plotting.EffectReportDisplay`."""
+        from swsysid._effect_search.display import EffectReportDisplay
+
+        return EffectReportDisplay.from_report(
+            self, equation=equation, effect=effect, units=units, ax=ax
+        )
+
+    def to_html(self, path=None, *, units=None, title: str = "Effect search") -> str:
+        """A self-contained page; written to `path` too, if one is given.
+
+        Parameters
+        ----------
+        path : str or Path, default=None
+        units : mapping from names to units, default=None
+            As in `swsysid.plotting.EffectReportDisplay`.
+        title : str, default="Effect search"
+
+        Returns
+        -------
+        str
+        """
+        text = effect_page(self, units=units, title=title)
+        if path is not None:
+            Path(path).write_text(text, encoding="utf-8")
+        return text
+
+    def _repr_html_(self) -> str:
+        return self.to_html()
+
+    def __str__(self) -> str:
+        return report_text(self)
+
+    __repr__ = __str__
+
+
+def _history(rounds: list[Round], records: Records) -> tuple[dict[str, Any], ...]:
+    return tuple(
+        {
+            "added": _told(one.finding.candidate, records),
+            "p_value": float(one.finding.p_value),
+            "n_candidates": one.n_candidates,
+            "effects": [_told(term, records) for term in one.structure.fit.terms],
+        }
+        for one in rounds
+    )
+
+
+def _told(term: PlacedEffect, records: Records) -> str:
+    label = term.effect.label(term.place, records.names)
+    return title(term.effect.kind, label, records.names[term.target], term.mode)
+
+
+def _dropped(
+    rounds: list[Round], kept: Sequence[PlacedEffect], records: Records
+) -> tuple[str, ...]:
+    """Effects after the last round that are not kept.
+
+    A place that a fit moves, such as a guard, and the numbers of the modes may differ.
+    """
+
+    def identity(term: PlacedEffect) -> tuple:
+        return term.effect.kind, term.target, term.place if term.effect.terms else None
+
+    last = rounds[-1].structure.fit.terms if rounds else ()
+    stayed = {identity(term) for term in kept}
+    return tuple(_told(term, records) for term in last if identity(term) not in stayed)
+
+
+def _data(ladder: Ladder, search: Any, records: Records, targets, split: Split) -> EffectData:
+    """Rows for pictures: the models that have not seen the held-out rows, and the final one."""
+    final = search.best_estimator_
+    rows, folds = np.arange(len(records)), make_folds(records, 5, np.random.RandomState(0))
+    covariances = (
+        term_covariances(final._fit, records, rows, targets, folds) if final.effects_ else []
+    )
+    return EffectData(
+        records=records,
+        rows=split.held_out,
+        targets=targets,
+        models=(
+            search._regressor(ladder.fits[0], records),
+            search._regressor(ladder.fits[-1], records),
+        ),
+        final=final,
+        covariances=tuple(covariances),
+        trajectory_names=search._trajectory_names,
+    )
+
+
+def _leftover(fit, records: Records, targets, split: Split) -> ResidualReport | None:
+    """The residual report of a fit on the held-out rows, None if these are too few for one."""
+    rows = split.held_out
+    if len(rows) < _FEWEST_ROWS:
+        return None
+    import pandas as pd
+
+    predicted, modes = fit.predict(records), fit.predict_modes(records)
+
+    class Known:
+        """The predictions of a fit, whose memory has seen the rows before."""
+
+        estimator_ = fit.estimator
+
+        def predict(self, X):
+            return predicted[rows]
+
+        def predict_modes(self, X):
+            return modes[rows]
+
+    part = records.take(rows)
+    n_columns = part.X.shape[1]
+    return residual_report(
+        Known(),
+        pd.DataFrame(part.X, columns=records.names[:n_columns]),
+        targets[rows],
+        t=part.t if part.timed else None,
+        groups=part.groups,
+        signals=pd.DataFrame(part.signals, columns=records.names[n_columns:])
+        if part.signals.shape[1]
+        else None,
+        random_state=0,
+    )

@@ -1,0 +1,291 @@
+"""`EffectSearchCV`: find what a model leaves over, name the effect, add it, report the error."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import replace
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
+from sklearn.model_selection import check_cv
+
+from swsysid._checks.estimators import check_fitted, known_velocities, rows_to_fit
+from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
+from swsysid._data.records import Records, make_records
+from swsysid._data.scores import explained
+from swsysid._effect_regressor import EffectRegressor
+from swsysid._effect_search.findings import describe_findings
+from swsysid._effect_search.ladder import Ladder
+from swsysid._effect_search.report import EffectReport
+from swsysid._pipelines import seeded, switching_step, with_parameters
+from swsysid._results import IdentificationWarning
+from swsysid._search.folds import Folds, Split, make_folds, split_records
+from swsysid._search.greedy import Search
+from swsysid._search.joint_fit import JointFit, check_declared, fit_jointly, tell_doubts
+from swsysid.effects import Effect, all_effects
+
+__all__ = ["EffectSearchCV"]
+
+_ROWS_A_PARAMETER = 8  # fewer rows than that are too short to hold any out
+_FOLDS = 5
+
+
+class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
+    """Find the effects that a declared model lacks, and add them.
+
+    The declared model is fitted, and every effect of a library is tried on what it leaves over:
+    at every place, in every state equation, in all modes or in one, its nonlinear parameters
+    fitted on training folds only. An effect enters if it predicts held-out stretches of the
+    record better than chance would, corrected for the number of candidates; of effects within
+    one standard error the one with the fewest parameters. Modes and surface are identified anew
+    with the effect inside, since they may have been wrong because it was missing; then all
+    effects are questioned in the light of the others. The errors before and after are those on
+    trajectories (or stretches) that took no part in any of this.
+
+    Parameters
+    ----------
+    estimator : SwitchingSystemRegressor or Pipeline that ends in one
+        The declared model.
+    effects : "all" or list of Effect, default="all"
+        Effects to look for; see `swsysid.effects`.
+    cv : int, cross-validation generator or None, default=None
+        Folds inside the search. None or an int makes folds of whole trajectories or of
+        contiguous stretches, 5 by default.
+    scoring : callable or None, default=None
+        ``scoring(y_true, y_pred) -> float`` of `score`; None is R2.
+    max_effects : int, default=5
+    significance : float, default=0.01
+        Of an effect found by chance in the whole search of one effect.
+    n_jobs : int or None, default=None
+    random_state : int, RandomState instance or None, default=None
+        Of what is held out, and of the estimator where it has none itself. None is 0: the same
+        data give the same answer.
+    verbose : int, default=0
+        1 shows a progress bar.
+
+    Attributes
+    ----------
+    best_estimator_ : EffectRegressor
+        The declared model with the effects found, fitted to all rows.
+    declared_estimator_ : EffectRegressor
+        The declared model without effects, fitted to all rows.
+    effects_ : list of FoundEffect
+        The most important first.
+    report_ : EffectReport
+        What was looked for, found and left over; prints, and writes HTML.
+    n_features_in_, feature_names_in_
+
+    Examples
+    --------
+    >>> from swsysid import EffectSearchCV
+    >>> from swsysid.datasets import make_undeclared
+    >>> from swsysid.effects import CoulombFriction, Polynomial, QuadraticDrag
+    >>> data = make_undeclared("coulomb_friction", system="pendulum", random_state=0)
+    >>> library = [CoulombFriction(), QuadraticDrag(), Polynomial()]
+    >>> search = EffectSearchCV(data.estimator, effects=library)
+    >>> search = search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
+    >>> search.effects_[0].kind, search.effects_[0].target
+    ('coulomb_friction', 1)
+    """
+
+    def __init__(
+        self,
+        estimator,
+        *,
+        effects="all",
+        cv=None,
+        scoring=None,
+        max_effects=5,
+        significance=0.01,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.estimator = estimator
+        self.effects = effects
+        self.cv = cv
+        self.scoring = scoring
+        self.max_effects = max_effects
+        self.significance = significance
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def fit(self, X, y, *, t=None, groups=None, signals=None):
+        """Search.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_states + n_inputs)
+            States, then inputs.
+        y : array-like of shape (n_samples,) or (n_samples, n_states)
+            Xdot, the measured velocities (next states in discrete time).
+        t : array-like of shape (n_samples,), default=None
+            Times in s, increasing along each trajectory.
+        groups : array-like of shape (n_samples,), default=None
+            Trajectory of each row. Without `t` and `groups` rows are exchangeable and effects
+            with a memory are not looked for.
+        signals : array-like of shape (n_samples, n_signals), default=None
+            Logged channels that the declared model does not use.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError, TypeError
+            If a parameter or the data make no sense; the message says what to do.
+        """
+        self._check_parameters()
+        frame = signals
+        X, y = rows_to_fit(self, X, y)
+        targets = y.reshape(len(y), -1)
+        self._one_target = y.ndim == 1
+        names = list(getattr(self, "feature_names_in_", [f"x{i}" for i in range(X.shape[1])]))
+        records = make_records(X, targets.shape[1], t=t, groups=groups, signals=frame, names=names)
+        self._trajectory_names = None if groups is None else np.unique(groups)
+        seed = 0 if self.random_state is None else self.random_state
+        self._declared, rng = seeded(self.estimator, seed), random_numbers(seed)
+        split = split_records(records, rng)
+        if self._too_short(records, split, targets):
+            return self._unchanged(records, targets)
+        return self._search(records, targets, split, rng)
+
+    def predict(self, X, *, t=None, groups=None, signals=None):
+        """Velocities of the best model, of the shape that `y` had in `fit`."""
+        check_fitted(self, "best_estimator_")
+        velocity = self.best_estimator_.predict(X, t=t, groups=groups, signals=signals)
+        return velocity[:, 0] if self._one_target else velocity
+
+    def predict_modes(self, X, *, t=None, groups=None, signals=None):
+        """Mode of every sample, shape (n_samples,)."""
+        check_fitted(self, "best_estimator_")
+        return self.best_estimator_.predict_modes(X, t=t, groups=groups, signals=signals)
+
+    def score(self, X, y, *, t=None, groups=None, signals=None):
+        """R2 of the velocities, or what `scoring` says."""
+        check_fitted(self, "best_estimator_")
+        targets = known_velocities(self, X, y)[1]
+        predicted = self.predict(X, t=t, groups=groups, signals=signals)
+        if self.scoring is None:
+            return explained(targets, predicted)
+        return self.scoring(targets, predicted)
+
+    def simulate(self, x0, t, inputs=None, **options):
+        """Roll the best model out; see `EffectRegressor.simulate`."""
+        check_fitted(self, "best_estimator_")
+        return self.best_estimator_.simulate(x0, t, inputs, **options)
+
+    def equations(self, precision=3, format="text"):
+        """The laws of the best model; see `EffectRegressor.equations`."""
+        check_fitted(self, "best_estimator_")
+        return self.best_estimator_.equations(precision, format)
+
+    def surface_equations(self, precision=3, format="text"):
+        """The guards of the best model; see `EffectRegressor.surface_equations`."""
+        check_fitted(self, "best_estimator_")
+        return self.best_estimator_.surface_equations(precision, format)
+
+    # -- parts of fit ------------------------------------------------------------------------------
+
+    def _search(self, records: Records, targets, split: Split, rng):
+        declared, rows = self._declared, split.search
+        first = fit_jointly(declared, (), records, rows, targets[rows])
+        estimator = with_parameters(declared, n_modes=first.n_modes)
+        search = Search(
+            estimator=estimator,
+            effects=all_effects() if isinstance(self.effects, str) else list(self.effects),
+            records=records,
+            rows=rows,
+            targets=targets[rows],
+            folds=self._folds(records.take(rows), targets[rows], rng),
+            declared=first,
+            max_effects=self.max_effects,
+            significance=self.significance,
+            n_jobs=self.n_jobs,
+            verbose=self.verbose,
+        )
+        structure, findings, rounds = search.run()
+        ladder = Ladder.of(search, structure, findings, targets, split)
+        plain = fit_jointly(declared, (), records, np.arange(len(records)), targets)
+        final = self._with_effects(search, ladder, targets, structure) if ladder.terms else plain
+        self.declared_estimator_ = self._regressor(plain, records)
+        self.best_estimator_ = (
+            self._regressor(final, records) if final.terms else self.declared_estimator_
+        )
+        self.effects_ = describe_findings(search, structure, ladder, final, targets)
+        self.report_ = EffectReport.of(search, ladder, rounds, self, records, targets, split)
+        tell_doubts(final, 3)
+        return self
+
+    @staticmethod
+    def _with_effects(search: Search, ladder: Ladder, targets, structure) -> JointFit:
+        """The model with the effects, fitted to all rows from the modes found."""
+        records = search.records
+        modes = structure.fit.predict_modes(records)
+        modes[search.rows] = structure.fit.modes
+        everything = np.arange(len(records))
+        return fit_jointly(search.estimator, ladder.terms, records, everything, targets, modes)
+
+    def _regressor(self, fit, records: Records) -> EffectRegressor:
+        regressor = EffectRegressor(clone(self._declared), fit.terms)
+        regressor.n_features_in_ = self.n_features_in_
+        if hasattr(self, "feature_names_in_"):
+            regressor.feature_names_in_ = self.feature_names_in_
+        regressor._one_target, regressor._n_targets = False, self._n_states(fit)
+        return regressor._adopt(fit, records.names)
+
+    @staticmethod
+    def _n_states(fit) -> int:
+        return switching_step(fit.estimator)[1].coef_.shape[1]
+
+    def _folds(self, records: Records, targets, rng) -> Folds:
+        n_folds = _FOLDS if self.cv is None else self.cv
+        if isinstance(n_folds, Integral):
+            return make_folds(records, int(n_folds), rng)
+        folds = make_folds(records, _FOLDS, rng)
+        parts = list(check_cv(self.cv).split(records.X, targets, records.groups))
+        return replace(folds, parts=parts)
+
+    def _too_short(self, records: Records, split: Split, targets) -> bool:
+        n_columns = records.X.shape[1] + targets.shape[1]
+        return len(split.search) < max(40, _ROWS_A_PARAMETER * n_columns)
+
+    def _unchanged(self, records: Records, targets):
+        warnings.warn(
+            f"{len(records)} samples are too few to hold any out: the declared model is returned "
+            "unchanged. Record more, or fit the declared model itself.",
+            IdentificationWarning,
+            stacklevel=3,
+        )
+        fit = fit_jointly(self._declared, (), records, np.arange(len(records)), targets)
+        tell_doubts(fit, 3)
+        self.best_estimator_ = self.declared_estimator_ = self._regressor(fit, records)
+        self.effects_ = []
+        self.report_ = EffectReport.nothing_done(records)
+        return self
+
+    def _check_parameters(self) -> None:
+        check_declared(self.estimator)
+        _check_effects(self.effects)
+        if isinstance(self.cv, (str, bytes)) or not hasattr(self.cv, "split"):
+            whole("cv", self.cv, least=2, also=(None,))
+        function("scoring", self.scoring, "y_true and y_pred", also=(None,))
+        whole("max_effects", self.max_effects, least=0)
+        real("significance", self.significance, above=0, below=1)
+        jobs(self.n_jobs)
+        random_numbers(self.random_state)
+        verbosity(self.verbose)
+
+
+def _check_effects(effects: Any) -> None:
+    listed = isinstance(effects, Iterable) and not isinstance(effects, str)
+    if (isinstance(effects, str) and effects == "all") or (
+        listed and all(isinstance(effect, Effect) for effect in effects)
+    ):
+        return
+    raise ValueError(f"effects={shown(effects)} must be 'all' or a list of swsysid.effects.Effect.")

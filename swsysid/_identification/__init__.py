@@ -1,0 +1,1 @@
+"""From rows to one answer: problem, starts, alternation, number of modes, terms, doubts."""

@@ -1,0 +1,249 @@
+"""One pass over all rows: the labels for given vector fields and surfaces, and what they say.
+
+A pass looks at every block of rows on its own: it assigns the rows to modes, values the joint
+objective, and summarises the rows for the next vector fields and surfaces. Its answer is small, and
+answers of blocks are joined in the order of the blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.features import FeatureMap
+from swsysid._data.sources import Rows
+from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._identification.scale import OUTLYING
+from swsysid._losses.summaries import Reach
+from swsysid._results import Array
+from swsysid._surfaces.fitted import FittedSurfaces, HingeSummary
+
+__all__ = ["Pass", "PassResult"]
+
+
+@dataclass(frozen=True)
+class PassResult:
+    """What a pass found in some rows.
+
+    Attributes
+    ----------
+    labels : ndarray of shape (n_rows,), int8
+        Mode of every row; ``-1 - mode`` for a row that no mode explains.
+    loss : float
+        Weighted sum of the losses over their scale, of the rows that vote.
+    hard_loss, relaxed_loss : float
+        Weighted sums in the user's units, for the labels and for the relaxed memberships.
+    slack : float
+        Weighted sum of the slacks.
+    tight : float
+        Weight of the rows at which the relaxation was one-hot.
+    weight : ndarray of shape (n_modes,)
+        Of the rows of every mode.
+    dynamics : tuple
+        A summary of the rows of every mode, of the kind that the loss has.
+    surfaces : tuple of HingeSummary
+    """
+
+    labels: NDArray[np.int8]
+    loss: float
+    hard_loss: float
+    relaxed_loss: float
+    slack: float
+    tight: float
+    weight: Array
+    dynamics: tuple
+    surfaces: tuple[HingeSummary, ...]
+
+    @classmethod
+    def joined(cls, parts: Sequence[PassResult]) -> PassResult:
+        """The result for the rows of several, one after the other."""
+
+        def total(name):
+            return sum(getattr(part, name) for part in parts)
+
+        def each(name):
+            parallel = zip(*(getattr(part, name) for part in parts), strict=True)
+            return tuple(type(some[0]).joined(some) for some in parallel)
+
+        return cls(
+            np.concatenate([part.labels for part in parts]),
+            **{name: total(name) for name in _SUMS},
+            **{name: each(name) for name in ("dynamics", "surfaces")},
+        )
+
+    @property
+    def modes(self) -> NDArray[np.int8]:
+        """Mode of every row."""
+        modes, outlying = self.labels.copy(), np.flatnonzero(self.labels < 0)
+        modes[outlying] = -1 - modes[outlying]
+        return modes
+
+
+_SUMS = ("loss", "hard_loss", "relaxed_loss", "slack", "tight", "weight")
+
+
+# Where too few rows were kept, residuals and margins reach so many times as far. Few rows are next
+# to a margin, and what a surface does far from them is hard to foresee.
+_WIDER, _WIDER_MARGINS = 2.0, 8.0
+# Rows are suspected to be outliers from this share of the limit on.
+_SUSPECTED = 0.5
+
+
+@dataclass(frozen=True)
+class Pass:
+    """What a pass looks at the rows with.
+
+    Attributes
+    ----------
+    problem : SwitchingProblem
+        Without rows.
+    feature_map : FeatureMap
+    coef : ndarray of shape (n_modes, n_states, n_features_out)
+    reference : ndarray of shape (n_modes, n_states, n_features_out)
+        Vector fields that say which rows no mode explains. They stay while `coef` moves: else
+        rows would come and go, and the objective with them.
+    surface : FittedSurfaces, other classifier, or None
+        What the assignment is coupled to; where it is not coupled, `FittedSurfaces` next to which
+        the labels are summarised.
+    discards : ndarray of shape (n_modes,), bool
+        Modes whose rows may be outliers.
+    reach : tuple of Reach
+        How far the residuals of each mode may move; rows within it are kept.
+    margin_reach : Reach
+        How far distances to the margins may move; rows within it are kept.
+    exact : bool, default=False
+        True if `coef` is known to be optimal for the labels of the pass before.
+    """
+
+    problem: SwitchingProblem
+    feature_map: FeatureMap
+    coef: Array
+    reference: Array
+    surface: Any
+    discards: NDArray[np.bool_]
+    reach: tuple[Reach, ...]
+    margin_reach: Reach
+    exact: bool = False
+
+    def __call__(self, rows: Rows, before: NDArray[np.int8] | None = None) -> PassResult:
+        """The result for a block; `before` are its labels of the pass before."""
+        results, start = [], 0
+        for piece in rows.pieces():
+            end = start + len(piece)
+            results.append(self._piece(piece, None if before is None else before[start:end]))
+            start = end
+        return PassResult.joined(results)
+
+    def widened(self) -> Pass:
+        """The same pass, which keeps more rows."""
+        reach = tuple(each.scaled(_WIDER).of_any_row for each in self.reach)
+        margin_reach = self.margin_reach.scaled(_WIDER_MARGINS).of_any_row
+        return replace(self, reach=reach, margin_reach=margin_reach)
+
+    def modes_of(self, problem: SwitchingProblem) -> Modes:
+        """Labels of the rows of a problem."""
+        values = self._surface_values(problem.coordinates)
+        return problem.assign(self.coef, self._penalty(problem, values)).modes
+
+    def _piece(self, rows: Rows, before: NDArray[np.int8] | None) -> PassResult:
+        # In memory one state after the other, as velocities are: passes over few long columns.
+        targets = np.asfortranarray(rows.targets)
+        problem = self.problem.on_rows(self.feature_map(rows.X), targets, rows.X)
+        velocities = problem.velocities(self.coef)
+        losses = problem.loss.values((problem.targets - velocities) / problem.scale)
+        problem = replace(problem, weight=rows.weight, outlying=self._outlying(problem, losses))
+        values = self._surface_values(rows.X)
+        penalty = self._penalty(problem, values)
+        assignment = problem.assign_velocities(velocities, penalty)
+        modes, each = assignment.modes, np.arange(len(rows))
+        hard = problem.loss.values(problem.targets - velocities[modes, each])
+        labels = np.where(problem.outlying, -1 - modes, modes).astype(np.int8)
+        return PassResult(
+            labels,
+            loss=float(problem.informative_weight @ losses[modes, each]),
+            hard_loss=float(rows.weight @ hard),
+            relaxed_loss=float(
+                rows.weight @ hard
+                if assignment.tightness.all()
+                else problem.relaxed_loss(self.coef, assignment.membership)
+            ),
+            slack=0.0 if penalty is None else float(rows.weight @ penalty[each, modes]),
+            tight=float(rows.weight @ assignment.tightness),
+            weight=np.bincount(modes, rows.weight, problem.n_modes).astype(float),
+            dynamics=self._dynamics(problem, labels, before),
+            surfaces=self._surfaces(rows, values, modes),
+        )
+
+    def _outlying(self, problem, losses) -> NDArray[np.bool_]:
+        """Rows that their best mode of the reference does not explain either; see `calibrate`."""
+        outlying = np.zeros(len(problem.targets), dtype=bool)
+        if not (problem.coupling and self.discards.any()):
+            return outlying
+        # A loss is at least that of its largest residual. It is looked at well below the limit, as
+        # the vector fields have moved since.
+        near = np.full(self.coef.shape[1], _SUSPECTED * OUTLYING)
+        near[1:] *= not problem.loss.separable
+        far = np.flatnonzero(losses.min(axis=0) > problem.loss.values(near))
+        some = problem.on_rows(
+            problem.features[far], problem.targets[far], problem.coordinates[far]
+        )
+        residuals = (some.targets - some.velocities(self.reference)) / problem.scale
+        own = problem.loss.values(residuals).argmin(axis=0)
+        size = np.abs(residuals[own, np.arange(len(far))])
+        if not problem.loss.separable:
+            size = size.mean(axis=1, keepdims=True)
+        outlying[far] = (size.max(axis=1, initial=0.0) > OUTLYING) & self.discards[own]
+        return outlying
+
+    def _surface_values(self, X: Array) -> Array | None:
+        return self.surface.values(X) if isinstance(self.surface, FittedSurfaces) else None
+
+    def _penalty(self, problem, values) -> Array | None:
+        if not problem.coupling or self.surface is None:
+            return None
+        if values is None:
+            return problem.penalty(self.surface)
+        return problem.penalty_of_all(self.surface.classes, self.surface.penalty(values))
+
+    def _dynamics(self, problem: SwitchingProblem, labels, before) -> tuple:
+        """Summaries of every mode; of the rows that joined or left it, if `before` says which."""
+        if before is None or not problem.loss.additive:
+            return tuple(
+                self._summary(problem, mode, np.flatnonzero(labels == mode), 1.0)
+                for mode in range(problem.n_modes)
+            )
+        changed = labels != before
+        return tuple(
+            problem.loss.summary.joined(
+                [
+                    self._summary(problem, mode, np.flatnonzero(changed & (which == mode)), sign)
+                    for which, sign in ((labels, 1.0), (before, -1.0))
+                ]
+            )
+            for mode in range(problem.n_modes)
+        )
+
+    def _summary(self, problem: SwitchingProblem, mode: int, rows: Modes, sign: float):
+        return problem.loss.summary.of(
+            np.take(problem.features.T, rows, axis=1).T,
+            problem.targets[rows],
+            sign * problem.weight[rows],
+            self.coef[mode],
+            self.reach[mode],
+        )
+
+    def _surfaces(self, rows: Rows, values: Array | None, modes: Modes) -> tuple[HingeSummary, ...]:
+        if values is None:
+            return ()
+        classes = self.surface.classes
+        place = np.full(self.problem.n_modes, -1)
+        place[classes] = np.arange(len(classes))
+        labels = place[modes]
+        known = labels >= 0
+        if not known.all():  # a mode without samples has no surface
+            rows, values, labels = rows.take(known), values[known], labels[known]
+        return tuple(self.surface.summarise(rows.X, values, labels, rows.weight, self.margin_reach))

@@ -1,0 +1,343 @@
+"""The identification problem: its data, and the three steps of the bilevel method.
+
+The method (paper, section "Bilevel convex program") alternates three convex programs on the
+same data, and each of them is one method of `SwitchingProblem`:
+
+==================  ==========================================================================
+`assign`            memberships for given vector fields (relaxed mode constraint)
+`estimate`          vector fields for given memberships (paper, "Dynamics estimation as LP")
+`refit_surface`     surfaces for given modes (paper, "Recovery of Switching Surfaces")
+==================  ==========================================================================
+
+All three decrease the joint objective
+
+    J = sum_i w_i loss_i / scale + coupling * (sum_i w_i slack_i + beta ||a||_1)
+
+whose first term is the paper's objective and whose second is the margin LP's. With
+``coupling = 0`` the surface has no say in the assignment, which is the paper's method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+from sklearn.utils.validation import has_fit_parameter
+
+from swsysid._losses.losses import Loss
+from swsysid._results import Array, Assignment
+from swsysid.relaxations._base import Relaxation, one_hot
+
+__all__ = [
+    "CoupledSurface",
+    "Modes",
+    "SwitchingProblem",
+    "fit_weighted",
+    "offers_penalty",
+    "offers_relevance",
+    "one_hot",
+]
+
+Modes = NDArray[np.intp]
+
+# The mode-book is chosen anew when more than this share of the weight has changed its mode.
+# Another book must gain more than rounding errors.
+_ANOTHER_BOOK, _GAIN = 0.02, 1e-9
+
+
+def offers_penalty(surface: Any) -> bool:
+    """True if a classifier can say what disagreeing with it costs."""
+    return hasattr(surface, "mode_penalty")
+
+
+def offers_relevance(surface: Any) -> bool:
+    """True if a classifier can be told which features matter, and was not told.
+
+    One that is not to standardise is the paper's program to the letter.
+    """
+    return getattr(surface, "relevance", ()) is None and surface.standardize
+
+
+def fit_weighted(classifier: Any, X: Array, modes: Modes, weight: Array, start: Any = None) -> Any:
+    """Fit a classifier, with weights if it takes them, from a fitted one if it can start there."""
+    options = {"sample_weight": weight} if has_fit_parameter(classifier, "sample_weight") else {}
+    if start is not None and has_fit_parameter(classifier, "start"):
+        options["start"] = start
+    return classifier.fit(X, modes, **options)
+
+
+@dataclass(frozen=True)
+class CoupledSurface:
+    """A surface fitted to some modes, and what it asks of every sample.
+
+    Attributes
+    ----------
+    classifier : fitted classifier
+    penalty : ndarray of shape (n_samples, n_modes)
+        Slack of every sample in every mode.
+    book_modes : ndarray of shape (n_samples,), int
+        The modes for which its mode-book was chosen.
+    """
+
+    classifier: Any
+    penalty: Array
+    book_modes: Modes
+
+
+@dataclass(frozen=True)
+class SwitchingProblem:
+    """Data and choices of one identification.
+
+    Attributes
+    ----------
+    features : ndarray of shape (n_samples, n_features_out)
+        Phi(x_i).
+    targets : ndarray of shape (n_samples, n_states)
+        Measured velocities.
+    coordinates : ndarray of shape (n_samples, n_features_in)
+        What the surface is a function of.
+    weight : ndarray of shape (n_samples,)
+        Multiplicity of every row.
+    n_modes : int
+    loss : Loss
+    relaxation : Relaxation
+    surface : classifier, not fitted
+    coupling : float
+        Price of disagreeing with the surface.
+    scale : ndarray of shape (n_states,)
+        Size of a typical residual of each velocity; residuals are compared in this unit.
+    outlying : ndarray of shape (n_samples,), bool
+        Rows that no mode explains: they do not vote on the vector fields, and their mode is what
+        the surface says.
+    coef_bound : float or None
+    solver : str
+    support : ndarray of shape (n_modes, n_states, n_features_out), bool, or None
+        Coefficients that may differ from zero.
+    """
+
+    features: Array
+    targets: Array
+    coordinates: Array
+    weight: Array
+    n_modes: int
+    loss: Loss
+    relaxation: Relaxation
+    surface: Any
+    coupling: float
+    scale: Array
+    outlying: NDArray[np.bool_]
+    coef_bound: float | None = None
+    solver: str = "auto"
+    support: NDArray[np.bool_] | None = None
+
+    # -- the three steps -------------------------------------------------------------------
+
+    def estimate(self, membership: Array, start: Array | None = None) -> Array:
+        """Vector fields that minimise the loss for given memberships.
+
+        A one-hot membership separates the modes. Otherwise the program is one regression whose
+        design has the blocks lambda_ij Phi(x_i), n_modes * n_features_out columns in all.
+        """
+        if _is_one_hot(membership):
+            return self._estimate_each(membership.argmax(axis=1), start)
+        return self._estimate_jointly(membership)
+
+    def assign(self, coef: Array, penalty: Array | None = None) -> Assignment:
+        """Memberships for given vector fields, and for a given surface if they are coupled.
+
+        `penalty` is that of the surface, (n_samples, n_modes), None if they are not coupled.
+
+        The penalty for disagreeing with the surface enters as one more coordinate of the
+        residual (`Loss.extra_coordinate`), so that a relaxation sees an ordinary assignment.
+        """
+        return self.assign_velocities(self.velocities(coef), penalty)
+
+    def assign_velocities(self, velocities: Array, penalty: Array | None = None) -> Assignment:
+        """The same for velocities of every mode, (n_modes, n_samples, n_states)."""
+        n_modes, n_samples, n_states = velocities.shape
+        # In memory one state after the other, and the surface after them.
+        n_coordinates = n_states + (penalty is not None)
+        candidates, targets = (
+            np.empty((n_modes, n_coordinates, n_samples)),
+            np.zeros((n_coordinates, n_samples)),
+        )
+        targets[:n_states] = self.targets.T / self.scale[:, None]
+        scaled = candidates[:, :n_states]
+        np.divide(velocities.transpose(0, 2, 1), self.scale[:, None], out=scaled)
+        if penalty is not None:
+            if self.outlying.any():
+                scaled[:, :, self.outlying] = targets[:n_states, self.outlying]
+            losses = self.loss.values((targets[:n_states] - scaled).transpose(0, 2, 1))
+            candidates[:, -1] = self.loss.extra_coordinate(losses, self.coupling * penalty.T)
+        return self._relax(candidates.transpose(0, 2, 1), targets.T)
+
+    def fit_surface(self, modes: Modes) -> CoupledSurface | None:
+        """A surface fitted to the modes, None if the two are not coupled."""
+        return self._fit_surface(modes, modes) if self.coupling else None
+
+    def refit_surface(self, modes: Modes, previous: CoupledSurface) -> CoupledSurface:
+        """A surface at least as good for the modes as the previous one, with its mode-book.
+
+        To choose a mode-book takes longer than to fit its surfaces.
+        """
+        fitted = self._fit_surface(modes, previous.book_modes, previous.classifier)
+        # The margin LP is convex only for a given mode-book; another book can be worse.
+        worse = self.surface_cost(previous, modes) < self.surface_cost(fitted, modes)
+        return previous if worse else fitted
+
+    def renew_book(self, modes: Modes, previous: CoupledSurface) -> CoupledSurface:
+        """A better surface with a new mode-book; the previous one if there is none.
+
+        It is looked for if the modes are no longer those for which the book was chosen.
+        """
+        changed = self.weight @ (modes != previous.book_modes)
+        if changed <= _ANOTHER_BOOK * self.weight.sum():
+            return previous
+        fitted = self._fit_surface(modes, modes)
+        limit = (1.0 - _GAIN) * self.surface_cost(previous, modes)
+        return fitted if self.surface_cost(fitted, modes) < limit else previous
+
+    # -- what the steps decrease -----------------------------------------------------------
+
+    def joint_objective(self, coef: Array, modes: Modes, surface: CoupledSurface | None) -> float:
+        """The joint objective J."""
+        residuals = self.residuals(coef, modes) / self.scale
+        loss = float(self.informative_weight @ self.loss.values(residuals))
+        if surface is None:
+            return loss
+        return loss + self.coupling * self.surface_cost(surface, modes)
+
+    def surface_cost(self, surface: CoupledSurface, modes: Modes) -> float:
+        """Objective of the margin LP: sum of weighted slacks plus beta ||a||_1."""
+        slack = np.take_along_axis(surface.penalty, modes[:, None], axis=1)[:, 0]
+        return float(self.weight @ slack) + surface.classifier.complexity_
+
+    def relaxed_loss(self, coef: Array, membership: Array) -> float:
+        """Loss of a soft membership, in the user's units."""
+        mixed = np.einsum("im,mik->ik", membership, self.velocities(coef))
+        return float(self.weight @ self.loss.values(self.targets - mixed))
+
+    def hard_loss(self, coef: Array, modes: Modes) -> float:
+        """Loss of hard labels, in the user's units."""
+        return float(self.weight @ self.loss.values(self.residuals(coef, modes)))
+
+    # -- parts -----------------------------------------------------------------------------
+
+    @property
+    def informative_weight(self) -> Array:
+        """Weight of the rows that vote on the vector fields."""
+        return np.where(self.outlying, 0.0, self.weight)
+
+    def velocities(self, coef: Array) -> Array:
+        """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states).
+
+        In memory it is one state after the other.
+        """
+        n_modes, n_states, n_features = coef.shape
+        every = coef.reshape(-1, n_features) @ self.features.T
+        return every.reshape(n_modes, n_states, -1).transpose(0, 2, 1)
+
+    def residuals(self, coef: Array, modes: Modes) -> Array:
+        """Measured minus modelled velocities, shape (n_samples, n_states)."""
+        return self.targets - self.velocities(coef)[modes, np.arange(len(modes))]
+
+    def penalty(self, surface: Any) -> Array:
+        """Slack of every sample in every mode, shape (n_samples, n_modes).
+
+        A mode unknown to the surface, because it had no samples, costs as much as the dearest.
+        """
+        return self.penalty_of_all(surface.classes_, surface.mode_penalty(self.coordinates))
+
+    def penalty_of_all(self, classes: Modes, known: Array) -> Array:
+        """Slack in every mode, from that in the modes `classes` that a surface knows."""
+        if len(classes) == self.n_modes:
+            return known
+        penalty = np.repeat(known.max(axis=1, keepdims=True), self.n_modes, axis=1)
+        penalty[:, classes] = known
+        return penalty
+
+    def some(self, rows: NDArray[np.intp]) -> SwitchingProblem:
+        """The problem on some of its rows, which carry the weight of all."""
+        weight = self.weight[rows] * (self.weight.sum() / self.weight[rows].sum())
+        return replace(
+            self,
+            features=self.features[rows],
+            targets=self.targets[rows],
+            coordinates=self.coordinates[rows],
+            weight=weight,
+            outlying=self.outlying[rows],
+        )
+
+    def on_rows(self, features: Array, targets: Array, coordinates: Array) -> SwitchingProblem:
+        """The same choices on other rows, each of weight one and none of them outlying."""
+        n_samples = len(targets)
+        return replace(
+            self,
+            features=features,
+            targets=targets,
+            coordinates=coordinates,
+            weight=np.ones(n_samples),
+            outlying=np.zeros(n_samples, dtype=bool),
+        )
+
+    def _fit_surface(self, modes, book_modes, start=None) -> CoupledSurface:
+        """A surface fitted to the modes with the book of `start`, or one chosen for the modes."""
+        surface, book = clone(self.surface), getattr(start, "mode_book_", None)
+        if book is None or not np.array_equal(np.unique(modes), start.classes_):
+            book_modes = modes
+        else:
+            surface.set_params(mode_book="pairwise" if (book == 0).any() else book)
+        fitted = fit_weighted(surface, self.coordinates, modes, self.weight, start)
+        return CoupledSurface(fitted, self.penalty(fitted), book_modes)
+
+    def _relax(self, candidates: Array, targets: Array) -> Assignment:
+        """Ask the relaxation, which may be a user's, and look at what it answers."""
+        assignment = self.relaxation.assign(candidates, targets)
+        expected = (len(targets), len(candidates))
+        if np.shape(getattr(assignment, "membership", ())) != expected:
+            raise TypeError(
+                f"{type(self.relaxation).__name__}.assign must return a swsysid.Assignment whose "
+                f"membership has the shape (n_samples, n_modes) = {expected}."
+            )
+        return assignment
+
+    def _estimate_each(self, modes: Modes, start: Array | None) -> Array:
+        shape = (self.n_modes, self.targets.shape[1], self.features.shape[1])
+        coef = np.zeros(shape) if start is None else start.copy()
+        for mode in range(self.n_modes):
+            rows = np.flatnonzero((modes == mode) & (self.informative_weight > 0))
+            if len(rows) == 0:  # a mode without samples keeps its vector field
+                continue
+            coef[mode] = self.loss.fit(
+                self.features[rows],
+                self.targets[rows],
+                sample_weight=self.weight[rows],
+                coef_bound=self.coef_bound,
+                solver=self.solver,
+                start=None if start is None else start[mode],
+                support=None if self.support is None else self.support[mode],
+            ).coef
+        return coef
+
+    def _estimate_jointly(self, membership: Array) -> Array:
+        n_states, n_features = self.targets.shape[1], self.features.shape[1]
+        design = (membership[:, :, None] * self.features[:, None, :]).reshape(len(membership), -1)
+        support = self.support
+        if support is not None:
+            support = support.transpose(1, 0, 2).reshape(n_states, -1)
+        stacked = self.loss.fit(
+            design,
+            self.targets,
+            sample_weight=self.informative_weight,
+            coef_bound=self.coef_bound,
+            solver=self.solver,
+            support=support,
+        ).coef
+        return stacked.reshape(n_states, self.n_modes, n_features).transpose(1, 0, 2)
+
+
+def _is_one_hot(membership: Array) -> bool:
+    return bool((membership.max(axis=1) > 1.0 - 1e-9).all())

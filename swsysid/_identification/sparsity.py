@@ -1,0 +1,101 @@
+"""Which terms of the library a mode needs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._results import Array
+
+__all__ = ["sparse_support"]
+
+# A coefficient whose whole contribution is below this fraction of the velocity is round-off.
+_NEGLIGIBLE = 1e-9
+
+
+def sparse_support(
+    problem: SwitchingProblem, coef: Array, modes: Modes, sparsity: float | str
+) -> NDArray[np.bool_]:
+    """Coefficients to keep, shape (n_modes, n_states, n_features_out).
+
+    A number removes the coefficients below it in size, refits, and repeats (sequential
+    thresholding). ``"auto"`` removes, one at a time, the least significant term of each equation
+    while its squared t-statistic is below 2 log(n), the point where a Bayesian information
+    criterion with a penalty for the choice among the terms prefers the smaller model.
+    """
+    support = np.ones(coef.shape, dtype=bool)
+    for mode in range(problem.n_modes):
+        rows = np.flatnonzero((modes == mode) & (problem.informative_weight > 0))
+        if len(rows) == 0:
+            continue
+        fit = _Refit(problem, rows)
+        for state in range(coef.shape[1]):
+            if sparsity == "auto":
+                support[mode, state] = _eliminate(fit, state)
+            else:
+                support[mode, state] = _threshold(fit, state, float(sparsity))
+    return support
+
+
+class _Refit:
+    """Regressions of one velocity on some of the terms, on the rows of one mode."""
+
+    def __init__(self, problem: SwitchingProblem, rows):
+        self.loss, self.solver, self.bound = problem.loss, problem.solver, problem.coef_bound
+        self.design, self.targets = problem.features[rows], problem.targets[rows]
+        self.weight = problem.weight[rows]
+
+    def coef(self, state: int, kept: NDArray[np.bool_]) -> Array:
+        return self.loss.fit(
+            self.design,
+            self.targets[:, [state]],
+            sample_weight=self.weight,
+            coef_bound=self.bound,
+            solver=self.solver,
+            support=kept[None, :],
+        ).coef[0]
+
+    def squared_t(self, state: int, coef: Array, kept: NDArray[np.bool_]) -> Array:
+        """Squared t-statistics of the kept terms.
+
+        The scale is the median size of the residuals, without as many of the smallest as there
+        are terms: so many samples an l1 fit meets exactly.
+        """
+        design = self.design[:, kept]
+        gram = (design * self.weight[:, None]).T @ design
+        residual = np.abs(self.targets[:, state] - self.design @ coef)
+        residual = np.sort(np.repeat(residual, _counts(self.weight)))
+        sigma = 1.4826 * np.median(residual[min(len(coef[kept]), len(residual) - 1) :])
+        size = np.sqrt(np.average(design**2, axis=0, weights=self.weight))
+        velocity = np.sqrt(np.average(self.targets[:, state] ** 2, weights=self.weight))
+        variance = sigma**2 * np.diag(np.linalg.pinv(gram, hermitian=True))
+        floor = (_NEGLIGIBLE * velocity / np.where(size > 0, size, np.inf)) ** 2
+        return coef[kept] ** 2 / np.maximum(np.maximum(variance, floor), np.finfo(float).tiny)
+
+
+def _counts(weight: Array):
+    return np.maximum(np.rint(weight).astype(int), 1)
+
+
+def _eliminate(fit: _Refit, state: int) -> NDArray[np.bool_]:
+    kept = np.ones(fit.design.shape[1], dtype=bool)
+    limit = 2.0 * np.log(max(fit.weight.sum(), 2.0))
+    while kept.any():
+        squared_t = fit.squared_t(state, fit.coef(state, kept), kept)
+        weakest = squared_t.argmin()
+        if squared_t[weakest] >= limit:
+            break
+        kept[np.flatnonzero(kept)[weakest]] = False
+    return kept
+
+
+def _threshold(fit: _Refit, state: int, smallest: float) -> NDArray[np.bool_]:
+    kept = np.ones(fit.design.shape[1], dtype=bool)
+    while True:
+        still = kept & (np.abs(fit.coef(state, kept)) >= smallest)
+        if still.sum() == kept.sum():
+            return kept
+        kept = still
+        if not kept.any():
+            return kept

@@ -1,0 +1,141 @@
+r"""What many rows say about the coefficients of a regression on the sum of Euclidean norms.
+
+The norm of a long residual is smooth and enters by its gradient and Hessian; that of a short one
+is not, and its row is kept. A step in the coefficients that moves the residuals by :math:`\delta`
+changes what a row of length :math:`\ell` contributes by :math:`O(\delta^3 / \ell^2)` more than
+the summary says. For one output the Hessian vanishes, and the summary is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._losses.summaries import Reach
+from swsysid._results import Array
+from swsysid._solvers.euclidean import MAX_HALVINGS, solve_scaled
+
+__all__ = ["NormSummary"]
+
+# Residuals shorter than this share of the longest ones have no direction.
+_NO_DIRECTION = 1e-12
+# Norms are rounded over a width that shrinks by this factor, so often, from the longest kept one.
+_FINER, _N_WIDTHS = 0.1, 9
+_MAX_NEWTON = 30
+# Newton's method is done when it promises less than this share of the norms.
+_SETTLED = 1e-13
+# Share of the promised decrease with which a step is content (Armijo).
+_CONTENT = 1e-4
+
+
+@dataclass(frozen=True)
+class NormSummary:
+    """Rows with short residuals, and the derivatives of the sum of the others' norms.
+
+    Attributes
+    ----------
+    design : ndarray of shape (n_near, n_features)
+        Of the rows that are kept, times their weight.
+    targets : ndarray of shape (n_near, n_outputs)
+        The same.
+    gradient : ndarray of shape (n_outputs, n_features)
+    hessian : ndarray of shape (n_outputs, n_features, n_outputs, n_features)
+    """
+
+    design: Array
+    targets: Array
+    gradient: Array
+    hessian: Array
+    exact = False
+
+    @classmethod
+    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
+        """Summary of a block at coefficients (n_outputs, n_features).
+
+        Rows with residuals within their reach are kept. If no output may move, nothing is told.
+        """
+        residuals = targets - design @ coef.T
+        length = np.linalg.norm(residuals, axis=1)
+        movable = (reach.size >= 0.0).any()
+        near = movable & (length <= np.linalg.norm(np.maximum(reach.of(design), 0.0), axis=1))
+        far = movable & ~near & (length > _NO_DIRECTION * length.max(initial=0.0))
+        gradient, hessian = _derivatives(design[far], residuals[far], length[far], weight[far])
+        scale = weight[near, None]
+        return cls(design[near] * scale, targets[near] * scale, gradient, hessian)
+
+    @classmethod
+    def joined(cls, parts: Sequence[NormSummary]) -> NormSummary:
+        """Summary of several blocks."""
+        return cls(
+            np.concatenate([part.design for part in parts]),
+            np.concatenate([part.targets for part in parts]),
+            np.sum([part.gradient for part in parts], axis=0),
+            np.sum([part.hessian for part in parts], axis=0),
+        )
+
+    def fit(self, coef: Array, bound: float, support: NDArray[np.bool_]) -> Array:
+        """Coefficients in the box that minimise the sum as the summary knows it, from `coef`."""
+        start = np.clip(coef, -bound, bound)
+        kept, moved = np.abs(self.targets).max(initial=0.0), start
+        longest = np.abs(self.targets - self.design @ start.T).max(initial=_NO_DIRECTION * kept)
+        for width in (longest or 1.0) * _FINER ** np.arange(_N_WIDTHS):
+            moved = self._settle(moved, start, bound, support, float(width))
+        return moved
+
+    def _settle(self, coef, start, bound, support, width) -> Array:
+        """Newton's method on norms rounded over a width, inside the box."""
+        for _ in range(_MAX_NEWTON):
+            value, gradient, hessian = self._rounded(coef, start, width)
+            # A coefficient at the box stays there while the sum falls outwards.
+            inside = (np.abs(coef) < bound) | (gradient * coef > 0.0)
+            free = np.flatnonzero(support & inside)
+            step = np.zeros(coef.size)
+            curvature = hessian.reshape(coef.size, coef.size)[np.ix_(free, free)]
+            step[free] = -solve_scaled(curvature, gradient.ravel()[free])
+            step = step.reshape(coef.shape)
+            if -(gradient * step).sum() <= _SETTLED * self._size(start):
+                return coef
+            for share in 0.5 ** np.arange(MAX_HALVINGS):
+                moved = np.clip(coef + share * step, -bound, bound)
+                promise = _CONTENT * (gradient * (moved - coef)).sum()
+                if self._rounded_value(moved, start, width) <= value + min(promise, 0.0):
+                    break
+            else:
+                return coef
+            coef = moved
+        return coef
+
+    def _size(self, start) -> float:
+        """What counts as much: the norms of the kept targets, and the slope along the start."""
+        kept = np.linalg.norm(self.targets - self.design @ start.T, axis=1).sum()
+        return float(kept + np.abs(self.gradient * start).sum())
+
+    def _rounded_value(self, coef, start, width) -> float:
+        change = coef - start
+        squared = np.square(self.targets - self.design @ coef.T).sum(axis=1) + width**2
+        bent = np.tensordot(self.hessian, change)
+        return float(np.sqrt(squared).sum() + ((self.gradient + 0.5 * bent) * change).sum())
+
+    def _rounded(self, coef, start, width) -> tuple[float, Array, Array]:
+        """Value, gradient and Hessian of the sum with its norms rounded."""
+        residuals = self.targets - self.design @ coef.T
+        length = np.sqrt(np.square(residuals).sum(axis=1) + width**2)
+        gradient, hessian = _derivatives(self.design, residuals, length, np.ones(len(length)))
+        gradient += self.gradient + np.tensordot(self.hessian, coef - start)
+        return self._rounded_value(coef, start, width), gradient, hessian + self.hessian
+
+
+def _derivatives(design, residuals, length, weight) -> tuple[Array, Array]:
+    """Gradient and Hessian of the weighted sum of (rounded) norms in the coefficients."""
+    unit = residuals / length[:, None]
+    n_outputs, n_features = residuals.shape[1], design.shape[1]
+    hessian = np.empty((n_outputs, n_features, n_outputs, n_features))
+    for one in range(n_outputs):
+        for two in range(one + 1):
+            curvature = weight * (float(one == two) - unit[:, one] * unit[:, two]) / length
+            block = design.T @ (design * curvature[:, None])
+            hessian[one, :, two], hessian[two, :, one] = block, block.T
+    return -(unit * weight[:, None]).T @ design, hessian

@@ -1,1 +1,0 @@
-"""Pieces of self-contained HTML pages."""

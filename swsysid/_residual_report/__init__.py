@@ -1,0 +1,1 @@
+"""What a fitted model leaves over, and what the leftover depends on."""

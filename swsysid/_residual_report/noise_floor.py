@@ -1,0 +1,133 @@
+"""How much of a residual is noise: differences between neighbours, in time and in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import norm
+from sklearn.neighbors import NearestNeighbors
+
+from swsysid._checks.arrays import column, labels, refuse_vanishing, table
+from swsysid._data.rows import spread_rows
+from swsysid._results import Array
+
+__all__ = ["NoiseFloor", "clipped_size", "noise_floor"]
+
+_NEIGHBOURS, _MOST_ROWS = 10, 5000
+_FEWEST, _REACH = 10, 2.0
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Standard deviation of the part of some values that nothing at hand explains.
+
+    Attributes
+    ----------
+    value : float
+        The smaller of the two estimates, NaN if there is none.
+    how : str
+        ``"neighbours in time"``, ``"neighbours in space"`` or ``"not estimated"``.
+    in_time, in_space : float
+        The estimates, NaN where there is none.
+    """
+
+    value: float
+    how: str
+    in_time: float
+    in_space: float
+
+
+def noise_floor(
+    values: ArrayLike, X: ArrayLike | None = None, groups: ArrayLike | None = None
+) -> NoiseFloor:
+    r"""Standard deviation of the noise in `values`, whatever else they are made of.
+
+    *In time*, second differences :math:`(r_{t-1} - 2 r_t + r_{t+1}) / \sqrt 6` leave noise and
+    little of what changes slowly. *In space*, the Gamma test (Stefansson, Koncar and Jones, 1997):
+    half the mean squared difference between a row and its k-th neighbour, drawn against their
+    squared distance for k = 1, ..., 10, meets distance zero at the variance of the noise. Both
+    sizes are taken after cutting off at two robust standard deviations, so that outliers and
+    neighbours on two sides of a jump count little. What is slow in time *or* a smooth function of
+    `X` can be explained: the smaller estimate is the floor. Noise that is itself correlated in
+    time looks explicable to the first; white inputs that act late look like noise to both.
+
+    Parameters
+    ----------
+    values : array-like of shape (n_samples,)
+        Velocities, or better the residual of a model, from which the known part is gone.
+    X : array-like of shape (n_samples, n_columns), default=None
+        Where neighbours are sought, each column in its own standard deviation.
+    groups : array-like of shape (n_samples,), default=None
+        Trajectories, rows in time order; None means that rows have no order.
+
+    Returns
+    -------
+    NoiseFloor
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from swsysid.diagnosis import noise_floor
+    >>> t = np.linspace(0.0, 20.0, 1000)
+    >>> noise = 0.1 * np.random.default_rng(0).standard_normal(1000)
+    >>> floor = noise_floor(np.sin(t) + noise, groups=np.zeros(1000))
+    >>> bool(abs(floor.value - 0.1) < 0.01)
+    True
+    """
+    values = column("values", values)
+    refuse_vanishing("values", values[:, None])
+    in_time = in_space = np.nan
+    if groups is not None:
+        in_time = _in_time(values, labels("groups", groups, len(values)))
+    if X is not None:
+        columns = table("X", X, len(values))
+        refuse_vanishing("X", columns)
+        in_space = _in_space(values, columns)
+    estimates = {"neighbours in time": in_time, "neighbours in space": in_space}
+    known = {how: value for how, value in estimates.items() if np.isfinite(value)}
+    if not known:
+        return NoiseFloor(np.nan, "not estimated", in_time, in_space)
+    how = min(known, key=lambda name: known[name])
+    return NoiseFloor(float(known[how]), how, float(in_time), float(in_space))
+
+
+def clipped_size(values: Array) -> float:
+    """Root mean square after cutting off at two robust standard deviations.
+
+    The factor makes it the standard deviation of Gaussian values, which lose 8 % of their variance.
+    """
+    limit = _REACH * 1.4826 * np.median(np.abs(values))
+    if limit == 0.0:  # more than half of them are zero
+        return float(np.sqrt(np.square(values).mean()))
+    inside = 1.0 - 2.0 * norm.sf(_REACH) - 2.0 * _REACH * norm.pdf(_REACH)
+    gaussian = inside + 2.0 * _REACH**2 * norm.sf(_REACH)
+    return float(np.sqrt(np.square(np.clip(values, -limit, limit)).mean() / gaussian))
+
+
+def _in_time(values: Array, groups) -> float:
+    order = np.argsort(groups, kind="stable")
+    values, groups = values[order], groups[order]
+    together = groups[2:] == groups[:-2]
+    second = (values[2:] - 2.0 * values[1:-1] + values[:-2])[together] / np.sqrt(6.0)
+    return clipped_size(second) if len(second) >= _FEWEST else np.nan
+
+
+def _in_space(values: Array, X: Array) -> float:
+    X = X[:, X.std(axis=0) > 0.0]
+    if len(X) < 3 * _NEIGHBOURS or not X.shape[1]:
+        return np.nan
+    X = (X - X.mean(axis=0)) / X.std(axis=0)
+    rows = np.arange(len(X)) if len(X) <= _MOST_ROWS else spread_rows(len(X), _MOST_ROWS)
+    search = NearestNeighbors(n_neighbors=_NEIGHBOURS + 1).fit(X)
+    distance, neighbour = search.kneighbors(X[rows])
+    # Column 0 is the row itself, or one that equals it.
+    difference = (values[rows, None] - values[neighbour[:, 1:]]) / np.sqrt(2.0)
+    variance = np.array([clipped_size(column) ** 2 for column in difference.T])
+    squared = np.square(distance[:, 1:]).mean(axis=0)
+    # Least squares line; a falling one, or one that ends below zero, is noise about a constant.
+    centred = squared - squared.mean()
+    slope = max(0.0, float(centred @ variance) / max(float(centred @ centred), 1e-300))
+    intercept = variance.mean() - slope * squared.mean()
+    return float(np.sqrt(np.clip(intercept, 0.0, None)))

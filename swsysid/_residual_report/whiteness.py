@@ -1,0 +1,166 @@
+"""Tests of whether a residual is white along its trajectories, and of its mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2, norm, rankdata
+
+from swsysid._checks.arrays import column, labels
+from swsysid._checks.parameters import whole
+from swsysid._residual_report.rearrangement import correlation_length
+from swsysid._results import Array
+
+__all__ = ["WhitenessTest", "bias_p_value", "holm", "normal_scores", "whiteness_test"]
+
+# A lag is used if so many pairs of rows have it; a trajectory is judged alone from so many rows.
+_FEWEST_PAIRS, _ROWS_A_LAG = 10, 5
+_SIGNIFICANT = 0.01
+
+
+@dataclass(frozen=True)
+class WhitenessTest:
+    """Ljung-Box test of the normal scores of a residual, all trajectories together.
+
+    Attributes
+    ----------
+    statistic : float
+        Chi-squared with `n_lags` degrees of freedom if the residual is white.
+    p_value : float
+    n_lags : int
+    autocorrelation : tuple of float
+        Of the normal scores, from lag one on.
+    n_pairs : tuple of int
+        Pairs of rows behind each.
+    coloured_trajectories : tuple
+        Trajectories that are not white when judged one by one (statsmodels' Ljung-Box test,
+        Holm's correction, level 0.01).
+    """
+
+    statistic: float
+    p_value: float
+    n_lags: int
+    autocorrelation: tuple[float, ...]
+    n_pairs: tuple[int, ...]
+    coloured_trajectories: tuple
+
+
+def whiteness_test(
+    residual: ArrayLike, groups: ArrayLike | None = None, *, n_lags: int = 10
+) -> WhitenessTest:
+    r"""Ljung-Box test along trajectories, blind to heavy tails.
+
+    The residual is replaced by its normal scores z, the normal quantiles of its ranks. With
+    :math:`c_k` the sum of :math:`z_t z_{t-k}` over the :math:`n_k` pairs within trajectories, the
+    statistic is :math:`\frac{n + 2}{n} \sum_k c_k^2 / (\sigma^4 n_k)`; for one trajectory this is
+    the test of Ljung and Box. Pairs are pooled rather than statistics added up, because a sum over
+    many short trajectories is neither chi-squared nor sensitive to what they have in common.
+
+    Parameters
+    ----------
+    residual : array-like of shape (n_samples,)
+        In time order within each trajectory.
+    groups : array-like of shape (n_samples,), default=None
+        Trajectory of each row; None means one trajectory.
+    n_lags : int, default=10
+
+    Returns
+    -------
+    WhitenessTest
+
+    Raises
+    ------
+    ValueError
+        If no trajectory is long enough for a single lag.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from swsysid.diagnosis import whiteness_test
+    >>> noise = np.random.default_rng(0).standard_normal(500)
+    >>> bool(whiteness_test(noise).p_value > 0.01)
+    True
+    >>> bool(whiteness_test(noise[1:] + noise[:-1]).p_value < 0.01)
+    True
+    """
+    whole("n_lags", n_lags)
+    values = column("residual", residual)
+    named = np.zeros(len(values), dtype=int)
+    if groups is not None:
+        named = labels("groups", groups, len(values))
+    names, codes = np.unique(named, return_inverse=True)
+    order = np.argsort(codes, kind="stable")
+    scores, codes = normal_scores(values[order]), codes[order]
+    sums, pairs = [], []
+    for lag in range(1, min(n_lags, len(scores) - 1) + 1):
+        together = codes[lag:] == codes[:-lag]
+        if together.sum() < _FEWEST_PAIRS:
+            break
+        sums.append((scores[lag:] * scores[:-lag])[together].sum())
+        pairs.append(int(together.sum()))
+    if not sums:
+        raise ValueError(
+            f"fewer than {_FEWEST_PAIRS} pairs of rows follow each other in a trajectory; "
+            "whiteness needs longer trajectories."
+        )
+    variance = max(float(np.square(scores).mean()), np.finfo(float).tiny)
+    rho = np.array(sums) / np.array(pairs) / variance
+    statistic = (len(scores) + 2) / len(scores) * float(np.square(rho) @ np.array(pairs))
+    return WhitenessTest(
+        statistic=statistic,
+        p_value=float(chi2.sf(statistic, len(rho))),
+        n_lags=len(rho),
+        autocorrelation=tuple(rho.tolist()),
+        n_pairs=tuple(pairs),
+        coloured_trajectories=_coloured(scores, codes, names, len(rho)),
+    )
+
+
+def normal_scores(values: Array) -> Array:
+    """Normal quantiles of the ranks."""
+    return norm.ppf(rankdata(values) / (len(values) + 1.0))
+
+
+def _coloured(scores: Array, codes: NDArray, names: NDArray, n_lags: int) -> tuple:
+    from statsmodels.stats.diagnostic import acorr_ljungbox
+
+    long_enough, p_values = [], []
+    for code, name in enumerate(names.tolist()):
+        rows = scores[codes == code]
+        if len(rows) >= _ROWS_A_LAG * n_lags and np.ptp(rows) > 0.0:
+            long_enough.append(name)
+            p_values.append(float(acorr_ljungbox(rows, lags=[n_lags])["lb_pvalue"].iloc[0]))
+    if not long_enough:
+        return ()
+    rejected = holm(p_values) <= _SIGNIFICANT
+    return tuple(name for name, is_not in zip(long_enough, rejected, strict=True) if is_not)
+
+
+def holm(p_values: list[float]) -> Array:
+    """P-values corrected for their number by Holm's step-down procedure.
+
+    Written out, because statsmodels' ``multipletests`` collects garbage at each call, which takes
+    longer than the whole report of a small record.
+    """
+    order = np.argsort(p_values)
+    corrected = np.empty(len(p_values))
+    steps = np.arange(len(p_values), 0, -1) * np.asarray(p_values)[order]
+    corrected[order] = np.minimum(1.0, np.maximum.accumulate(steps))
+    return corrected
+
+
+def bias_p_value(residual: Array, codes: NDArray[np.intp]) -> float:
+    """P-value of a residual that is not centred: both its mean and its signs must say so.
+
+    A skewed residual has a mean or a median away from zero, depending on the loss that was
+    fitted; only an offset moves both to the same side.
+    """
+    n_rows = len(residual)
+    length = correlation_length(residual, codes)
+    mean = residual.mean() / max(residual.std(), np.finfo(float).tiny)
+    signs = np.sign(residual).mean()
+    if mean * signs <= 0.0:
+        return 1.0
+    return float(2.0 * norm.sf(min(abs(mean), abs(signs)) * np.sqrt(n_rows / length)))

@@ -1,1 +1,0 @@
-"""Parts of `swsysid.refinement`: batched rollouts, multiple shooting, parameters as a vector."""

@@ -1,0 +1,120 @@
+"""Which classes a model file may name: those of this package, and transformers known to be data.
+
+A file names classes by the short names of this table, never by a module, so that nothing it says
+is imported. An object is its class and its attributes; none of its methods runs while it is made,
+but for the constructors of estimators, which only store.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import is_dataclass
+from inspect import signature
+
+from sklearn.base import BaseEstimator
+
+from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._data.features import FeatureMap, FunctionLibrary, Monomials
+from swsysid._effect_regressor import EffectRegressor
+from swsysid._identification.monomials import SurfaceCandidate
+from swsysid._identification.number_of_modes import ModeCandidate
+from swsysid._pipelines import ModePipeline
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import IterationRecord
+from swsysid._search.joint_fit import JointFit
+from swsysid._search.trials import PlacedEffect
+from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis
+from swsysid._surfaces.posterior import SurfaceEvidence
+from swsysid._surfaces.probability import ModePosterior
+from swsysid.effects import all_effects
+from swsysid.effects._guards import Guard
+from swsysid.relaxations import ExactRelaxation, MomentRelaxation, SimplexRelaxation
+
+__all__ = ["class_named", "made", "name_of", "state_of"]
+
+_OWN = {
+    each.__name__: each
+    for each in (
+        SwitchingSystemRegressor, PolynomialSurfaceClassifier, EffectRegressor, ModePipeline,
+        FeatureMap, FunctionLibrary, Monomials,
+        PolynomialBasis, LibraryBasis, RelevantBasis,
+        ModePosterior, SurfaceEvidence, SurfaceCandidate, ModeCandidate, IterationRecord,
+        JointFit, PlacedEffect, Guard,
+        ExactRelaxation, SimplexRelaxation, MomentRelaxation,
+        *map(type, all_effects()),
+    )
+}  # fmt: skip
+# What these hold after a fit is numbers and names.
+_FOREIGN = {
+    "sklearn.preprocessing": (
+        "PolynomialFeatures", "StandardScaler", "MinMaxScaler", "MaxAbsScaler", "RobustScaler",
+        "FunctionTransformer",
+    ),
+    "sklearn.pipeline": ("Pipeline", "FeatureUnion"),
+    "sklearn.compose": ("ColumnTransformer",),
+    "sklearn.decomposition": ("PCA",),
+    "sklearn.kernel_approximation": ("RBFSampler", "Nystroem"),
+    "sklearn.linear_model": ("LogisticRegression",),
+    "pysindy": (
+        "PolynomialLibrary", "FourierLibrary", "IdentityLibrary", "ConcatLibrary",
+        "TensoredLibrary",
+    ),
+}  # fmt: skip
+_MODULE_OF = {
+    f"{module.partition('.')[0]}.{name}": module for module, names in _FOREIGN.items()
+    for name in names
+}  # fmt: skip
+# Which metadata a user asks for, and what `load_model` says, are no part of what a model knows.
+_LEFT_OUT = ("_metadata_request", "recording_")
+
+
+def name_of(kind: type) -> str | None:
+    """The name of a class in a file; None if it has none."""
+    if _OWN.get(kind.__name__) is kind:
+        return kind.__name__
+    name = f"{kind.__module__.partition('.')[0]}.{kind.__name__}"
+    return name if name in _MODULE_OF and class_named(name) is kind else None
+
+
+def class_named(name: str) -> type:
+    """The class of a name in a file; KeyError if there is none."""
+    if name in _OWN:
+        return _OWN[name]
+    module = importlib.import_module(_MODULE_OF[name])
+    kind: type = getattr(module, name.partition(".")[2])
+    return kind
+
+
+def state_of(value: object) -> dict[str, object]:
+    """The attributes from which `made` makes an equal object."""
+    fields = getattr(value, "__dataclass_fields__", None)
+    names = vars(value) if fields is None else fields
+    return {name: getattr(value, name) for name in names if name not in _LEFT_OUT}
+
+
+def made(kind: type, state: dict[str, object]) -> object:
+    """An object with given attributes.
+
+    Parameters of an estimator that the file does not know have their defaults.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the class does not have such attributes.
+    """
+    if is_dataclass(kind):
+        return kind(**state)
+    if not issubclass(kind, BaseEstimator):
+        return _with_attributes(object.__new__(kind), state)
+    known = signature(kind).parameters
+    estimator = kind(**{name: value for name, value in state.items() if name in known})
+    rest = {name: value for name, value in state.items() if name not in known}
+    return _with_attributes(estimator, rest)
+
+
+def _with_attributes(value: object, state: dict[str, object]) -> object:
+    hidden = [name for name in state if hasattr(type(value), name)]
+    if hidden:  # an attribute of that name would hide a method
+        raise ValueError(f"{type(value).__name__} has no attribute {hidden[0]}")
+    vars(value).update(state)
+    return value

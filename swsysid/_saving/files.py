@@ -1,0 +1,259 @@
+"""`save_model` and `load_model`: fitted models in files that hold no code."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sklearn.utils.validation import check_is_fitted
+
+from swsysid._pipelines import switching_step
+from swsysid._saving.classes import name_of
+from swsysid._saving.values import read_objects, write_objects
+
+__all__ = ["Recording", "load_model", "save_model"]
+
+_NAME = "swsysid model"
+_MODELS = (
+    "SwitchingSystemRegressor",
+    "PolynomialSurfaceClassifier",
+    "EffectRegressor",
+    "ModePipeline",
+    "sklearn.Pipeline",
+)
+_FORMAT = 1  # raised where an older version could not read what is written
+_DIGITS = 6
+_MALFORMED = (
+    ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError, OverflowError,
+    ImportError,
+)  # fmt: skip
+_PACKAGES = ("swsysid", "scikit-learn", "numpy")
+_N_PROBES = 4  # states whose velocities a file holds, to be found again when it is read
+_PROBE_TOLERANCE = 1e-9  # processors differ in the last digits
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a model was identified from.
+
+    Attributes
+    ----------
+    source : str
+        The file or the data set.
+    names : list of str
+        Names of the columns of X.
+    units : dict of str
+        Units by the names of columns; those of velocities by names such as ``x'``.
+    smoothing : dict
+        How the velocities were made: the method, its window and the like, by name.
+
+    Examples
+    --------
+    >>> from swsysid import Recording
+    >>> Recording("runs.csv", units={"x": "m", "x'": "m/s"}, smoothing={"window": 11}).units["x"]
+    'm'
+    """
+
+    source: str = ""
+    names: list[str] = field(default_factory=list)
+    units: Mapping[str, str] = field(default_factory=dict)
+    smoothing: Mapping[str, Any] = field(default_factory=dict)
+
+
+def save_model(model: Any, path: Any, *, recording: Recording | None = None) -> None:
+    """Write a fitted model to a file that holds no code.
+
+    The file is JSON, in UTF-8: the versions that wrote it, what was recorded, the laws and the
+    surfaces as text, and the model, bit by bit. `load_model` reads it.
+
+    Parameters
+    ----------
+    model : fitted estimator
+        `SwitchingSystemRegressor`, `PolynomialSurfaceClassifier`, `EffectRegressor` (such as
+        ``search.best_estimator_``), or a pipeline of scikit-learn's that ends in one of them.
+    path : str or path
+        A usual ending is ``.json``. A file that is there is overwritten.
+    recording : Recording, default=None
+        Data source, names, units and smoothing; by default what `load_model` found.
+
+    Raises
+    ------
+    TypeError
+        If a part of the model is code: a function of the user's, a class of the user's. The
+        sentence names the part.
+    NotFittedError
+        If the model is not fitted.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from swsysid import SwitchingSystemRegressor, load_model, save_model
+    >>> from swsysid.datasets import make_damped_oscillator
+    >>> data = make_damped_oscillator(300, random_state=0)
+    >>> model = SwitchingSystemRegressor(2, random_state=0).fit(data.X, data.Xdot)
+    >>> path = Path(tempfile.mkdtemp()) / "oscillator.json"
+    >>> save_model(model, path)
+    >>> same = load_model(path)
+    >>> bool((same.predict(data.X) == model.predict(data.X)).all())
+    True
+    """
+    if type(model).__name__.endswith("SearchCV"):
+        raise TypeError(
+            f"{type(model).__name__} is a search; save the model that it found: "
+            "save_model(search.best_estimator_, path)."
+        )
+    if name_of(type(model)) not in _MODELS:
+        raise TypeError(
+            f"{type(model).__name__} is not a model that save_model knows; give a "
+            "SwitchingSystemRegressor, a PolynomialSurfaceClassifier, an EffectRegressor, or a "
+            "Pipeline that ends in one."
+        )
+    check_is_fitted(model)
+    known = vars(model).get("recording_", Recording()) if recording is None else recording
+    if not known.names:
+        known = replace(known, names=list(map(str, getattr(model, "feature_names_in_", ()))))
+    content = {
+        "format": _NAME,
+        "format_version": _FORMAT,
+        "written_by": {package: version(package) for package in _PACKAGES},
+        "recording": asdict(known),
+        "equations": _lines(model, "equations"),
+        "surface_equations": _lines(model, "surface_equations"),
+        "probe": _probe(model),
+        "objects": write_objects(model),
+    }
+    content["checksum"] = _checksum(content)
+    Path(path).write_text(_text(content), encoding="utf-8")
+
+
+def load_model(path: Any) -> Any:
+    """The model of a file that `save_model` wrote; no code of the file is run.
+
+    It predicts the same numbers to the last bit, simulates, prints its equations and is plotted
+    as the one that was saved. What it was identified from is its attribute ``recording_``.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    fitted estimator
+
+    Raises
+    ------
+    ValueError
+        If the file is none of `save_model`, is damaged or edited, was written by a newer
+        version, or predicts otherwise with the versions installed here.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    See `save_model`.
+    """
+    content = _content(Path(path))
+    try:
+        model = read_objects(content["objects"])
+        recording = Recording(**content["recording"])
+        unknown = name_of(type(model)) not in _MODELS
+        same = unknown or _finds_again(model, content["probe"])
+    except _MALFORMED as error:
+        raise ValueError(
+            f"{path} does not hold a model of swsysid ({error}); do not trust this file, and save "
+            "the model again."
+        ) from None
+    if unknown:
+        raise ValueError(f"{path} holds a {type(model).__name__}, which is no model of swsysid.")
+    if not same:
+        told = ", ".join(f"{name} {number}" for name, number in content["written_by"].items())
+        raise ValueError(
+            f"{path} predicts other velocities here than where it was written (with {told}); "
+            "install these versions, or fit the model again."
+        )
+    model.recording_ = recording
+    return model
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """The checked outer part of a file."""
+    try:
+        content = json.loads(path.read_bytes().decode("utf-8"), parse_constant=_no_constant)
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict) or content.get("format") != _NAME:
+        raise ValueError(f"{path} is no model file of swsysid; write one with save_model.")
+    written = content.get("format_version")
+    if type(written) is not int or written > _FORMAT:
+        raise ValueError(
+            f"{path} is in format {written} and this version of swsysid reads formats up to "
+            f"{_FORMAT}; update swsysid."
+        )
+    if content.get("checksum") != _checksum(content):
+        raise ValueError(
+            f"{path} is damaged or was edited: its checksum is another one; save the model again."
+        )
+    return content
+
+
+def _text(content: dict[str, Any]) -> str:
+    """The file, with each object of the model in a line of its own."""
+    *outer, (name, objects) = [(key, content[key]) for key in sorted(content, key=_is_objects)]
+    lines = [f" {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in outer]
+    listed = ",\n  ".join(json.dumps(entry, allow_nan=False) for entry in objects)
+    return "{\n" + ",\n".join([*lines, f' "{name}": [\n  {listed}\n ]']) + "\n}\n"
+
+
+def _is_objects(key: str) -> bool:
+    return key == "objects"
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    rest = {key: value for key, value in content.items() if key != "checksum"}
+    text = json.dumps(rest, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")
+
+
+def _lines(model: Any, method: str) -> list[str]:
+    """Equations for a reader of the file; none from a model or a surface that has no text."""
+    try:
+        return list(getattr(switching_step(model)[1], method)(precision=_DIGITS))
+    except (AttributeError, TypeError):
+        return []
+
+
+def _probe(model: Any) -> list[Any] | None:
+    """What the model predicts for a few states; None where it needs more than states."""
+    X = np.random.default_rng(0).uniform(-1.0, 1.0, (_N_PROBES, model.n_features_in_))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return list(np.asarray(model.predict(X)).ravel().tolist())
+        except ValueError:  # a logarithm of a negative number, or an effect that needs the times
+            return None
+
+
+def _finds_again(model: Any, told: list[Any] | None) -> bool:
+    """Whether the model predicts what it predicted where it was written."""
+    if told is None:
+        return True
+    found = _probe(model)
+    if found is None or len(found) != len(told):
+        return False
+    if not all(isinstance(value, float) for value in told):
+        return found == told
+    return bool(np.allclose(found, told, rtol=_PROBE_TOLERANCE, atol=1e-300, equal_nan=True))

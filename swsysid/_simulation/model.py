@@ -1,0 +1,192 @@
+"""A fitted switching system: vector fields, surface, and what can be asked of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._checks.parameters import shown
+from swsysid._data.features import FeatureMap
+from swsysid._data.pieces import pieces
+from swsysid._rendering.printing import check_format, linear_combination, merged, rate, symbol
+from swsysid._results import Array, Trajectory
+
+__all__ = ["AddedTerms", "SwitchingModel", "fitted_system"]
+
+AddedTerms = Callable[[int, int], Iterable[tuple[float, str, float]]]
+
+
+@dataclass(frozen=True)
+class SwitchingModel:
+    """Vector fields C_j Phi(x) and the surface that says which of them is active.
+
+    Its methods `velocity`, `mode`, `surface_values` and `decode` are what a simulation asks.
+
+    Attributes
+    ----------
+    coef : ndarray of shape (n_modes, n_states, n_features_out)
+    feature_map : FeatureMap
+    surface : classifier of the states and inputs
+    discrete_time : bool
+        The targets are next states instead of velocities.
+    """
+
+    coef: Array
+    feature_map: FeatureMap
+    surface: Any
+    discrete_time: bool
+
+    def velocities(self, X: Array) -> Array:
+        """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states)."""
+        return np.matmul(self.feature_map(X), self.coef.transpose(0, 2, 1))
+
+    def modes(self, X: Array) -> NDArray[np.intp]:
+        """The mode that the surface assigns to every sample."""
+        return np.concatenate([self.surface.predict(X[rows]) for rows in pieces(len(X))])
+
+    def mode_probabilities(self, X: Array) -> Array:
+        """Probability of every mode at every sample, 0 or 1 if the surface gives none."""
+        for name in ("class_posterior", "predict_proba"):
+            if hasattr(self.surface, name):
+                return np.asarray(getattr(self.surface, name)(X))
+        return np.eye(len(self.coef))[self.surface.predict(X)]
+
+    def predict(self, X: Array) -> Array:
+        """Velocity of the active mode at every sample, shape (n_samples, n_states)."""
+        active = np.empty((len(X), self.n_states))
+        for rows in pieces(len(X)):
+            some = X[rows]
+            active[rows] = self.velocities(some)[self.surface.predict(some), np.arange(len(some))]
+        return active
+
+    def equations(
+        self,
+        precision: int,
+        style: str,
+        *,
+        states: Sequence[str] | None = None,
+        columns: Sequence[str] | None = None,
+        added: AddedTerms | None = None,
+    ) -> list[str]:
+        """One equation for every mode and state.
+
+        Parameters
+        ----------
+        precision : int
+        style : {"text", "latex"}
+        states, columns : sequence of str, default=None
+            Names of the states and of the columns of X, if they are not those of the fit.
+        added : callable, default=None
+            ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
+        """
+        check_format(style, precision)
+        named = self.feature_map.names_in
+        features = self.feature_map.names(named if columns is None else columns)
+        lines = []
+        for mode, state in product(range(len(self.coef)), range(self.n_states)):
+            row = self.coef[mode, state].tolist()
+            own = zip(row, features, self.feature_map.sizes, strict=True)
+            terms = [*own, *(added(mode, state) if added else ())]
+            coef, names, sizes = merged(terms)
+            law = linear_combination(coef, names, precision=precision, style=style, sizes=sizes)
+            left = self._left_side(state, style, mode, named if states is None else states)
+            lines.append(f"{left} = {law}")
+        return lines
+
+    def surface_equations(
+        self, precision: int, style: str, columns: Sequence[str] | None = None
+    ) -> list[str]:
+        """One equation for every surface, and the modes on its two sides."""
+        if not hasattr(self.surface, "equations"):
+            raise TypeError(
+                f"{type(self.surface).__name__} is a surface without equations; use "
+                "PolynomialSurfaceClassifier as surface to have them."
+            )
+        names = self.feature_map.names_in if columns is None else columns
+        equations = self.surface.equations(precision, style, names)
+        return [
+            equation + _sides(number, self.surface, style)
+            for number, equation in enumerate(equations)
+        ]
+
+    def _left_side(self, state: int, style: str, mode: int, names: Sequence[str]) -> str:
+        name = names[state] if state < len(names) else f"y{state}"
+        where = rf"\text{{mode }} {mode}: \; " if style == "latex" else f"mode {mode}: "
+        return where + (f"{symbol(name, style)}[k+1]" if self.discrete_time else rate(name, style))
+
+    # -- what a simulation asks --------------------------------------------------------------
+
+    @property
+    def n_states(self) -> int:
+        """Number of velocities, which is that of the states."""
+        return self.coef.shape[1]
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of columns of X after the states."""
+        return len(self.feature_map.names_in) - self.n_states
+
+    def named(self, trajectory: Trajectory) -> Trajectory:
+        """The trajectory under the names of the states."""
+        return replace(trajectory, names=tuple(self.feature_map.names_in[: self.n_states]))
+
+    def velocity(self, x: Array, u: Array, mode: int) -> Array:
+        """Velocity (or next state) at one point in one mode."""
+        return self.coef[mode] @ self.feature_map.at(np.concatenate([x, u]))
+
+    def mode(self, x: Array, u: Array) -> int:
+        """Active mode at one point."""
+        if self.has_surface_values:
+            return self.decode(self.surface_values(x, u))
+        return int(self.surface.predict(np.concatenate([x, u])[None, :])[0])
+
+    def surface_values(self, x: Array, u: Array) -> Array:
+        """Values of the surfaces at one point, shape (n_surfaces,)."""
+        return self.surface.surface_values_at(np.concatenate([x, u]))
+
+    def decode(self, values: Array) -> int:
+        """Active mode for given values of the surfaces."""
+        return int(self.surface.decode(values[None, :])[0])
+
+    @property
+    def has_surface_values(self) -> bool:
+        """True if the surface is known as a function, not only as a classifier."""
+        return hasattr(self.surface, "surface_values_at")
+
+
+def _sides(number: int, surface: Any, style: str) -> str:
+    """The modes on the two sides of a surface, in brackets."""
+    listed = [
+        [str(mode) for mode, signs in zip(surface.classes_, surface.mode_book_, strict=True)
+         if signs[number] == sign]
+        for sign in (-1, 1)
+    ]  # fmt: skip
+    name = f"f_{{{number}}}" if style == "latex" else f"f{number}"
+    parts = [
+        f"mode{'s' if len(modes) > 1 else ''} {', '.join(modes)} where "
+        + (f"${name} {relation} 0$" if style == "latex" else f"{name} {relation} 0")
+        for modes, relation in zip(listed, "<>", strict=True)
+    ]
+    told = f"({'; '.join(parts)})"
+    return rf" \quad \text{{{told}}}" if style == "latex" else f"   {told}"
+
+
+def fitted_system(model: Any) -> SwitchingModel:
+    """The switching system of a fitted or a stated model; anything else is refused."""
+    if isinstance(model, type) or not hasattr(model, "coef_"):
+        raise TypeError(
+            f"model={shown(model)} has no coefficients yet; fit it first, or state one with "
+            "StatedModel."
+        )
+    system = getattr(model, "_model", None)
+    if not isinstance(system, SwitchingModel):
+        raise TypeError(
+            f"model={shown(model)} is no switching system; give a fitted SwitchingSystemRegressor "
+            "or a StatedModel."
+        )
+    return system

@@ -1,0 +1,1 @@
+"""Tables of recordings, from the files that loggers write."""

@@ -1,0 +1,116 @@
+"""Named columns with units, as a recording has them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._tables.cells import is_number
+from swsysid._tables.refusal import TableError
+from swsysid._tables.units import unit_of, without_unit
+
+__all__ = ["Table"]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a file, which may differ in length.
+
+    Attributes
+    ----------
+    source : str
+        What the table was read from, for messages.
+    columns : mapping of str to ndarray of shape (n_rows,)
+        Floats, NaN where a value is missing, or text where a cell is not a number.
+    units : mapping of str to str
+        Units by column, from the user or a row of units; the others are read from the names.
+    rows : ndarray of shape (n_rows,) or None
+        The row of the file that each row of the table stands in, counted from 1; None where
+        that is 1, 2, 3, ...
+    remarks : tuple of str
+        What reading had to do or to leave out, in sentences.
+    """
+
+    source: str
+    columns: Mapping[str, NDArray]
+    units: Mapping[str, str]
+    rows: NDArray[np.intp] | None = None
+    remarks: tuple[str, ...] = ()
+
+    def resolve(self, name: str) -> str:
+        """The column called `name`, with or without its bracketed unit and its struct."""
+        if name in self.columns:
+            return name
+        bare = {without_unit(column): column for column in self.columns}
+        fields = [column for column in self.columns if column.endswith(f".{name}")]
+        if name in bare or len(fields) == 1:
+            return bare.get(name, *fields)
+        close = difflib.get_close_matches(name, self.columns, n=1) or [
+            column for column in self.columns if column.lower() == name.lower()
+        ]
+        hint = f" Did you mean {close[0]!r}?" if close else ""
+        raise TableError(
+            f"{self.source} has no column {name!r}.{hint} Its columns are: {self.listing()}."
+        )
+
+    def title(self, name: str) -> str:
+        """A column's name without its bracketed unit, where that still means this column."""
+        bare = without_unit(name)
+        return bare if bare and self.resolve(bare) == self.resolve(name) else name
+
+    def listing(self) -> str:
+        """The names of all columns, for messages."""
+        return ", ".join(self.columns) or "none"
+
+    def unit(self, name: str) -> str:
+        """The unit of a column, "" where unknown."""
+        bare = without_unit(name)
+        return self.units.get(name, self.units.get(bare, unit_of(name)))
+
+    def numbers(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """The columns called `names` side by side, shape (n_rows, n_names)."""
+        columns = {name: self.columns[self.resolve(name)] for name in names}
+        for name, column in columns.items():
+            if column.dtype.kind != "f":
+                raise TableError(self._not_numeric(name, column))
+        self._check_lengths(columns)
+        return np.column_stack(list(columns.values())) if columns else np.empty((0, 0))
+
+    def _not_numeric(self, name: str, column: NDArray) -> str:
+        odd = [k for k, cell in enumerate(column) if cell != "" and not _is_number(cell)]
+        first = odd[0] if odd else 0
+        cell = str(column[first])
+        rare = len(odd) < len(column) / 2
+        hint = (
+            f"if that means a missing value, say --missing {cell!r}" if rare else "choose another"
+        )
+        return (
+            f"Column {name!r} of {self.source} is not numeric: row {self.row(first)} holds "
+            f"{cell!r}; {hint}. Its columns are: {self.listing()}."
+        )
+
+    def row(self, k: int) -> int:
+        """The row of the file that row `k` of the table stands in, counted from 1."""
+        return k + 1 if self.rows is None else int(self.rows[k])
+
+    def labels(self, name: str) -> NDArray:
+        """A column of any type, such as the names of trajectories."""
+        return self.columns[self.resolve(name)]
+
+    def _check_lengths(self, columns) -> None:
+        lengths = {name: len(column) for name, column in columns.items()}
+        if len(set(lengths.values())) > 1:
+            found = ", ".join(f"{name} has {length}" for name, length in lengths.items())
+            raise TableError(
+                f"The columns of {self.source} chosen here differ in length: {found} rows; "
+                "choose columns of one recording."
+            )
+
+
+def _is_number(cell: object) -> bool:
+    text = str(cell)
+    return is_number(text) or is_number(text, ",")

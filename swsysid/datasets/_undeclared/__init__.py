@@ -1,0 +1,1 @@
+"""Plants with effects in them that the declared model lacks."""

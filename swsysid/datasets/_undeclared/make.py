@@ -1,0 +1,286 @@
+"""Plants with effects in them that the declared model lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from sklearn.utils import Bunch
+
+from swsysid._checks import parameters
+from swsysid._checks.parameters import one_of, random_numbers, real, whole
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import Array
+from swsysid.datasets._undeclared.kinds import KINDS
+from swsysid.datasets._undeclared.plants import PLANTS
+from swsysid.datasets._undeclared.records import Plant, PlantedEffect
+from swsysid.datasets._undeclared.simulation import (
+    Run,
+    excite,
+    reference_run,
+    run,
+    signal_channels,
+    start,
+)
+from swsysid.datasets._undeclared.sizing import Sizing
+
+__all__ = ["make_undeclared", "undeclared_kinds"]
+
+_GAP = 10  # samples from the end of a trajectory to the begin of the next
+_GROSS = 5.0  # standard deviations
+_MOST_SAMPLES = 10**8  # gigabytes
+
+
+def undeclared_kinds(system: str = "oscillator") -> tuple[str, ...]:
+    """Kinds of effects that `make_undeclared` can plant in a system.
+
+    Parameters
+    ----------
+    system : {"oscillator", "quartic", "two_mass", "pendulum", "tanks", "discrete"}
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> from swsysid.datasets import undeclared_kinds
+    >>> "overflow" in undeclared_kinds("tanks"), "overflow" in undeclared_kinds("pendulum")
+    (True, False)
+    """
+    return _plant(system).kinds
+
+
+def make_undeclared(
+    effect: str | Sequence[str] | None = None,
+    *,
+    system: str = "oscillator",
+    n_samples: int = 2000,
+    n_trajectories: int = 8,
+    noise: float = 0.02,
+    noise_kind: str = "gaussian",
+    outliers: float = 0.0,
+    mode: int | None = None,
+    magnitude: float = 1.0,
+    target: int | None = None,
+    random_state=None,
+) -> Bunch:
+    """Data of a plant with an effect in it, and a declared model that lacks the effect.
+
+    The plant's input `u` is a multisine with random steps, known at the samples, linear between
+    them (``input_hold="linear"``) and constant before the first sample of each trajectory;
+    filter and play of an actuator start in equilibrium there. A lagging state sensor shows the
+    first state until the state's own history reaches it. Trajectories are recorded one after
+    another, on one clock, those of `test` in turn with the others. Velocities are the true law
+    at the recorded instant; friction at rest is not treated apart: the velocity then chatters
+    about zero. X and the true parameters do not depend on `noise` and `outliers`, nor do inputs
+    and initial states depend on the effect.
+
+    Parameters
+    ----------
+    effect : str, sequence of str or None, default=None
+        Kinds of effects, of those in `undeclared_kinds`; None is the declared system itself.
+    system : {"oscillator", "quartic", "two_mass", "pendulum", "tanks", "discrete"}
+    n_samples : int, default=2000
+        Number of rows of all trajectories together; `test` has as many.
+    n_trajectories : int, default=8
+    noise : float, default=0.02
+        Scale of the noise on each column of Xdot, relative to that column's standard deviation.
+    noise_kind : {"gaussian", "student"}, default="gaussian"
+        ``"student"`` is t-distributed with 3 degrees of freedom and the same scale (its
+        standard deviation is the square root of 3 times as large).
+    outliers : float, default=0.0
+        Fraction of the rows of Xdot to which gross errors are added: Gaussian with five times
+        the standard deviation of each column.
+    mode : int or None, default=None
+        Mode in which the effect acts; None is all. For terms of the law and for actuators.
+    magnitude : float, default=1.0
+        With 1 the effect contributes 20 to 30 % of the standard deviation of the velocity it
+        acts in (in the mode it acts in), as far as its parameter can reach that.
+    target : int or None, default=None
+        State equation in which it acts, or state that is recorded wrongly; None: a natural one.
+    random_state : int, RandomState or None, default=None
+
+    Returns
+    -------
+    Bunch
+        ``X`` (n_samples, n_states + 1), states then the input, as recorded; ``Xdot`` (next
+        states for ``system="discrete"``) and ``Xdot_clean``; ``is_outlier``; ``t`` in s;
+        ``groups``; ``signals`` (n_samples, 3) for `input_coupling`, else None; the true
+        ``modes``, and ``declared_modes``, those of the declared guard at the true states;
+        ``structure`` (n_samples, n_true_features), the features of the true law at every row:
+        the declared ones at true states and received inputs, then those of the effects, zero in
+        a mode where they do not act. Least squares of Xdot on them, mode by mode, is the
+        oracle. ``effects``, a tuple of `PlantedEffect`; ``estimator``, the declared model,
+        unfitted; ``system``, ``feature_names``, ``target_names``, ``time_step``,
+        ``description``; and ``test``, a Bunch of fresh trajectories of the same plant with all
+        that is an array here.
+
+    Examples
+    --------
+    >>> from swsysid.datasets import make_undeclared
+    >>> data = make_undeclared("coulomb_friction", random_state=0)
+    >>> data.X.shape, data.effects[0].kind, data.effects[0].target
+    ((2000, 3), 'coulomb_friction', 1)
+    >>> data.estimator.fit(data.X, data.Xdot).n_modes_
+    2
+    """
+    plant = _plant(system)
+    kinds = _kinds(effect)
+    _check_sizes(n_samples, n_trajectories, noise, noise_kind, outliers, magnitude)
+    targets = [_target(plant, kind, mode, target) for kind in kinds]
+    if len(set(kinds)) < len(kinds):
+        raise ValueError(f"effect={effect!r} names a kind twice; name each once.")
+    # the three streams keep X the same whatever the effect's size and the noise
+    streams = random_numbers(random_state).randint(2**31 - 1, size=3)
+    runs_rng, effects_rng, noise_rng = (np.random.RandomState(seed) for seed in streams)
+    clock = _clock(plant, n_samples, n_trajectories)
+    planted = []
+    for kind, place in zip(kinds, targets, strict=True):
+        sizing = Sizing(
+            reference_run(system), effects_rng, magnitude, place, mode, float(clock.max())
+        )
+        planted.append(KINDS[kind].make(sizing))
+    u, signals, done = _campaign(plant, [one.mechanism for one in planted], clock, runs_rng)
+    shown = "input_coupling" in kinds
+    disturb = dict(noise=noise, noise_kind=noise_kind, outliers=outliers, rng=noise_rng)
+    parts = []
+    for first in (0, 1):  # every other trajectory is for the test
+        rows, groups = _rows(n_samples, n_trajectories, first)
+        part = _part(plant, done, rows, groups, disturb)
+        part.update(X=np.column_stack([part.pop("recorded"), u[rows]]), t=clock[rows])
+        part.signals = signals[rows] if shown else None
+        parts.append(part)
+    data, data.test = parts
+    data.update(
+        system=system,
+        effects=tuple(
+            PlantedEffect(kind, place, mode, one.channel, dict(one.parameters))
+            for kind, place, one in zip(kinds, targets, planted, strict=True)
+        ),
+        estimator=SwitchingSystemRegressor(
+            n_modes=plant.n_modes,
+            feature_library=plant.library,
+            discrete_time=plant.discrete,
+            random_state=0,
+        ),
+        feature_names=plant.columns,
+        target_names=[f"{name}{'+' if plant.discrete else chr(39)}" for name in plant.states],
+        time_step=plant.time_step,
+        input_hold="linear",
+        description=_describe(plant),
+    )
+    return data
+
+
+def _describe(plant: Plant) -> str:
+    hold = "known" if plant.discrete else "linear between samples"
+    return (
+        f"{plant.description} Samples every {plant.time_step:g} s; the input is a multisine with "
+        f"random steps, {hold}, and constant before the first sample of a trajectory."
+    )
+
+
+# -- trajectories ------------------------------------------------------------------------------
+
+
+def _clock(plant: Plant, n_samples: int, n_trajectories: int) -> Array:
+    """Times of all trajectories, shape (n_times, 2 * n_trajectories)."""
+    n_times = -(-n_samples // n_trajectories)
+    begins = (n_times + _GAP) * np.arange(2 * n_trajectories)
+    return plant.time_step * np.add.outer(np.arange(n_times, dtype=float), begins)
+
+
+def _campaign(plant: Plant, mechanisms, clock: Array, rng) -> tuple[Array, Array, Run]:
+    u = excite(plant.drive, clock.shape, rng)
+    signals = signal_channels(plant.drive, clock.shape, rng)
+    x0 = start(plant, clock.shape[1], rng)
+    return u, signals, run(plant, mechanisms, x0, u, clock, signals)
+
+
+def _rows(n_samples: int, n_trajectories: int, first: int):
+    """Places (time, trajectory) of the rows of one part; the last trajectories may be shorter."""
+    groups = np.arange(n_samples) * n_trajectories // n_samples
+    times = np.concatenate([np.arange(n) for n in np.bincount(groups)])
+    return (times, 2 * groups + first), groups
+
+
+def _part(plant: Plant, done: Run, rows, groups, disturb) -> Bunch:
+    clean = done.velocities[rows]
+    Xdot, is_outlier = _disturbed(clean, **disturb)
+    return Bunch(
+        recorded=done.recorded[rows],
+        Xdot=Xdot,
+        Xdot_clean=clean,
+        is_outlier=is_outlier,
+        groups=groups,
+        modes=done.modes[rows],
+        declared_modes=plant.modes(done.x[rows]),
+        structure=done.structure[rows],
+    )
+
+
+def _disturbed(clean: Array, *, noise: float, noise_kind: str, outliers: float, rng):
+    spread = clean.std(axis=0)
+    draw = {"gaussian": rng.standard_normal, "student": lambda size: rng.standard_t(3, size)}
+    disturbance = noise * spread * draw[noise_kind](clean.shape)
+    hit = np.zeros(len(clean), dtype=bool)
+    hit[rng.permutation(len(clean))[: round(outliers * len(clean))]] = True
+    gross = _GROSS * spread * rng.standard_normal(clean.shape)
+    return clean + disturbance + np.where(hit[:, np.newaxis], gross, 0.0), hit
+
+
+# -- refusals ----------------------------------------------------------------------------------
+
+
+def _plant(system: str) -> Plant:
+    return PLANTS[one_of("system", system, PLANTS)]
+
+
+def _kinds(effect: Any) -> tuple[str, ...]:
+    """Kinds of effects, as names."""
+    if effect is None or isinstance(effect, str):
+        return () if effect is None else (effect,)
+    listed = isinstance(effect, Sequence)
+    if not listed or not all(isinstance(kind, str) for kind in effect):
+        raise TypeError(
+            f"effect={parameters.shown(effect)} must be None, a name or a list of names."
+        )
+    return tuple(effect)
+
+
+def _target(plant: Plant, kind: str, mode: int | None, target: int | None) -> int:
+    if kind not in plant.kinds:
+        raise ValueError(
+            f"effect {kind!r} does not exist on {plant.name!r}; choose from "
+            f"{', '.join(plant.kinds)}."
+        )
+    known = KINDS[kind]
+    whole("mode", mode, least=0, also=(None,))
+    whole("target", target, least=0, also=(None,))
+    if mode is not None and not known.in_one_mode:
+        raise ValueError(f"effect {kind!r} has no mode of its own; leave mode=None.")
+    if mode is not None and mode not in range(plant.n_modes):
+        raise ValueError(
+            f"mode={parameters.shown(mode)} does not exist on {plant.name!r}; give a number below "
+            f"{plant.n_modes}."
+        )
+    natural = plant.natural.get(kind, plant.target)
+    if target is not None and target not in known.targets(plant):
+        allowed = ", ".join(map(str, known.targets(plant)))
+        raise ValueError(
+            f"effect {kind!r} on {plant.name!r} cannot have "
+            f"target={parameters.shown(target)}; choose from {allowed}."
+        )
+    return natural if target is None else target
+
+
+def _check_sizes(n_samples, n_trajectories, noise, noise_kind, outliers, magnitude):
+    whole("n_trajectories", n_trajectories)
+    if whole("n_samples", n_samples, most=_MOST_SAMPLES) < 2 * n_trajectories:
+        raise ValueError("give at least one trajectory, and two samples for each.")
+    real("noise", noise, least=0)
+    real("outliers", outliers, least=0, most=1)
+    one_of("noise_kind", noise_kind, ("gaussian", "student"))
+    real("magnitude", magnitude, above=0)

@@ -1,0 +1,150 @@
+"""What a plant of `make_undeclared` is, and what is said about an effect planted in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from swsysid._data.features import FunctionLibrary
+from swsysid._results import Array
+
+__all__ = ["Drive", "Equation", "Plant", "PlantedEffect", "Region"]
+
+
+@dataclass(frozen=True)
+class PlantedEffect:
+    """One effect that the plant has and the declared model lacks, with its true values.
+
+    Attributes
+    ----------
+    kind : str
+    target : int
+        State equation it acts in; for `sensor_offset` and `clock_lag` the state that is
+        recorded wrongly, for `reset` the state that jumps, for `guard_hysteresis` the equation
+        in which the modes differ most.
+    mode : int or None
+        Mode in which it acts; None is all of them.
+    channel : int or None
+        Column of X that it is a function of, or of `signals` for `input_coupling`.
+    parameters : dict
+        True values by their physical names.
+    """
+
+    kind: str
+    target: int
+    mode: int | None
+    channel: int | None
+    parameters: Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class Equation:
+    """Columns of X that an effect in one state equation is a function of."""
+
+    position: int
+    rate: int
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Input: a multisine and random steps around a centre, within limits."""
+
+    centre: float
+    size: float
+    limits: tuple[float, float]
+    periods: tuple[float, float]  # of the multisine, in samples
+    hold: float  # mean length of a step, in samples
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where an extra mode rules: the outermost part of `score` inside the mode `base`.
+
+    Its law is that of `base` with another coefficient of `feature` in `target`.
+    """
+
+    score: Callable[[Array], Array]
+    base: int
+    target: int
+    feature: int
+    sign: float
+    share: float  # of all samples
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A switching system with one input: the declared law, and what an effect has to know.
+
+    The declared law is ``coef[mode] @ features(x, u)``, in mode 1 where `guard` is positive.
+    """
+
+    name: str
+    description: str
+    states: tuple[str, ...]
+    coef: Array  # (n_modes, n_states, n_features)
+    start: Array  # initial states are uniform in [-start, start] around `rest`
+    rest: Array
+    drive: Drive
+    time_step: float
+    substeps: int
+    equations: Mapping[int, Equation]
+    target: int
+    powers: tuple[tuple[int, int], ...]  # of position and rate, one is drawn for `polynomial`
+    region: Region
+    kinds: tuple[str, ...]
+    guard: Callable[[Array], Array] | None = None
+    functions: tuple[Callable, ...] | None = None  # of all columns; None: the columns
+    names: tuple[str, ...] | None = None
+    discrete: bool = False
+    sign: float = 0.0  # of level-like effects; 0: either
+    jump: float = 1.0  # direction of the crossing at which `reset` acts
+    natural: Mapping[str, int] = field(default_factory=dict)  # targets that are not `target`
+
+    @property
+    def n_states(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def n_modes(self) -> int:
+        """Number of declared modes."""
+        return len(self.coef)
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns of X."""
+        return [*self.states, "u"]
+
+    @property
+    def library(self):
+        """The declared feature library, as the estimator takes it."""
+        if self.functions is None:
+            return None
+        return FunctionLibrary(list(self.functions), list(self.names or ()))
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Equations in which the input acts, by its feature, the last one."""
+        return tuple(np.flatnonzero(np.abs(self.coef[:, :, -1]).max(axis=0)))
+
+    def features(self, x: Array, u: Array) -> list[Array]:
+        """Columns of the declared features at states (..., n_states) and inputs (...)."""
+        columns = [*np.moveaxis(x, -1, 0), u]
+        if self.functions is None:
+            return columns
+        return [function(*columns) for function in self.functions]
+
+    def modes(self, x: Array, before=None, half_width: float = 0.0):
+        """Mode at every state; with memory if the guard has a width and `before` is given."""
+        if self.guard is None:
+            return np.zeros(x.shape[:-1], dtype=np.intp)
+        # a mode 1 that was is kept down to -half_width, a mode 0 up to +half_width
+        level = 0.0 if before is None else np.where(before == 1, -half_width, half_width)
+        return (self.guard(x) > level).astype(np.intp)
+
+    def velocities(self, x: Array, u: Array, modes) -> Array:
+        """Declared velocities, shape (..., n_states)."""
+        features = np.stack(self.features(x, u), axis=-1)
+        return np.einsum("...sf,...f->...s", self.coef[modes], features)

@@ -1,0 +1,30 @@
+"""What a fitted model leaves over, and what the leftover depends on."""
+
+from swsysid._effect_search.data import EffectData, TrajectoryError
+from swsysid._effect_search.report import EffectReport
+from swsysid._effect_search.rollouts import Rollout
+from swsysid._effect_search.search import EffectSearchCV
+from swsysid._residual_report.noise_floor import NoiseFloor, noise_floor
+from swsysid._residual_report.records import Finding, Peak, Size, Whiteness
+from swsysid._residual_report.report import ReportData, ResidualReport
+from swsysid._residual_report.residuals import residual_report
+from swsysid._residual_report.whiteness import WhitenessTest, whiteness_test
+
+__all__ = [
+    "EffectData",
+    "EffectReport",
+    "EffectSearchCV",
+    "Finding",
+    "NoiseFloor",
+    "Peak",
+    "ReportData",
+    "ResidualReport",
+    "Rollout",
+    "Size",
+    "TrajectoryError",
+    "Whiteness",
+    "WhitenessTest",
+    "noise_floor",
+    "residual_report",
+    "whiteness_test",
+]

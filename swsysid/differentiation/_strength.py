@@ -1,0 +1,255 @@
+r"""How strongly to smooth: the window or the cut-off with the least error of the derivative.
+
+A smoother with derivative kernel :math:`d_w` has variance :math:`\sigma^2\|d_w\|^2`, known once
+the noise :math:`\sigma` is; its bias is estimated by how far it departs from every weaker smoother
+beyond what noise explains (Goldenshluger and Lepski, Annals of Statistics 39, 2011). Both are
+means over the rows of all trajectories, so that their order does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._checks.parameters import shown
+from swsysid.differentiation._smoothing import (
+    Array,
+    Smoother,
+    TooShortError,
+    external,
+    local_polynomial,
+    low_pass,
+)
+
+__all__ = ["Strength", "strengths", "strongest"]
+
+# Each about 1.4 times the one before it.
+WINDOWS = (
+    *(7, 9, 11, 15, 21, 29, 41, 57, 81, 115, 163, 231, 327, 463, 655, 927, 1311, 1855, 2623),
+    *(3711, 5247, 7419, 10493),
+)
+CUTOFFS = (0.4, 0.28, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125)  # of the rate
+ROWS = 50_000  # that decide; more of them would say the same
+STRETCH = 1_000  # rows of one trajectory that decide side by side
+# Noise explains a departure up to this over the root of the number of rows, relative to it: the
+# estimated variance of the noise and the departure itself are uncertain by about five.
+DOUBT = 10.0
+LOST = 0.25  # of the rows, which the ends of a window may cost
+
+Part = tuple[Array, Array]  # measured columns and times of one trajectory
+
+
+@dataclass(frozen=True)
+class Strength:
+    """A smoother and the number that says how strong it is.
+
+    Attributes
+    ----------
+    smoother : callable
+    window : int or None
+        Samples of a local polynomial.
+    cutoff : float or None
+        Of a low-pass, in the inverse unit of the times.
+    """
+
+    smoother: Smoother
+    window: int | None = None
+    cutoff: float | None = None
+
+
+def strengths(
+    method: str | object,
+    times: Sequence[Array],
+    window: int | None,
+    degree: int,
+    cutoff: float | None,
+    decimate: int,
+    may_drop: bool,
+) -> list[Strength]:
+    """The smoothers to choose from, weak to strong; one where the user chose.
+
+    Parameters
+    ----------
+    method, window, degree, cutoff, decimate
+        Of `differentiate`.
+    times : sequence of ndarray
+        Of each trajectory.
+    may_drop : bool
+        Whether trajectories that are shorter than a window may be left out.
+
+    Raises
+    ------
+    ValueError
+        If the method is unknown.
+    """
+    if callable(method) and not isinstance(method, type):
+        return [Strength(external(method))]
+    if isinstance(method, str) and method == "finite_difference":
+        # The parabola through three neighbours: central differences, correct on uneven times.
+        return [Strength(local_polynomial(3, 2))]
+    lengths = np.array([len(t) for t in times])
+    if isinstance(method, str) and method == "savitzky_golay":
+        least = max(degree + 2, 2 * decimate + 1)
+        windows = [w for w in WINDOWS if w >= least and _is_affordable(w, lengths, may_drop)]
+        smallest = min((w for w in WINDOWS if w >= least), default=least + 1 - least % 2)
+        chosen = [window] if window else windows or [smallest]
+        return [Strength(local_polynomial(w, degree), window=w) for w in chosen]
+    if isinstance(method, str) and method == "butterworth":
+        rate = 1.0 / _usual_step(times)
+        affordable = [
+            c for c in CUTOFFS if c <= 0.5 / decimate and _is_affordable(8.0 / c, lengths, may_drop)
+        ]
+        cutoffs = [c * rate for c in affordable] or [0.4 * rate / decimate]
+        return [Strength(low_pass(c), cutoff=c) for c in ([cutoff] if cutoff else cutoffs)]
+    raise ValueError(
+        f"method={shown(method)} is unknown; choose savitzky_golay, butterworth, "
+        "finite_difference, or pass a PySINDy differentiator."
+    )
+
+
+def _is_affordable(window: float, lengths: NDArray[np.intp], may_drop: bool) -> bool:
+    """Whether the ends of a window cost few enough rows, of short trajectories all of them."""
+    if not may_drop:
+        return bool(window <= LOST * lengths.min())
+    return bool(np.minimum(lengths, window).sum() <= LOST * lengths.sum())
+
+
+def _usual_step(times: Sequence[Array]) -> float:
+    steps = np.concatenate([np.diff(t) for t in times])
+    return float(np.median(steps)) if len(steps) else 1.0
+
+
+# --- the least risk ---------------------------------------------------------------------------
+
+
+def strongest(
+    candidates: Sequence[Strength], parts: Sequence[Part], noises: Sequence[Array], order: int
+) -> Strength:
+    """The smoother, from weak to strong, with the least estimated error of the derivative.
+
+    Each trajectory has a noise of its own, of shape (n_columns,).
+    """
+    if len(candidates) < 2:
+        return candidates[0]
+    smoothers = [candidate.smoother for candidate in candidates]
+    totals = _Totals.empty(len(smoothers), parts[0][0].shape[1])
+    for (x, t, rows), noise in zip(_deciding(parts), noises, strict=True):
+        totals.add(smoothers, x, t, rows, noise**2, order)
+    risks = totals.risks()
+    return candidates[int(np.nanargmin(risks))] if np.isfinite(risks).any() else candidates[0]
+
+
+def _deciding(parts: Sequence[Part]) -> Iterator[tuple[Array, Array, NDArray[np.intp]]]:
+    """Each trajectory with the rows of it that decide: all, or stretches spread over it."""
+    share = min(1.0, ROWS / sum(len(t) for _, t in parts))
+    for x, t in parts:
+        n_stretches = int(np.ceil(share * len(t) / STRETCH))
+        stretches = np.array_split(np.arange(len(t)), n_stretches)
+        yield x, t, np.concatenate([_middle(rows, share) for rows in stretches])
+
+
+def _middle(rows: NDArray[np.intp], share: float) -> NDArray[np.intp]:
+    """The middle part of some rows; the first ones of a trajectory are trimmed by long windows."""
+    count = int(np.ceil(share * len(rows)))
+    start = (len(rows) - count) // 2
+    return rows[start : start + count]
+
+
+@dataclass
+class _Totals:
+    """Sums over trajectories, for each smoother k and each pair (k, j) with a weaker one.
+
+    Attributes
+    ----------
+    rows : ndarray of shape (n_smoothers, n_smoothers)
+        Rows at which both estimates exist.
+    departures : ndarray of shape (n_smoothers, n_smoothers, n_columns)
+        Squared differences of the estimates.
+    explained : ndarray of shape (n_smoothers, n_smoothers, n_columns)
+        What noise alone would make of them.
+    variances : ndarray of shape (n_smoothers, n_columns)
+        Of the estimates under this noise.
+    squares : ndarray of shape (n_smoothers, n_columns)
+        Of the estimates.
+    """
+
+    rows: Array
+    departures: Array
+    explained: Array
+    variances: Array
+    squares: Array
+
+    @classmethod
+    def empty(cls, n: int, n_columns: int) -> _Totals:
+        """Nothing added yet."""
+        return cls(
+            np.zeros((n, n)),
+            np.zeros((n, n, n_columns)),
+            np.zeros((n, n, n_columns)),
+            np.zeros((n, n_columns)),
+            np.zeros((n, n_columns)),
+        )
+
+    def add(self, smoothers, x: Array, t: Array, rows, variance: Array, order) -> None:
+        """Add a trajectory; smoothers that do not fit into it have no part."""
+        estimates, trims = [], []
+        for smoother in smoothers:
+            try:
+                estimate, trim = _derivative(smoother, x, t, rows, order)
+            except TooShortError:
+                break  # stronger ones do not fit either
+            estimates.append(estimate)
+            trims.append(trim)
+        if not estimates:
+            return
+        kernels = _kernels(smoothers[: len(estimates)], t, max(trims), order)
+        for k, estimate in enumerate(estimates):
+            present = np.isfinite(estimate[:, 0])
+            weight = present.sum() * variance
+            self.rows[k, k] += present.sum()
+            self.variances[k] += weight * np.sum(kernels[k] ** 2)
+            self.squares[k] += np.sum(estimate[present] ** 2, axis=0)
+            for j in range(k):
+                self.rows[k, j] += present.sum()
+                self.departures[k, j] += np.sum((estimate - estimates[j])[present] ** 2, axis=0)
+                self.explained[k, j] += weight * np.sum((kernels[k] - kernels[j]) ** 2)
+
+    def risks(self) -> Array:
+        """Squared bias plus variance of each smoother, columns in units of their own size."""
+        counts = np.diag(self.rows)
+        last = np.flatnonzero(counts)[-1] if counts.any() else 0
+        size = self.squares[last] / max(counts[last], 1.0)
+        weight = 1.0 / np.where(size > 0, size, 1.0)
+        risks = np.full(len(counts), np.nan)
+        for k in np.flatnonzero(counts):
+            bias = np.zeros_like(size)
+            for j in range(k):
+                allowed = 1.0 + DOUBT / np.sqrt(self.rows[k, j])
+                excess = self.departures[k, j] - allowed * self.explained[k, j]
+                bias = np.maximum(bias, excess / self.rows[k, j])
+            risks[k] = weight @ (bias + self.variances[k] / counts[k])
+        return risks
+
+
+def _derivative(smoother, x, t, rows, order) -> tuple[Array, int]:
+    """Derivative of order `order` at `rows`, NaN where trimmed."""
+    jets, trim = smoother(x, t, rows)
+    padded = np.full((len(rows), x.shape[1]), np.nan)
+    padded[(rows >= trim) & (rows < len(t) - trim)] = jets[order]
+    return padded, trim
+
+
+def _kernels(smoothers, t, trim: int, order: int) -> list[Array]:
+    """Weights of the samples around the middle of an even grid with the steps of `t`."""
+    length = min(len(t), 4 * trim + 3)
+    impulse = np.zeros((length, 1))
+    impulse[length // 2] = 1.0
+    even = (t[-1] - t[0]) / (len(t) - 1) * np.arange(length)
+    rows = np.arange(length)
+    return [
+        np.nan_to_num(_derivative(smoother, impulse, even, rows, order)[0])
+        for smoother in smoothers
+    ]

@@ -1,0 +1,22 @@
+"""Displays in scikit-learn's manner: ``from_estimator`` computes, ``plot`` draws."""
+
+from swsysid._displays.convergence import ConvergenceDisplay
+from swsysid._displays.residual import ResidualDisplay
+from swsysid._displays.residual_report import ResidualReportDisplay
+from swsysid._displays.rollout import RolloutDisplay
+from swsysid._displays.style import PALETTE, STYLE
+from swsysid._displays.surface import SwitchingSurfaceDisplay
+from swsysid._displays.timeline import ModeTimelineDisplay
+from swsysid._effect_search.display import EffectReportDisplay
+
+__all__ = [
+    "PALETTE",
+    "STYLE",
+    "ConvergenceDisplay",
+    "EffectReportDisplay",
+    "ModeTimelineDisplay",
+    "ResidualDisplay",
+    "ResidualReportDisplay",
+    "RolloutDisplay",
+    "SwitchingSurfaceDisplay",
+]

@@ -1,0 +1,302 @@
+"""`refine` and `initial_states`: what a user calls, and the result that it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swsysid._checks.parameters import flag, one_of, verbosity, whole
+from swsysid._rendering.progress import progress
+from swsysid._results import Array, Status
+from swsysid.refinement._estimation import Estimation
+from swsysid.refinement._losses import LOSSES
+from swsysid.refinement._stated import ParametricLibrary, StatedModel, StatedSurface
+
+__all__ = [
+    "ParametricLibrary",
+    "RefinementResult",
+    "StatedModel",
+    "StatedSurface",
+    "initial_states",
+    "refine",
+]
+
+
+@dataclass(frozen=True)
+class RefinementResult:
+    """A refined model, and what the rollouts say about it.
+
+    Attributes
+    ----------
+    model : like the model given
+        A copy with the refined parameters; labels of its training samples are not touched.
+    names : list of str
+        Names of the free parameters: coefficients, named parameters, surface coefficients.
+    values : ndarray of shape (n_parameters,)
+        Their estimates.
+    covariance : ndarray of shape (n_parameters, n_parameters)
+        Covariance of the estimates, with the initial states eliminated; residuals may be
+        correlated over neighbouring samples (Newey and West's estimate).
+    coef_standard_errors : ndarray of the shape of the coefficients
+        0 where a coefficient is fixed.
+    initial_states : ndarray of shape (n_trajectories, n_states)
+    cost_before, cost_after : float
+        Half the sum of the losses of the whole rollouts on the training data.
+    rmse_before, rmse_after : ndarrays of shape (n_trajectories, n_outputs)
+        Root mean square errors of the whole rollouts, in the units of the channels; infinite
+        where a rollout diverges.
+    nfev : int
+        Number of batched integrations, without those of the Jacobians.
+    segment_length, substeps : int
+        Number of samples in a segment, and of integration steps between two samples.
+    status : Status
+    advice : str
+        What to do about it.
+    """
+
+    model: Any
+    names: list[str]
+    values: Array
+    covariance: Array
+    coef_standard_errors: Array
+    initial_states: Array
+    cost_before: float
+    cost_after: float
+    rmse_before: Array
+    rmse_after: Array
+    nfev: int
+    segment_length: int
+    substeps: int
+    status: Status
+    advice: str
+
+    @property
+    def standard_errors(self) -> Array:
+        """Standard errors of `values`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def improved(self) -> bool:
+        """True if the rollouts became better; otherwise `model` is the one that was given."""
+        return self.cost_after < self.cost_before
+
+    def summary(self) -> str:
+        """The parameters with their standard errors, and the errors before and after."""
+        width = max(len(name) for name in [*self.names, "parameter"])
+        lines = [f"{'parameter':<{width}}  {'value':>12}  {'std. error':>12}"]
+        for name, value, error in zip(self.names, self.values, self.standard_errors, strict=True):
+            lines.append(f"{name:<{width}}  {value:>12.5g}  {error:>12.2g}")
+        for k, (before, after) in enumerate(zip(self.rmse_before, self.rmse_after, strict=True)):
+            pairs = ", ".join(f"{b:.4g} -> {a:.4g}" for b, a in zip(before, after, strict=True))
+            lines.append(f"rollout error of trajectory {k}: {pairs}")
+        return "\n".join([*lines, self.advice])
+
+
+def refine(
+    model: Any,
+    trajectories: Any,
+    *,
+    observed: Any = None,
+    initial_states: ArrayLike | Mapping[str, float] | None = None,
+    segment_length: int | None = None,
+    loss: str = "linear",
+    fit_surface: bool = False,
+    free: ArrayLike | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    noise: ArrayLike | None = None,
+    input_hold: str = "zero",
+    joined: bool = True,
+    max_nfev: int = 100,
+    verbose: int = 0,
+) -> RefinementResult:
+    """Improve the parameters of a model on the error of its rollouts.
+
+    Parameters
+    ----------
+    model : SwitchingSystemRegressor or StatedModel
+        Where to start. Coefficients that are zero stay zero.
+    trajectories : dict, Trajectory, or list of them
+        A dict has ``t``, ``x`` (the measured channels; NaN where a value is missing), ``inputs``
+        if the model has any, and perhaps ``groups`` that name separate trajectories; the
+        recordings of `swsysid.datasets` are such dicts.
+    observed : sequence of str or int, default=None
+        States that the columns of ``x`` measure; the others are hidden. None means all, or the
+        output of a `StatedModel`.
+    initial_states : dict, array of shape (n_states,) or (n_trajectories, n_states), default=None
+        Guess of the states at the first times, above all of hidden ones. By default measured
+        states start as measured and hidden ones at 0.
+    segment_length : int, default=None
+        Number of samples in a segment. None takes a thirty-second of the data, or less where the
+        start diverges. The length of the longest trajectory means single shooting.
+    loss : {"linear", "soft_l1", "huber", "cauchy"}, default="linear"
+        Loss of the squared residuals; all but ``"linear"`` discount outliers.
+    fit_surface : bool, default=False
+        Refine the coefficients of the surface too.
+    free : array-like of bool, default=None
+        Coefficients that may change, of the shape of ``coef_``; None means those of a
+        `StatedModel`, or all that are not zero.
+    bounds : dict of str to (low, high), default=None
+        Bounds of named parameters.
+    noise : array-like of shape (n_outputs,), default=None
+        Standard deviations that weigh the channels against each other; None means those of the
+        measured channels themselves.
+    input_hold : {"zero", "linear"}, default="zero"
+        Inputs between the samples.
+    joined : bool, default=True
+        False leaves the segments apart, each with an initial state of its own: for chaotic
+        systems, whose long rollouts mean nothing.
+    max_nfev : int, default=100
+        Largest number of batched integrations.
+    verbose : int, default=0
+        1 shows a bar of the integrations on standard error.
+
+    Returns
+    -------
+    RefinementResult
+        Never worse than the start on the rollouts of the training data.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the arguments make no sense; the message says what to do.
+
+    Examples
+    --------
+    A decay of which two samples a time constant are measured:
+
+    >>> import numpy as np
+    >>> from swsysid.refinement import StatedModel, refine
+    >>> t = np.linspace(0.0, 3.0, 7)
+    >>> result = refine(StatedModel(None, [[-0.5]], states=["x"]), {"t": t, "x": np.exp(-2.0 * t)})
+    >>> round(float(result.values[0]), 4)
+    -2.0
+    """
+    _check(loss, input_hold, max_nfev, segment_length)
+    flag("fit_surface", fit_surface)
+    flag("joined", joined)
+    with progress(max_nfev, "integrations", bool(verbosity(verbose))) as bar:
+        estimation = Estimation(
+            model,
+            trajectories,
+            observed=observed,
+            initial_states=initial_states,
+            segment_length=segment_length,
+            loss=loss,
+            fit_surface=fit_surface,
+            free=free,
+            bounds={} if bounds is None else bounds,
+            noise=noise,
+            linear=input_hold == "linear",
+            frozen=False,
+            integrated=bar.update,
+        )
+        found = estimation.solve(joined, max_nfev)
+    parameters = estimation.parameters
+    covariance = estimation.covariance(found)
+    undetermined = _undetermined(parameters.names, covariance)
+    return RefinementResult(
+        model=parameters.apply(found.vector),
+        names=parameters.names,
+        values=found.vector,
+        covariance=covariance,
+        coef_standard_errors=parameters.spread(np.sqrt(np.diag(covariance))),
+        initial_states=found.starts,
+        cost_before=found.cost_before,
+        cost_after=found.cost_after,
+        rmse_before=found.rmse_before,
+        rmse_after=found.rmse_after,
+        nfev=found.nfev,
+        segment_length=estimation.length,
+        substeps=estimation.substeps,
+        status=found.status,
+        advice=_advice(found, undetermined),
+    )
+
+
+def initial_states(
+    model: Any,
+    trajectories: Any,
+    *,
+    observed: Any = None,
+    guess: ArrayLike | Mapping[str, float] | None = None,
+    loss: str = "linear",
+    noise: ArrayLike | None = None,
+    input_hold: str = "zero",
+    max_nfev: int = 100,
+) -> Array:
+    """States from which the rollouts of a model fit the beginning of trajectories best.
+
+    A free run on new data needs the state at its first time, hidden states included: give the
+    first few samples.
+
+    Parameters
+    ----------
+    model, trajectories, observed, loss, noise, input_hold, max_nfev
+        As in `refine`; no parameter of the model changes.
+    guess : dict, array of shape (n_states,) or (n_trajectories, n_states), default=None
+        As `initial_states` of `refine`.
+
+    Returns
+    -------
+    ndarray of shape (n_trajectories, n_states)
+
+    Examples
+    --------
+    Position is measured, velocity is not:
+
+    >>> import numpy as np
+    >>> from swsysid.refinement import StatedModel, initial_states
+    >>> model = StatedModel(None, [[0.0, 1.0], [-1.0, 0.0]], states=["q", "v"])
+    >>> t = np.linspace(0.0, 0.5, 6)
+    >>> initial_states(model, {"t": t, "x": np.sin(t)}, observed=["q"]).round(4) + 0.0
+    array([[0., 1.]])
+    """
+    _check(loss, input_hold, max_nfev, None)
+    estimation = Estimation(
+        model,
+        trajectories,
+        observed=observed,
+        initial_states=guess,
+        segment_length=None,
+        loss=loss,
+        fit_surface=False,
+        free=None,
+        bounds={},
+        noise=noise,
+        linear=input_hold == "linear",
+        frozen=True,
+    )
+    return estimation.initial_states(max_nfev)
+
+
+def _check(loss, input_hold, max_nfev, segment_length) -> None:
+    one_of("loss", loss, LOSSES)
+    one_of("input_hold", input_hold, ("zero", "linear"))
+    whole("max_nfev", max_nfev)
+    whole("segment_length", segment_length, also=(None,))
+
+
+def _undetermined(names: list[str], covariance: Array) -> list[str]:
+    """Parameters about which the data say nothing."""
+    infinite: NDArray[np.bool_] = ~np.isfinite(np.diag(covariance))
+    return [name for name, unknown in zip(names, infinite, strict=True) if unknown]
+
+
+def _advice(found, undetermined: list[str]) -> str:
+    if undetermined:
+        return (
+            f"The data do not determine {', '.join(undetermined)}; fix them by free, or measure "
+            "where they matter."
+        )
+    if not found.cost_after < found.cost_before:
+        return (
+            "No progress: the rollouts of the start are the best found, and it is returned "
+            "unchanged; try another start, a shorter segment_length, or more terms."
+        )
+    if found.status is Status.ITERATION_LIMIT:
+        return "Still improving when max_nfev was reached; increase it."
+    return "Converged; nothing to do."

@@ -1,0 +1,109 @@
+"""One configuration file, its promises, and the rule that promised data may not be missed."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import swsysid
+
+ROOT = Path(__file__).parents[2]
+CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+def test_the_version_stands_once():
+    assert swsysid.__version__ == CONFIG["project"]["version"]
+
+
+def test_every_dependency_says_why():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    for requirement in CONFIG["project"]["dependencies"]:
+        assert re.search(rf'"{re.escape(requirement)}",\s+# \w+', text), requirement
+
+
+def test_extras():
+    assert {"plot", "dask", "test", "docs", "bench"} <= set(
+        CONFIG["project"]["optional-dependencies"]
+    )
+
+
+def test_no_other_configuration_file():
+    others = ("setup.py", "setup.cfg", "pytest.ini", "tox.ini", "mypy.ini", "ruff.toml", ".flake8")
+    assert not [name for name in others if (ROOT / name).exists()]
+
+
+def test_the_package_is_typed():
+    assert (Path(swsysid.__file__).parent / "py.typed").exists()
+    assert "py.typed" in CONFIG["tool"]["setuptools"]["package-data"]["swsysid"]
+
+
+def test_every_public_name_exists():
+    assert len(set(swsysid.__all__)) == len(swsysid.__all__)
+    for name in swsysid.__all__:
+        assert hasattr(swsysid, name) and name in dir(swsysid), name
+    with pytest.raises(AttributeError, match="module 'swsysid' has no attribute 'Nothing'"):
+        _ = swsysid.Nothing
+
+
+def test_the_package_loads_names_when_they_are_asked_for():
+    script = (
+        "import sys, swsysid; assert 'sklearn' not in sys.modules; "
+        "model = swsysid.SwitchingSystemRegressor(); "
+        "print(swsysid.metrics.mode_accuracy.__name__, 'sklearn' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout.strip() == "mode_accuracy True", done.stderr
+
+
+def test_the_changelog_knows_this_version():
+    assert f"## {swsysid.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_ci_fails_when_a_step_fails(tmp_path):
+    """A copy of the script beside a Makefile that fails must fail too."""
+    (tmp_path / ".ci").mkdir()
+    script = tmp_path / ".ci" / "run"
+    script.write_bytes((ROOT / ".ci" / "run").read_bytes())
+    script.chmod(0o755)
+    targets = ("docs-offline", "lint", "test")
+    for broken, code in (*((target, 2) for target in targets), ("nothing", 0)):
+        rules = (f"{t}:\n\t{'false' if t == broken else 'true'}\n" for t in targets)
+        makefile = f".PHONY: {' '.join(targets)}\n" + "".join(rules)
+        (tmp_path / "Makefile").write_text(makefile, "utf-8")
+        assert subprocess.run([script], capture_output=True).returncode == code
+
+
+@pytest.mark.parametrize(
+    ("data", "body", "outcome"),
+    [
+        (None, "@pytest.mark.measured\ndef test(): pytest.skip('no copy')", "1 skipped"),
+        ("/", "@pytest.mark.measured\ndef test(): pytest.skip('no copy')", "1 failed"),
+        ("/", "def test(): pytest.skip('set SWSYSID_DATA')", "1 failed"),
+        (
+            "/",
+            "@pytest.fixture\ndef data(): pytest.skip('set SWSYSID_DATA')\ndef test(data): pass",
+            "1 error",
+        ),
+        ("/", "def test(): pytest.skip('another reason')", "1 skipped"),
+    ],
+)
+def test_promised_data_may_not_be_missed(tmp_path, data, body, outcome):
+    conftest = (ROOT / "tests" / "conftest.py").read_text(encoding="utf-8")
+    (tmp_path / "conftest.py").write_text(conftest, encoding="utf-8")
+    (tmp_path / "test_it.py").write_text(f"import pytest\n{body}\n", encoding="utf-8")
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = measured: data\n", encoding="utf-8")
+    environment = {key: value for key, value in os.environ.items() if key != "SWSYSID_DATA"}
+    if data:
+        environment["SWSYSID_DATA"] = data
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert outcome in done.stdout, done.stdout

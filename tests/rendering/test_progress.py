@@ -1,0 +1,51 @@
+"""Bars of progress go to standard error, only where asked for, and end full."""
+
+import numpy as np
+import pytest
+
+from swsysid import EffectSearchCV, SwitchingSystemRegressor
+from swsysid._rendering.progress import progress
+from swsysid.effects import CoulombFriction
+from swsysid.refinement import StatedModel, refine
+
+T = np.linspace(0.0, 3.0, 7)
+DECAY = {"t": T, "x": np.exp(-2.0 * T)}
+
+
+def _last(written):
+    """What a terminal shows at the end of each bar."""
+    return [line.split("\r")[-1] for line in written.split("\n") if line]
+
+
+@pytest.mark.parametrize("most", [10, None])
+def test_a_bar_ends_full_when_the_work_ends_early(most, capsys):
+    with progress(most, "rounds", verbose=True) as bar:
+        bar.update(3)
+    (shown,) = _last(capsys.readouterr().err)
+    assert shown.startswith("rounds: 100%") and "3/3" in shown
+
+
+def test_refine_shows_its_integrations(capsys):
+    model = StatedModel(None, [[-0.5]], states=["x"])
+    silent = refine(model, DECAY)
+    assert capsys.readouterr().err == ""
+    told = refine(model, DECAY, verbose=1)
+    (shown,) = _last(capsys.readouterr().err)
+    assert shown.startswith("integrations: 100%") and f"{told.nfev}/{told.nfev}" in shown
+    np.testing.assert_array_equal(told.values, silent.values)
+
+
+def test_a_wrong_verbosity_is_refused():
+    with pytest.raises(ValueError, match="verbose"):
+        refine(StatedModel(None, [[-0.5]], states=["x"]), DECAY, verbose=-1)
+
+
+def test_the_bar_of_a_search_that_finds_less_ends_full(capsys):
+    X = np.random.default_rng(0).uniform(-2, 2, (300, 2))
+    y = X[:, 1] - X[:, 0] - 0.8 * np.sign(X[:, 0])
+    y += 0.01 * np.random.default_rng(1).standard_normal(300)
+    plain = SwitchingSystemRegressor(n_modes=1, feature_library=1)
+    search = EffectSearchCV(plain, effects=[CoulombFriction()], cv=3, random_state=0, verbose=1)
+    search.fit(X, y)
+    ends = [line for line in _last(capsys.readouterr().err) if line.startswith("rounds")]
+    assert ends and all("100%" in line for line in ends)
