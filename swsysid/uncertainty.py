@@ -18,12 +18,13 @@ from swsysid._checks.estimators import known_rows, known_velocities
 from swsysid._checks.parameters import MOST_RESAMPLES, jobs, random_numbers, real, verbosity, whole
 from swsysid._data.rows import CanonicalRows
 from swsysid._identification.alternation import alternate
-from swsysid._identification.problem import fit_weighted, one_hot
+from swsysid._identification.problem import one_hot
 from swsysid._identification.scale import calibrate
 from swsysid._identification.setup import build_problem, trajectory_codes
 from swsysid._losses.losses import get_loss
 from swsysid._results import Array
 from swsysid._simulation.model import fitted_system
+from swsysid._surfaces.surface import fit_weighted, mode_book_of
 
 __all__ = ["BootstrapResult", "bootstrap"]
 
@@ -286,7 +287,7 @@ def _refuse_other_samples(estimator: Any, X: Array, targets: Array) -> None:
 
 def _with_its_choices(surface: Any) -> Any:
     """An unfitted copy with the mode-book of the fitted surface."""
-    book = getattr(surface, "mode_book_", None)
+    book = mode_book_of(surface)
     if book is None:
         return clone(surface)
     # A book with zeros cannot be given; that of pairs is the only one.

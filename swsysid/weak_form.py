@@ -37,6 +37,7 @@ from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 from swsysid._simulation.model import fitted_system
+from swsysid._surfaces.surface import decisions_of
 from swsysid.differentiation import estimate_noise
 
 __all__ = ["WeakForm", "weak_form", "weak_refit"]
@@ -258,9 +259,8 @@ def _switch_fractions(surface: Any, X: Array, modes: NDArray) -> Array:
     fraction = np.ones(len(X) - 1)
     cells = np.flatnonzero(modes[1:] != modes[:-1])
     fraction[cells] = 0.5
-    if len(cells) and hasattr(surface, "decision_function"):
-        given = np.asarray(surface.decision_function(X))
-        decided = given if given.ndim == 2 else np.column_stack([-given, given])
+    decided = decisions_of(surface, X) if len(cells) else None
+    if decided is not None:
         column = np.searchsorted(surface.classes_, modes)
         old, new = column[cells], column[cells + 1]
         before = decided[cells, old] - decided[cells, new]

@@ -19,6 +19,7 @@ from swsysid._displays.style import (
     named_as_predicted,
     resolve_column,
 )
+from swsysid._surfaces.surface import gives_values, mode_book_of
 
 __all__ = ["SwitchingSurfaceDisplay"]
 
@@ -235,8 +236,8 @@ def _plane(X, columns, grid):
 def _level_functions(estimator, points, regions):
     surface = getattr(estimator, "surface_", estimator)
     # a surface between two of several modes is an edge only where no third mode is active
-    of_pairs = not np.all(getattr(surface, "mode_book_", True))
-    if hasattr(surface, "surface_values") and not of_pairs:
+    book = mode_book_of(surface)
+    if gives_values(surface) and (book is None or book.all()):
         values = surface.surface_values(in_fitted_form(surface, points))
         return _as_levels(values, regions.shape)
     # no formula to draw: the edges of each predicted region but one

@@ -12,8 +12,8 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.rows import CanonicalRows
 from swsysid._data.sources import Rows
 from swsysid._identification.identify import Identification
-from swsysid._identification.problem import fit_weighted
 from swsysid._results import Array, IterationRecord
+from swsysid._surfaces.surface import fit_weighted
 
 __all__ = ["Answer", "answer_of_all"]
 

@@ -9,6 +9,7 @@ import numpy as np
 from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.scale import calibrate, weighted_median
 from swsysid._results import Array
+from swsysid._surfaces.surface import solves_margin_program
 
 __all__ = ["log_densities", "tell_likelihood"]
 
@@ -48,6 +49,6 @@ def tell_likelihood(surface: Any, problem: SwitchingProblem, coef: Array, modes:
     continuously, a sample has the mode that the surface gave it: it is no evidence for this
     surface.
     """
-    if problem.n_modes > 1 and hasattr(surface, "use_likelihood"):
+    if problem.n_modes > 1 and solves_margin_program(surface):
         problem = calibrate(problem, coef, modes)
         surface.use_likelihood(problem.coordinates, log_densities(problem, coef), problem.weight)

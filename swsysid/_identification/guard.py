@@ -12,9 +12,10 @@ from sklearn.base import clone
 from sklearn.model_selection import StratifiedKFold
 
 from swsysid._data.rows import spread_rows
-from swsysid._identification.problem import Modes, SwitchingProblem, fit_weighted, offers_penalty
+from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.scale import calibrate
 from swsysid._results import Array
+from swsysid._surfaces.surface import fit_weighted, offers_penalty
 
 __all__ = ["GuardCheck", "check_guard"]
 

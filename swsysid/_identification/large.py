@@ -17,13 +17,14 @@ from swsysid._identification.answer import Answer
 from swsysid._identification.identify import Identification, Search
 from swsysid._identification.passes import Pass, PassResult
 from swsysid._identification.polish import Polished, polish
-from swsysid._identification.problem import Modes, SwitchingProblem, fit_weighted, one_hot
+from swsysid._identification.problem import Modes, SwitchingProblem, one_hot
 from swsysid._identification.reach import Sampled, rows_to_know
 from swsysid._identification.scale import may_discard
 from swsysid._losses.summaries import Reach
 from swsysid._rendering.progress import progress
 from swsysid._results import Array
 from swsysid._surfaces.fitted import FittedSurfaces
+from swsysid._surfaces.surface import fit_weighted, solves_margin_program
 
 __all__ = ["IDENTIFIED", "WHOLE", "drawn_rows", "fit_all_rows"]
 
@@ -108,7 +109,7 @@ class _Start:
     def look(self, feature_map: FeatureMap, sampled: Sampled) -> Pass:
         """The first pass."""
         problem, surface = self.problem, None
-        if problem.n_modes > 1 and hasattr(self.surface, "fitted_surfaces"):
+        if problem.n_modes > 1 and solves_margin_program(self.surface):
             surface = self.surface.fitted_surfaces
         elif problem.coupling:
             surface = self.surface

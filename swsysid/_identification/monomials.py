@@ -19,12 +19,11 @@ from swsysid._identification.evidence import log_densities
 from swsysid._identification.problem import (
     Modes,
     SwitchingProblem,
-    fit_weighted,
-    offers_relevance,
     one_hot,
 )
 from swsysid._results import Array
 from swsysid._surfaces.relevance import Relevance, feature_relevance
+from swsysid._surfaces.surface import fit_weighted, solves_margin_program, takes_relevance
 
 __all__ = ["SurfaceCandidate", "SurfaceChoice", "choose_monomials", "surface_candidates"]
 
@@ -83,7 +82,7 @@ def choose_monomials(
     one.
     """
     surface = best.surface
-    if surface is None or not offers_relevance(problem.surface):
+    if not (solves_margin_program(surface) and takes_relevance(problem.surface)):
         return problem, best, None
     if not 1 <= surface.mode_book_.shape[1] <= _MOST_SURFACES:
         return problem, best, None
@@ -127,7 +126,7 @@ def surface_candidates(
 
 
 def _n_monomials(surface: Any) -> int | None:
-    return int(np.count_nonzero(surface.coef_)) if hasattr(surface, "mode_book_") else None
+    return int(np.count_nonzero(surface.coef_)) if solves_margin_program(surface) else None
 
 
 def _sides(problem: SwitchingProblem, surface, density: Array, column: int) -> tuple[Array, Array]:

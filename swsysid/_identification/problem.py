@@ -25,19 +25,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
-from sklearn.utils.validation import has_fit_parameter
 
 from swsysid._losses.losses import Loss
 from swsysid._results import Array, Assignment
+from swsysid._surfaces.surface import CoupledClassifier, fit_weighted, mode_book_of
 from swsysid.relaxations._base import Relaxation, one_hot
 
 __all__ = [
     "CoupledSurface",
     "Modes",
     "SwitchingProblem",
-    "fit_weighted",
-    "offers_penalty",
-    "offers_relevance",
     "one_hot",
 ]
 
@@ -46,27 +43,6 @@ Modes = NDArray[np.intp]
 # The mode-book is chosen anew when more than this share of the weight has changed its mode.
 # Another book must gain more than rounding errors.
 _ANOTHER_BOOK, _GAIN = 0.02, 1e-9
-
-
-def offers_penalty(surface: Any) -> bool:
-    """True if a classifier can say what disagreeing with it costs."""
-    return hasattr(surface, "mode_penalty")
-
-
-def offers_relevance(surface: Any) -> bool:
-    """True if a classifier can be told which features matter, and was not told.
-
-    One that is not to standardise is the paper's program to the letter.
-    """
-    return getattr(surface, "relevance", ()) is None and surface.standardize
-
-
-def fit_weighted(classifier: Any, X: Array, modes: Modes, weight: Array, start: Any = None) -> Any:
-    """Fit a classifier, with weights if it takes them, from a fitted one if it can start there."""
-    options = {"sample_weight": weight} if has_fit_parameter(classifier, "sample_weight") else {}
-    if start is not None and has_fit_parameter(classifier, "start"):
-        options["start"] = start
-    return classifier.fit(X, modes, **options)
 
 
 @dataclass(frozen=True)
@@ -82,7 +58,7 @@ class CoupledSurface:
         The modes for which its mode-book was chosen.
     """
 
-    classifier: Any
+    classifier: CoupledClassifier
     penalty: Array
     book_modes: Modes
 
@@ -244,7 +220,7 @@ class SwitchingProblem:
         """Measured minus modelled velocities, shape (n_samples, n_states)."""
         return self.targets - self.velocities(coef)[modes, np.arange(len(modes))]
 
-    def penalty(self, surface: Any) -> Array:
+    def penalty(self, surface: CoupledClassifier) -> Array:
         """Slack of every sample in every mode, shape (n_samples, n_modes).
 
         A mode unknown to the surface, because it had no samples, costs as much as the dearest.
@@ -285,7 +261,7 @@ class SwitchingProblem:
 
     def _fit_surface(self, modes, book_modes, start=None) -> CoupledSurface:
         """A surface fitted to the modes with the book of `start`, or one chosen for the modes."""
-        surface, book = clone(self.surface), getattr(start, "mode_book_", None)
+        surface, book = clone(self.surface), mode_book_of(start)
         if book is None or not np.array_equal(np.unique(modes), start.classes_):
             book_modes = modes
         else:

@@ -30,8 +30,9 @@ from swsysid._data.rows import CanonicalRows
 from swsysid._data.sampling import Sample
 from swsysid._data.sources import RowBlocks, holds_blocks, row_blocks
 from swsysid._identification.identify import Search
-from swsysid._identification.problem import SwitchingProblem, offers_penalty
+from swsysid._identification.problem import SwitchingProblem
 from swsysid._losses.losses import get_loss
+from swsysid._surfaces.surface import is_classifier, offers_penalty, option
 from swsysid.relaxations import get_relaxation
 
 __all__ = [
@@ -67,11 +68,9 @@ def check_parameters(estimator: Any) -> None:
     get_relaxation(estimator.relaxation)
     if isinstance(estimator.init, str):
         one_of("init", estimator.init, ("auto", "random"))
-    surface = estimator.surface
-    usable = hasattr(surface, "fit") and hasattr(surface, "predict")
-    if surface is not None and (isinstance(surface, type) or not usable):
+    if estimator.surface is not None and not is_classifier(estimator.surface):
         raise TypeError(
-            f"surface={shown(surface)} is not a classifier; it must have fit and predict."
+            f"surface={shown(estimator.surface)} is not a classifier; it must have fit and predict."
         )
 
 
@@ -81,7 +80,7 @@ def build_problem(estimator: Any, rows: CanonicalRows, feature_map: FeatureMap) 
     if estimator.n_modes != "auto":  # of more modes than rows the others are dropped
         whole("n_modes", min(estimator.n_modes, len(X)), most=MOST_MODES)
     surface = PolynomialSurfaceClassifier() if estimator.surface is None else estimator.surface
-    if getattr(surface, "random_state", 0) is None:
+    if option(surface, "random_state", 0) is None:
         # Left to itself the search for mode-books would draw from numpy's global state.
         surface = clone(surface).set_params(random_state=0)
     relaxation = get_relaxation(estimator.relaxation)
@@ -111,7 +110,7 @@ def build_search(estimator: Any, rows: CanonicalRows, sample: Sample | None = No
         max_iter=estimator.max_iter,
         tol=estimator.tol,
         sparsity=estimator.sparsity,
-        gate_degree=getattr(estimator.surface, "degree", 2),
+        gate_degree=option(estimator.surface, "degree", 2),
         max_modes=estimator.max_modes,
         trajectory=rows.arrays[2],
         n_jobs=estimator.n_jobs,
@@ -163,7 +162,7 @@ def _resolve_coupling(coupling: float | str, surface: Any) -> float:
 
 
 def _margin(surface: Any) -> float:
-    margin = getattr(surface, "margin", "auto")
+    margin = option(surface, "margin", "auto")
     return _USUAL_MARGIN if isinstance(margin, str) else margin
 
 

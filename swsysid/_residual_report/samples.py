@@ -13,6 +13,7 @@ from sklearn.exceptions import NotFittedError
 from swsysid._checks.arrays import column, labels, numbers, refuse_vanishing, table
 from swsysid._pipelines import switching_step
 from swsysid._results import Array
+from swsysid._surfaces.surface import decisions_of, gives_values
 
 __all__ = ["ResidualSamples", "collect", "rows_of_modes"]
 
@@ -213,16 +214,15 @@ def _nearness(model: Any, X: Any, columns: Array) -> tuple[Array | None, str]:
 
 def _distance(surface: Any, X: Array) -> Array | None:
     """Distance of each row in the units of the surface, empty if there is no surface."""
-    if hasattr(surface, "surface_values"):
+    if gives_values(surface):
         values = np.abs(np.asarray(surface.surface_values(X), dtype=float).reshape(len(X), -1))
         if not values.shape[1]:
             return np.empty(0)
         typical = np.median(values, axis=0)
         return np.asarray((values / np.where(typical > 0.0, typical, 1.0)).min(axis=1))
-    if not hasattr(surface, "decision_function"):
+    decided = decisions_of(surface, X)
+    if decided is None:
         return None
-    values = np.asarray(surface.decision_function(X), dtype=float)
-    if values.ndim == 1:
-        return np.abs(values)
-    best = np.sort(values, axis=1)
-    return np.asarray(best[:, -1] - best[:, -2])
+    best = np.sort(decided, axis=1)
+    lead = best[:, -1] - best[:, -2]
+    return np.asarray(lead if decided.shape[1] > 2 else 0.5 * lead)

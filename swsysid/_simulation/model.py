@@ -15,6 +15,7 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.pieces import pieces
 from swsysid._rendering.printing import check_format, linear_combination, merged, rate, symbol
 from swsysid._results import Array, Trajectory
+from swsysid._surfaces.surface import locates_events, probabilities_of
 
 __all__ = ["AddedTerms", "SwitchingModel", "fitted_system"]
 
@@ -51,10 +52,7 @@ class SwitchingModel:
 
     def mode_probabilities(self, X: Array) -> Array:
         """Probability of every mode at every sample, 0 or 1 if the surface gives none."""
-        for name in ("class_posterior", "predict_proba"):
-            if hasattr(self.surface, name):
-                return np.asarray(getattr(self.surface, name)(X))
-        return np.eye(len(self.coef))[self.surface.predict(X)]
+        return probabilities_of(self.surface, X, len(self.coef))
 
     def predict(self, X: Array) -> Array:
         """Velocity of the active mode at every sample, shape (n_samples, n_states)."""
@@ -156,7 +154,7 @@ class SwitchingModel:
     @property
     def has_surface_values(self) -> bool:
         """True if the surface is known as a function, not only as a classifier."""
-        return hasattr(self.surface, "surface_values_at")
+        return locates_events(self.surface)
 
 
 def _sides(number: int, surface: Any, style: str) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._surfaces.mode_books import decisions
+from swsysid._surfaces.surface import decisions_of
 
 __all__ = ["Maps", "ParameterSets", "RowSystem", "has_linear_surface", "named_parameters"]
 
@@ -74,10 +75,8 @@ class Maps:
             values = np.einsum("rlf,rf->rl", coef, self.surface_features(X))
             scaled = values / surface._surface_scale
             decided[:, surface.classes_] = decisions(scaled, surface.mode_book_)
-        elif hasattr(surface, "decision_function"):
-            given = np.asarray(surface.decision_function(X), dtype=float)
-            columns = given if given.ndim == 2 else np.column_stack([-given, given])
-            decided[:, surface.classes_] = columns
+        elif (given := decisions_of(surface, X)) is not None:
+            decided[:, surface.classes_] = given
         else:
             decided[:] = 0.0
             decided[np.arange(n_rows), surface.predict(X)] = 1.0
