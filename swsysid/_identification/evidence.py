@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from swsysid._identification.problem import Modes, SwitchingProblem
-from swsysid._identification.scale import calibrate, weighted_median
+from swsysid._identification.scale import calibrate
+from swsysid._noise import weighted_quantile
 from swsysid._results import Array
 from swsysid._surfaces.surface import solves_margin_program
 
@@ -26,8 +27,8 @@ def log_densities(problem: SwitchingProblem, coef: Array) -> Array:
     single sample can say.
     """
     deviation = problem.scale * np.log(2.0) / _GAUSSIAN_MEDIAN
-    middle = weighted_median(problem.targets, problem.weight)
-    typical = weighted_median(np.abs(problem.targets - middle), problem.weight)
+    middle = weighted_quantile(problem.targets, problem.weight, 0.5, axis=0)
+    typical = weighted_quantile(np.abs(problem.targets - middle), problem.weight, 0.5, axis=0)
     breadth = np.maximum(_BREADTH * typical / _GAUSSIAN_MEDIAN, deviation)
     inside = np.stack(
         [_gaussian(problem.targets - velocity, deviation) for velocity in problem.velocities(coef)],

@@ -9,8 +9,9 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._noise import weighted_quantile
 from swsysid._results import Array
-from swsysid._seeding.designs import centre_and_scale, monomials, weighted_quantile, whiten
+from swsysid._seeding.designs import centre_and_scale, monomials, whiten
 from swsysid._seeding.experts import Samples, single_model
 from swsysid._seeding.seeding import Preparation, Seed, held_out_residuals, seed_modes
 from swsysid._seeding.starts import some_rows, split_labels

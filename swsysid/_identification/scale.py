@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._noise import weighted_quantile
 from swsysid._results import Array
 
-__all__ = ["OUTLYING", "calibrate", "may_discard", "weighted_median"]
+__all__ = ["OUTLYING", "calibrate", "may_discard"]
 
 # Residuals beyond this many scales belong to no mode ...
 OUTLYING = 10.0
@@ -29,9 +30,11 @@ def calibrate(problem: SwitchingProblem, coef: Array, modes: Modes) -> Switching
     scaled l1 loss is a negative log-likelihood in nats.
     """
     size = _sizes(problem, coef, modes)
-    spread = np.abs(problem.targets - weighted_median(problem.targets, problem.weight)).max(axis=0)
+    spread = np.abs(
+        problem.targets - weighted_quantile(problem.targets, problem.weight, 0.5, axis=0)
+    ).max(axis=0)
     floor = _SCALE_FLOOR * np.where(spread > 0, spread, 1.0)
-    scale = np.maximum(weighted_median(size, problem.weight) / np.log(2.0), floor)
+    scale = np.maximum(weighted_quantile(size, problem.weight, 0.5, axis=0) / np.log(2.0), floor)
     problem = replace(problem, scale=scale)
     outlying = (size / scale).max(axis=1) > OUTLYING
     return replace(problem, outlying=outlying & may_discard(problem, coef, modes)[modes])
@@ -51,14 +54,3 @@ def _sizes(problem: SwitchingProblem, coef: Array, modes: Modes) -> Array:
     if not problem.loss.separable:
         size = np.repeat(size.mean(axis=1, keepdims=True), size.shape[1], axis=1)
     return size
-
-
-def weighted_median(values: Array, weight: Array) -> Array:
-    """Smallest value with at least half of the weight at or below it, column by column."""
-    if (weight == weight[0]).all():  # no need to sort: a selection is linear in the rows
-        middle = (len(values) + 1) // 2 - 1
-        return np.partition(values, middle, axis=0)[middle]
-    order = values.argsort(axis=0, kind="stable")
-    reached = np.cumsum(weight[order], axis=0) >= 0.5 * weight.sum()
-    rows = np.take_along_axis(order, reached.argmax(axis=0)[None, :], axis=0)[0]
-    return values[rows, np.arange(values.shape[1])]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._noise import robust_scale
 from swsysid._results import Array
 
 __all__ = ["sparse_support"]
@@ -66,7 +67,7 @@ class _Refit:
         gram = (design * self.weight[:, None]).T @ design
         residual = np.abs(self.targets[:, state] - self.design @ coef)
         residual = np.sort(np.repeat(residual, _counts(self.weight)))
-        sigma = 1.4826 * np.median(residual[min(len(coef[kept]), len(residual) - 1) :])
+        sigma = robust_scale(residual[min(len(coef[kept]), len(residual) - 1) :])
         size = np.sqrt(np.average(design**2, axis=0, weights=self.weight))
         velocity = np.sqrt(np.average(self.targets[:, state] ** 2, weights=self.weight))
         variance = sigma**2 * np.diag(np.linalg.pinv(gram, hermitian=True))

@@ -11,6 +11,7 @@ from sklearn.neighbors import NearestNeighbors
 
 from swsysid._checks.arrays import column, labels, refuse_vanishing, table
 from swsysid._data.rows import spread_rows
+from swsysid._noise import robust_scale
 from swsysid._results import Array
 
 __all__ = ["NoiseFloor", "clipped_size", "noise_floor"]
@@ -98,7 +99,7 @@ def clipped_size(values: Array) -> float:
 
     The factor makes it the standard deviation of Gaussian values, which lose 8 % of their variance.
     """
-    limit = _REACH * 1.4826 * np.median(np.abs(values))
+    limit = _REACH * robust_scale(values)
     if limit == 0.0:  # more than half of them are zero
         return float(np.sqrt(np.square(values).mean()))
     inside = 1.0 - 2.0 * norm.sf(_REACH) - 2.0 * _REACH * norm.pdf(_REACH)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._noise import robust_scale
 from swsysid._results import Array
 
 __all__ = ["block_length", "correlation_length", "max_statistic", "rearrangements", "robust_clip"]
@@ -22,7 +23,7 @@ _LONGEST_LAG = 400
 def robust_clip(values: Array, reach: float = 4.0) -> Array:
     """`values` about their median, cut off at `reach` robust standard deviations."""
     middle = np.median(values)
-    spread = 1.4826 * np.median(np.abs(values - middle))
+    spread = robust_scale(values - middle)
     if spread == 0.0:  # more than half of them are equal
         spread = np.abs(values - middle).mean()
     clipped = np.clip(values - middle, -reach * spread, reach * spread)

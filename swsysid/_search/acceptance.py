@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
+from swsysid._noise import exact_below
 from swsysid._results import Array
 from swsysid._search.joint_fit import JointFit
-from swsysid._search.robust import exact_below
 from swsysid._search.workshop import TIE, Finding, Structure, Workshop
 
 __all__ = ["Acceptance"]

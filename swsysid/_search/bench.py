@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
+from swsysid._noise import exact_below, robust_weights
 from swsysid._results import Array
 from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, corrected
 from swsysid._search.regression import Regression
-from swsysid._search.robust import exact_below, robust_weights
 from swsysid._search.trials import Bench
 
 __all__ = ["bench_of"]

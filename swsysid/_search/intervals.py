@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._data.records import Records
+from swsysid._noise import STUDENT
 from swsysid._results import Array
 from swsysid._search.bench import bench_of
 from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, corrected
-from swsysid._search.robust import influence
 
 __all__ = ["linearised", "parameter_intervals", "term_covariances"]
 
@@ -117,7 +117,7 @@ def _covariance(regression, features: Array, columns: Array, errors: Array) -> A
     size = np.linalg.norm(design, axis=0)
     size[size == 0.0] = 1.0
     used = 1.0 * (regression.weight > 0.0)
-    scaled, (weight, slope) = design / size, influence(errors)
+    scaled, (weight, slope) = design / size, STUDENT.influence(errors)
     weight *= used
     # the mean of the slopes: single ones are negative where outliers are
     slope_here = weight * (used @ slope / max(used @ weight, 1e-300))

@@ -20,10 +20,10 @@ from swsysid._data.records import Records
 from swsysid._data.rows import CanonicalRows, canonical_rows
 from swsysid._identification.identify import identify
 from swsysid._identification.setup import build_problem, build_search
+from swsysid._noise import robust_regression
 from swsysid._pipelines import switching_step, with_parameters
 from swsysid._results import Array, GuardWarning, IdentificationWarning, MisfitWarning
 from swsysid._search.lending import loans
-from swsysid._search.robust import robust_regression
 from swsysid._search.trials import PlacedEffect
 
 __all__ = [

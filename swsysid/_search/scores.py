@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from swsysid._data.records import Records
+from swsysid._noise import STUDENT, exact_below, robust_weights
 from swsysid._results import Array
 from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, corrected
 from swsysid._search.regression import Regression, Solution
-from swsysid._search.robust import exact_below, robust_weights, scale_of, t_cost
 
 __all__ = ["held_out_cost", "unseen_cost"]
 
@@ -33,7 +33,7 @@ def held_out_cost(
     """Negative log likelihood of every row, from regressions that have not seen it."""
     errors = _errors_by_mode(fit, records, rows, targets, folds)
     own = errors[fit.modes, np.arange(len(rows))]
-    cost = t_cost(errors, scale_of(own, exact_below(targets))).sum(axis=2)
+    cost = STUDENT.cost(errors, STUDENT.scale(own, exact_below(targets))).sum(axis=2)
     with np.errstate(divide="ignore"):
         prior = np.log(_mode_probabilities(fit, records, rows)).T
     return -logsumexp(prior - cost, axis=0)
@@ -48,8 +48,8 @@ def unseen_cost(
     """
     velocities = fit.mode_velocities(records)
     (rows, targets), (new_rows, new_targets) = seen, unseen
-    scale = scale_of(targets - velocities[fit.modes, rows], exact_below(targets))
-    cost = t_cost(new_targets - velocities[:, new_rows], scale).sum(axis=2)
+    scale = STUDENT.scale(targets - velocities[fit.modes, rows], exact_below(targets))
+    cost = STUDENT.cost(new_targets - velocities[:, new_rows], scale).sum(axis=2)
     prior = np.log(_surface_probabilities(fit, records, new_rows)).T
     return -logsumexp(prior - cost, axis=0)
 

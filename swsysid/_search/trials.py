@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._data.records import Records
+from swsysid._noise import STUDENT, exact_below, robust_scale, robust_weights
 from swsysid._results import Array
 from swsysid._search.regression import COLLINEAR, Background, Regression
-from swsysid._search.robust import exact_below, negative_log_likelihood, robust_weights
 
 __all__ = ["Bench", "PlacedEffect", "Trial"]
 
@@ -193,7 +193,7 @@ class Bench:
         fields = self.fit.mode_velocities(seen)
         errors = self.regression.targets - fields
         chosen = np.take_along_axis(errors, self.regression.modes[None, :, None], axis=0)[0]
-        scale = 1.4826 * np.median(np.abs(chosen), axis=0) + 1e-300
+        scale = robust_scale(chosen) + 1e-300
         return np.argmin(np.sum((errors / scale) ** 2, axis=2), axis=0)
 
     def misfit(self, records: Records) -> float:
@@ -206,7 +206,8 @@ class Bench:
         )
         floor = exact_below(problem.targets)
         again = replace(other, weight=robust_weights(other.background(None).left_over, floor))
-        return float(negative_log_likelihood(again.background(None).left_over, floor).sum())
+        left = again.background(None).left_over
+        return float(STUDENT.cost(left, STUDENT.scale(left, floor)).sum())
 
     @property
     def n_targets(self) -> int:

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._data.records import Records
+from swsysid._noise import exact_below, robust_scale
 from swsysid._pipelines import switching_step
 from swsysid._results import Array
 from swsysid._search.bench import bench_of
 from swsysid._search.folds import Folds
 from swsysid._search.joint_fit import JointFit, fit_jointly
-from swsysid._search.robust import exact_below
 from swsysid._search.scan import refined
 from swsysid._search.scores import held_out_cost, unseen_cost
 from swsysid._search.trials import Bench, PlacedEffect, Trial
@@ -123,7 +123,7 @@ class Workshop:
         """
         errors = np.abs(self._errors(fit))
         usual = errors if like is None else np.abs(self._errors(like))
-        size = np.maximum(1.4826 * np.median(usual, axis=0), exact_below(self.targets))
+        size = np.maximum(robust_scale(usual), exact_below(self.targets))
         return np.mean(np.minimum(errors, _GROSS * size) ** 2, axis=0)
 
     def _errors(self, fit: JointFit) -> Array:

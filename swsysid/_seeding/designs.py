@@ -21,7 +21,6 @@ __all__ = [
     "WhitenedRows",
     "centre_and_scale",
     "monomials",
-    "weighted_quantile",
     "whiten",
 ]
 
@@ -150,19 +149,3 @@ def centre_and_scale(values: Array, weights: Array) -> tuple[Array, Array]:
     size[constant] = 1.0
     deviation = size * np.sqrt(share @ np.square((values - mean) / size))
     return mean, np.where(constant, 1.0, deviation)
-
-
-def weighted_quantile(values: Array, weights: Array, quantile) -> Array:
-    """The smallest value up to which at least the share `quantile` of the weight lies.
-
-    Along the last axis of `values` (..., n_samples). `quantile` is a scalar, or an array of
-    shape (n_quantiles,) that takes the place of the last axis.
-    """
-    order = np.argsort(values, axis=-1, kind="stable")
-    ordered = np.take_along_axis(np.broadcast_to(weights, values.shape), order, axis=-1)
-    below = np.cumsum(ordered, axis=-1)
-    # tiny slack: the share times the total and the running sum round differently
-    target = np.atleast_1d(quantile) * below[..., -1:] * (1 - 1e-12)
-    position = (below[..., None, :] < target[..., :, None]).sum(axis=-1)
-    found = np.take_along_axis(values, np.take_along_axis(order, position, axis=-1), axis=-1)
-    return found if np.ndim(quantile) else found[..., 0]

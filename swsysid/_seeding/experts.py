@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from swsysid._noise import weighted_quantile
 from swsysid._results import Array
-from swsysid._seeding.designs import WhitenedRows, weighted_quantile
+from swsysid._seeding.designs import WhitenedRows
 from swsysid._seeding.gate import log_softmax, newton_step, softmax
 
 __all__ = ["Experts", "Noise", "Posterior", "Samples", "em", "initial_experts", "single_model"]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from swsysid._noise import weighted_quantile
 from swsysid._results import Array
-from swsysid._seeding.designs import weighted_quantile
 from swsysid._seeding.experts import (
     VARIANCE_FLOOR,
     Experts,

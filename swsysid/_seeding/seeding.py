@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
+from swsysid._noise import weighted_quantile
 from swsysid._results import Array
-from swsysid._seeding.designs import Basis, centre_and_scale, weighted_quantile, whiten
+from swsysid._seeding.designs import Basis, centre_and_scale, whiten
 from swsysid._seeding.experts import Experts, Samples
 from swsysid._seeding.gate import GateFeatures, fit_gate_features, gate_degree_within, log_softmax
 from swsysid._seeding.search import GAUSSIAN, MOST_STARTS, refine, same_partition, search

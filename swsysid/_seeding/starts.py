@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from swsysid._noise import weighted_quantile
 from swsysid._results import Array
-from swsysid._seeding.designs import weighted_quantile
 
 __all__ = ["Scene", "draw_labels", "row_of_weight", "some_rows", "split_labels"]
 

@@ -25,6 +25,7 @@ from scipy.special import comb
 from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
 from swsysid._checks.arrays import labels as labels_of_rows
 from swsysid._checks.parameters import flag, one_of, real, whole
+from swsysid._noise import robust_scale
 from swsysid.differentiation._derivatives import Derivatives, rates_appended
 from swsysid.differentiation._smoothing import Array, TooShortError
 from swsysid.differentiation._strength import Strength, strengths, strongest
@@ -251,10 +252,10 @@ def estimate_noise(x: ArrayLike, groups: ArrayLike | None = None) -> Array:
     if not len(differences):
         return np.zeros(columns.shape[1])
     gain = np.sqrt(comb(2 * NOISE_ORDER, NOISE_ORDER))
-    median = np.median(np.abs(differences), axis=0) / 0.6745  # quartile of the normal law
-    # Coarsely quantised signals mostly repeat themselves: their median is zero, their mean not.
+    usual = robust_scale(differences)
+    # Coarsely quantised signals mostly repeat themselves: their median is zero, their mean is not.
     mean = np.sqrt(np.mean(differences**2, axis=0))
-    return np.where(median > 0, median, mean) / gain
+    return np.where(usual > 0, usual, mean) / gain
 
 
 # --- checks ---------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from swsysid._simulation.model import fitted_system
 from swsysid.refinement._certainty import robust_covariance
 from swsysid.refinement._continuous import WholeRollouts
 from swsysid.refinement._integrate import rollout, substeps_for
-from swsysid.refinement._losses import LOSSES, robust_loss, robust_scale
+from swsysid.refinement._losses import LOSSES, inner_scale, robust_loss
 from swsysid.refinement._parameters import Parametrization
 from swsysid.refinement._segments import (
     Record,
@@ -268,7 +268,7 @@ class Estimation:
 
     def _least_squares(self, function, jacobian, start, max_nfev):
         first, n_residuals = function(start), len(self.shooting.segment)
-        self.f_scale = robust_scale(first[:n_residuals]) if self.loss != "linear" else 1.0
+        self.f_scale = inner_scale(first[:n_residuals]) if self.loss != "linear" else 1.0
 
         def residuals(trial):
             self.integrated()

@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from swsysid._noise import robust_scale
 from swsysid._results import Array
 
-__all__ = ["LOSSES", "robust_loss", "robust_scale"]
+__all__ = ["LOSSES", "inner_scale", "robust_loss"]
 
 
 def _linear(z: Array) -> Array:
@@ -54,7 +55,7 @@ def robust_loss(name: str, n_residuals: int) -> Callable[[Array], Array]:
     return loss
 
 
-def robust_scale(residuals: Array) -> float:
+def inner_scale(residuals: Array) -> float:
     """Standard deviation of the inner residuals: beyond it a robust loss bends."""
-    spread = 1.4826 * float(np.median(np.abs(residuals)))
+    spread = float(robust_scale(residuals))
     return spread if spread > 0.0 else 1.0

@@ -5,7 +5,7 @@ import pytest
 from sklearn.base import clone
 
 from swsysid._data.records import make_records
-from swsysid._search.robust import influence
+from swsysid._noise import STUDENT, robust_scale
 from swsysid.effects import (
     AsymmetricFriction,
     Backlash,
@@ -174,8 +174,8 @@ def test_bad_records_are_refused_in_a_sentence(options, message):
 
 def test_influence_of_a_students_error_has_its_own_slope():
     errors = np.array([-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 3.0])
-    scale = 1.4826 * 1.0  # the median of the sizes is one
-    weight, slope = influence(errors)
+    scale = float(robust_scale(errors))
+    weight, slope = STUDENT.influence(errors)
     squares = (errors / scale) ** 2
     np.testing.assert_allclose(weight, 5.0 / (4.0 + squares), rtol=1e-14)
     step = 1e-6

@@ -15,7 +15,7 @@ PACKAGE = Path(swsysid.__file__).parent
 
 # A folder is a layer, and so is a file at the top: it imports from itself and from those before it.
 LAYERS = """
-_checks _rendering _results _data _tables differentiation metrics
+_checks _rendering _results _noise _data _tables differentiation metrics
 _solvers _losses relaxations _surfaces _classifier _seeding _identification
 _simulation weak_form refinement _pipelines _regressor uncertainty
 _search effects _effect_regressor datasets

@@ -5,7 +5,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 
 from swsysid._seeding import designs
-from swsysid._seeding.designs import WhitenedRows, monomials, weighted_quantile, whiten
+from swsysid._seeding.designs import WhitenedRows, monomials, whiten
 from swsysid._seeding.experts import Noise, em, initial_experts, single_model
 from swsysid._seeding.gate import gate_degree_within, log_softmax, newton_step
 from swsysid._seeding.search import same_partition
@@ -306,12 +306,6 @@ class TestExpectationMaximisation:
 
 
 class TestWeightedAlgebra:
-    def test_quantile_by_hand(self):
-        values, weights = np.array([30.0, 10.0, 20.0]), np.array([1.0, 2.0, 1.0])
-        found = weighted_quantile(values, weights, np.array([0.25, 0.5, 0.6, 0.75, 1.0]))
-        assert found.tolist() == [10, 10, 20, 20, 30]
-        assert weighted_quantile(values, weights, 0.5) == 10
-
     def test_whitened_basis_is_orthonormal_and_nested(self):
         rng = np.random.default_rng(8)
         columns = 1e4 ** rng.uniform(-1, 1, 5) * rng.standard_normal((50, 5))

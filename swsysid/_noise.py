@@ -1,0 +1,185 @@
+r"""The noise of measured velocities: what the right law leaves over.
+
+One model serves wherever residuals are judged. A row is an outlier with a small probability e, of
+a broad density u that knows no law; otherwise its residuals r in n outputs are Student-t errors
+with nu degrees of freedom and scales s_k,
+
+.. math:: p(r) = (1 - e) \, t_\nu\Big(\sum_k r_k^2 / s_k^2\Big) \prod_k s_k^{-1} + e \, u .
+
+Infinite nu is the normal law. Scales are standard deviations of the normal law with the same
+median size of residuals, or the most likely scales of Student's law.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln, ndtri
+
+from swsysid._results import Array
+
+__all__ = [
+    "NORMAL",
+    "STUDENT",
+    "Noise",
+    "Outliers",
+    "centre_and_deviation",
+    "exact_below",
+    "mixed_with_outliers",
+    "robust_regression",
+    "robust_scale",
+    "robust_weights",
+    "weighted_quantile",
+]
+
+# Median size of a standard normal variable.
+_NORMAL_MEDIAN = float(ndtri(0.75))
+_SMALLEST = 1e-150  # its square is still a number
+# Errors below this share of the spread of a velocity are roundoff as far as effects go.
+_EXACT = 1e-4
+# Outliers are so many times as broad as the velocities, whose deviation is at least this share of
+# their mean distance from the median.
+_BREADTH, _LEAST_OF_MEAN = 5.0, 0.25
+_REWEIGHTINGS = 8
+
+
+def weighted_quantile(values: Array, weight: Array, share: float | Array, axis: int = -1) -> Array:
+    """Smallest value up to which at least a share of the weight lies; a weight is a repetition."""
+    flat = weight.ravel()
+    weights = None if (flat == flat[0]).all() else weight  # then a selection replaces the sort
+    return np.asarray(np.quantile(values, share, axis=axis, weights=weights, method="inverted_cdf"))
+
+
+def robust_scale(residuals: Array, weight: Array | None = None) -> Array:
+    """Standard deviation of the normal law with the median size of the residuals, by column."""
+    size = np.abs(residuals)
+    if weight is None:
+        return np.asarray(np.median(size, axis=0) / _NORMAL_MEDIAN)
+    return weighted_quantile(size, weight, 0.5, axis=0) / _NORMAL_MEDIAN
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Student-t noise.
+
+    Attributes
+    ----------
+    dof : float
+        Degrees of freedom; infinite for the normal law.
+    """
+
+    dof: float
+
+    def log_density(self, squares: Array, log_scale: Array, n_outputs: int = 1) -> Array:
+        """Log density at sums of `n_outputs` squares in units of the scales.
+
+        `log_scale` is the sum of the logarithms of the scales.
+        """
+        if np.isinf(self.dof):
+            return -0.5 * squares - (log_scale + 0.5 * n_outputs * np.log(2 * np.pi))
+        half = 0.5 * (self.dof + n_outputs)
+        constant = gammaln(half) - gammaln(0.5 * self.dof)
+        constant -= 0.5 * n_outputs * np.log(self.dof * np.pi)
+        return (constant - log_scale) - half * np.log1p(squares / self.dof)
+
+    def cost(self, errors: Array, scale: Array) -> Array:
+        """Negative log densities of errors that are independent, each of its own."""
+        return -self.log_density(np.square(errors / scale), np.log(scale))
+
+    def weight(self, squares: Array, n_outputs: int = 1) -> Array:
+        """Weight of a row in the regression of most likelihood: less the larger its squares."""
+        if np.isinf(self.dof):
+            return np.ones_like(squares)
+        return (self.dof + n_outputs) / (self.dof + squares)
+
+    def influence(self, errors: Array) -> tuple[Array, Array]:
+        """Weights w of the regression of one output, and the derivative of w e by the error e."""
+        squares = np.square(errors / max(float(robust_scale(errors)), _SMALLEST))
+        weight = self.weight(squares)
+        return weight, weight * (self.dof - squares) / (self.dof + squares)
+
+    def scale(self, errors: Array, floor: Array | float = _SMALLEST, n_rounds: int = 25) -> Array:
+        """Most likely scale of the errors of each output, at least `floor`."""
+        scale = np.maximum(np.median(np.abs(errors), axis=0), floor)
+        for _ in range(n_rounds):
+            weight = self.weight(np.square(errors / scale))
+            scale = np.maximum(np.sqrt(np.mean(weight * np.square(errors), axis=0)), floor)
+        return scale
+
+
+NORMAL = Noise(np.inf)
+# With few degrees of freedom no row has a large influence, however wrong it is.
+STUDENT = Noise(4.0)
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """Velocities that know no law: normal about their median, and broad.
+
+    Attributes
+    ----------
+    centre, deviation : ndarray of shape (n_outputs,)
+    """
+
+    centre: Array
+    deviation: Array
+
+    @classmethod
+    def among(cls, targets: Array, weight: Array, least: Array | float = 0.0) -> Outliers:
+        """Outliers of measured velocities (n_samples, n_outputs), at least `least` broad."""
+        centre, typical = centre_and_deviation(targets, weight)
+        return cls(centre, np.maximum(_BREADTH * typical, least))
+
+    def log_density(self, targets: Array) -> Array:
+        """Log density at every row."""
+        squares = np.square((targets - self.centre) / self.deviation).sum(axis=1)
+        return NORMAL.log_density(squares, np.log(self.deviation).sum(), targets.shape[1])
+
+
+def centre_and_deviation(values: Array, weight: Array) -> tuple[Array, Array]:
+    """Median and robust standard deviation of every column.
+
+    The median deviation alone would vanish for a velocity that is constant on most samples.
+    """
+    centre = weighted_quantile(values, weight, 0.5, axis=0)
+    size = np.abs(values - centre)
+    mean = weight @ size / weight.sum()
+    return centre, np.maximum(robust_scale(size, weight), _LEAST_OF_MEAN * mean)
+
+
+def mixed_with_outliers(inside: Array, outside: Array, share: Array | float) -> tuple[Array, Array]:
+    """Log density where a share of the rows are outliers, and the probability of being none."""
+    inside = np.log1p(-share) + inside
+    density = np.logaddexp(inside, np.log(share) + outside)
+    return density, np.exp(inside - density)
+
+
+def exact_below(targets: Array) -> Array:
+    """Errors of each state below which an equation is exact, such as q' = v.
+
+    An equation without noise would otherwise win or lose nats on the last digits of roundoff.
+    """
+    return np.maximum(_EXACT * targets.std(axis=0), _SMALLEST)
+
+
+def robust_weights(residuals: Array, floor: Array | float = _SMALLEST) -> Array:
+    """Weights of a Student-t regression for residuals of shape (n_samples, n_states).
+
+    One weight a row: a row that is wrong in one state is not trusted in the others.
+    """
+    smallest = 1e-12 * np.abs(residuals).max(axis=0, initial=0.0)
+    scale = np.maximum(np.maximum(robust_scale(residuals), smallest), floor)
+    return STUDENT.weight(np.mean(np.square(residuals / scale), axis=1))
+
+
+def robust_regression(design: Array, target: Array, robust: bool = True) -> Array:
+    """Student-t regression by iteratively reweighted least squares, or plain least squares."""
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    scaled, weight = design / size, np.ones(len(target))
+    for _ in range(_REWEIGHTINGS if robust else 1):
+        root = np.sqrt(weight)
+        coef = np.linalg.lstsq(root[:, None] * scaled, root * target, rcond=1e-10)[0]
+        weight = robust_weights((target - scaled @ coef)[:, None])
+    return coef / size
