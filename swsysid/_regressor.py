@@ -27,9 +27,7 @@ from swsysid._identification.setup import (
     trajectory_codes,
 )
 from swsysid._identification.warnings import check_residuals, warn_about
-from swsysid._simulation.inputs import checked_options
 from swsysid._simulation.model import SwitchingModel
-from swsysid._simulation.simulate import simulate
 from swsysid.relaxations import get_relaxation
 from swsysid.relaxations._certificates import certify
 
@@ -320,9 +318,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
                 f"The model has {n_states} velocities but only {self.n_features_in_} columns in "
                 "X; simulate needs the states themselves as the first columns of X."
             )
-        options = {**checked_options(options), "discrete_time": self.discrete_time}
-        model = self._model
-        return model.named(simulate(model, x0, t, inputs, input_hold=input_hold, **options))
+        return self._model.simulate(x0, t, inputs, input_hold=input_hold, **options)
 
     def certificate(self, X, y):
         """How far the vector fields and the modes can be from optimal on some data.

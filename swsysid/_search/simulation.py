@@ -12,15 +12,13 @@ from swsysid._checks.parameters import one_of
 from swsysid._pipelines import switching_step
 from swsysid._results import Array, Status, Trajectory
 from swsysid._search.joint_fit import JointFit, corrected
-from swsysid._simulation.effect_system import ActingTerm, EffectSystem
-from swsysid._simulation.inputs import checked_inputs, checked_options, checked_times
+from swsysid._simulation.effect_system import ActingTerm, EffectSystem, Memory
+from swsysid._simulation.inputs import Options, checked_inputs, checked_options, checked_times
 from swsysid._simulation.signals import Given, refined_grid, trajectory_records
-from swsysid._simulation.simulate import follow
-from swsysid._simulation.stepping import Memory, iterate, step_along
+from swsysid._simulation.simulate import follow, iterate
+from swsysid._simulation.stepping import step_along
 
 __all__ = ["simulate_with_effects"]
-
-_STEPPING_OPTIONS = ("max_switches", "state_bound")
 
 
 def simulate_with_effects(
@@ -54,14 +52,14 @@ def simulate_with_effects(
         Its states are what the sensors would record, those of its events the true ones. Where
         friction holds a state, "sliding" is the begin and "leaving" the end.
     """
-    options = checked_options(options)
+    checked = checked_options(options)
     rollout = _Rollout(fit, x0, t, inputs, signals, input_hold)
     if rollout.is_discrete:
-        trajectory = rollout.iterate(**options)
-    elif rollout.keeps_states:
-        trajectory = rollout.step(**options)
+        trajectory = rollout.iterate(checked)
+    elif rollout.system.remembers:
+        trajectory = rollout.step(checked)
     else:
-        trajectory = rollout.follow(**options)
+        trajectory = rollout.follow(checked)
     return rollout.as_recorded(trajectory)
 
 
@@ -72,9 +70,12 @@ class _Sorted:
     acting: list[ActingTerm]
     breaks: list[tuple[int, float]]
     tabulated: list[Any]
-    memories: list[Memory]
     guards: list[Memory]
     resets: list[tuple[tuple[int, int], int, float]]
+
+    def without_breaks(self) -> _Sorted:
+        """The same with columns that jump where the state does."""
+        return replace(self, acting=[replace(one, breaks=()) for one in self.acting], breaks=[])
 
 
 class _Rollout:
@@ -93,10 +94,18 @@ class _Rollout:
         n_known = min(len(inputs), len(signals))
         self.inputs, self.signals = inputs[:n_known], signals[:n_known]
         self.sorted = _sorted(fit, n_columns, self.n_states, self.signals.shape[1])
+        if self.is_discrete:  # a map steps over every level: its columns are those of the state
+            self.sorted = self.sorted.without_breaks()
         sizes = (self.n_states, self.inputs.shape[1], self.signals.shape[1])
         before = transform if hasattr(fit.estimator, "steps") else None
         self.system = EffectSystem(
-            switching._model, before, self.sorted.acting, self.sorted.breaks, sizes
+            switching._model,
+            before,
+            self.sorted.acting,
+            self.sorted.breaks,
+            sizes,
+            guard=self.sorted.guards[0] if self.sorted.guards else None,
+            resets=self.sorted.resets,
         )
         self.given = Given(
             self.n_states,
@@ -107,11 +116,6 @@ class _Rollout:
             self.sorted.tabulated,
         )
         self.x0 = self._true(x0)
-
-    @property
-    def keeps_states(self) -> bool:
-        """True if an effect remembers the state or lets it jump."""
-        return bool(self.sorted.memories or self.sorted.guards or self.sorted.resets)
 
     def _true(self, x0):
         """The state behind what the sensors show."""
@@ -125,45 +129,28 @@ class _Rollout:
 
     # -- three ways to roll out ----------------------------------------------------------------
 
-    def follow(self, **options) -> Trajectory:
+    def follow(self, options: Options) -> Trajectory:
         """Integrate from event to event."""
         grid, n_given = self._grid(), self.inputs.shape[1] + self.signals.shape[1]
         pieces = self.given.stretches(grid)
         if not n_given and not self.sorted.tabulated:
             # only time goes on: one stretch
             pieces = [(float(grid[-1]), pieces[0][1])]
-        done = follow(self.system, self.x0, grid, pieces, **options)
+        done = follow(self.system, self.x0, grid, pieces, options)
         if done.status is Status.SWITCH_LIMIT and len(self.sorted.breaks) > 1:
             # events one by one cannot hold two states at rest at once, fixed steps can
-            return self.step(**options)
+            return self.step(options)
         return self._without_sides(done)
 
-    def step(self, **options) -> Trajectory:
+    def step(self, options: Options) -> Trajectory:
         """Step from sample to sample."""
         grid = self._grid()
-        return step_along(
-            self.system,
-            self.x0,
-            grid,
-            self.given.stretches(grid),
-            **self._past(),
-            **_known(options, _STEPPING_OPTIONS),
-        )
+        return step_along(self.system, self.x0, grid, self.given.stretches(grid), options)
 
-    def iterate(self, **options) -> Trajectory:
+    def iterate(self, options: Options) -> Trajectory:
         """Iterate the map."""
-        return iterate(
-            self.system,
-            self.x0,
-            self.t,
-            self.given.sampled(self.given.t),
-            **self._past(),
-            **_known(options, ("state_bound",)),
-        )
-
-    def _past(self):
-        guard = self.sorted.guards[0] if self.sorted.guards else None
-        return {"memories": self.sorted.memories, "guard": guard, "resets": self.sorted.resets}
+        given = self.given.sampled(self.given.t)
+        return iterate(self.system, self.x0, self.t, given, options)
 
     # -- what is returned ------------------------------------------------------------------------
 
@@ -212,7 +199,7 @@ def _n_signals(terms: Sequence[Any], n_columns: int) -> int:
 
 
 def _sorted(fit: JointFit, n_columns: int, n_states: int, n_signals: int) -> _Sorted:
-    done = _Sorted([], [], [], [], [], [])
+    done = _Sorted([], [], [], [], [])
     # among the given channels, tabulated columns follow the inputs, the time and the signals
     place = n_columns - n_states + 1 + n_signals
     for term, coef in zip(fit.terms, fit.coef, strict=True):
@@ -225,18 +212,17 @@ def _sorted(fit: JointFit, n_columns: int, n_states: int, n_signals: int) -> _So
         gains = _gains(term, coef, fit.n_modes)
         if not gains.size:
             continue
-        tabulated = remembered = None
+        tabulated = memory = None
         if "order" in effect.needs and _only_given(term.place, n_states):
             tabulated = slice(place, place + gains.shape[1])
             place = tabulated.stop
             done.tabulated.append(term)
         elif "order" in effect.needs:
-            remembered = len(done.memories)
-            done.memories.append(Memory(term))
+            memory = Memory(term)
         own = effect.breaks(term.place, *term.theta)
         done.breaks.extend(one for one in own if one not in done.breaks)
         numbers = tuple(done.breaks.index(one) for one in own)
-        done.acting.append(ActingTerm(term, gains, numbers, tabulated, remembered))
+        done.acting.append(ActingTerm(term, gains, numbers, tabulated, memory))
     return done
 
 
@@ -280,8 +266,3 @@ def _check_states(x0: Array, n_states: int, n_columns: int) -> None:
         )
     if len(x0) != n_states:
         raise ValueError(f"x0 holds {len(x0)} states; give {n_states}.")
-
-
-def _known(options: dict, used: Sequence[str]) -> dict:
-    """The options that fixed steps use, of those that `simulate` has."""
-    return {name: options[name] for name in used if name in options}

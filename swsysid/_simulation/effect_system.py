@@ -3,21 +3,71 @@
 Its inputs are the given channels (`signals.Given`): inputs, time, logged signals, tabulated
 columns. An effect whose columns jump where a state passes a level (friction) splits every mode
 into two *sides*; the columns of a side are those of its own half of the state space also beyond
-the level, so that a vector field is smooth while the event is located.
+the level, so that a vector field is smooth while the event is located. Effects that remember the
+state see it through `Memory`, which a rollout tells the rows that are past (`keep`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._results import Array
+from swsysid._simulation.model import SwitchingModel
+from swsysid._simulation.system import SwitchingSystem
 
-__all__ = ["ActingTerm", "EffectSystem"]
+__all__ = ["ActingTerm", "EffectSystem", "Memory", "Term"]
+
+
+class _Effect(Protocol):
+    def columns(self, records: Records, place: Any, *theta: float) -> Array: ...
+    def switched(self, records: Records, place: Any, *theta: float) -> NDArray[np.intp]: ...
+    def shortened(self, records: Records, place: Any, *theta: float) -> Records: ...
+
+
+class Term(Protocol):
+    """An effect at a place, with its parameters and the state equation it acts in."""
+
+    @property
+    def effect(self) -> _Effect: ...
+    @property
+    def place(self) -> Any: ...
+    @property
+    def theta(self) -> Sequence[float]: ...
+    @property
+    def target(self) -> int: ...
+
+
+class Memory:
+    """What an effect has to know of the past."""
+
+    def __init__(self, term: Term):
+        self.term = term
+        self.past: Records | None = None
+
+    def until(self, now: Records) -> Records:
+        """The past and one more row."""
+        past = self.past
+        if past is None:
+            return now
+        assert past.t is not None and now.t is not None
+        return replace(
+            past,
+            X=np.concatenate([past.X, now.X]),
+            t=np.concatenate([past.t, now.t]),
+            groups=np.zeros(len(past) + 1, dtype=np.intp),
+            signals=np.concatenate([past.signals, now.signals]),
+        )
+
+    def keep(self, now: Records) -> None:
+        """One more row has passed."""
+        term = self.term
+        self.past = term.effect.shortened(self.until(now), term.place, *term.theta)
 
 
 @dataclass(frozen=True)
@@ -26,24 +76,24 @@ class ActingTerm:
 
     Attributes
     ----------
-    term : PlacedEffect
+    term : Term
     gains : ndarray of shape (n_modes, n_columns)
     breaks : tuple of int
         The surfaces of the system that are breaks of its columns.
     tabulated : slice or None
         Where its columns lie among the given channels, if they are known beforehand.
-    remembered : int or None
-        Number of its memory, if it remembers the state.
+    memory : Memory or None
+        Its memory, if it remembers the state.
     """
 
-    term: Any
+    term: Term
     gains: Array
     breaks: tuple[int, ...]
     tabulated: slice | None
-    remembered: int | None
+    memory: Memory | None
 
 
-class EffectSystem:
+class EffectSystem(SwitchingSystem):
     """Vector fields with effects, for composite modes ``mode + n_modes * sides``.
 
     Bit b of `sides` says that the state lies above the level of break b.
@@ -56,31 +106,41 @@ class EffectSystem:
     acting : sequence of ActingTerm
     breaks : sequence of (channel, level)
     sizes : (n_states, n_inputs, n_signals)
+    guard : Memory, default=None
+        Of the effect that decides the mode, if there is one.
+    resets : sequence of ((before, after), state, factor)
+        Jumps of a state where the mode changes from one to another.
     """
 
     def __init__(
         self,
-        model: Any,
+        model: SwitchingModel,
         transform: Callable[[Array], Array] | None,
         acting: Sequence[ActingTerm],
         breaks: Sequence[tuple[int, float]],
         sizes: tuple[int, int, int],
+        guard: Memory | None = None,
+        resets: Sequence[tuple[tuple[int, int], int, float]] = (),
     ):
-        self.model = model
-        self.transform = transform
-        self.acting = tuple(acting)
-        self.breaks = tuple(breaks)
+        self.model, self.transform = model, transform
+        self.acting, self.breaks = tuple(acting), tuple(breaks)
+        self.guard, self.resets = guard, tuple(resets)
+        self.memories = [one.memory for one in acting if one.memory is not None]
+        if guard is not None:
+            self.memories.append(guard)
         self.n_modes = len(model.coef)
-        self.n_states, self.n_given, n_signals = sizes
+        n_states, self.n_given, n_signals = sizes
+        self._n_states = n_states
         self._signals = slice(self.n_given + 1, self.n_given + 1 + n_signals)
         self._names = tuple(f"channel{number}" for number in range(sum(sizes)))
         self._group = np.zeros(1, dtype=np.intp)
         self._channels = np.array([channel for channel, _ in breaks], dtype=np.intp)
         self._levels = np.array([level for _, level in breaks], dtype=float)
-        # the numbers next to a level on both sides
-        self._nearest = [
-            (np.nextafter(level, -np.inf), np.nextafter(level, np.inf)) for _, level in breaks
-        ]
+
+    @property
+    def remembers(self) -> bool:
+        """True if an effect remembers the state or lets it jump."""
+        return bool(self.memories or self.resets)
 
     # -- what a simulation asks --------------------------------------------------------------
 
@@ -92,7 +152,7 @@ class EffectSystem:
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity in a composite mode."""
         sides, base = divmod(int(mode), self.n_modes)
-        return self.field(x, u, base, sides, ())
+        return self.field(x, u, base, sides)
 
     def mode(self, x: Array, u: Array) -> int:
         """Composite mode at a state."""
@@ -107,11 +167,27 @@ class EffectSystem:
         n_own = len(values) - len(self.breaks)
         return self.model.decode(values[:n_own]) + self.n_modes * _bits(values[n_own:])
 
+    def jumped(self, x: Array, before: int, after: int) -> Array:
+        """The state after a change of modes."""
+        x = x.copy()
+        for pair, state, factor in self.resets:
+            x[state] *= factor if pair == (before, after) else 1.0
+        return x
+
+    def keep(self, x: Array, u: Array) -> None:
+        """One more row has passed."""
+        now = self._record(x, u)
+        for memory in self.memories:
+            memory.keep(now)
+
     # -- its parts -----------------------------------------------------------------------------
 
     def base_mode(self, x: Array, u: Array) -> int:
-        """Mode of the model's own surface."""
-        return self.model.mode(*self._seen(x, u))
+        """Mode of the model's own surface, or of the effect that decides it from the past."""
+        if self.guard is None:
+            return self.model.mode(*self._seen(x, u))
+        term, seen = self.guard.term, self.guard.until(self._record(x, u))
+        return int(term.effect.switched(seen, term.place, *term.theta)[-1])
 
     def heights(self, x: Array) -> Array:
         """Distances of the state above the levels."""
@@ -121,17 +197,8 @@ class EffectSystem:
         """Sides of the state, as bits."""
         return _bits(self.heights(x))
 
-    def record(self, x: Array, u: Array) -> Records:
-        """One row with everything that an effect can ask for."""
-        row = np.concatenate([x, u[: self.n_given]])[None]
-        time = u[self.n_given : self.n_given + 1]
-        signals = u[None, self._signals]
-        return Records(row, self.n_states, time, self._group, signals, self._names, True)
-
-    def field(
-        self, x: Array, u: Array, mode: int, sides: int | None, memories: Sequence[Any]
-    ) -> Array:
-        """Velocity in a mode on given sides; on the state's own sides if they are None."""
+    def field(self, x: Array, u: Array, mode: int, sides: int) -> Array:
+        """Velocity in a mode on given sides."""
         velocity = self.model.velocity(*self._seen(x, u), mode)
         now = None
         for acting in self.acting:
@@ -140,26 +207,31 @@ class EffectSystem:
                 continue
             if acting.tabulated is not None:
                 columns = u[acting.tabulated]
-            elif acting.breaks and sides is not None:
-                columns = _columns(acting.term, self.record(self._held(x, acting, sides), u))
+            elif acting.breaks:
+                columns = _columns(acting.term, self._record(self._held(x, acting, sides), u))
             else:
-                now = self.record(x, u) if now is None else now
-                if acting.remembered is None:
-                    columns = _columns(acting.term, now)
-                else:
-                    columns = _columns(acting.term, memories[acting.remembered].until(now))
+                now = self._record(x, u) if now is None else now
+                seen = now if acting.memory is None else acting.memory.until(now)
+                columns = _columns(acting.term, seen)
             velocity[acting.term.target] += columns @ gain
         return velocity
 
+    def _record(self, x: Array, u: Array) -> Records:
+        """One row with everything that an effect can ask for."""
+        row = np.concatenate([x, u[: self.n_given]])[None]
+        time = u[self.n_given : self.n_given + 1]
+        signals = u[None, self._signals]
+        return Records(row, self._n_states, time, self._group, signals, self._names, True)
+
     def _held(self, x: Array, acting: ActingTerm, sides: int) -> Array:
-        """The state, moved to the given sides of the breaks of an effect."""
+        """The state, moved to the number next to a level on the given side of it."""
         held = x.copy()
         for number in acting.breaks:
-            channel, (below, above) = self._channels[number], self._nearest[number]
+            channel, level = self.breaks[number]
             if sides >> number & 1:
-                held[channel] = max(held[channel], above)
+                held[channel] = max(held[channel], np.nextafter(level, np.inf))
             else:
-                held[channel] = min(held[channel], below)
+                held[channel] = min(held[channel], np.nextafter(level, -np.inf))
         return held
 
     def _seen(self, x: Array, u: Array) -> tuple[Array, Array]:
@@ -174,5 +246,5 @@ def _bits(heights: Array) -> int:
     return sum(1 << number for number, height in enumerate(heights.tolist()) if height > 0)
 
 
-def _columns(term: Any, records: Records) -> Array:
+def _columns(term: Term, records: Records) -> Array:
     return term.effect.columns(records, term.place, *term.theta)[-1]

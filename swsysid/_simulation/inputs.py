@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.integrate import DOP853, RK45, Radau
 
 from swsysid._checks.arrays import column, state, table
 from swsysid._checks.parameters import one_of, real, whole
 from swsysid._results import Array
+from swsysid._simulation.system import SwitchingSystem
 
 __all__ = [
     "METHODS",
+    "Options",
+    "Signal",
     "Stretch",
     "check_sizes",
     "checked_inputs",
@@ -23,25 +28,39 @@ __all__ = [
     "stretches",
 ]
 
-Stretch = tuple[float, Callable[[float], Array]]
+Signal = Callable[[float], Array]
+Stretch = tuple[float, Signal]
 
-METHODS = ("auto", "DOP853", "RK45", "Radau")
-_OPTIONS: dict[str, Callable[[str, Any], Any]] = {
+METHODS = {"DOP853": DOP853, "RK45": RK45, "Radau": Radau}
+_CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "max_switches": partial(whole, least=0),
     "max_steps": whole,
     "state_bound": partial(real, above=0),
     "rtol": partial(real, least=0, below=1),
     "atol": partial(real, least=0),
-    "method": partial(one_of, choices=METHODS),
+    "method": partial(one_of, choices=("auto", *METHODS)),
 }
 
 
-def checked_options(options: dict[str, Any]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Options:
+    """Limits and tolerances of a simulation, as `simulate` describes them."""
+
+    max_switches: int = 10000
+    max_steps: int = 200000
+    state_bound: float = 1e9
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    method: str = "auto"
+
+
+def checked_options(options: Mapping[str, Any]) -> Options:
     """Options of a simulation; one that there is not is refused."""
+    names = [field.name for field in fields(Options)]
     for name in options:
-        if name not in _OPTIONS:
-            raise TypeError(f"simulate has no option {name!r}; choose among {', '.join(_OPTIONS)}.")
-    return {name: _OPTIONS[name](name, value) for name, value in options.items()}
+        if name not in names:
+            raise TypeError(f"simulate has no option {name!r}; choose among {', '.join(names)}.")
+    return Options(**{name: _CHECKS[name](name, value) for name, value in options.items()})
 
 
 def checked_times(x0, t) -> tuple[Array, Array]:
@@ -62,15 +81,20 @@ def checked_inputs(inputs, t: Array, name: str = "inputs") -> Array:
     return inputs
 
 
-def check_sizes(system, *given: int) -> None:
+def check_sizes(system: SwitchingSystem, n_states: int, n_inputs: int) -> None:
     """Refuse other numbers of states and inputs than the system has, if it tells."""
-    wanted = (getattr(system, "n_states", given[0]), getattr(system, "n_inputs", given[1]))
-    if given != wanted:
-        sentence = "x0 holds {} states and inputs hold {} columns; give {} and {}."
-        raise ValueError(sentence.format(*given, *wanted))
+    wanted = (
+        n_states if system.n_states is None else system.n_states,
+        n_inputs if system.n_inputs is None else system.n_inputs,
+    )
+    if (n_states, n_inputs) != wanted:
+        raise ValueError(
+            f"x0 holds {n_states} states and inputs hold {n_inputs} columns; give {wanted[0]} and "
+            f"{wanted[1]}."
+        )
 
 
-def probe(system, x0: Array, u: Array) -> None:
+def probe(system: SwitchingSystem, x0: Array, u: Array) -> None:
     """Let errors of the system itself, such as a wrong number of inputs, speak at the start."""
     velocity = np.asarray(system.velocity(x0, u, int(system.mode(x0, u))))
     if velocity.shape != x0.shape:

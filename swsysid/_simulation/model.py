@@ -15,6 +15,9 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.pieces import pieces
 from swsysid._rendering.printing import check_format, linear_combination, merged, rate, symbol
 from swsysid._results import Array, Trajectory
+from swsysid._simulation.inputs import checked_options
+from swsysid._simulation.simulate import simulate
+from swsysid._simulation.system import SwitchingSystem
 from swsysid._surfaces.surface import locates_events, probabilities_of
 
 __all__ = ["AddedTerms", "SwitchingModel", "fitted_system"]
@@ -23,10 +26,8 @@ AddedTerms = Callable[[int, int], Iterable[tuple[float, str, float]]]
 
 
 @dataclass(frozen=True)
-class SwitchingModel:
+class SwitchingModel(SwitchingSystem):
     """Vector fields C_j Phi(x) and the surface that says which of them is active.
-
-    Its methods `velocity`, `mode`, `surface_values` and `decode` are what a simulation asks.
 
     Attributes
     ----------
@@ -129,9 +130,12 @@ class SwitchingModel:
         """Number of columns of X after the states."""
         return len(self.feature_map.names_in) - self.n_states
 
-    def named(self, trajectory: Trajectory) -> Trajectory:
-        """The trajectory under the names of the states."""
-        return replace(trajectory, names=tuple(self.feature_map.names_in[: self.n_states]))
+    def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options) -> Trajectory:
+        """A rollout with named states; arguments as `simulate` takes them."""
+        checked_options(options)
+        options |= {"input_hold": input_hold, "discrete_time": self.discrete_time}
+        done = simulate(self, x0, t, inputs, **options)
+        return replace(done, names=tuple(self.feature_map.names_in[: self.n_states]))
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity (or next state) at one point in one mode."""

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from swsysid._results import Array, Trajectory
 from swsysid._simulation.simulate import simulate
+from swsysid._simulation.system import SwitchingSystem
 
 __all__ = ["PolynomialSwitchingSystem", "monomials"]
 
 
 @dataclass(frozen=True)
-class PolynomialSwitchingSystem:
+class PolynomialSwitchingSystem(SwitchingSystem):
     """Two polynomial vector fields: mode 1 where the guard is positive, else mode 0.
 
     Attributes
@@ -80,6 +81,11 @@ class PolynomialSwitchingSystem:
     def mode(self, x: Array, u: Array) -> int:
         """Active mode at one point."""
         return self.decode(self.surface_values(x, u))
+
+    @property
+    def has_surface_values(self) -> bool:
+        """True: the guard is a function."""
+        return True
 
     def surface_values(self, x: Array, u: Array) -> Array:
         """Value of the guard at one point, shape (1,)."""

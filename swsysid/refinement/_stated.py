@@ -15,9 +15,7 @@ from swsysid._checks.arrays import numbers, table, truth_values
 from swsysid._checks.parameters import flag, names_of_columns, shown
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array, Trajectory
-from swsysid._simulation.inputs import checked_options
 from swsysid._simulation.model import SwitchingModel
-from swsysid._simulation.simulate import simulate
 from swsysid._surfaces.mode_books import decisions
 
 __all__ = ["ParametricLibrary", "StatedModel", "StatedSurface"]
@@ -301,9 +299,7 @@ class StatedModel:
 
     def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options) -> Trajectory:
         """Roll the states out, with switches located; see `SwitchingSystemRegressor.simulate`."""
-        options = {**checked_options(options), "discrete_time": self.discrete_time}
-        model = self._model
-        return model.named(simulate(model, x0, t, inputs, input_hold=input_hold, **options))
+        return self._model.simulate(x0, t, inputs, input_hold=input_hold, **options)
 
     def measure(self, x: ArrayLike, inputs: ArrayLike | None = None) -> Array:
         """What the sensors read along a trajectory of the states, (n_samples, n_outputs)."""

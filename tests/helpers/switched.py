@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from swsysid._simulation.system import SwitchingSystem
 
-class Switched:
+
+class Switched(SwitchingSystem):
     """Modes by the signs of guards: mode = sum of 2^k over the guards that are positive."""
 
     def __init__(self, fields, guards):
@@ -18,6 +20,8 @@ class Switched:
 
 
 class SwitchedWithValues(Switched):
+    has_surface_values = True
+
     def surface_values(self, x, u):
         return np.array([guard(x, u) for guard in self.guards])
 

@@ -11,6 +11,7 @@ from switched import SwitchedWithValues, both_kinds
 
 from swsysid._results import Status
 from swsysid._simulation.simulate import simulate
+from swsysid._simulation.system import SwitchingSystem
 
 DAMPING = (0.1, 0.5)  # right and left of x = 0: the paper's linear example
 
@@ -273,7 +274,9 @@ def test_three_modes_agree_with_an_independent_integrator():
 
 def test_a_label_that_changes_without_a_sign_change_is_located():
     # the mode is the larger of two surface values, both positive: no value has a root
-    class Largest:
+    class Largest(SwitchingSystem):
+        has_surface_values = True
+
         def velocity(self, x, u, mode):
             return np.array([1.0 + mode])
 

@@ -189,8 +189,10 @@ def test_bad_arguments_get_a_sentence(arguments, sentence):
 )
 def test_states_and_inputs_are_held_to_the_sizes_of_the_system(arguments, sentence):
     # monomials of a point broadcast: without the check a missing input gives a wrong rollout
-    system = Switched(lambda x, u, mode: -x, UNSWITCHED)
-    system.n_states, system.n_inputs = 2, 1
+    class Sized(Switched):
+        n_states, n_inputs = 2, 1
+
+    system = Sized(lambda x, u, mode: -x, UNSWITCHED)
     with pytest.raises(ValueError, match=sentence):
         simulate(system, t=[0, 1], **arguments)
 
