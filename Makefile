@@ -64,24 +64,24 @@ examples-record: $(VENV)/.installed-test
 	$(BIN)/python tests/helpers/example_output.py
 
 bench: $(VENV)/.installed-bench
-	$(BIN)/python -W ignore benchmarks/paper.py --docs docs
-	$(BIN)/python benchmarks/paper_algorithm.py --docs docs
+	$(BIN)/python -W ignore -m benchmarks.paper --docs docs
+	$(BIN)/python -m benchmarks.paper.algorithm --docs docs
 
 bench-seeding: $(VENV)/.installed-bench
-	$(BIN)/python benchmarks/seeding.py --jobs $(WORKERS) --docs docs
+	$(BIN)/python -m benchmarks.seeding --jobs $(WORKERS) --docs docs
 
 bench-quality: $(VENV)/.installed-bench $(PARC)
-	$(BIN)/python -W ignore benchmarks/quality.py --jobs $(WORKERS) --parc $(PARC) \
+	$(BIN)/python -W ignore -m benchmarks.quality --jobs $(WORKERS) --parc $(PARC) \
 		--stress --count --scaling --timing --output $(QUALITY) --docs docs
 
 bench-undeclared: $(VENV)/.installed-bench
-	$(BIN)/python -W ignore benchmarks/undeclared.py --jobs $(WORKERS) --docs docs
+	$(BIN)/python -W ignore -m benchmarks.undeclared --jobs $(WORKERS) --docs docs
 
 bench-measured: $(VENV)/.installed-bench
-	$(BIN)/python -W ignore benchmarks/measured.py --docs docs
+	$(BIN)/python -W ignore -m benchmarks.measured --docs docs
 
 bench-speed: $(VENV)/.installed-bench $(PARC)
-	OMP_NUM_THREADS=1 $(BIN)/python -W ignore benchmarks/speed.py --parc $(PARC) --docs docs
+	OMP_NUM_THREADS=1 $(BIN)/python -W ignore -m benchmarks.speed --parc $(PARC) --docs docs
 
 $(PARC):
 	PYTHON=$(PYTHON) benchmarks/parc/build.sh $(PARC:/bin/python=)

@@ -1,9 +1,9 @@
 """How often bootstrap intervals of the coefficients hold the truth, and what a resample costs.
 
-    python benchmarks/coverage.py [--output FOLDER] [--datasets 20] [--resamples 60] [--fast]
+    python -m benchmarks.coverage [--output FOLDER] [--datasets 20] [--resamples 60] [--fast]
                                   [--cases SLS SPS ...] [--first-seed 0]
 
-Every dataset is a system of `quality_cases.py` with noise of 5 % in the velocities, cut into
+Every dataset is a system of `quality/cases.py` with noise of 5 % in the velocities, cut into
 trajectories that are drawn as blocks. In ``few`` the trajectories are eight, and half of the
 noise variance is an offset that a whole trajectory shares. The table goes to
 FOLDER/coverage.md. Set OMP_NUM_THREADS=1 for fair times.
@@ -18,10 +18,12 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from quality_cases import CASES
 from scipy.optimize import linear_sum_assignment
 
-from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from benchmarks.markdown import table
+from benchmarks.quality.cases import CASES
+from benchmarks.quality.methods import regressor
+from swsysid import SwitchingSystemRegressor
 from swsysid.uncertainty import bootstrap
 
 NOISE = 0.05
@@ -58,31 +60,28 @@ def main() -> None:
     options = parser.parse_args()
     if options.fast:
         options.datasets = min(options.datasets, 3)
-    lines = [
-        f"Coverage of 95 % intervals, {options.datasets} datasets, {options.resamples} resamples",
-        "",
-        "| case | trajectories | percentile | basic | median width / true error | resample / fit |",
-        "|---|---|---|---|---|---|",
-    ]
+    rows = []
     for name in options.cases or (FAST if options.fast else SETTINGS):
         seeds = range(options.first_seed, options.first_seed + options.datasets)
         records = [one_dataset(SETTINGS[name], seed, options.resamples) for seed in seeds]
-        lines.append(row(name, records))
-        print(lines[-1], flush=True)
-    text = "\n".join(lines) + "\n"
+        rows.append(row(name, records))
+        print(*rows[-1], flush=True)
+    head = ["case", "trajectories", "percentile", "basic", "median width / true error"]
+    title = (
+        f"Coverage of 95 % intervals, {options.datasets} datasets, {options.resamples} resamples"
+    )
+    text = "\n".join([title, "", *table([*head, "resample / fit"], rows, "l")]) + "\n"
     folder = Path(options.output)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "coverage.md").write_text(text, encoding="utf-8")
     print(text)
 
 
-def row(name: str, records: list[dict]) -> str:
+def row(name: str, records: list[dict]) -> list[str]:
     """A line of the table: means over the datasets."""
     mean = {key: float(np.mean([record[key] for record in records])) for key in records[0]}
-    return (
-        f"| {name} | {SETTINGS[name].n_trajectories} | {mean['percentile']:.3f} "
-        f"| {mean['basic']:.3f} | {mean['width']:.1f} | {mean['cost']:.3f} |"
-    )
+    numbers = [f"{mean['percentile']:.3f}", f"{mean['basic']:.3f}", f"{mean['width']:.1f}"]
+    return [name, str(SETTINGS[name].n_trajectories), *numbers, f"{mean['cost']:.3f}"]
 
 
 def one_dataset(setting: Setting, seed: int, n_resamples: int) -> dict:
@@ -96,12 +95,7 @@ def one_dataset(setting: Setting, seed: int, n_resamples: int) -> dict:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         started = process_time()
-        model = SwitchingSystemRegressor(
-            case.n_modes,
-            feature_library=case.library,
-            surface=PolynomialSurfaceClassifier(degree=case.surface),
-            random_state=seed,
-        ).fit(X, Xdot)
+        model = regressor(case, seed, case.n_modes).fit(X, Xdot)
         fitted = process_time()
         result = bootstrap(
             model, X, Xdot, groups=groups, n_resamples=n_resamples, random_state=seed

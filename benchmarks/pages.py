@@ -1,6 +1,6 @@
 """The tables of the documentation, made from the results that are kept beside the benchmarks.
 
-    python benchmarks/pages.py [--docs docs] [--results benchmarks/results] [NAME ...]
+    python -m benchmarks.pages [--docs docs] [--results benchmarks/results] [NAME ...]
 
 Nothing is measured: a benchmark that is run with ``--docs`` keeps its results and calls `write`.
 """
@@ -12,13 +12,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import measured_tables
-import paper_tables
-import quality_tables
-import seeding_table
-import speed_tables
-import undeclared_tables
-from results import RESULTS, load
+from benchmarks.measured import tables as measured
+from benchmarks.paper import tables as paper
+from benchmarks.quality import tables as quality
+from benchmarks.results import RESULTS, load
+from benchmarks.seeding import table as seeding
+from benchmarks.speed import tables as speed
+from benchmarks.undeclared import tables as undeclared
 
 __all__ = ["PAGES", "Page", "write"]
 
@@ -51,14 +51,14 @@ class Page:
 
 
 PAGES = (
-    Page("measured_tables.md", "measured", "make bench-measured", measured_tables.free_runs),
-    Page("measured_effects.md", "measured", "make bench-measured", measured_tables.effects),
-    Page("undeclared_tables.md", "undeclared", "make bench-undeclared", undeclared_tables.tables),
-    Page("speed_tables.md", "speed", "make bench-speed", speed_tables.table),
-    Page("quality_summary.md", "quality", "make bench-quality", quality_tables.summary),
-    Page("quality_tables.md", "quality", "make bench-quality", quality_tables.tables),
-    Page("paper_tables.md", "paper", "make bench", paper_tables.tables),
-    Page("seeding_table.md", "seeding", "make bench-seeding", seeding_table.table),
+    Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
+    Page("measured_effects.md", "measured", "make bench-measured", measured.effects),
+    Page("undeclared_tables.md", "undeclared", "make bench-undeclared", undeclared.tables),
+    Page("speed_tables.md", "speed", "make bench-speed", speed.table),
+    Page("quality_summary.md", "quality", "make bench-quality", quality.summary),
+    Page("quality_tables.md", "quality", "make bench-quality", quality.tables),
+    Page("paper_tables.md", "paper", "make bench", paper.tables),
+    Page("seeding_table.md", "seeding", "make bench-seeding", seeding.table),
 )
 
 

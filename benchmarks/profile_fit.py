@@ -1,6 +1,6 @@
 """Where the time of a fit goes: the functions of the package that take most of it.
 
-    python benchmarks/profile_fit.py [--system SLS] [--rows 1e6] [--library 4] [--lines 8]
+    python -m benchmarks.profile_fit [--system SLS] [--rows 1e6] [--library 4] [--lines 8]
 
 With OMP_NUM_THREADS=1 times are those of one core. The changelog quotes its lines.
 """

@@ -1,27 +1,11 @@
-"""Scripts of the benchmarks; and a test that needs measured data may skip only by rule.
+"""A test that needs measured data may skip only by rule.
 
 It skips where no copy of the data was promised, and fails where one was.
 """
 
-import importlib
 import os
-import sys
-from pathlib import Path
 
 import pytest
-
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-
-
-@pytest.fixture
-def import_benchmark(monkeypatch):
-    """Import a file of the benchmarks as a script does: they are no package."""
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    before = set(sys.modules)
-    yield importlib.import_module
-    for name in set(sys.modules) - before:
-        if Path(getattr(sys.modules[name], "__file__", None) or "/").parent == BENCHMARKS:
-            del sys.modules[name]
 
 
 @pytest.fixture

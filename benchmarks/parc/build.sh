@@ -2,7 +2,7 @@
 # Build an environment of its own for PARC, whose dependencies clash with ours:
 #
 #     benchmarks/parc/build.sh [FOLDER]        # FOLDER: build/parc by default
-#     python benchmarks/quality.py --parc FOLDER/bin/python
+#     python -m benchmarks.quality --parc FOLDER/bin/python
 #
 # pycddlib is compiled from source and needs the headers of gmp (libgmp-dev, gmp-devel).
 set -eu

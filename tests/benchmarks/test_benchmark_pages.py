@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.goals import Goal
+from benchmarks.measured.rows import published_errors
+from benchmarks.pages import PAGES
+from benchmarks.quality.picture import fingerprint
+from benchmarks.results import RESULTS, load
+from swsysid import datasets
+
 ROOT = Path(__file__).parents[2]
-FOLDER = ROOT / "benchmarks"
-
-
-@pytest.fixture(autouse=True)
-def benchmarks(import_benchmark):
-    return import_benchmark
 
 
 def _generated():
@@ -25,15 +26,11 @@ def _generated():
 
 @pytest.mark.parametrize("name", sorted(_generated()))
 def test_a_page_is_what_its_results_make(name):
-    from pages import PAGES
-
     page = next(page for page in PAGES if page.file == name)
     assert (ROOT / "docs" / name).read_text(encoding="utf-8") == page.text()
 
 
 def test_every_result_makes_a_page_that_another_page_shows():
-    from pages import PAGES
-
     assert {page.file for page in PAGES} == _generated()
     texts = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").glob("*.md"))
     for page in PAGES:
@@ -50,7 +47,7 @@ def test_tables_that_a_page_includes_are_no_pages_themselves():
 
 
 def test_results_say_where_they_come_from_and_are_small():
-    files = list((FOLDER / "results").glob("*.json"))
+    files = list(RESULTS.glob("*.json"))
     assert sum(file.stat().st_size for file in files) < 1e6
     for file in files:
         for name, part in json.loads(file.read_text(encoding="utf-8")).items():
@@ -73,16 +70,12 @@ def test_results_say_where_they_come_from_and_are_small():
     ],
 )
 def test_a_missed_goal_is_marked(limits, value, verdict):
-    from goals import Goal
-
     goal = Goal(**limits)
     assert goal.verdict(value) == verdict
     assert Goal.of(goal.stored()) == goal
 
 
 def test_a_goal_says_which_side_is_better():
-    from goals import Goal
-
     assert Goal(at_least=500).told == "at least 500"
     assert Goal(at_most=1.15).told == "at most 1.15"
     assert Goal(0.9, 0.98, percent=True).told == "90 to 98 %"
@@ -90,10 +83,9 @@ def test_a_goal_says_which_side_is_better():
 
 
 @pytest.mark.parametrize("name", ["quality", "quality_stress", "quality_reliability"])
-def test_a_picture_is_drawn_from_the_results_that_are_kept(name, import_benchmark):
+def test_a_picture_is_drawn_from_the_results_that_are_kept(name):
     image = pytest.importorskip("PIL.Image")
-    fingerprint = import_benchmark("quality_picture").fingerprint
-    parts = import_benchmark("results").load("quality")
+    parts = load("quality")
     with image.open(ROOT / "docs" / "_static" / f"{name}.png") as picture:
         assert picture.info["Source"] == fingerprint(parts)
 
@@ -111,11 +103,7 @@ def test_figures_that_miss_their_goals_are_marked_in_the_pages():
 
 
 def test_published_errors_are_those_of_the_data_sets(fetch_measured):
-    from measured_rows import published_errors
-
-    from swsysid import datasets
-
-    rows = json.loads((FOLDER / "results" / "measured.json").read_text(encoding="utf-8"))
+    rows = load("measured")
     for name, unit in (("silverbox", "mV"), ("cascaded_tanks", "V"), ("emps", "mm")):
         data = fetch_measured(getattr(datasets, f"fetch_{name}"))
         published = published_errors(data.published, unit)
@@ -126,6 +114,6 @@ def test_published_errors_are_those_of_the_data_sets(fetch_measured):
 
 def test_the_smallest_published_errors():
     """The tables of arXiv 2405.10779: multisine, arrow, arrow without extrapolation; V; mm."""
-    rows = json.loads((FOLDER / "results" / "measured.json").read_text(encoding="utf-8"))
+    rows = load("measured")
     best = {name: rows[name]["rows"][0]["best"] for name in ("silverbox", "cascaded_tanks", "emps")}
     assert best == {"silverbox": [0.301, 0.26, 0.259], "cascaded_tanks": [0.191], "emps": [2.64]}

@@ -5,20 +5,22 @@ import json
 import numpy as np
 import pytest
 
-
-@pytest.fixture
-def quality(import_benchmark):
-    return import_benchmark("quality")
-
+from benchmarks.quality.__main__ import main
+from benchmarks.quality.cases import CASES, MAIN, STRESS, make_data
+from benchmarks.quality.cells import Cells
+from benchmarks.quality.goals import goals, is_close
+from benchmarks.quality.picture import STYLES
+from benchmarks.quality.records import condensed
+from benchmarks.quality.tables import tables
 
 ARGUMENTS = "--fast --cases pwarx_band --seeds 1 --methods oracle ours single".split()
 
 
-def test_tables_and_pictures_are_written(quality, tmp_path, capsys):
+def test_tables_and_pictures_are_written(tmp_path, capsys):
     docs, kept = tmp_path / "docs", tmp_path / "results"
     docs.mkdir()
     folders = ["--output", str(tmp_path), "--docs", str(docs), "--results", str(kept)]
-    quality.main([*ARGUMENTS, *folders])
+    main([*ARGUMENTS, *folders])
     text = capsys.readouterr().out
     for title in ("## Summary", "## Figures to reach", "## clean", "## 5 % Gaussian noise"):
         assert title in text
@@ -37,32 +39,27 @@ def _cell(method, case="SPS", scenario="noise 15 %", **figures):
     return {"case": case, "scenario": scenario, "method": method, "seeds": 10, **shown, **figures}
 
 
-def test_a_warning_reaches_no_figure(import_benchmark):
+def test_a_warning_reaches_no_figure():
     """A loss of 0.278 counted as reached because the fit warned."""
-    cells = import_benchmark("quality_cells").Cells
-    goals = import_benchmark("quality_goals")
-    found = cells([_cell("oracle"), _cell("ours", loss=[0.278, 0.4], warned=True, wrong_more=0)])
-    assert not goals.is_close(found, ("SPS", "noise 15 %"))
-    line = goals.goals(found, {"of": 0, "wrong": []}, [])[0]
+    found = Cells([_cell("oracle"), _cell("ours", loss=[0.278, 0.4], warned=True, wrong_more=0)])
+    assert not is_close(found, ("SPS", "noise 15 %"))
+    line = goals(found, {"of": 0, "wrong": []}, [])[0]
     assert (line.value, line.verdict) == ("0 of 1 cells", "**missed**")
     assert line.missed == "SPS / noise 15 % (loss 0.278, with a warning)"
 
 
-def test_methods_that_were_not_run_have_no_column(import_benchmark):
-    tables = import_benchmark("quality_tables")
+def test_methods_that_were_not_run_have_no_column():
     ours = {"loss": [0.01, 0.02], "warned": False, "wrong_more": 0}
     cells = [_cell("oracle"), _cell("ours", **ours), _cell("oracle", scenario="clean")]
     cells += [_cell("ours", scenario="clean", **ours)]
     cells += [_cell("parc", scenario="clean", **ours) | {"seeds": 1}]
-    text = tables.tables({"cells": {"cells": cells}})
+    text = tables({"cells": {"cells": cells}})
     clean, harder = text.split("## 15 % Gaussian noise")
     assert "| PARC (1 seed) |" in clean
     assert "PARC" not in harder and " - " not in harder and "not run" not in harder
 
 
-def test_losses_are_of_seeds_that_both_have(import_benchmark):
-    records = import_benchmark("quality_records")
-
+def test_losses_are_of_seeds_that_both_have():
     def run(method, seed, balanced, **more):
         figures = {"balanced": balanced, "rmse": 1.0, "rmse_away": 1.0, "wrong": 3, "seconds": 1.0}
         where = {"case": "SLS", "scenario": "clean", "method": method, "seed": seed}
@@ -70,7 +67,7 @@ def test_losses_are_of_seeds_that_both_have(import_benchmark):
 
     runs = [run("oracle", seed, 0.9 + 0.01 * seed) for seed in range(3)]
     runs += [run("ours", 1, 0.5, warnings=["ConvergenceWarning"]), run("ours", 2, 0.9, warnings=[])]
-    _, ours = records.condensed(runs)["cells"]
+    _, ours = condensed(runs)["cells"]
     np.testing.assert_allclose(ours["loss"], [0.215, 0.41], atol=1e-12)
     assert ours["seeds"] == 2 and not ours["warned"]  # of two that are far off one was silent
 
@@ -94,8 +91,8 @@ def _seen_by_red_blind(colour):
     return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
 
 
-def test_colours_of_methods_stay_apart_for_red_blind_readers(import_benchmark):
-    colours = {style[0] for style in import_benchmark("quality_picture").STYLES.values()}
+def test_colours_of_methods_stay_apart_for_red_blind_readers():
+    colours = {style[0] for style in STYLES.values()}
     # Okabe and Ito's oranges against their green differ in little but lightness
     assert not (colours & {"#E69F00", "#D55E00"} and "#009E73" in colours)
     seen = [_seen_by_red_blind(colour) for colour in sorted(colours)]
@@ -103,21 +100,21 @@ def test_colours_of_methods_stay_apart_for_red_blind_readers(import_benchmark):
     assert min(distances) > 35
 
 
-def test_a_cell_that_is_there_is_not_run_again(quality, tmp_path):
+def test_a_cell_that_is_there_is_not_run_again(tmp_path):
     output = ["--output", str(tmp_path)]
-    quality.main([*ARGUMENTS, *output])
+    main([*ARGUMENTS, *output])
     file = tmp_path / "quality.jsonl"
     lines = file.read_text(encoding="utf-8").splitlines()
     assert len(lines) == 3 * 3  # corruptions times methods
     changed = json.loads(lines[0]) | {"balanced": 0.123}
     file.write_text("\n".join([json.dumps(changed), *lines[1:]]) + "\n", encoding="utf-8")
-    quality.main([*ARGUMENTS, *output])
+    main([*ARGUMENTS, *output])
     assert json.loads(file.read_text(encoding="utf-8").splitlines()[0]) == changed
 
 
-def test_an_unknown_method_is_refused(quality, tmp_path):
+def test_an_unknown_method_is_refused(tmp_path):
     with pytest.raises(SystemExit, match="does not know"):
-        quality.main(["--methods", "kplane", "--output", str(tmp_path)])
+        main(["--methods", "kplane", "--output", str(tmp_path)])
 
 
 # 2000 samples: an estimated standard deviation is off by 1.6 %, a share of 5 % by 0.5 %
@@ -130,39 +127,39 @@ def test_an_unknown_method_is_refused(quality, tmp_path):
         ("uneven noise", [0.1, 0.01]),
     ],
 )
-def test_noise_has_the_size_its_name_says(quality, name, levels):
-    errors, _ = _spoilt(quality, name)
+def test_noise_has_the_size_its_name_says(name, levels):
+    errors, _ = _spoilt(name)
     np.testing.assert_allclose(errors.std(axis=0), levels, rtol=0.08)
 
 
-def test_outliers_are_as_many_and_as_large_as_their_names_say(quality):
-    errors, hit = _spoilt(quality, "outliers 5 %")
+def test_outliers_are_as_many_and_as_large_as_their_names_say():
+    errors, hit = _spoilt("outliers 5 %")
     assert abs(hit.mean() - 0.05) < 0.02
     np.testing.assert_allclose(errors[hit].std(), 5, rtol=0.2)
-    errors, hit = _spoilt(quality, "one-sided 20 %")
+    errors, hit = _spoilt("one-sided 20 %")
     assert abs(hit.mean() - 0.2) < 0.04
     np.testing.assert_allclose(errors[hit].mean(), 50, rtol=0.02)
 
 
-def test_small_samples_and_high_degrees(quality):
-    case = quality.CASES["sectors"]
-    scenarios = {scenario.name: scenario for scenario in quality.STRESS}
-    assert len(quality.make_data(case, scenarios["N = 400"], 0).X) == 400
-    told = quality.make_data(case, scenarios["degrees too high"], 0).case
+def test_small_samples_and_high_degrees():
+    case = CASES["sectors"]
+    scenarios = {scenario.name: scenario for scenario in STRESS}
+    assert len(make_data(case, scenarios["N = 400"], 0).X) == 400
+    told = make_data(case, scenarios["degrees too high"], 0).case
     assert (told.library, told.surface) == (case.library + 1, case.surface + 2)
 
 
-def _spoilt(quality, name):
+def _spoilt(name):
     """Errors of velocities in units of each column's spread, and the rows that have any."""
-    scenarios = {scenario.name: scenario for scenario in quality.MAIN + quality.STRESS}
-    exact = quality.make_data(quality.CASES["sectors"], scenarios["clean"], 0).Xdot
-    errors = quality.make_data(quality.CASES["sectors"], scenarios[name], 0).Xdot - exact
+    scenarios = {scenario.name: scenario for scenario in MAIN + STRESS}
+    exact = make_data(CASES["sectors"], scenarios["clean"], 0).Xdot
+    errors = make_data(CASES["sectors"], scenarios[name], 0).Xdot - exact
     return errors / exact.std(axis=0), np.any(errors != 0, axis=1)
 
 
-def test_every_mode_is_visited(quality):
+def test_every_mode_is_visited():
     rng = np.random.default_rng(0)
-    for case in quality.CASES.values():
+    for case in CASES.values():
         system = case.make(rng)
         modes = system.modes(system.states(rng, 2000))
         shares = np.bincount(modes, minlength=case.n_modes) / len(modes)
@@ -170,11 +167,11 @@ def test_every_mode_is_visited(quality):
         assert shares.min() > 0.03, case.name
 
 
-def test_fields_of_the_published_systems(quality):
+def test_fields_of_the_published_systems():
     rng = np.random.default_rng(0)
 
     def velocities(case, states):
-        return quality.CASES[case].make(rng).velocities(np.array(states, dtype=float))
+        return CASES[case].make(rng).velocities(np.array(states, dtype=float))
 
     np.testing.assert_allclose(
         velocities("hopper", [[0.8, -0.1], [1.2, 0.3]]), [[-0.1, 3.0], [0.3, -1.0]]

@@ -2,16 +2,11 @@
 
 import json
 
-import pytest
+from benchmarks.undeclared.__main__ import main
 
 
-@pytest.fixture
-def benchmark(import_benchmark):
-    return import_benchmark("undeclared")
-
-
-def test_the_fast_part_finds_what_was_planted(benchmark, tmp_path, capsys):
-    benchmark.main(["--fast", "--output", str(tmp_path)])
+def test_the_fast_part_finds_what_was_planted(tmp_path, capsys):
+    main(["--fast", "--output", str(tmp_path)])
     lines = (tmp_path / "undeclared.jsonl").read_text().splitlines()
     records = [json.loads(line) for line in lines]
     planted = [record for record in records if record["cell"][1]]
@@ -22,7 +17,7 @@ def test_the_fast_part_finds_what_was_planted(benchmark, tmp_path, capsys):
         assert record["ratio"] <= 1.15
     assert [record["found"] for record in clean] == [[]] * 4
     capsys.readouterr()
-    benchmark.main(["--fast", "--output", str(tmp_path)])
+    main(["--fast", "--output", str(tmp_path)])
     printed = capsys.readouterr().out
     assert "| first effect right | 100.0% | 5 | larger | at least 95 % | reached |" in printed
     assert "records with noise 0 and 2 %: oscillator 0.0, pendulum 0.0." in printed

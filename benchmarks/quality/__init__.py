@@ -1,0 +1,1 @@
+"""Many systems, corruptions and methods: who finds the right modes."""

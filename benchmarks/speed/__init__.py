@@ -1,0 +1,1 @@
+"""Structured solvers and whole fits in ratios to general ones."""

@@ -1,0 +1,1 @@
+"""Planted effects: whether the search finds what a declared model lacks."""

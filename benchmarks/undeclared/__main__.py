@@ -1,0 +1,106 @@
+"""Does the search find the effect that a declared model lacks: all kinds, systems and seeds.
+
+    python -m benchmarks.undeclared [--output FOLDER] [--seeds 5] [--first-seed 0] [--fast]
+                                    [--systems oscillator ...] [--kinds coulomb_friction ...]
+                                    [--pairs N] [--clean N] [--jobs 2] [--docs docs]
+
+Every cell (system, kinds, noise, seed) is one line of FOLDER/undeclared.jsonl; a cell that is
+there is not run again, so that an interrupted run resumes. Plants and effects are those of
+`swsysid.datasets.make_undeclared` at 2 % noise; what counts as right is in `cells.py`.
+Seconds are CPU seconds of the search and of one fit of the declared model. What the tables show is
+kept in FOLDER/undeclared.json; with ``--docs`` in benchmarks/results, and the page is written.
+"""
+
+from __future__ import annotations
+
+import argparse
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from joblib import delayed
+
+from benchmarks import pages
+from benchmarks.records import read, run_and_append
+from benchmarks.results import add_docs_options, keep, measured_here, place
+from benchmarks.undeclared.cells import Cell, run_cell, states_difference
+from benchmarks.undeclared.tables import condensed, tables
+from swsysid.datasets import undeclared_kinds
+
+SYSTEMS = ["oscillator", "quartic", "two_mass", "pendulum", "tanks", "discrete"]
+FAST_KINDS = ["coulomb_friction", "dead_zone", "guard_hysteresis"]
+# A pair must not be one effect in two words, nor undo the declared law.
+ALONE = {"extra_mode", "guard_hysteresis", "reset", "sensor_offset", "clock_lag"}
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the missing cells and print the tables."""
+    options = parse(arguments)
+    file = Path(options.output, "undeclared.jsonl")
+    cells = wanted(options)
+    known = {Cell.of(record) for record in read(file)}
+    missing = [cell for cell in cells if cell not in known]
+    runs = run_and_append(file, (delayed(run_cell)(cell) for cell in missing), options.jobs)
+    for count, [record] in enumerate(runs, start=1):
+        print(f"{count}/{len(missing)} {record['cell']} -> {record['found']}", flush=True)
+    asked = [record for record in read(file) if Cell.of(record) in set(cells)]
+    exact = {system: states_difference(system) for system in options.systems}
+    origin = measured_here()
+    parts = {
+        "searches": {"origin": origin, **condensed(asked)},
+        "states": {"origin": origin, "largest_difference": exact},
+    }
+    keep("undeclared", parts, place(options))
+    print(tables(parts))
+    if options.docs:
+        pages.write("undeclared", options.docs, options.results)
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", default="output/undeclared", help="folder of the results")
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--systems", nargs="+", choices=SYSTEMS, default=SYSTEMS)
+    parser.add_argument("--kinds", nargs="+", help="all that a system supports by default")
+    parser.add_argument("--pairs", type=int, default=3, help="pairs of kinds a system and seed")
+    parser.add_argument("--clean", type=int, default=5, help="clean records a system and noise")
+    parser.add_argument("--fast", action="store_true", help="few kinds and systems, one seed")
+    parser.add_argument("--jobs", type=int, default=1)
+    add_docs_options(parser)
+    options = parser.parse_args(arguments)
+    if options.fast:
+        options.seeds, options.pairs, options.clean = 1, 0, 1
+        options.systems, options.kinds = ["oscillator", "pendulum"], FAST_KINDS
+    return options
+
+
+def wanted(options: argparse.Namespace) -> list[Cell]:
+    """Single effects, pairs of effects, and clean systems."""
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    cells = []
+    for system in options.systems:
+        kinds = [
+            kind
+            for kind in undeclared_kinds(system)
+            if options.kinds is None or kind in options.kinds
+        ]
+        for seed in seeds:
+            cells += [Cell(system, (kind,), "gaussian", seed) for kind in kinds]
+            cells += [Cell(system, pair, "gaussian", seed) for pair in pairs(kinds, options, seed)]
+        for noise in ("gaussian", "student"):
+            first = options.first_seed
+            cells += [Cell(system, (), noise, seed) for seed in range(first, first + options.clean)]
+    return cells
+
+
+def pairs(kinds: list[str], options: argparse.Namespace, seed: int) -> list[tuple[str, ...]]:
+    """Some pairs of different kinds, drawn by the seed."""
+    every = list(combinations([kind for kind in kinds if kind not in ALONE], 2))
+    drawn = np.random.RandomState(1000 + seed).permutation(len(every))[: options.pairs]
+    return [every[place] for place in drawn]
+
+
+if __name__ == "__main__":
+    main()
