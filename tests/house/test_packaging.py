@@ -1,5 +1,6 @@
 """One configuration file, its promises, and the rule that promised data may not be missed."""
 
+import ast
 import os
 import re
 import subprocess
@@ -12,6 +13,8 @@ import pytest
 import swsysid
 
 ROOT = Path(__file__).parents[2]
+_IMPORTED_AS = {"scikit-learn": "sklearn"}
+_OPTIONAL = ("plot", "excel", "parquet", "dask", "pysindy")  # extras of users
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
@@ -26,9 +29,40 @@ def test_every_dependency_says_why():
 
 
 def test_extras():
-    assert {"plot", "dask", "test", "docs", "bench"} <= set(
-        CONFIG["project"]["optional-dependencies"]
-    )
+    extras = set(CONFIG["project"]["optional-dependencies"])
+    assert extras == {*_OPTIONAL, "test", "docs", "bench"}
+
+
+def _declared(requirements):
+    """The names of packages in some requirements, as they are imported."""
+    names = {re.match(r"[\w-]+", requirement).group().lower() for requirement in requirements}
+    return {_IMPORTED_AS.get(name, name.replace("-", "_")) for name in names}
+
+
+def _imported():
+    """Top-level names that a file of the package imports, wherever in the file that is."""
+    for path in Path(swsysid.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Import(names):
+                    yield from (alias.name.split(".")[0] for alias in names)
+                case ast.ImportFrom(module):
+                    yield module.split(".")[0]
+                case ast.Call(ast.Attribute(attr="import_module"), [ast.Constant(module)]):
+                    yield module.split(".")[0]
+
+
+def test_every_import_is_declared():
+    project = CONFIG["project"]
+    optional = _declared(r for name in _OPTIONAL for r in project["optional-dependencies"][name])
+    known = _declared(project["dependencies"]) | optional | sys.stdlib_module_names | {"swsysid"}
+    assert not set(_imported()) - known
+
+
+def test_every_dependency_is_imported():
+    loaded_by_name = {"clarabel"}  # cvxpy is asked for it
+    required = _declared(CONFIG["project"]["dependencies"])
+    assert required - set(_imported()) == loaded_by_name
 
 
 def test_no_other_configuration_file():
