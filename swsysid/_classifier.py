@@ -251,7 +251,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         `log_likelihood` of every class, (n_samples, n_classes), counts up to a constant for each
         sample: equal entries say nothing. Returns the classifier.
         """
-        rows = canonical_rows(self._checked(X), log_likelihood, sample_weight=sample_weight)
+        rows = canonical_rows(known_rows(self, X), log_likelihood, sample_weight=sample_weight)
         features = self._basis(rows.arrays[0])
         self._posterior = self._posterior.with_likelihood(features, rows.arrays[1], rows.weight)
         return self
@@ -263,7 +263,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        X = self._checked(X)
+        X = known_rows(self, X)
         return self._basis.of_user(X)
 
     def surface_values_at(self, point):
@@ -291,6 +291,13 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         other, labels = copy(self), np.searchsorted(self.classes_, y)
         rows = canonical_rows(X, labels, sample_weight=sample_weight)
         other._store(self._basis(rows.arrays[0]), rows.arrays[1], rows, self.mode_book_, fits)
+        return other
+
+    def relabelled(self, names):
+        """A copy in which class c is called ``names[c]``; `refitted` makes it a fitted one."""
+        other, names = copy(self), names[self.classes_]
+        order = np.argsort(names)
+        other.classes_, other.mode_book_ = names[order], self.mode_book_[order]
         return other
 
     def margin_certificate(self, X, y):
@@ -383,12 +390,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     # -- small things ----------------------------------------------------------------------
 
-    def _checked(self, X):
-        return known_rows(self, X)
-
     def _features(self, X):
-        X = self._checked(X)
-        return self._basis(X)
+        return self._basis(known_rows(self, X))
 
     def _class_decisions(self, values):
         return decisions(values / self._surface_scale, self.mode_book_)

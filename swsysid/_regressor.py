@@ -8,25 +8,24 @@ from swsysid._checks.estimators import check_fitted, known_rows, known_velocitie
 from swsysid._checks.parameters import random_numbers
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
-from swsysid._data.rows import canonical_rows
 from swsysid._data.scores import ScoredByR2
 from swsysid._data.sources import over_blocks
 from swsysid._identification.answer import Answer, answer_of_all
+from swsysid._identification.doubts import Doubts, examine, warn_about
 from swsysid._identification.evidence import tell_likelihood
-from swsysid._identification.guard import check_guard
 from swsysid._identification.identify import identify
-from swsysid._identification.large import drawn_rows, fit_all_rows
+from swsysid._identification.many_rows import answer_of_many
 from swsysid._identification.monomials import surface_candidates
 from swsysid._identification.problem import one_hot
+from swsysid._identification.rows import TrainingRows
+from swsysid._identification.settings import IdentificationSettings
 from swsysid._identification.setup import (
     build_problem,
     build_search,
     check_parameters,
-    checked_blocks,
+    checked_rows,
     input_names,
-    trajectory_codes,
 )
-from swsysid._identification.warnings import check_residuals, warn_about
 from swsysid._simulation.model import SwitchingModel
 from swsysid.relaxations import get_relaxation
 from swsysid.relaxations._certificates import certify
@@ -144,6 +143,9 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
     x1' = -1.0 x0 - 0.5 x1
     """
 
+    #: Sizes and limits that a fit takes for granted; a subclass may have others.
+    settings = IdentificationSettings()
+
     def __init__(
         self,
         n_modes=2,
@@ -212,27 +214,20 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
             If a named solver is not installed.
         """
         check_parameters(self)
-        blocks, self._one_target = checked_blocks(self, X, y, sample_weight, groups)
-        sample = drawn_rows(blocks)
-        drawn, codes = sample.rows, trajectory_codes(sample.rows.groups, len(sample.rows))
-        rows = canonical_rows(drawn.X, drawn.targets, codes, sample_weight=drawn.weight)
-        names = input_names(self)
-        self._feature_map = FeatureMap(self.feature_library, drawn.X[drawn.weight > 0], names)
-        self.feature_names_out_ = self._feature_map.names_out
+        rows, self._one_target = checked_rows(self, X, y, sample_weight, groups, self.settings)
+        feature_map = self._fit_features(rows)
+        problem = build_problem(self, rows.distinct, feature_map)
+        search = build_search(self, rows.distinct, rows.sample)
 
-        problem = build_problem(self, rows, self._feature_map)
-        search = build_search(self, rows, sample)
         found = identify(problem, search, random_numbers(self.random_state))
-        if sample.is_everything:
-            answer = answer_of_all(drawn, rows, found, self._feature_map)
+        if rows.all_in_memory:
+            answer = answer_of_all(rows, found, feature_map)
         else:
-            answer = fit_all_rows(blocks, sample, found, self._feature_map, search)
-        self._store(answer)
-        found = answer.found
-        guard = check_guard(found.problem, self.coef_, found.best.modes, self.surface_)
-        left = check_residuals(self, found, rows)
-        self.guard_score_, self.residual_share_ = guard.score, left.shared.share
-        warn_about(self, answer, guard, left, len(rows.weight))
+            answer = answer_of_many(rows, found, feature_map, search)
+        doubts = examine(answer, rows, default_library=self.feature_library is None)
+
+        self._store(answer, doubts)
+        warn_about(self, answer, doubts)
         return self
 
     def predict(self, X):
@@ -357,7 +352,14 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
 
     # -- parts of fit ------------------------------------------------------------------------
 
-    def _store(self, answer: Answer) -> None:
+    def _fit_features(self, rows: TrainingRows) -> FeatureMap:
+        given = rows.in_memory
+        names = input_names(self)
+        self._feature_map = FeatureMap(self.feature_library, given.X[given.weight > 0], names)
+        self.feature_names_out_ = self._feature_map.names_out
+        return self._feature_map
+
+    def _store(self, answer: Answer, doubts: Doubts) -> None:
         found, best = answer.found, answer.found.best
         self.coef_, self.surface_, self.modes_ = best.coef, answer.surface, answer.modes
         self._membership, self.objective_ = answer.membership, answer.objective
@@ -366,6 +368,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         self.n_modes_ = len(best.coef)
         self.stability_ = found.stability
         self.mode_selection_ = list(found.candidates)
+        self.guard_score_, self.residual_share_ = doubts.guard.score, doubts.shared.share
         tell_likelihood(self.surface_, found.problem, best.coef, best.modes)
         self.surface_candidates_ = surface_candidates(
             found.problem, found.monomials, self.surface_, best.modes

@@ -19,8 +19,9 @@ from swsysid._checks.parameters import MOST_RESAMPLES, jobs, random_numbers, rea
 from swsysid._data.rows import CanonicalRows
 from swsysid._identification.alternation import alternate
 from swsysid._identification.problem import one_hot
+from swsysid._identification.rows import trajectory_codes
 from swsysid._identification.scale import calibrate
-from swsysid._identification.setup import build_problem, trajectory_codes
+from swsysid._identification.setup import build_problem
 from swsysid._losses.losses import get_loss
 from swsysid._results import Array
 from swsysid._simulation.model import fitted_system

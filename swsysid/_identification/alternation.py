@@ -1,4 +1,4 @@
-"""The bilevel alternation from one start: assign, estimate, refit the surface, record, stop."""
+"""The descent of rows in memory, from one start."""
 
 from __future__ import annotations
 
@@ -8,10 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from swsysid._identification.problem import CoupledSurface, Modes, SwitchingProblem, one_hot
-from swsysid._results import Array, Assignment, IterationRecord
+from swsysid._identification.descent import descend
+from swsysid._identification.problem import (
+    Costs,
+    CoupledSurface,
+    Modes,
+    SwitchingProblem,
+    one_hot,
+)
+from swsysid._results import Array, IterationRecord
 
-__all__ = ["Alternation", "alternate"]
+__all__ = ["Alternation", "alternate", "relabel"]
 
 
 @dataclass(frozen=True)
@@ -45,79 +52,118 @@ class Alternation:
 def alternate(
     problem: SwitchingProblem, membership: Array, *, max_iter: int, tol: float
 ) -> Alternation:
-    """Alternate the three convex programs from a starting membership.
-
-    Stops when an assignment repeats, or when an iteration improves neither the joint objective
-    nor the relaxed loss by more than `tol`, relatively.
-    """
+    """Descend from a starting membership, and harden what is found."""
     modes = membership.argmax(axis=1)
-    surface = problem.fit_surface(modes)
-    coef, history, converged = None, [], False
-    for iteration in range(1, max_iter + 1):
-        started = perf_counter()
-        coef = problem.estimate(membership, coef)
-        assignment = problem.assign(coef, _penalty(surface))
-        if surface is not None and not np.array_equal(assignment.modes, modes):
-            surface = problem.refit_surface(assignment.modes, surface)
-        history.append(
-            _record(problem, iteration, coef, assignment, modes, surface, perf_counter() - started)
-        )
-        membership, modes = assignment.membership, assignment.modes
-        if converged := _has_converged(history, tol):
-            renewed = None if surface is None else problem.renew_book(modes, surface)
-            if renewed is surface:
-                break
-            surface, converged = renewed, False
-    return _settle(problem, coef, membership, surface, history, converged)
-
-
-def _record(problem, iteration, coef, assignment: Assignment, previous: Modes, surface, seconds):
-    modes = assignment.modes
-    return IterationRecord(
-        iteration=iteration,
-        objective=problem.joint_objective(coef, modes, surface),
-        loss=problem.hard_loss(coef, modes),
-        lower_bound=problem.relaxed_loss(coef, assignment.membership),
-        mode_changes=int(np.sum(modes != previous)),
-        tightness=float(np.average(assignment.tightness, weights=problem.weight)),
-        seconds=seconds,
-        modes=modes.astype(np.int8),
+    start = _Assigned(None, membership, modes, problem.fit_surface(modes))
+    found = descend(_InMemory(problem), start, max_iter=max_iter, tol=tol)
+    last = found.last
+    if not (found.converged and last.is_fixed):
+        last = _hardened(problem, last)
+    assert last.coef is not None, "a descent makes at least one iteration"
+    return Alternation(
+        coef=last.coef,
+        membership=last.membership,
+        modes=last.modes,
+        surface=None if last.surface is None else last.surface.classifier,
+        objective=last.objective,
+        history=found.history,
+        converged=found.converged,
     )
+
+
+@dataclass(frozen=True)
+class _Assigned:
+    """An iterate of rows in memory; of a start only labels and surface are known."""
+
+    coef: Array | None
+    membership: Array
+    modes: Modes
+    surface: CoupledSurface | None
+    objective: float = np.inf
+    costs: Costs = Costs(np.inf, np.inf, np.inf, np.inf, 0.0)
+    mode_changes: int = 0
+    tightness: float = 0.0
+    seconds: float = 0.0
+
+    no_gain = 0.0  # vector fields and surfaces are optimal to machine precision
+
+    @property
+    def measures(self) -> tuple[float, float]:
+        return self.objective, self.costs.relaxed_loss
+
+    @property
+    def is_fixed(self) -> bool:
+        return self.mode_changes == 0 and self.tightness == 1.0
+
+    def record(self, iteration: int) -> IterationRecord:
+        return IterationRecord(
+            iteration=iteration,
+            objective=self.objective,
+            loss=self.costs.hard_loss,
+            lower_bound=self.costs.relaxed_loss,
+            mode_changes=self.mode_changes,
+            tightness=self.tightness,
+            seconds=self.seconds,
+            modes=self.modes.astype(np.int8),
+        )
+
+
+@dataclass(frozen=True)
+class _InMemory:
+    """The rows of a problem, seen all at once."""
+
+    problem: SwitchingProblem
+
+    def next(self, iterate: _Assigned) -> _Assigned:
+        """Vector fields for the memberships, memberships for these, a surface for their labels."""
+        started, problem, surface = perf_counter(), self.problem, iterate.surface
+        coef = problem.estimate(iterate.membership, iterate.coef)
+        velocities = problem.velocities(coef)
+        assignment = problem.assign_velocities(velocities, _penalty(surface))
+        modes, costs = assignment.modes, problem.costs(velocities, assignment)
+        mode_changes = int(np.sum(modes != iterate.modes))
+        if surface is not None and mode_changes:
+            surface = problem.refit_surface(modes, surface)
+        return _Assigned(
+            coef=coef,
+            membership=assignment.membership,
+            modes=modes,
+            surface=surface,
+            objective=_objective(problem, costs.loss, modes, surface),
+            costs=costs,
+            mode_changes=mode_changes,
+            tightness=float(np.average(assignment.tightness, weights=problem.weight)),
+            seconds=perf_counter() - started,
+        )
+
+    def renewed(self, iterate: _Assigned) -> _Assigned:
+        """With a better mode-book, if there is one."""
+        if iterate.surface is None:
+            return iterate
+        surface = self.problem.renew_book(iterate.modes, iterate.surface)
+        return iterate if surface is iterate.surface else replace(iterate, surface=surface)
+
+
+def _hardened(problem: SwitchingProblem, last: _Assigned) -> _Assigned:
+    """Vector fields for the hard labels, then the labels that these fields ask for."""
+    coef = problem.estimate(one_hot(last.modes, problem.n_modes), last.coef)
+    velocities = problem.velocities(coef)
+    assignment = problem.assign_velocities(velocities, _penalty(last.surface))
+    modes = assignment.modes
+    loss = problem.costs(velocities, assignment).loss
+    objective = _objective(problem, loss, modes, last.surface)
+    return replace(
+        last, coef=coef, membership=assignment.membership, modes=modes, objective=objective
+    )
+
+
+def _objective(problem, loss: float, modes: Modes, surface: CoupledSurface | None) -> float:
+    cost = 0.0 if surface is None else problem.surface_cost(surface, modes)
+    return problem.joint_objective(loss, cost)
 
 
 def _penalty(surface: CoupledSurface | None) -> Array | None:
     return None if surface is None else surface.penalty
-
-
-def _has_converged(history: list[IterationRecord], tol: float) -> bool:
-    if len(history) < 2:
-        return False
-    last, before = history[-1], history[-2]
-    if last.mode_changes == 0 and last.tightness == 1.0:
-        return True  # a fixed point: the next iteration would be the same
-    return before.objective - last.objective <= tol * abs(
-        before.objective
-    ) and before.lower_bound - last.lower_bound <= tol * abs(before.lower_bound)
-
-
-def _settle(problem, coef, membership, surface, history, converged) -> Alternation:
-    """Harden: vector fields for the hard labels, then the labels these fields ask for.
-
-    Nothing is left to do where the last assignment repeated itself and was one-hot already.
-    """
-    if not (converged and history[-1].mode_changes == 0 and history[-1].tightness == 1.0):
-        coef = problem.estimate(one_hot(membership.argmax(axis=1), problem.n_modes), coef)
-        membership = problem.assign(coef, _penalty(surface)).membership
-    modes = membership.argmax(axis=1)
-    return Alternation(
-        coef=coef,
-        membership=membership,
-        modes=modes,
-        surface=None if surface is None else surface.classifier,
-        objective=problem.joint_objective(coef, modes, surface),
-        history=tuple(history),
-        converged=converged,
-    )
 
 
 def relabel(result: Alternation, order: Modes) -> Alternation:

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._data.features import FeatureMap
-from swsysid._data.rows import CanonicalRows
-from swsysid._data.sources import Rows
 from swsysid._identification.identify import Identification
+from swsysid._identification.rows import TrainingRows
 from swsysid._results import Array, IterationRecord
 from swsysid._surfaces.surface import fit_weighted
 
@@ -46,18 +45,16 @@ class Answer:
     stalled: bool = False
 
 
-def answer_of_all(
-    given: Rows, rows: CanonicalRows, found: Identification, feature_map: FeatureMap
-) -> Answer:
+def answer_of_all(rows: TrainingRows, found: Identification, feature_map: FeatureMap) -> Answer:
     """The answer of rows that were all identified: modes, and the surface fitted to them.
 
     Rows of weight zero took no part; they get the mode that fits them best.
     """
-    best, problem = found.best, found.problem
-    modes = rows.restore(best.modes)
+    best, problem, given, distinct = found.best, found.problem, rows.in_memory, rows.distinct
+    modes = distinct.restore(best.modes)
     surface = fit_weighted(clone(problem.surface), given.X, modes, given.weight)
-    membership = rows.restore(best.membership)
-    dropped = rows.inverse < 0
+    membership = distinct.restore(best.membership)
+    dropped = distinct.inverse < 0
     if dropped.any():
         some = given.take(dropped)
         rest = problem.on_rows(feature_map(some.X), some.targets, some.X)
@@ -69,5 +66,5 @@ def answer_of_all(
         membership.argmax(axis=1),
         membership,
         problem.hard_loss(best.coef, best.modes),
-        [replace(record, modes=rows.restore(record.modes, -1)) for record in best.history],
+        [replace(record, modes=distinct.restore(record.modes, -1)) for record in best.history],
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,17 +29,6 @@ from swsysid._seeding.search import same_partition
 from swsysid._seeding.seeding import Seed, seed_modes
 
 __all__ = ["Identification", "Search", "identify"]
-
-# Partitions that differ on more than this share of the samples are different answers, and log
-# likelihoods within this many nats leave the choice between them open: dense gates on thousands
-# of samples differ by hundreds where the samples decide.
-_DIFFERENT, _OPEN = 0.02, 20.0
-# Terms are chosen anew for the modes that the last choice led to, at most so often.
-_MOST_CHOICES = 5
-# An answer that fewer than one start in this many finds again is no more than the best so far.
-_SELDOM = 32
-# As many rows as this decide between starts as well as all rows do.
-_DECIDING = 20_000
 
 
 @dataclass(frozen=True)
@@ -97,9 +87,9 @@ class Identification:
     smooth_degree : int or None
         Degree of one polynomial law that predicts held-out samples better than the modes found by
         ``n_modes="auto"``; None without one.
-    rival : float
-        By how much the best partition of the seeding is more likely than the next that differs
-        on more than two per cent of the samples, in nats; infinite without one.
+    log_likelihood_gap : float
+        By how much the best partition of the seeding is more likely than the next that really
+        differs, in nats; infinite without one.
     """
 
     best: Alternation
@@ -111,17 +101,18 @@ class Identification:
     candidates: tuple[ModeCandidate, ...]
     monomials: SurfaceChoice | None
     smooth_degree: int | None
-    rival: float
+    log_likelihood_gap: float
 
     @property
     def has_rival(self) -> bool:
         """True if another partition explains the samples as well."""
-        return self.rival < _OPEN
+        return self.log_likelihood_gap < self.problem.settings.open
 
     @property
-    def seldom_found(self) -> bool:
-        """True if the winner was found once among several starts, or by one in 32 of them."""
-        return 1 < self.n_starts and self.hits <= max(1, self.n_starts // _SELDOM)
+    def has_low_hit_rate(self) -> bool:
+        """True if the winner was found once among several starts, or by one in many of them."""
+        few = self.n_starts // self.problem.settings.seldom
+        return 1 < self.n_starts and self.hits <= max(1, few)
 
 
 @dataclass(frozen=True)
@@ -137,7 +128,7 @@ class _Starts:
     n_drawn : int
     suspected : ndarray of shape (n_samples,), bool
         Samples that the best start takes for outliers.
-    rival : float
+    log_likelihood_gap : float
         As in `Identification`.
     """
 
@@ -145,7 +136,7 @@ class _Starts:
     hits: list[int]
     n_drawn: int
     suspected: NDArray[np.bool_]
-    rival: float = np.inf
+    log_likelihood_gap: float = np.inf
 
 
 def identify(problem: SwitchingProblem, search: Search, random_state) -> Identification:
@@ -166,16 +157,10 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
         first = starts.memberships[0]
         suspected = replace(problem, coupling=0.0, outlying=starts.suspected)
         problem = calibrate(problem, suspected.estimate(first), first.argmax(axis=1))
-    best, hits, decided_on_all = _best_of(problem, starts, search)
-    problem, sparse, choice = choose_monomials(
+    best, hits = _best_of(problem, starts, search)
+    problem, best, choice = choose_monomials(
         problem, best, max_iter=search.max_iter, tol=search.tol
     )
-    if sparse is best and not decided_on_all:
-        start = one_hot(
-            problem.assign(best.coef, problem.penalty(best.surface)).modes, problem.n_modes
-        )
-        sparse = alternate(problem, start, max_iter=search.max_iter, tol=search.tol)
-    best = sparse
     if search.sparsity is not None:
         problem, best = _sparsify(problem, best, search)
     order = _canonical_order(problem, best)
@@ -190,30 +175,30 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
         candidates=candidates,
         monomials=choice,
         smooth_degree=smooth_degree,
-        rival=starts.rival,
+        log_likelihood_gap=starts.log_likelihood_gap,
     )
 
 
-def _best_of(
-    problem: SwitchingProblem, starts: _Starts, search: Search
-) -> tuple[Alternation, int, bool]:
-    """The best alternation, how many starts ended in it, and if it has seen all rows."""
+def _best_of(problem: SwitchingProblem, starts: _Starts, search: Search) -> tuple[Alternation, int]:
+    """The best alternation, and how many starts ended in it.
+
+    Of very many rows some decide between the starts, and the best goes on with all rows.
+    """
     rows = _deciding_rows(problem)
     few = problem if rows is None else problem.some(rows)
+    descent = partial(alternate, max_iter=search.max_iter, tol=search.tol)
     runs = Parallel(n_jobs=search.n_jobs)(
-        delayed(alternate)(
-            few,
-            start if rows is None else start[rows],
-            max_iter=search.max_iter,
-            tol=search.tol,
-        )
+        delayed(descent)(few, start if rows is None else start[rows])
         for start in tqdm(starts.memberships, desc="starts", disable=not search.verbose)
     )
     best = min(runs, key=lambda run: run.objective)
     hits = sum(
         count for run, count in zip(runs, starts.hits, strict=True) if _same_answer(run, best, few)
     )
-    return best, hits, rows is None
+    if rows is not None:
+        modes = problem.assign(best.coef, problem.penalty(best.surface)).modes
+        best = descent(problem, one_hot(modes, problem.n_modes))
+    return best, hits
 
 
 def _deciding_rows(problem: SwitchingProblem) -> Modes | None:
@@ -221,24 +206,24 @@ def _deciding_rows(problem: SwitchingProblem) -> Modes | None:
 
     Without coupling it is the paper's method, and every iteration is on all rows.
     """
-    n_rows = len(problem.weight)
-    if problem.coupling == 0.0 or n_rows <= 2 * _DECIDING:
+    n_rows, n_deciding = len(problem.weight), problem.settings.deciding
+    if problem.coupling == 0.0 or n_rows <= 2 * n_deciding:
         return None
-    return spread_rows(n_rows, _DECIDING)
+    return spread_rows(n_rows, n_deciding)
 
 
 def _starts(problem, search: Search, random_state) -> _Starts:
-    nobody = np.zeros(len(problem.targets), dtype=bool)
+    no_outliers = np.zeros(len(problem.targets), dtype=bool)
     if isinstance(search.init, np.ndarray):
-        return _Starts([_given_start(problem, search.init)], [1], 1, nobody)
+        return _Starts([_given_start(problem, search.init)], [1], 1, no_outliers)
     if problem.n_modes == 1:
-        return _Starts([np.ones((len(problem.targets), 1))], [1], 1, nobody)
+        return _Starts([np.ones((len(problem.targets), 1))], [1], 1, no_outliers)
     if search.init == "random":
         starts = [
             one_hot(_random_cells(problem, random_state), problem.n_modes)
-            for _ in range(search.n_init or 10)
+            for _ in range(search.n_init or problem.settings.random_starts)
         ]
-        return _Starts(starts, [1] * len(starts), len(starts), nobody)
+        return _Starts(starts, [1] * len(starts), len(starts), no_outliers)
     seeds = seed_modes(
         problem.features,
         problem.targets,
@@ -254,18 +239,18 @@ def _starts(problem, search: Search, random_state) -> _Starts:
         [max(seed.hits, 1) for seed in seeds],
         seeds[0].n_starts,
         seeds[0].inlier < 0.5,
-        _rival(seeds, problem.weight),
+        _log_likelihood_gap(seeds, problem.weight, problem.settings.different),
     )
 
 
-def _rival(seeds: list[Seed], weight: Array) -> float:
+def _log_likelihood_gap(seeds: list[Seed], weight: Array, different: float) -> float:
     """How far the likelihood of the next really different partition is behind, in nats."""
     first = seeds[0]
     return min(
         (
             first.log_likelihood - seed.log_likelihood
             for seed in seeds[1:]
-            if not same_partition(first.labels, seed.labels, weight, _DIFFERENT)
+            if not same_partition(first.labels, seed.labels, weight, different)
         ),
         default=np.inf,
     )
@@ -293,18 +278,18 @@ def _random_cells(problem: SwitchingProblem, random_state) -> Modes:
 
 
 def _same_answer(run: Alternation, best: Alternation, problem: SwitchingProblem) -> bool:
-    """True if two runs label the same samples together, but for one in two hundred."""
+    """True if two runs label the same samples together, but for few of them."""
     if run is best:
         return True
     table = np.zeros((problem.n_modes, problem.n_modes))
     np.add.at(table, (run.modes, best.modes), problem.weight)
-    return table.max(axis=1).sum() >= 0.995 * problem.weight.sum()
+    return table.max(axis=1).sum() >= problem.settings.same * problem.weight.sum()
 
 
 def _sparsify(problem, best: Alternation, search: Search) -> tuple[SwitchingProblem, Alternation]:
     """Drop needless terms and let the alternation settle without them, until no choice changes."""
     support = None
-    for _ in range(_MOST_CHOICES):
+    for _ in range(problem.settings.most_choices):
         previous, support = support, sparse_support(problem, best.coef, best.modes, search.sparsity)
         if previous is not None and np.array_equal(support, previous):
             break

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from swsysid._data.features import FeatureMap
 from swsysid._data.sources import Rows
-from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._identification.problem import Costs, Modes, SwitchingProblem
 from swsysid._identification.scale import OUTLYING
 from swsysid._losses.summaries import Reach
 from swsysid._results import Array
@@ -33,14 +33,7 @@ class PassResult:
     ----------
     labels : ndarray of shape (n_rows,), int8
         Mode of every row; ``-1 - mode`` for a row that no mode explains.
-    loss : float
-        Weighted sum of the losses over their scale, of the rows that vote.
-    hard_loss, relaxed_loss : float
-        Weighted sums in the user's units, for the labels and for the relaxed memberships.
-    slack : float
-        Weighted sum of the slacks.
-    tight : float
-        Weight of the rows at which the relaxation was one-hot.
+    costs : Costs
     weight : ndarray of shape (n_modes,)
         Of the rows of every mode.
     dynamics : tuple
@@ -49,11 +42,7 @@ class PassResult:
     """
 
     labels: NDArray[np.int8]
-    loss: float
-    hard_loss: float
-    relaxed_loss: float
-    slack: float
-    tight: float
+    costs: Costs
     weight: Array
     dynamics: tuple
     surfaces: tuple[HingeSummary, ...]
@@ -61,18 +50,14 @@ class PassResult:
     @classmethod
     def joined(cls, parts: Sequence[PassResult]) -> PassResult:
         """The result for the rows of several, one after the other."""
-
-        def total(name):
-            return sum(getattr(part, name) for part in parts)
-
-        def each(name):
-            parallel = zip(*(getattr(part, name) for part in parts), strict=True)
-            return tuple(type(some[0]).joined(some) for some in parallel)
-
+        dynamics = zip(*(part.dynamics for part in parts), strict=True)
+        surfaces = zip(*(part.surfaces for part in parts), strict=True)
         return cls(
             np.concatenate([part.labels for part in parts]),
-            **{name: total(name) for name in _SUMS},
-            **{name: each(name) for name in ("dynamics", "surfaces")},
+            sum((part.costs for part in parts), Costs(0.0, 0.0, 0.0, 0.0, 0.0)),
+            np.sum([part.weight for part in parts], axis=0),
+            tuple(type(of_mode[0]).joined(of_mode) for of_mode in dynamics),
+            tuple(HingeSummary.joined(of_surface) for of_surface in surfaces),
         )
 
     @property
@@ -83,13 +68,8 @@ class PassResult:
         return modes
 
 
-_SUMS = ("loss", "hard_loss", "relaxed_loss", "slack", "tight", "weight")
-
-
-# Where too few rows were kept, residuals and margins reach so many times as far. Few rows are next
-# to a margin, and what a surface does far from them is hard to foresee.
-_WIDER, _WIDER_MARGINS = 2.0, 8.0
-# Rows are suspected to be outliers from this share of the limit on.
+# Rows are suspected to be outliers from this share of the limit on: the vector fields have moved
+# since those of the reference.
 _SUSPECTED = 0.5
 
 
@@ -140,8 +120,9 @@ class Pass:
 
     def widened(self) -> Pass:
         """The same pass, which keeps more rows."""
-        reach = tuple(each.scaled(_WIDER).of_any_row for each in self.reach)
-        margin_reach = self.margin_reach.scaled(_WIDER_MARGINS).of_any_row
+        settings = self.problem.settings
+        reach = tuple(each.scaled(settings.wider).of_any_row for each in self.reach)
+        margin_reach = self.margin_reach.scaled(settings.wider_margins).of_any_row
         return replace(self, reach=reach, margin_reach=margin_reach)
 
     def modes_of(self, problem: SwitchingProblem) -> Modes:
@@ -159,20 +140,11 @@ class Pass:
         values = self._surface_values(rows.X)
         penalty = self._penalty(problem, values)
         assignment = problem.assign_velocities(velocities, penalty)
-        modes, each = assignment.modes, np.arange(len(rows))
-        hard = problem.loss.values(problem.targets - velocities[modes, each])
+        modes = assignment.modes
         labels = np.where(problem.outlying, -1 - modes, modes).astype(np.int8)
         return PassResult(
             labels,
-            loss=float(problem.informative_weight @ losses[modes, each]),
-            hard_loss=float(rows.weight @ hard),
-            relaxed_loss=float(
-                rows.weight @ hard
-                if assignment.tightness.all()
-                else problem.relaxed_loss(self.coef, assignment.membership)
-            ),
-            slack=0.0 if penalty is None else float(rows.weight @ penalty[each, modes]),
-            tight=float(rows.weight @ assignment.tightness),
+            costs=problem.costs(velocities, assignment, penalty),
             weight=np.bincount(modes, rows.weight, problem.n_modes).astype(float),
             dynamics=self._dynamics(problem, labels, before),
             surfaces=self._surfaces(rows, values, modes),
@@ -183,8 +155,7 @@ class Pass:
         outlying = np.zeros(len(problem.targets), dtype=bool)
         if not (problem.coupling and self.discards.any()):
             return outlying
-        # A loss is at least that of its largest residual. It is looked at well below the limit, as
-        # the vector fields have moved since.
+        # A loss is at least that of its largest residual.
         near = np.full(self.coef.shape[1], _SUSPECTED * OUTLYING)
         near[1:] *= not problem.loss.separable
         far = np.flatnonzero(losses.min(axis=0) > problem.loss.values(near))

@@ -19,19 +19,21 @@ whose first term is the paper's objective and whose second is the margin LP's. W
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
 
+from swsysid._identification.settings import IdentificationSettings
 from swsysid._losses.losses import Loss
 from swsysid._results import Array, Assignment
 from swsysid._surfaces.surface import CoupledClassifier, fit_weighted, mode_book_of
 from swsysid.relaxations._base import Relaxation, one_hot
 
 __all__ = [
+    "Costs",
     "CoupledSurface",
     "Modes",
     "SwitchingProblem",
@@ -39,10 +41,6 @@ __all__ = [
 ]
 
 Modes = NDArray[np.intp]
-
-# The mode-book is chosen anew when more than this share of the weight has changed its mode.
-# Another book must gain more than rounding errors.
-_ANOTHER_BOOK, _GAIN = 0.02, 1e-9
 
 
 @dataclass(frozen=True)
@@ -61,6 +59,32 @@ class CoupledSurface:
     classifier: CoupledClassifier
     penalty: Array
     book_modes: Modes
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What an assignment costs.
+
+    Attributes
+    ----------
+    loss : float
+        Weighted sum of the losses over their scale, of the rows that vote.
+    hard_loss, relaxed_loss : float
+        Weighted sums in the user's units, for the labels and for the relaxed memberships.
+    slack : float
+        Weighted sum of the slacks.
+    tight : float
+        Weight of the rows at which the relaxation was one-hot.
+    """
+
+    loss: float
+    hard_loss: float
+    relaxed_loss: float
+    slack: float
+    tight: float
+
+    def __add__(self, other: Costs) -> Costs:
+        return Costs(*np.add(astuple(self), astuple(other)).tolist())
 
 
 @dataclass(frozen=True)
@@ -92,6 +116,7 @@ class SwitchingProblem:
     solver : str
     support : ndarray of shape (n_modes, n_states, n_features_out), bool, or None
         Coefficients that may differ from zero.
+    settings : IdentificationSettings
     """
 
     features: Array
@@ -108,6 +133,7 @@ class SwitchingProblem:
     coef_bound: float | None = None
     solver: str = "auto"
     support: NDArray[np.bool_] | None = None
+    settings: IdentificationSettings = IdentificationSettings()
 
     # -- the three steps -------------------------------------------------------------------
 
@@ -170,37 +196,54 @@ class SwitchingProblem:
         It is looked for if the modes are no longer those for which the book was chosen.
         """
         changed = self.weight @ (modes != previous.book_modes)
-        if changed <= _ANOTHER_BOOK * self.weight.sum():
+        if changed <= self.settings.another_book * self.weight.sum():
             return previous
         fitted = self._fit_surface(modes, modes)
-        limit = (1.0 - _GAIN) * self.surface_cost(previous, modes)
+        limit = (1.0 - self.settings.no_gain) * self.surface_cost(previous, modes)
         return fitted if self.surface_cost(fitted, modes) < limit else previous
 
     # -- what the steps decrease -----------------------------------------------------------
 
-    def joint_objective(self, coef: Array, modes: Modes, surface: CoupledSurface | None) -> float:
-        """The joint objective J."""
-        residuals = self.residuals(coef, modes) / self.scale
-        loss = float(self.informative_weight @ self.loss.values(residuals))
-        if surface is None:
-            return loss
-        return loss + self.coupling * self.surface_cost(surface, modes)
+    def joint_objective(self, loss: float, surface_cost: float) -> float:
+        """The joint objective J of a loss over its scale and the objective of the margin LPs."""
+        return loss + self.coupling * surface_cost
+
+    def costs(
+        self, velocities: Array, assignment: Assignment, penalty: Array | None = None
+    ) -> Costs:
+        """What an assignment costs for the velocities of every mode and the slacks of a surface."""
+        modes, each = assignment.modes, np.arange(len(self.targets))
+        residuals = self.targets - velocities[modes, each]
+        hard_loss = float(self.weight @ self.loss.values(residuals))
+        tight = assignment.tightness
+        return Costs(
+            loss=float(self.informative_weight @ self.loss.values(residuals / self.scale)),
+            hard_loss=hard_loss,
+            relaxed_loss=hard_loss
+            if tight.all()
+            else self._relaxed_loss(velocities, assignment.membership),
+            slack=0.0 if penalty is None else float(self.weight @ penalty[each, modes]),
+            tight=float(self.weight @ tight),
+        )
 
     def surface_cost(self, surface: CoupledSurface, modes: Modes) -> float:
         """Objective of the margin LP: sum of weighted slacks plus beta ||a||_1."""
-        slack = np.take_along_axis(surface.penalty, modes[:, None], axis=1)[:, 0]
+        slack = surface.penalty[np.arange(len(modes)), modes]
         return float(self.weight @ slack) + surface.classifier.complexity_
 
     def relaxed_loss(self, coef: Array, membership: Array) -> float:
         """Loss of a soft membership, in the user's units."""
-        mixed = np.einsum("im,mik->ik", membership, self.velocities(coef))
-        return float(self.weight @ self.loss.values(self.targets - mixed))
+        return self._relaxed_loss(self.velocities(coef), membership)
 
     def hard_loss(self, coef: Array, modes: Modes) -> float:
         """Loss of hard labels, in the user's units."""
         return float(self.weight @ self.loss.values(self.residuals(coef, modes)))
 
     # -- parts -----------------------------------------------------------------------------
+
+    def _relaxed_loss(self, velocities: Array, membership: Array) -> float:
+        mixed = np.einsum("im,mik->ik", membership, velocities)
+        return float(self.weight @ self.loss.values(self.targets - mixed))
 
     @property
     def informative_weight(self) -> Array:

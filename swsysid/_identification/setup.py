@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from sklearn.base import clone
 from sklearn.utils.validation import validate_data
 
@@ -28,9 +27,11 @@ from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
 from swsysid._data.rows import CanonicalRows
 from swsysid._data.sampling import Sample
-from swsysid._data.sources import RowBlocks, holds_blocks, row_blocks
+from swsysid._data.sources import holds_blocks, row_blocks
 from swsysid._identification.identify import Search
 from swsysid._identification.problem import SwitchingProblem
+from swsysid._identification.rows import TrainingRows
+from swsysid._identification.settings import IdentificationSettings
 from swsysid._losses.losses import get_loss
 from swsysid._surfaces.surface import is_classifier, offers_penalty, option
 from swsysid.relaxations import get_relaxation
@@ -38,12 +39,10 @@ from swsysid.relaxations import get_relaxation
 __all__ = [
     "build_problem",
     "build_search",
-    "checked_blocks",
     "check_parameters",
+    "checked_rows",
     "input_names",
-    "trajectory_codes",
 ]
-
 
 # Unit of the coupling where the margin is only known after the fit.
 _USUAL_MARGIN = 1e-2
@@ -99,6 +98,7 @@ def build_problem(estimator: Any, rows: CanonicalRows, feature_map: FeatureMap) 
         outlying=np.zeros(len(X), dtype=bool),
         coef_bound=estimator.coef_bound,
         solver=estimator.solver,
+        settings=estimator.settings,
     )
 
 
@@ -118,35 +118,34 @@ def build_search(estimator: Any, rows: CanonicalRows, sample: Sample | None = No
     )
 
 
-def checked_blocks(
-    estimator: Any, X: Any, y: Any, sample_weight: Any, groups: Any
-) -> tuple[RowBlocks, bool]:
-    """The rows of the data, and whether `y` has one velocity without a column of its own.
+def checked_rows(
+    estimator: Any,
+    X: Any,
+    y: Any,
+    sample_weight: Any,
+    groups: Any,
+    settings: IdentificationSettings,
+) -> tuple[TrainingRows, bool]:
+    """The rows of a fit, and whether `y` has one velocity without a column of its own.
 
     Rows in memory are checked at once, blocks when they are read.
     """
     if not holds_blocks(X):
         X, y = rows_to_fit(estimator, X, y)
         groups = None if groups is None else labels("groups", groups, len(X))
-        return row_blocks(X, y, sample_weight, groups), y.ndim == 1
+        blocks = row_blocks(X, y, sample_weight, groups)
+        return TrainingRows.of(blocks, settings), y.ndim == 1
     blocks = row_blocks(X, y, sample_weight, groups)
     first, target = (X, y) if hasattr(X, "shape") else (X[0], y[0])
     names = first[:1] if hasattr(first, "columns") else np.zeros((1, np.shape(first)[1]))
     validate_data(estimator, names)
-    return blocks, len(np.shape(target)) == 1
+    return TrainingRows.of(blocks, settings), len(np.shape(target)) == 1
 
 
 def input_names(estimator: Any) -> list[str]:
     """Names of the columns of X, x0, x1, ... where they have none."""
     default = [f"x{column}" for column in range(estimator.n_features_in_)]
     return list(getattr(estimator, "feature_names_in_", default))
-
-
-def trajectory_codes(groups: ArrayLike | None, n_samples: int) -> NDArray[np.intp]:
-    """Trajectories numbered from 0; one trajectory if there are no groups."""
-    if groups is None:
-        return np.zeros(n_samples, dtype=np.intp)
-    return np.unique(labels("groups", groups, n_samples), return_inverse=True)[1]
 
 
 def _resolve_coupling(coupling: float | str, surface: Any) -> float:

@@ -110,6 +110,19 @@ class FittedSurfaces:
     bound: float
     solver: str
 
+    @property
+    def complexity(self) -> float:
+        """The part of the margin LPs' objective that no row has a say in."""
+        return self.beta * float(np.abs(self.coef).sum())
+
+    def objective(self, summaries: Sequence[HingeSummary]) -> float:
+        """Objective of the margin LPs, from one summary for each surface."""
+        total = 0.0
+        for summary, coef in zip(summaries, self.coef, strict=True):
+            program = summary.program([], self.margin, self.beta, self.bound)
+            total += program.objective(coef, program.signed @ coef)
+        return total
+
     def values(self, X: Array) -> Array:
         """Values of the surfaces, (n_rows, n_surfaces)."""
         return np.asarray(self.basis(X) @ self.coef.T, dtype=float)

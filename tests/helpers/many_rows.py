@@ -1,10 +1,10 @@
 """Planted systems of some thousand rows, and fits that take these for many."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-import swsysid._identification.large
 from swsysid import SwitchingSystemRegressor
 
 A = np.array([[[0.0, 1.0], [-1.0, -0.1]], [[0.0, 1.0], [-1.0, -0.5]]])
@@ -29,10 +29,10 @@ def three_stripes(n_samples=4000, noise=0.05, seed=0):
     return X, Xdot, modes
 
 
-def take_for_many(monkeypatch, whole=1500, identified=800):
-    """From now on more than `whole` rows are identified on a sample of `identified`."""
-    monkeypatch.setattr(swsysid._identification.large, "WHOLE", whole)
-    monkeypatch.setattr(swsysid._identification.large, "IDENTIFIED", identified)
+def take_for_many(monkeypatch, whole=1500, sampled=800, **others):
+    """From now on more than `whole` rows are identified on a sample of `sampled`."""
+    settings = replace(SwitchingSystemRegressor.settings, whole=whole, sampled=sampled, **others)
+    monkeypatch.setattr(SwitchingSystemRegressor, "settings", settings)
 
 
 def fitted(X, Xdot, *, sample_weight=None, groups=None, **parameters):

@@ -1,12 +1,13 @@
 """The surface of an alternation: what is kept from one iteration to the next."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
 import swsysid._classifier
-import swsysid._identification.identify
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid._identification.problem import SwitchingProblem
 from swsysid._losses.losses import get_loss
@@ -122,7 +123,8 @@ def test_starts_compared_on_some_rows_lead_to_the_same_answer(monkeypatch):
     surface = PolynomialSurfaceClassifier(degree=1)
     model = SwitchingSystemRegressor(3, surface=surface, random_state=0)
     whole = clone(model).fit(X, Xdot)
-    monkeypatch.setattr(swsysid._identification.identify, "_DECIDING", 400)
+    settings = replace(SwitchingSystemRegressor.settings, deciding=400)
+    monkeypatch.setattr(SwitchingSystemRegressor, "settings", settings)
     few = clone(model).fit(X, Xdot)
     np.testing.assert_array_equal(few.modes_, whole.modes_)
     np.testing.assert_allclose(few.coef_, whole.coef_, rtol=1e-9, atol=1e-12)

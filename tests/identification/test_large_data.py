@@ -8,9 +8,8 @@ from many_rows import A, cut, fitted, oscillator, take_for_many, three_stripes
 from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
-import swsysid._identification.large
-import swsysid._identification.reach
 from swsysid import PolynomialSurfaceClassifier
+from swsysid._identification import many_rows as passes
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
 from swsysid.metrics import mode_accuracy
 from swsysid.relaxations._certificates import certify
@@ -194,13 +193,13 @@ def test_rows_next_to_the_limit_of_outliers(monkeypatch, loss, seed):
     X = rng.uniform(-3, 3, (20_000, 2))
     modes = (X[:, 0] <= 0.3).astype(int)
     Xdot = np.einsum("ikl,il->ik", A[modes], X) + 0.05 * rng.standard_t(1.5, X.shape)
-    kept, polish = [], swsysid._identification.large.polish
+    kept, descend = [], passes.descend_over_all_rows
 
     def watched(*arguments, **options):
-        kept.append(polish(*arguments, **options))
+        kept.append(descend(*arguments, **options))
         return kept[-1]
 
-    monkeypatch.setattr(swsysid._identification.large, "polish", watched)
+    monkeypatch.setattr(passes, "descend_over_all_rows", watched)
     model = fitted(X, Xdot, loss=loss)
     explained = kept[-1].result.labels >= 0
     assert 100 < np.sum(~explained) < 700
@@ -347,16 +346,16 @@ def test_passes_that_keep_few_rows_are_prepared_by_passes_over_fewer(monkeypatch
     """Of 9000 rows a pass may keep 600: then 2250 come before, and the answer is the same."""
     X, Xdot, _ = oscillator(9000)
     expected = fitted(X, Xdot, loss=loss)
-    stages, known = [], swsysid._identification.large._stages
+    made, known = [], passes.stages
 
     def watched(*arguments):
-        stages.append(known(*arguments))
-        return stages[-1]
+        made.append(known(*arguments))
+        return made[-1]
 
-    monkeypatch.setattr(swsysid._identification.large, "_stages", watched)
-    monkeypatch.setattr(swsysid._identification.reach, "_MOST_KEPT", 600)
+    monkeypatch.setattr(passes, "stages", watched)
+    take_for_many(monkeypatch, most_kept=600)
     model = fitted(X, Xdot, loss=loss)
-    assert stages == [[9000] if loss == "squared" else [2250, 9000]]
+    assert made == [[9000] if loss == "squared" else [2250, 9000]]
     assert model.objective_ == pytest.approx(expected.objective_, rel=1e-6)
     assert np.mean(model.modes_ != expected.modes_) < 1e-3
     assert dynamics_gap(model, X, Xdot) <= 1e-6

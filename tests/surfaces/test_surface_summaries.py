@@ -4,9 +4,9 @@ import warnings
 
 import numpy as np
 import pytest
+from many_rows import take_for_many
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid._identification import large as _large
 from swsysid._losses.summaries import Reach
 from swsysid._surfaces.fitted import Anchors, HingeSummary
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
@@ -175,8 +175,7 @@ def test_rows_on_a_margin_are_kept_where_nothing_moves():
 
 def test_passes_over_a_record_that_hardly_ever_switches(monkeypatch):
     # the surface of the sample is a constant, and all rows are on its margin
-    monkeypatch.setattr(_large, "WHOLE", 900)
-    monkeypatch.setattr(_large, "IDENTIFIED", 300)
+    take_for_many(monkeypatch, 900, 300)
     rng = np.random.default_rng(47)
     x = rng.uniform(-0.1, 0.1, 2)
     normal = rng.normal(size=2)

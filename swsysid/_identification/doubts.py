@@ -1,4 +1,4 @@
-"""What a user is told about a doubtful fit."""
+"""What may be wrong with a fit, and what a user is told of it."""
 
 from __future__ import annotations
 
@@ -6,64 +6,65 @@ import warnings
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 
-from swsysid._data.rows import CanonicalRows
 from swsysid._identification.answer import Answer
-from swsysid._identification.guard import GuardCheck
+from swsysid._identification.guard import GuardCheck, check_guard
 from swsysid._identification.identify import Identification
+from swsysid._identification.rows import TrainingRows
 from swsysid._identification.setup import input_names
 from swsysid._results import GuardWarning, IdentificationWarning, MisfitWarning, Status
 from swsysid._seeding.designs import centre_and_scale
 from swsysid._seeding.misfit import Misfit, MissingConstant, missing_constant, shared_residual
 
-__all__ = ["LeftOver", "check_residuals", "warn_about"]
+__all__ = ["Doubts", "examine", "warn_about"]
 
 # Frames between `warnings.warn` and the user's call of `fit`.
 _STACK_LEVEL = 4
 
 
 @dataclass(frozen=True)
-class LeftOver:
-    """What the identified model leaves over.
+class Doubts:
+    """What may be wrong with an answer, whatever its objective says.
 
     Attributes
     ----------
+    guard : GuardCheck
     shared : Misfit
+        What neighbouring samples share of their residuals.
     constant : MissingConstant or None
         None where the user chose the library, or where states are missing in `X`.
     """
 
+    guard: GuardCheck
     shared: Misfit
     constant: MissingConstant | None
 
 
-def check_residuals(estimator: Any, found: Identification, rows: CanonicalRows) -> LeftOver:
-    """Compare the residuals with those of neighbours, and with a constant the library lacks."""
-    problem, modes = found.problem, found.best.modes
+def examine(answer: Answer, rows: TrainingRows, *, default_library: bool) -> Doubts:
+    """Ask whether the state says the mode, whether neighbours share residuals, or a constant."""
+    found, problem, modes = answer.found, answer.found.problem, answer.found.best.modes
+    coef, distinct = found.best.coef, rows.distinct
     centre, scale = centre_and_scale(problem.coordinates, problem.weight)
     shared = shared_residual(
         (problem.coordinates - centre) / scale,
-        problem.residuals(found.best.coef, modes),
+        problem.residuals(coef, modes),
         problem.targets.std(axis=0),
         modes,
-        rows.arrays[2],
-        rows.first,
+        distinct.arrays[2],
+        distinct.first,
     )
-    partly_observed = problem.targets.shape[1] > problem.coordinates.shape[1]
-    if estimator.feature_library is not None or partly_observed:
-        return LeftOver(shared, None)
-    inlying = np.where(problem.outlying, 0.0, problem.weight)
-    return LeftOver(shared, missing_constant(problem.features, problem.targets, modes, inlying))
+    constant = None
+    if default_library and problem.targets.shape[1] <= problem.coordinates.shape[1]:
+        inlying = problem.informative_weight
+        constant = missing_constant(problem.features, problem.targets, modes, inlying)
+    return Doubts(check_guard(problem, coef, modes, answer.surface), shared, constant)
 
 
-def warn_about(
-    estimator: Any, answer: Answer, guard: GuardCheck, left: LeftOver, n_rows: int
-) -> None:
+def warn_about(estimator: Any, answer: Answer, doubts: Doubts) -> None:
     """Warn if the data do not determine the answer, or if it is not converged or not stable."""
-    found = answer.found
-    n_unknowns = found.n_modes_asked * estimator.coef_.shape[2]
+    found, guard = answer.found, doubts.guard
+    n_rows, n_unknowns = len(found.problem.weight), found.n_modes_asked * estimator.coef_.shape[2]
     if n_rows < n_unknowns:
         _warn(
             f"{n_rows} distinct samples for {n_unknowns} unknown coefficients of each state: the "
@@ -90,7 +91,7 @@ def warn_about(
             f"{Status.ITERATION_LIMIT.advice}",
             ConvergenceWarning,
         )
-    if found.seldom_found:
+    if found.has_low_hit_rate:
         _warn(
             f"The best answer was found by only {found.hits} of {found.n_starts} starts: a better "
             "one may exist; increase n_init, measure more, or use a smaller feature_library.",
@@ -99,15 +100,15 @@ def warn_about(
     if found.has_rival:
         _warn(
             "The answer is not stable: another partition of the samples into modes explains them "
-            f"as well (log likelihood {found.rival:.1f} lower); measure more, above all of the "
-            "rarer mode, with less noise, or use a smaller feature_library or degree.",
+            f"as well (log likelihood {found.log_likelihood_gap:.1f} lower); measure more, above "
+            "all of the rarer mode, with less noise, or use a smaller feature_library or degree.",
             ConvergenceWarning,
         )
     # One mode is often fitted for comparison, a start of the user's own may lead anywhere, and
     # bounded coefficients leave something over.
     searched = isinstance(estimator.init, str) and estimator.init == "auto"
     free = searched and estimator.coef_bound is None and estimator.n_modes_ > 1
-    misfit = _misfit_in_words(estimator, found, left) if free else None
+    misfit = _misfit_in_words(estimator, found, doubts) if free else None
     if misfit is not None:
         _warn(misfit, MisfitWarning)
     if guard.missing:
@@ -120,10 +121,10 @@ def warn_about(
         )
 
 
-def _misfit_in_words(estimator: Any, found: Identification, left: LeftOver) -> str | None:
+def _misfit_in_words(estimator: Any, found: Identification, doubts: Doubts) -> str | None:
     """The strongest finding about what the model leaves over, None if that is noise."""
-    if left.constant is not None and left.constant.helps:
-        constant = left.constant
+    constant, shared = doubts.constant, doubts.shared
+    if constant is not None and constant.helps:
         return (
             f"A constant would explain {constant.share:.0%} of the squared residuals of "
             f"{_rate(estimator, constant.output)} in mode {constant.mode}, and the library has "
@@ -136,8 +137,7 @@ def _misfit_in_words(estimator: Any, found: Identification, left: LeftOver) -> s
             "that the library lacks; compare with n_modes=1, "
             f"feature_library={found.smooth_degree}."
         )
-    if left.shared.structured:
-        shared = left.shared
+    if shared.structured:
         return (
             f"Samples at neighbouring states share {shared.share:.0%} of the residuals of "
             f"{_rate(estimator, shared.output)} (RMS {shared.size:.2g} of its standard deviation), "

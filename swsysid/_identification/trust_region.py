@@ -16,38 +16,60 @@ from swsysid._surfaces.fitted import Anchors, FittedSurfaces
 
 __all__ = ["Sampled", "rows_to_know"]
 
-# Chance that vector fields of a sample are farther from those of all rows than was expected, and
-# rows kept at least for each column.
-_RARELY, _FEWEST = 0.01, 10
-# Rows kept next to a margin, in units of p / m, and never fewer than some for each feature.
-_KEPT_NEAR, _FEWEST_NEAR = 10.0, 20
-# No row of all is expected to have more than this many times the leverage of those of the sample.
-_BEYOND = 3.0
-# Rows that a pass keeps at most, over all outputs.
-_MOST_KEPT = 5_000_000
-# Residuals and margins may move this share of what they moved in the step before.
-_REACH = 0.3
-# Residuals that are smaller than this share of the targets' spread are none.
-_EXACT = 1e-9
-# Share of the smallest residuals that tell their density at zero; number of the smallest distances
-# that tell how many are smaller still.
-_RESOLVED, _COUNTED = 0.1, 20
 _SMALL = 1e-300
 
 
-def rows_to_know(n_rows: int, n_features: int, n_outputs: int) -> int:
+@dataclass(frozen=True)
+class TrustRegionSettings:
+    """How far from a sample's answer that of all rows is looked for.
+
+    Attributes
+    ----------
+    chance : float
+        Chance that vector fields of a sample are farther from those of all rows than expected.
+    fewest : int
+        Rows kept at least for each column.
+    near_margin, fewest_near_margin : float
+        Rows kept next to a margin, in units of p / m for p features known from m rows; and never
+        fewer than so many for each feature.
+    leverage : float
+        No row of all is expected to have more than so many times the leverage of those sampled.
+    following : float
+        Residuals and margins may move this share of what they moved in the step before.
+    exact : float
+        Residuals below this share of the spread of the targets count as zero.
+    resolved, counted : float
+        Share of the smallest residuals that tell their density at zero; number of the smallest
+        distances that tell how many are smaller still.
+    """
+
+    chance: float = 0.01
+    fewest: int = 10
+    near_margin: float = 10.0
+    fewest_near_margin: int = 20
+    leverage: float = 3.0
+    following: float = 0.3
+    exact: float = 1e-9
+    resolved: float = 0.1
+    counted: int = 20
+
+
+_SETTINGS = TrustRegionSettings()
+
+
+def rows_to_know(n_rows: int, n_features: int, n_outputs: int, most_kept: int) -> int:
     r"""From how many rows vector fields must be known for a pass over `n_rows` to keep enough.
 
     Of n rows it keeps :math:`\chi_p n K \sqrt{p / m}` for K outputs and p features that are known
     from m rows; see `Sampled.reach`.
     """
     kept_of_one = _radius(n_features) * np.sqrt(n_features) * n_rows * n_outputs
-    return int((kept_of_one / _MOST_KEPT) ** 2)
+    return int((kept_of_one / most_kept) ** 2)
 
 
 def _radius(n_features: int) -> float:
     """Distance from the origin that a standard normal vector rarely exceeds."""
-    return float(np.sqrt(chdtri(n_features, _RARELY)))
+    return float(np.sqrt(chdtri(n_features, _SETTINGS.chance)))
 
 
 @dataclass(frozen=True)
@@ -78,7 +100,7 @@ class Sampled:
         """
         first = [self._reach(coef, modes, mode) for mode in range(len(coef))]
         kept = sum(n_kept for _, n_kept in first)
-        return tuple(reach.scaled(min(1.0, _MOST_KEPT / max(kept, 1.0))) for reach, _ in first)
+        return tuple(reach.scaled(min(1.0, self._most_kept / max(kept, 1.0))) for reach, _ in first)
 
     def _reach(self, coef: Array, modes: Modes, mode: int) -> tuple[Reach, float]:
         """The reach of one mode, and how many rows it will keep, over all outputs."""
@@ -89,12 +111,12 @@ class Sampled:
         metric = whiten(features, np.ones(len(rows))).transform / np.sqrt(self._known(rows))
         sizes = np.abs(self.problem.residuals(coef, modes)[rows])
         leverage = _leverage(features, metric)
-        exact = np.median(sizes, axis=0) <= _EXACT * np.ptp(self.problem.targets, axis=0)
+        exact = np.median(sizes, axis=0) <= _SETTINGS.exact * np.ptp(self.problem.targets, axis=0)
         radius = _radius(metric.shape[1])
         size = np.where(exact, -1.0, radius * _sparsity(sizes))
         n_rows = self.n_rows * self._share(rows)
         n_kept = n_rows * radius * float(leverage.mean()) * np.count_nonzero(~exact)
-        return Reach(metric, size, _BEYOND * float(leverage.max())), n_kept
+        return Reach(metric, size, _SETTINGS.leverage * float(leverage.max())), n_kept
 
     def nearer(self, reach: Reach, mode: int, coef: Array, moved: Array, modes: Modes) -> Reach:
         """The reach after a step of one mode from `coef` to `moved`."""
@@ -105,8 +127,9 @@ class Sampled:
         sparsity = _sparsity(np.abs(self.problem.residuals(moved, modes)[rows]))
         leverage = _leverage(features, reach.metric).mean()
         n_rows = self.n_rows * self._share(rows)
-        fewest = _FEWEST * features.shape[1] / (n_rows * leverage) * sparsity
-        return replace(reach, size=np.minimum(reach.size, np.maximum(_REACH * step, fewest)))
+        fewest = _SETTINGS.fewest * features.shape[1] / (n_rows * leverage) * sparsity
+        wanted = np.maximum(_SETTINGS.following * step, fewest)
+        return replace(reach, size=np.minimum(reach.size, wanted))
 
     def is_within(self, reach: Reach, mode: int, change: Array, modes: Modes) -> bool:
         """True if a change of the vector field of a mode moves no residual out of its reach."""
@@ -135,9 +158,9 @@ class Sampled:
         features, distance = self._from_margins(surface, modes)
         metric = whiten(features, np.ones(len(features))).transform
         leverage = _leverage(features, metric)
-        share = self._within_memory(_KEPT_NEAR * features.shape[1] / self.n_known)
+        share = self._within_memory(_SETTINGS.near_margin * features.shape[1] / self.n_known)
         size = _quantile(distance / np.maximum(leverage, _SMALL), share)
-        return Reach(metric, np.atleast_1d(size), _BEYOND * float(leverage.max()))
+        return Reach(metric, np.atleast_1d(size), _SETTINGS.leverage * float(leverage.max()))
 
     def nearer_margin(
         self, reach: Reach, surface: FittedSurfaces, moved: FittedSurfaces, modes: Modes
@@ -145,26 +168,31 @@ class Sampled:
         """The reach after a step from `surface` to `moved`."""
         features, distance = self._from_margins(moved, modes)
         step = np.sqrt(np.square(features @ (moved.coef - surface.coef).T).mean(axis=0).max())
-        share = self._within_memory(_FEWEST_NEAR * features.shape[1] / self.n_rows)
+        share = self._within_memory(_SETTINGS.fewest_near_margin * features.shape[1] / self.n_rows)
         ratio = distance / np.maximum(_leverage(features, reach.metric), _SMALL)
         fewest = _quantile(ratio, share)
-        return replace(reach, size=np.minimum(reach.size, np.maximum(_REACH * step, fewest)))
+        wanted = np.maximum(_SETTINGS.following * step, fewest)
+        return replace(reach, size=np.minimum(reach.size, wanted))
 
     def _from_margins(self, surface: FittedSurfaces, modes: Modes) -> tuple[Array, Array]:
         """Surface features of every row, and its distance from the nearest margin."""
         X, place = self.problem.coordinates, np.searchsorted(surface.classes, modes)
         return surface.basis(X), np.abs(surface.distance(X, place)).min(axis=1)
 
-    def anchors(self, look: Pass) -> Anchors:
+    def anchors(self, given: Pass) -> Anchors:
         """The rows that hold the surfaces of a pass."""
         problem = self.problem
-        labels = np.searchsorted(look.surface.classes, look.modes_of(problem))
+        labels = np.searchsorted(given.surface.classes, given.modes_of(problem))
         weight = problem.weight * (self.n_rows / len(problem.weight))
-        return Anchors(problem.coordinates, labels, weight, look.margin_reach)
+        return Anchors(problem.coordinates, labels, weight, given.margin_reach)
+
+    @property
+    def _most_kept(self) -> int:
+        return self.problem.settings.most_kept
 
     def _within_memory(self, share: float) -> float:
         n_outputs = self.problem.targets.shape[1]
-        return min(share, _MOST_KEPT / (self.n_rows * n_outputs))
+        return min(share, self._most_kept / (self.n_rows * n_outputs))
 
 
 def _leverage(features: Array, metric: Array) -> Array:
@@ -174,10 +202,10 @@ def _leverage(features: Array, metric: Array) -> Array:
 
 def _sparsity(sizes: Array) -> Array:
     """1 / (2 f(0)) of every column, where f is the density of residuals of these sizes."""
-    return np.asarray(np.quantile(sizes, _RESOLVED, axis=0)) / _RESOLVED
+    return np.asarray(np.quantile(sizes, _SETTINGS.resolved, axis=0)) / _SETTINGS.resolved
 
 
 def _quantile(values: Array, share: float) -> float:
     """Quantile of few values; below the smallest few in proportion to these."""
-    resolved = min(1.0, max(share, _COUNTED / len(values)))
+    resolved = min(1.0, max(share, _SETTINGS.counted / len(values)))
     return float(np.quantile(values, resolved)) * min(1.0, share / resolved)
