@@ -9,14 +9,11 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from swsysid._checks.parameters import one_of, random_numbers, real, whole
-from swsysid._results import Array
+from swsysid.datasets._disturbance import MOST_ROWS, check_disturbance, disturbed
 from swsysid.datasets._polynomial_system import PolynomialSwitchingSystem
 from swsysid.datasets._trajectories import integrate_grid
 
 __all__ = ["make_damped_oscillator", "make_quartic_oscillator", "make_switching_network"]
-
-# Gigabytes of points: more are no data set to try something on.
-_MOST_POINTS = 10**8
 
 
 def make_damped_oscillator(
@@ -265,17 +262,9 @@ def _make(
         rows = np.sort(rng.choice(len(states), n_samples, replace=False))
     X, groups, t = states[rows], rows // (n_steps + 1), rows % (n_steps + 1) * time_step
     clean = system.velocities(X)
-    Xdot, is_outlier = _disturbed(clean, noise, outliers, rng)
+    Xdot, is_outlier = disturbed(clean, noise, outliers, rng)
     if return_X_y:
         return X, Xdot
-    truth = dict(
-        system=system,
-        coef=system.coef,
-        library_degree=system.degree,
-        guard=system.guard,
-        guard_coef=system.guard_coef,
-        guard_degree=system.guard_degree,
-    )
     return Bunch(
         X=X,
         Xdot=Xdot,
@@ -290,7 +279,12 @@ def _make(
         feature_names=list(names),
         target_names=[f"{name}'" for name in names],
         DESCR=inspect.getdoc(function),
-        **truth,
+        system=system,
+        coef=system.coef,
+        library_degree=system.degree,
+        guard=system.guard,
+        guard_coef=system.guard_coef,
+        guard_degree=system.guard_degree,
     )
 
 
@@ -298,15 +292,14 @@ def _check(n_samples, noise, outliers, n_trajectories, t_end, time_step) -> int:
     """Number of steps of each trajectory."""
     whole("n_trajectories", n_trajectories)
     whole("n_samples", n_samples, also=(None,))
-    real("noise", noise, least=0)
-    real("outliers", outliers, least=0, most=1)
+    check_disturbance(noise, outliers)
     n_steps = round(real("t_end", t_end, above=0) / real("time_step", time_step, above=0))
     if n_steps < 1:
         raise ValueError("give at least one trajectory, longer than one time_step.")
     available = n_trajectories * (n_steps + 1)
-    if available > _MOST_POINTS:
+    if available > MOST_ROWS:
         raise ValueError(
-            f"{n_trajectories} trajectories of {n_steps} steps have more than {_MOST_POINTS:.0e} "
+            f"{n_trajectories} trajectories of {n_steps} steps have more than {MOST_ROWS:.0e} "
             "points; reduce n_trajectories or t_end, or choose a longer time_step."
         )
     if n_samples is not None and n_samples > available:
@@ -315,14 +308,3 @@ def _check(n_samples, noise, outliers, n_trajectories, t_end, time_step) -> int:
             "n_trajectories or t_end, or shorten time_step."
         )
     return n_steps
-
-
-def _disturbed(clean: Array, noise: float, outliers: float, rng):
-    """Velocities with noise and gross errors, and which rows have the latter."""
-    spread = clean.std(axis=0)
-    disturbance = noise * spread * rng.standard_normal(clean.shape)
-    order = rng.permutation(len(clean))
-    hit = np.zeros(len(clean), dtype=bool)
-    hit[order[: round(outliers * len(clean))]] = True
-    gross = 5.0 * spread * rng.standard_normal(clean.shape)
-    return clean + disturbance + np.where(hit[:, np.newaxis], gross, 0.0), hit

@@ -1,4 +1,4 @@
-"""Actuators: operators on the history of an input, and the kinds of effects that they make.
+"""Actuators: operators on the history of an input, and the parameter that sizes each of them.
 
 All of them are computed from the samples of the input alone: it is linear between samples,
 constant before the first one, and filter and play start in equilibrium there.
@@ -6,7 +6,7 @@ constant before the first one, and filter and play start in equilibrium there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
@@ -56,69 +56,52 @@ def _lag(u: Array, step: float, *, time_constant: float) -> Array:
     return output
 
 
-def _planted(size: Sizing, operator: Callable, **parameters: float) -> Planted:
-    mechanism = Actuator(mode=size.mode, operator=partial(operator, **parameters))
-    return Planted(mechanism, size.plant.n_states, parameters)
+def _planted(
+    size: Sizing,
+    operator: Callable[..., Array],
+    parameters: Callable[[float], Mapping[str, float]],
+    upper: float | None = None,
+    whole: bool = False,
+) -> Planted:
+    """An operator, its parameters a function of one number: up to `upper`, or a time."""
+
+    def make(number: float) -> Planted:
+        chosen = parameters(number)
+        mechanism = Actuator(mode=size.mode, operator=partial(operator, **chosen))
+        return Planted(mechanism, size.plant.n_states, chosen)
+
+    solved = size.solve_time(make, whole) if upper is None else size.solve(make, upper)
+    return make(solved)
 
 
-def _make_dead_zone(size: Sizing) -> Planted:
-    def make(threshold):
-        return _planted(size, _dead_zone, threshold=threshold)
-
-    return make(size.solve(make, 0.6 * _largest(size)))
-
-
-def _make_saturation(size: Sizing) -> Planted:
-    largest = _largest(size)
-
-    def make(excess):
-        return _planted(size, _saturation, threshold=largest - excess)
-
-    return make(size.solve(make, 0.9 * largest))
-
-
-def _make_backlash(size: Sizing) -> Planted:
-    def make(width):
-        return _planted(size, _backlash, width=width)
-
-    return make(size.solve(make, 1.2 * _largest(size)))
-
-
-def _make_delay(size: Sizing) -> Planted:
-    def make(delay):
-        return _planted(size, _delay, delay=delay)
-
-    return make(size.solve_time(make, whole=size.plant.discrete))
-
-
-def _make_lag(size: Sizing) -> Planted:
-    def make(time_constant):
-        return _planted(size, _lag, time_constant=time_constant)
-
-    return make(size.solve_time(make))
-
-
-def _make_power_law(size: Sizing) -> Planted:
+def _planted_power_law(size: Sizing) -> Planted:
     direction, u = size.rng.choice([-1.0, 1.0]), size.reference.u
 
-    def make(excess):
+    def parameters(excess: float) -> Mapping[str, float]:
         exponent = float((1.0 + excess) ** direction)
         # the same power as the input: the effect is the bend alone, not another gain
         gain = float(np.sqrt(np.mean(u**2) / np.mean(np.abs(u) ** (2 * exponent))))
-        return _planted(size, _power_law, exponent=exponent, gain=gain)
+        return {"exponent": exponent, "gain": gain}
 
-    return make(size.solve(make, 2.0))
-
-
-def _largest(size: Sizing) -> float:
-    return float(np.abs(size.reference.u).max())
+    return _planted(size, _power_law, parameters, upper=2.0)
 
 
-ACTUATORS = {
-    "dead_zone": _make_dead_zone,
-    "saturation": _make_saturation,
-    "backlash": _make_backlash,
-    "delay": _make_delay,
-    "power_law": _make_power_law,
-    "lag": _make_lag,
+ACTUATORS: dict[str, Callable[[Sizing], Planted]] = {
+    "dead_zone": lambda size: _planted(
+        size, _dead_zone, lambda threshold: {"threshold": threshold}, 0.6 * size.largest_input
+    ),
+    "saturation": lambda size: _planted(
+        size,
+        _saturation,
+        lambda excess: {"threshold": size.largest_input - excess},
+        0.9 * size.largest_input,
+    ),
+    "backlash": lambda size: _planted(
+        size, _backlash, lambda width: {"width": width}, 1.2 * size.largest_input
+    ),
+    "delay": lambda size: _planted(
+        size, _delay, lambda delay: {"delay": delay}, whole=size.plant.discrete
+    ),
+    "power_law": _planted_power_law,
+    "lag": lambda size: _planted(size, _lag, lambda constant: {"time_constant": constant}),
 }

@@ -29,13 +29,13 @@ class Kind:
 
 
 def _bias(size: Sizing) -> Planted:
-    mechanism, _ = size.columns([lambda x, u, t, s: np.ones_like(u)], [size.sign()])
+    mechanism, _ = size.terms([lambda x, u, t, s: np.ones_like(u)], [size.sign()])
     return Planted(mechanism, None, {"offset": mechanism.coefficients[0]})
 
 
 def _coulomb_friction(size: Sizing) -> Planted:
     rate = size.equation.rate
-    mechanism, force = size.columns([lambda x, u, t, s: np.sign(x[..., rate])], [-1.0])
+    mechanism, force = size.terms([lambda x, u, t, s: np.sign(x[..., rate])], [-1.0])
     return Planted(mechanism, rate, {"coulomb": force})
 
 
@@ -47,14 +47,14 @@ def _stribeck_friction(size: Sizing) -> Planted:
         lambda x, u, t, s: np.sign(x[..., rate]),
         lambda x, u, t, s: np.sign(x[..., rate]) * np.exp(-((x[..., rate] / slow) ** 2)),
     ]
-    mechanism, force = size.columns(functions, [-1.0, -excess])
+    mechanism, force = size.terms(functions, [-1.0, -excess])
     values = {"coulomb": force, "static": force * (1 + excess), "velocity": slow}
     return Planted(mechanism, rate, values)
 
 
 def _quadratic_drag(size: Sizing) -> Planted:
     rate = size.equation.rate
-    mechanism, drag = size.columns([lambda x, u, t, s: x[..., rate] * np.abs(x[..., rate])], [-1.0])
+    mechanism, drag = size.terms([lambda x, u, t, s: x[..., rate] * np.abs(x[..., rate])], [-1.0])
     return Planted(mechanism, rate, {"drag": drag})
 
 
@@ -71,7 +71,7 @@ def _asymmetric_friction(size: Sizing) -> Planted:
         forward, backward = backward, forward
     viscous = 0.3 / size.spread(rate)
     weights = [-forward, -backward, -viscous * forward, -viscous * backward]
-    mechanism, _ = size.columns(functions, weights)
+    mechanism, _ = size.terms(functions, weights)
     names = ("coulomb_positive", "coulomb_negative", "viscous_positive", "viscous_negative")
     values = dict(zip(names, -np.array(mechanism.coefficients), strict=True))
     return Planted(mechanism, rate, {name: float(value) for name, value in values.items()})
@@ -83,7 +83,7 @@ def _polynomial(size: Sizing) -> Planted:
     # added, because the two columns are one on a plant of the first order
     np.add.at(powers, [equation.position, equation.rate], choices[size.rng.randint(len(choices))])
     used = powers[:-1]
-    mechanism, _ = size.columns([lambda x, u, t, s: np.prod(x**used, axis=-1)], [-1.0])
+    mechanism, _ = size.terms([lambda x, u, t, s: np.prod(x**used, axis=-1)], [-1.0])
     values = {"powers": tuple(powers.tolist()), "coefficient": mechanism.coefficients[0]}
     return Planted(mechanism, equation.position, values)
 
@@ -92,9 +92,7 @@ def _trigonometric(size: Sizing) -> Planted:
     position = size.equation.position
     # +- two standard deviations are then more than a whole period
     number = size.rng.uniform(1.8, 2.4) / size.spread(position)
-    mechanism, _ = size.columns(
-        [lambda x, u, t, s: np.sin(number * x[..., position])], [size.sign()]
-    )
+    mechanism, _ = size.terms([lambda x, u, t, s: np.sin(number * x[..., position])], [size.sign()])
     values = {"amplitude": mechanism.coefficients[0], "wavenumber": number}
     return Planted(mechanism, position, values)
 
@@ -106,7 +104,7 @@ def _periodic_forcing(size: Sizing) -> Planted:
         lambda x, u, t, s: np.sin(frequency * t),
         lambda x, u, t, s: np.cos(frequency * t),
     ]
-    mechanism, amplitude = size.columns(functions, [np.cos(phase), np.sin(phase)])
+    mechanism, amplitude = size.terms(functions, [np.cos(phase), np.sin(phase)])
     values = {"amplitude": amplitude, "frequency": 1 / period, "phase": phase}
     return Planted(mechanism, None, values)
 
@@ -114,24 +112,24 @@ def _periodic_forcing(size: Sizing) -> Planted:
 def _drift(size: Sizing) -> Planted:
     position, sign = size.equation.position, size.sign()
     if size.rng.uniform() < 0.5:
-        mechanism, _ = size.columns([lambda x, u, t, s: t], [sign])
+        mechanism, _ = size.terms([lambda x, u, t, s: t], [sign])
         return Planted(mechanism, None, {"of": "level", "rate": mechanism.coefficients[0]})
     # a spring may only stiffen: one that softens could lose its rest
-    mechanism, _ = size.columns([lambda x, u, t, s: t * x[..., position]], [-1.0])
+    mechanism, _ = size.terms([lambda x, u, t, s: t * x[..., position]], [-1.0])
     return Planted(mechanism, position, {"of": "stiffness", "rate": mechanism.coefficients[0]})
 
 
 def _input_coupling(size: Sizing) -> Planted:
     channel = int(size.rng.randint(size.reference.signals.shape[-1]))
     weight = float(size.rng.choice([-1.0, 1.0]))
-    mechanism, _ = size.columns([lambda x, u, t, s: s[..., channel]], [weight])
+    mechanism, _ = size.terms([lambda x, u, t, s: s[..., channel]], [weight])
     return Planted(mechanism, channel, {"gain": mechanism.coefficients[0]})
 
 
 def _overflow(size: Sizing) -> Planted:
     position = size.equation.position
     level = float(np.quantile(size.reference.x[..., position], size.rng.uniform(0.6, 0.75)))
-    mechanism, rate = size.columns(
+    mechanism, rate = size.terms(
         [lambda x, u, t, s: np.maximum(x[..., position] - level, 0.0)], [-1.0]
     )
     return Planted(mechanism, position, {"level": level, "rate": rate})

@@ -12,6 +12,7 @@ from swsysid._checks import parameters
 from swsysid._checks.parameters import one_of, random_numbers, real, whole
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
+from swsysid.datasets._disturbance import MOST_ROWS, check_disturbance, disturbed
 from swsysid.datasets._undeclared.kinds import KINDS
 from swsysid.datasets._undeclared.plants import PLANTS
 from swsysid.datasets._undeclared.records import Plant, PlantedEffect
@@ -28,8 +29,6 @@ from swsysid.datasets._undeclared.sizing import Sizing
 __all__ = ["make_undeclared", "undeclared_kinds"]
 
 _GAP = 10  # samples from the end of a trajectory to the begin of the next
-_GROSS = 5.0  # standard deviations
-_MOST_SAMPLES = 10**8  # gigabytes
 
 
 def undeclared_kinds(system: str = "oscillator") -> tuple[str, ...]:
@@ -144,7 +143,7 @@ def make_undeclared(
         planted.append(KINDS[kind].make(sizing))
     u, signals, done = _campaign(plant, [one.mechanism for one in planted], clock, runs_rng)
     shown = "input_coupling" in kinds
-    disturb = dict(noise=noise, noise_kind=noise_kind, outliers=outliers, rng=noise_rng)
+    disturb = dict(noise=noise, outliers=outliers, rng=noise_rng, kind=noise_kind)
     parts = []
     for first in (0, 1):  # every other trajectory is for the test
         rows, groups = _rows(n_samples, n_trajectories, first)
@@ -208,7 +207,7 @@ def _rows(n_samples: int, n_trajectories: int, first: int):
 
 def _part(plant: Plant, done: Run, rows, groups, disturb) -> Bunch:
     clean = done.velocities[rows]
-    Xdot, is_outlier = _disturbed(clean, **disturb)
+    Xdot, is_outlier = disturbed(clean, **disturb)
     return Bunch(
         recorded=done.recorded[rows],
         Xdot=Xdot,
@@ -219,16 +218,6 @@ def _part(plant: Plant, done: Run, rows, groups, disturb) -> Bunch:
         declared_modes=plant.modes(done.x[rows]),
         structure=done.structure[rows],
     )
-
-
-def _disturbed(clean: Array, *, noise: float, noise_kind: str, outliers: float, rng):
-    spread = clean.std(axis=0)
-    draw = {"gaussian": rng.standard_normal, "student": lambda size: rng.standard_t(3, size)}
-    disturbance = noise * spread * draw[noise_kind](clean.shape)
-    hit = np.zeros(len(clean), dtype=bool)
-    hit[rng.permutation(len(clean))[: round(outliers * len(clean))]] = True
-    gross = _GROSS * spread * rng.standard_normal(clean.shape)
-    return clean + disturbance + np.where(hit[:, np.newaxis], gross, 0.0), hit
 
 
 # -- refusals ----------------------------------------------------------------------------------
@@ -278,9 +267,7 @@ def _target(plant: Plant, kind: str, mode: int | None, target: int | None) -> in
 
 def _check_sizes(n_samples, n_trajectories, noise, noise_kind, outliers, magnitude):
     whole("n_trajectories", n_trajectories)
-    if whole("n_samples", n_samples, most=_MOST_SAMPLES) < 2 * n_trajectories:
+    if whole("n_samples", n_samples, most=MOST_ROWS) < 2 * n_trajectories:
         raise ValueError("give at least one trajectory, and two samples for each.")
-    real("noise", noise, least=0)
-    real("outliers", outliers, least=0, most=1)
-    one_of("noise_kind", noise_kind, ("gaussian", "student"))
+    check_disturbance(noise, outliers, noise_kind)
     real("magnitude", magnitude, above=0)

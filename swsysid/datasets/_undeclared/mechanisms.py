@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from swsysid._results import Array
+from swsysid.datasets._undeclared.records import Modes
 
-__all__ = ["Actuator", "Columns", "ExtraMode", "Hysteresis", "Mechanism", "Reset", "Sensor"]
+__all__ = ["Actuator", "ExtraMode", "Hysteresis", "Mechanism", "Reset", "Sensor", "Terms", "late"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,33 +27,27 @@ class Mechanism:
         The mode it acts in; None is all.
     half_width : float
         Half the width of the guard's hysteresis.
+    functions : tuple of callable
+        Features ``f(x, u, t, signals)`` that the law has besides the declared ones.
     """
 
     mode: int | None = None
     half_width: float = 0.0
-
-    @property
-    def n_columns(self) -> int:
-        """Number of its `columns`."""
-        return 0
-
-    def columns(self, x: Array, u: Array, t, signals) -> tuple[Array, ...]:
-        """Features that the law has besides the declared ones."""
-        return ()
+    functions: tuple[Callable[..., Array], ...] = ()
 
     def extend(self, coef: Array, first: int) -> Array:
-        """Coefficients with those of the own columns, from `first` on, and of own modes."""
+        """Coefficients with those of the own features, from `first` on, and of own modes."""
         return coef
 
     def actuate(self, u: Array, step: float) -> Array:
         """What the plant receives of an input history, shape (n_times, n_trajectories)."""
         return u
 
-    def overrule(self, modes, x: Array, extra: int):
+    def overrule(self, modes: Modes, x: Array, extra: int) -> Modes:
         """Modes after the mechanism had its say; `extra` is the label of a mode of its own."""
         return modes
 
-    def land(self, x: Array, before, after) -> Array:
+    def land(self, x: Array, before: Modes, after: Modes) -> Array:
         """State after a change of modes."""
         return x
 
@@ -60,54 +55,27 @@ class Mechanism:
         """What the sensors say of a history, shape (n_times, n_trajectories, n_states)."""
         return x
 
-    def seen(self, reference) -> Array:
-        """Velocities of the reference run if the mechanism were in it."""
-        plant = reference.plant
-        u = self.actuate(reference.u, plant.time_step)
-        x = self.record(reference.x, plant.time_step)
-        return plant.velocities(x, u, self._modes(reference))
-
-    def _modes(self, reference):
-        if not self.half_width:
-            return reference.modes
-        modes = [reference.modes[0]]
-        for x in reference.x[1:]:
-            modes.append(reference.plant.modes(x, modes[-1], self.half_width))
-        return np.array(modes)
-
 
 @dataclass(frozen=True, kw_only=True)
-class Columns(Mechanism):
-    """Further terms in one equation: coefficients times functions of x, u, t and signals."""
+class Terms(Mechanism):
+    """Further terms in one equation: coefficients times the functions."""
 
     target: int
-    functions: tuple[Callable, ...]
     coefficients: tuple[float, ...]
 
-    @property
-    def n_columns(self):
-        """One for each function."""
-        return len(self.functions)
-
-    def columns(self, x, u, t, signals):
-        """Values of the functions."""
-        return tuple(function(x, u, t, signals) for function in self.functions)
-
     def extend(self, coef, first):
-        """Own coefficients, in one mode or in all."""
         rows = slice(None) if self.mode is None else self.mode
-        coef[rows, self.target, first : first + self.n_columns] = self.coefficients
+        coef[rows, self.target, first : first + len(self.functions)] = self.coefficients
         return coef
 
 
 @dataclass(frozen=True, kw_only=True)
 class Actuator(Mechanism):
-    """The plant receives an operator of the input's history."""
+    """The plant receives an operator ``operator(u, step)`` of the input's history."""
 
     operator: Callable[[Array, float], Array]
 
     def actuate(self, u, step):
-        """The operator's value."""
         return self.operator(u, step)
 
 
@@ -118,7 +86,7 @@ class Hysteresis(Mechanism):
 
 @dataclass(frozen=True, kw_only=True)
 class ExtraMode(Mechanism):
-    """One more region, with the law of one mode but for one coefficient."""
+    """One more region, with the law of one mode but for one coefficient; the last of the modes."""
 
     score: Callable[[Array], Array]
     threshold: float
@@ -128,13 +96,11 @@ class ExtraMode(Mechanism):
     change: float
 
     def extend(self, coef, first):
-        """The law of one more mode; it comes after the declared ones."""
         law = coef[self.base].copy()
         law[self.target, self.feature] += self.change
         return np.concatenate([coef, law[np.newaxis]])
 
     def overrule(self, modes, x, extra):
-        """The extra mode, where its region is."""
         return np.where((modes == self.base) & (self.score(x) > self.threshold), extra, modes)
 
 
@@ -147,7 +113,6 @@ class Reset(Mechanism):
     direction: float
 
     def land(self, x, before, after):
-        """The state after the jump."""
         crossed = (after - before) * self.direction > 0
         x = x.copy()
         x[..., self.state] *= np.where(crossed, self.factor, 1.0)
@@ -163,7 +128,6 @@ class Sensor(Mechanism):
     delay: float = 0.0
 
     def record(self, x, step):
-        """The history that is recorded."""
         x = x.copy()
         x[..., self.state] = late(x[..., self.state], self.delay, step) + self.offset
         return x

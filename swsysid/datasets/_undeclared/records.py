@@ -6,11 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._data.features import FunctionLibrary
 from swsysid._results import Array
 
-__all__ = ["Drive", "Equation", "Plant", "PlantedEffect", "Region"]
+__all__ = ["Drive", "Equation", "Modes", "Plant", "PlantedEffect", "Region"]
+
+Modes = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ class Plant:
         return [*self.states, "u"]
 
     @property
-    def library(self):
+    def library(self) -> FunctionLibrary | None:
         """The declared feature library, as the estimator takes it."""
         if self.functions is None:
             return None
@@ -136,7 +139,7 @@ class Plant:
             return columns
         return [function(*columns) for function in self.functions]
 
-    def modes(self, x: Array, before=None, half_width: float = 0.0):
+    def modes(self, x: Array, before: Modes | None = None, half_width: float = 0.0) -> Modes:
         """Mode at every state; with memory if the guard has a width and `before` is given."""
         if self.guard is None:
             return np.zeros(x.shape[:-1], dtype=np.intp)
@@ -144,7 +147,7 @@ class Plant:
         level = 0.0 if before is None else np.where(before == 1, -half_width, half_width)
         return (self.guard(x) > level).astype(np.intp)
 
-    def velocities(self, x: Array, u: Array, modes) -> Array:
+    def velocities(self, x: Array, u: Array, modes: Modes) -> Array:
         """Declared velocities, shape (..., n_states)."""
         features = np.stack(self.features(x, u), axis=-1)
         return np.einsum("...sf,...f->...s", self.coef[modes], features)

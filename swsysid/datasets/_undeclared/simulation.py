@@ -9,9 +9,10 @@ from functools import cache
 import numpy as np
 
 from swsysid._results import Array
+from swsysid._simulation.fixed_steps import runge_kutta
 from swsysid.datasets._undeclared.mechanisms import Mechanism
 from swsysid.datasets._undeclared.plants import PLANTS
-from swsysid.datasets._undeclared.records import Drive, Plant
+from swsysid.datasets._undeclared.records import Drive, Modes, Plant
 
 __all__ = ["Reference", "Run", "excite", "reference_run", "run", "signal_channels", "start"]
 
@@ -29,7 +30,7 @@ class Run:
 
     x: Array
     recorded: Array
-    modes: np.ndarray
+    modes: Modes
     structure: Array
     velocities: Array
 
@@ -46,29 +47,30 @@ def run(plant: Plant, mechanisms: Sequence[Mechanism], x0: Array, u: Array, t, s
     moments = list(
         zip(_refined(u, n_parts), _refined(t, n_parts), _refined(signals, n_parts), strict=True)
     )
-    advance = _map if plant.discrete else _runge_kutta
-    n_steps = (len(u) - 1) * plant.substeps
-    x, modes = x0, law.first_modes(x0)
-    states, labels = [x], [modes]
-    for step in range(n_steps):
+    everyone, length = np.arange(u.shape[1]), plant.time_step / plant.substeps
+    states, labels = [x0], [law.overruled(plant.modes(x0), x0)]
+    for step in range((len(u) - 1) * plant.substeps):
+        x, modes = states[-1], labels[-1]
         theta = law.coef[modes]
 
-        def velocity(x, part, theta=theta, modes=modes):
-            return law.velocity(theta, x, forces[modes, part, law.everyone], moments[part])
+        def velocity(x: Array, part: float, step=step, theta=theta, modes=modes) -> Array:
+            place = step if plant.discrete else 2 * step + int(2 * part)
+            features = law.features(x, forces[modes, place, everyone], moments[place])
+            return np.matmul(theta, features[..., np.newaxis])[..., 0]
 
-        x = advance(velocity, x, step, plant.time_step / plant.substeps)
+        x = velocity(x, 0.0) if plant.discrete else runge_kutta(velocity, x, length)
         x, modes = law.land(x, modes)
         states.append(x)
         labels.append(modes)
     return _at_samples(law, np.array(states), np.array(labels), forces, (u, t, signals))
 
 
-def _at_samples(law: _TrueLaw, fine: Array, labels, forces, channels) -> Run:
-    plant, (u, t, signals) = law.plant, channels
+def _at_samples(law: _TrueLaw, fine: Array, labels: Modes, forces: Array, channels) -> Run:
+    plant = law.plant
     x, modes = fine[:: plant.substeps], labels[:: plant.substeps]
     received = forces[:, :: 1 if plant.discrete else 2 * plant.substeps]
     rows, columns = np.indices(modes.shape)
-    structure = law.features(x, received[modes, rows, columns], (u, t, signals))
+    structure = law.features(x, received[modes, rows, columns], channels)
     velocities = np.einsum("nksf,nkf->nks", law.coef[modes], structure)
     recorded = fine
     for mechanism in law.mechanisms:
@@ -82,19 +84,15 @@ class _TrueLaw:
     def __init__(self, plant: Plant, mechanisms: Sequence[Mechanism]):
         self.plant, self.mechanisms = plant, tuple(mechanisms)
         self.half_width = sum(mechanism.half_width for mechanism in mechanisms)
-        n_declared = plant.coef.shape[2]
-        n_own = [mechanism.n_columns for mechanism in mechanisms]
-        coef = np.pad(plant.coef, [(0, 0), (0, 0), (0, sum(n_own))])
-        first = n_declared + np.concatenate([[0], np.cumsum(n_own)]).astype(int)
+        n_own = [len(mechanism.functions) for mechanism in mechanisms]
+        self.first = plant.coef.shape[2] + np.concatenate([[0], np.cumsum(n_own)]).astype(int)
+        self.coef = np.pad(plant.coef, [(0, 0), (0, 0), (0, sum(n_own))])
         # modes of their own first: a term that acts in all modes acts in these too
         for place in np.argsort(n_own, kind="stable"):
-            coef = mechanisms[place].extend(coef, first[place])
-        self.coef = coef
-        self.everyone = np.arange(0)
+            self.coef = mechanisms[place].extend(self.coef, self.first[place])
 
     def received(self, u: Array, step: float) -> Array:
         """Input that the plant receives in each mode, (n_modes, n_times, n_trajectories)."""
-        self.everyone = np.arange(u.shape[1])
         received = []
         for mode in range(len(self.coef)):
             force = u
@@ -109,53 +107,32 @@ class _TrueLaw:
         u, t, signals = moment
         columns = self.plant.features(x, received)
         for mechanism in self.mechanisms:
-            columns.extend(mechanism.columns(x, u, t, signals))
+            columns.extend(function(x, u, t, signals) for function in mechanism.functions)
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
-    def velocity(self, theta: Array, x: Array, received: Array, moment) -> Array:
-        """Velocity of every trajectory, shape (n_trajectories, n_states)."""
-        return np.matmul(theta, self.features(x, received, moment)[..., np.newaxis])[..., 0]
-
-    def masked(self, structure: Array, modes) -> Array:
+    def masked(self, structure: Array, modes: Modes) -> Array:
         """Features, zero where they do not act."""
-        structure, first = structure.copy(), self.plant.coef.shape[2]
-        for mechanism in self.mechanisms:
-            last = first + mechanism.n_columns
+        structure = structure.copy()
+        for mechanism, first in zip(self.mechanisms, self.first, strict=False):
             if mechanism.mode is not None:
-                structure[..., first:last] *= (modes == mechanism.mode)[..., np.newaxis]
-            first = last
+                own = slice(first, first + len(mechanism.functions))
+                structure[..., own] *= (modes == mechanism.mode)[..., np.newaxis]
         return structure
 
-    def first_modes(self, x: Array):
-        """Modes without a past."""
-        return self._overruled(self.plant.modes(x), x)
-
-    def land(self, x: Array, before):
+    def land(self, x: Array, before: Modes) -> tuple[Array, Modes]:
         """States and modes after a step, its jumps included."""
         # an extra mode lies inside a declared one, and the guard remembers that one
         declared = np.where(before < self.plant.n_modes, before, self.plant.region.base)
         after = self.plant.modes(x, declared, self.half_width)
         for mechanism in self.mechanisms:
             x = mechanism.land(x, declared, after)
-        return x, self._overruled(self.plant.modes(x, after, self.half_width), x)
+        return x, self.overruled(self.plant.modes(x, after, self.half_width), x)
 
-    def _overruled(self, modes, x: Array):
+    def overruled(self, modes: Modes, x: Array) -> Modes:
+        """Modes with those of the mechanisms."""
         for mechanism in self.mechanisms:
             modes = mechanism.overrule(modes, x, self.plant.n_modes)
         return modes
-
-
-def _runge_kutta(velocity, x: Array, step: int, length: float) -> Array:
-    begin = 2 * step
-    first = velocity(x, begin)
-    second = velocity(x + length / 2 * first, begin + 1)
-    third = velocity(x + length / 2 * second, begin + 1)
-    fourth = velocity(x + length * third, begin + 2)
-    return x + length / 6 * (first + 2 * (second + third) + fourth)
-
-
-def _map(velocity, x: Array, step: int, length: float) -> Array:
-    return velocity(x, step)
 
 
 def _refined(values: Array, n_parts: int) -> Array:
@@ -214,7 +191,7 @@ class Reference:
     x: Array
     u: Array
     signals: Array
-    modes: np.ndarray
+    modes: Modes
     velocities: Array
     scale: Array
 

@@ -6,9 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import RandomState
+from numpy.typing import NDArray
 
-from swsysid.datasets._undeclared.mechanisms import Columns, Mechanism
-from swsysid.datasets._undeclared.records import Equation, Plant
+from swsysid._results import Array
+from swsysid.datasets._undeclared.mechanisms import Mechanism, Terms
+from swsysid.datasets._undeclared.records import Equation
 from swsysid.datasets._undeclared.simulation import Reference
 
 __all__ = ["Planted", "Sizing"]
@@ -31,26 +34,22 @@ class Planted:
 class Sizing:
     """What the makers of effects ask: the plant, a source of chance, and how large is right.
 
-    Parameters
-    ----------
-    reference : Reference
-    rng : RandomState
-    magnitude : float
-    target : int
-    mode : int or None
-    duration : float
-        From the first sample to the last, in s.
+    `duration` is the time from the first sample to the last, in s.
     """
 
-    def __init__(self, reference: Reference, rng, magnitude: float, target: int, mode, duration):
-        self.reference, self.rng, self.magnitude = reference, rng, magnitude
-        self.target, self.mode, self.duration = target, mode, duration
+    def __init__(
+        self,
+        reference: Reference,
+        rng: RandomState,
+        magnitude: float,
+        target: int,
+        mode: int | None,
+        duration: float,
+    ):
+        self.reference, self.plant, self.rng = reference, reference.plant, rng
+        self.magnitude, self.target, self.mode, self.duration = magnitude, target, mode, duration
         self.share = magnitude * rng.uniform(*_SHARE)
-
-    @property
-    def plant(self) -> Plant:
-        """The plant."""
-        return self.reference.plant
+        self.largest_input = float(np.abs(reference.u).max())
 
     @property
     def equation(self) -> Equation:
@@ -66,17 +65,18 @@ class Sizing:
         drawn = float(self.rng.choice([-1.0, 1.0]))
         return self.plant.sign or drawn
 
-    def columns(self, functions: Sequence[Callable], weights: Sequence[float]):
+    def terms(
+        self, functions: Sequence[Callable[..., Array]], weights: Sequence[float]
+    ) -> tuple[Terms, float]:
         """Terms of the right size together; and the factor on the weights."""
-        reference, n_values = self.reference, self.reference.u.size
-        t = np.linspace(0.0, self.duration, n_values).reshape(reference.u.shape[::-1]).T
-        moment = (reference.x, reference.u, t, reference.signals)
+        reference = self.reference
+        t = np.linspace(0.0, self.duration, reference.u.size).reshape(reference.u.shape[::-1]).T
         values = np.zeros_like(t)
         for function, weight in zip(functions, weights, strict=True):
-            values += weight * function(*moment)
+            values += weight * function(reference.x, reference.u, t, reference.signals)
         size = np.sqrt(np.mean(values[self._rows()] ** 2))
         factor = float(self.share * reference.scale[self.target] / size)
-        mechanism = Columns(
+        mechanism = Terms(
             mode=self.mode,
             target=self.target,
             functions=tuple(functions),
@@ -84,7 +84,9 @@ class Sizing:
         )
         return mechanism, factor
 
-    def solve(self, make: Callable[[float], Planted], upper: float, share=None) -> float:
+    def solve(
+        self, make: Callable[[float], Planted], upper: float, share: float | None = None
+    ) -> float:
         """Parameter in (0, upper] for which an effect has the right size, or the upper end."""
         share = self.share if share is None else share
         if self._size(make(upper).mechanism) <= share:
@@ -103,11 +105,26 @@ class Sizing:
         time = max(time, _SHORTEST * step)
         return step * round(time / step) if whole else time
 
-    def _rows(self):
+    def _rows(self) -> NDArray[np.bool_]:
+        """The rows of the reference run in which the effect acts."""
         modes = self.reference.modes
-        return np.ones_like(modes, dtype=bool) if self.mode is None else modes == self.mode
+        return np.full(modes.shape, True) if self.mode is None else modes == self.mode
 
     def _size(self, mechanism: Mechanism) -> float:
-        change = mechanism.seen(self.reference) - self.reference.velocities
+        """Change of the velocities of the reference run, in units of their size."""
+        change = self._seen(mechanism) - self.reference.velocities
         sizes = np.sqrt(np.mean(change[self._rows()] ** 2, axis=0))
         return float(np.max(sizes / self.reference.scale))
+
+    def _seen(self, mechanism: Mechanism) -> Array:
+        """Velocities of the reference run if the mechanism were in it."""
+        reference, plant = self.reference, self.plant
+        u = mechanism.actuate(reference.u, plant.time_step)
+        x = mechanism.record(reference.x, plant.time_step)
+        modes = reference.modes
+        if mechanism.half_width:
+            kept = [modes[0]]
+            for now in reference.x[1:]:
+                kept.append(plant.modes(now, kept[-1], mechanism.half_width))
+            modes = np.array(kept)
+        return plant.velocities(x, u, modes)
