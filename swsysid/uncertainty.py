@@ -22,7 +22,7 @@ from swsysid._identification.problem import one_hot
 from swsysid._identification.rows import trajectory_codes
 from swsysid._identification.scale import calibrate
 from swsysid._identification.setup import build_problem
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid._results import Array
 from swsysid._simulation.model import fitted_system
 from swsysid._surfaces.surface import fit_weighted, mode_book_of

@@ -10,7 +10,7 @@ from sklearn.preprocessing import PolynomialFeatures
 
 from benchmarks.goals import Goal
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator
 from swsysid.relaxations import ExactRelaxation, SimplexRelaxation
 

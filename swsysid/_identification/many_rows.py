@@ -21,7 +21,7 @@ from swsysid._identification.problem import Modes, SwitchingProblem, one_hot
 from swsysid._identification.rows import TrainingRows
 from swsysid._identification.scale import may_discard
 from swsysid._identification.trust_region import Sampled, rows_to_know
-from swsysid._losses.summaries import Reach
+from swsysid._losses import Reach
 from swsysid._rendering.progress import progress
 from swsysid._results import Array
 from swsysid._surfaces.fitted import FittedSurfaces

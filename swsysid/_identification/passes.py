@@ -18,7 +18,7 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.sources import Rows
 from swsysid._identification.problem import Costs, Modes, SwitchingProblem
 from swsysid._identification.scale import OUTLYING
-from swsysid._losses.summaries import Reach
+from swsysid._losses import Reach
 from swsysid._results import Array
 from swsysid._surfaces.fitted import FittedSurfaces, HingeSummary
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._identification.settings import IdentificationSettings
-from swsysid._losses.losses import Loss
+from swsysid._losses import Loss
 from swsysid._results import Array, Assignment
 from swsysid._surfaces.surface import CoupledClassifier, fit_weighted, mode_book_of
 from swsysid.relaxations._base import Relaxation, one_hot

@@ -32,7 +32,7 @@ from swsysid._identification.identify import Search
 from swsysid._identification.problem import SwitchingProblem
 from swsysid._identification.rows import TrainingRows
 from swsysid._identification.settings import IdentificationSettings
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid._surfaces.surface import is_classifier, offers_penalty, option
 from swsysid.relaxations import get_relaxation
 

@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from swsysid._identification.passes import Pass
 from swsysid._identification.problem import Modes, SwitchingProblem
-from swsysid._losses.summaries import Reach
+from swsysid._losses import Reach
 from swsysid._results import Array
 from swsysid._seeding.designs import whiten
 from swsysid._surfaces.fitted import Anchors, FittedSurfaces

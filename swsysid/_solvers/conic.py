@@ -21,7 +21,6 @@ from swsysid._results import Array, SolverError, Status
 
 __all__ = [
     "HAS_VALUES",
-    "IntegerSolution",
     "LinearSolution",
     "linear_program",
     "mixed_integer_program",
@@ -36,12 +35,12 @@ HAS_VALUES = (Status.OPTIMAL, Status.INACCURATE, Status.ITERATION_LIMIT)
 
 @dataclass(frozen=True)
 class LinearSolution:
-    """Solution of a linear program.
+    """Solution of a linear program, mixed-integer or not.
 
     Attributes
     ----------
     x : ndarray of shape (n_variables,)
-        NaN where there is no solution; `status` says why.
+        The best point found; NaN where there is none, and `status` says why.
     objective : float
     dual_ub : ndarray of shape (n_inequalities,)
         Multipliers, not negative.
@@ -50,6 +49,8 @@ class LinearSolution:
         ``cost + A_ub.T @ dual_ub + A_eq.T @ dual_eq`` is the reduced cost: zero at variables
         strictly between their bounds.
     status : Status
+    bound : float
+        Proved lower bound on the optimum of a mixed-integer program, which has no multipliers.
     """
 
     x: Array
@@ -57,26 +58,12 @@ class LinearSolution:
     dual_ub: Array
     dual_eq: Array
     status: Status
+    bound: float = -np.inf
 
 
-@dataclass(frozen=True)
-class IntegerSolution:
-    """Solution of a mixed-integer linear program.
-
-    Attributes
-    ----------
-    x : ndarray of shape (n_variables,)
-        The best point found; NaN if there is none.
-    objective : float
-    bound : float
-        Proved lower bound on the optimum.
-    status : Status
-    """
-
-    x: Array
-    objective: float
-    bound: float
-    status: Status
+def _no_solution(n_variables, status, *, objective=np.nan, n_ub=0, n_eq=0, bound=-np.inf):
+    nothing, dual_ub, dual_eq = (np.full(n, np.nan) for n in (n_variables, n_ub, n_eq))
+    return LinearSolution(nothing, objective, dual_ub, dual_eq, status, bound)
 
 
 def linear_program(
@@ -93,15 +80,6 @@ def linear_program(
         Infinite entries stand for no bound. None leaves every variable free.
     solver : str, default="auto"
         ``"auto"`` and ``"highs"`` are HiGHS through SciPy, any other name is a solver of cvxpy.
-
-    Returns
-    -------
-    LinearSolution
-
-    Raises
-    ------
-    SolverError
-        If the solver is not installed.
 
     Examples
     --------
@@ -126,23 +104,9 @@ def linear_program(
 
 
 def solve(problem, solver: str = "auto") -> Status:
-    """Solve a cvxpy problem in place and say how it ended.
+    """Solve a cvxpy problem in place, ``"auto"`` with Clarabel, and say how it ended.
 
-    Parameters
-    ----------
-    problem : cvxpy.Problem
-    solver : str, default="auto"
-        A solver of cvxpy in any case; ``"auto"`` is Clarabel.
-
-    Returns
-    -------
-    Status
-        Variables hold values of this solve only where it is in `HAS_VALUES`.
-
-    Raises
-    ------
-    SolverError
-        If the solver is not installed.
+    Variables hold values of this solve only where the status is in `HAS_VALUES`.
     """
     error, name = modelling().error, _installed(solver)
     # A program that is not convex is a mistake of this package, not of the solver.
@@ -157,58 +121,37 @@ def solve(problem, solver: str = "auto") -> Status:
 
 def mixed_integer_program(
     cost, *, matrix, low, high, integrality, bounds, time_limit: float = np.inf
-) -> IntegerSolution:
+) -> LinearSolution:
     """Solve min cost @ x s.t. low <= matrix @ x <= high, some x integer, with HiGHS.
 
-    Parameters
-    ----------
-    cost : array-like of shape (n_variables,)
-    matrix : sparse matrix of shape (n_rows, n_variables)
-    low, high : array-like of shape (n_rows,)
-    integrality : array-like of shape (n_variables,)
-        1 for an integer variable, 0 for a continuous one.
-    bounds : (low, high) or array-like of shape (n_variables, 2)
-    time_limit : float
-        In seconds.
-
-    Returns
-    -------
-    IntegerSolution
+    `integrality` is 1 for an integer variable, 0 for a continuous one; `time_limit` is in s.
     """
     cost = np.asarray(cost, dtype=float)
-    bounds = _full_bounds(bounds, cost.size)
     answer, broke = _answer(
         lambda: milp(
             cost,
             integrality=integrality,
-            bounds=Bounds(bounds[:, 0], bounds[:, 1]),
+            bounds=Bounds(*_full_bounds(bounds, cost.size).T),
             constraints=LinearConstraint(matrix, low, high),
             # HiGHS stops at a relative gap of 1e-4 by default; the exact program asks for none.
             options={"time_limit": time_limit, "mip_rel_gap": 0.0},
         )
     )
     if broke:
-        return IntegerSolution(np.full(cost.size, np.nan), np.inf, -np.inf, Status.FAILED)
-    status = _MILP_STATUS.get(answer.status, Status.FAILED)
-    bound = getattr(answer, "mip_dual_bound", None)
+        return _no_solution(cost.size, Status.FAILED, objective=np.inf)
+    status, bound = _MILP_STATUS.get(answer.status, Status.FAILED), answer.get("mip_dual_bound")
     if answer.x is None:
-        return IntegerSolution(
-            np.full(cost.size, np.nan), np.inf, -np.inf if bound is None else bound, status
-        )
-    return IntegerSolution(answer.x, answer.fun, answer.fun if bound is None else bound, status)
+        bound = -np.inf if bound is None else bound
+        return _no_solution(cost.size, status, objective=np.inf, bound=bound)
+    bound = answer.fun if bound is None else bound
+    return LinearSolution(answer.x, answer.fun, np.empty(0), np.empty(0), status, bound)
 
 
 def require_solution(status: Status, program: str) -> None:
     """Raise `SolverError` unless a solver came back with a point.
 
     The programs of this package have solutions: a solver that finds none, whatever it says of the
-    program, has failed on these numbers.
-
-    Parameters
-    ----------
-    status : Status
-    program : str
-        What it was to solve, such as ``"margin LP"``.
+    program (`program` is its name, such as ``"margin LP"``), has failed on these numbers.
     """
     if status not in HAS_VALUES:
         raise SolverError(
@@ -258,16 +201,6 @@ def _n_rows(right_hand_side) -> int:
     return 0 if right_hand_side is None else np.size(right_hand_side)
 
 
-def _no_linear_solution(cost, rows, status) -> LinearSolution:
-    return LinearSolution(
-        np.full(cost.size, np.nan),
-        np.nan,
-        np.full(_n_rows(rows["b_ub"]), np.nan),
-        np.full(_n_rows(rows["b_eq"]), np.nan),
-        status,
-    )
-
-
 def _answer(call: Callable[[], Any], mistakes: tuple = ()) -> tuple[Any, bool]:
     """What a solver answers, and whether it broke: accuracy is told by Status, not by warnings."""
     with warnings.catch_warnings():
@@ -294,7 +227,9 @@ def _linear_program_highs(cost, rows, bounds) -> LinearSolution:
         if status is not Status.FAILED:
             break
     if status is not Status.OPTIMAL or answer.x is None:
-        return _no_linear_solution(cost, rows, status)
+        return _no_solution(
+            cost.size, status, n_ub=_n_rows(rows["b_ub"]), n_eq=_n_rows(rows["b_eq"])
+        )
     # SciPy's marginals are d objective / d right-hand side, the negative of the multipliers.
     return LinearSolution(
         answer.x, answer.fun, -answer.ineqlin.marginals, -answer.eqlin.marginals, status
@@ -312,7 +247,9 @@ def _linear_program_cvxpy(cost, rows, bounds, solver) -> LinearSolution:
     problem = cp.Problem(cp.Minimize(cost @ x), inequalities + equalities + box)
     status = solve(problem, solver)
     if status not in HAS_VALUES:
-        return _no_linear_solution(cost, rows, status)
+        return _no_solution(
+            cost.size, status, n_ub=_n_rows(rows["b_ub"]), n_eq=_n_rows(rows["b_eq"])
+        )
     dual_ub, dual_eq = (
         np.concatenate([np.atleast_1d(constraint.dual_value) for constraint in constraints])
         if constraints

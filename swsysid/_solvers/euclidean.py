@@ -11,14 +11,15 @@ sum_i u_i.r_i, so that every iterate has a duality gap, sum_i (||r_i|| - u_i.r_i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-from swsysid._results import Array, Status
+from swsysid._results import Array
 
-__all__ = ["EuclideanFit", "least_euclidean_norms"]
+__all__ = ["EuclideanFit", "gram_blocks", "least_euclidean_norms", "solve_scaled"]
 
 MAX_ITER = 80
 MAX_HALVINGS = 30
@@ -26,32 +27,18 @@ ROUNDING = 1e-14
 
 
 class EuclideanFit(NamedTuple):
-    """Coefficients (n_outputs, n_features), their sum of norms, and a proved lower bound."""
+    """Coefficients (n_outputs, n_features) and a proved lower bound of their sum of norms."""
 
     coef: Array
-    objective: float
     lower_bound: float
-    status: Status
 
 
 def least_euclidean_norms(
     design: Array, targets: Array, start: Array, support: Array, *, tol: float = 1e-10
 ) -> EuclideanFit:
-    """Minimise the sum of Euclidean norms of the residuals.
+    """Minimise the sum of Euclidean norms of the residuals, up to a relative duality gap.
 
-    Parameters
-    ----------
-    design : ndarray of shape (n_samples, n_features)
-    targets : ndarray of shape (n_samples, n_outputs)
-    start : ndarray of shape (n_outputs, n_features), zero outside the support
-    support : ndarray of shape (n_outputs, n_features), bool
-        Coefficients outside stay zero.
-    tol : float, default=1e-10
-        Relative duality gap to reach.
-
-    Returns
-    -------
-    EuclideanFit
+    Coefficients outside `support`, (n_outputs, n_features), stay zero, as they are in `start`.
 
     Examples
     --------
@@ -62,25 +49,18 @@ def least_euclidean_norms(
     >>> points = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 4.0], [4.0, 4.0], [2.0, 2.0]])
     >>> free = np.ones((2, 1), dtype=bool)
     >>> fit = least_euclidean_norms(np.ones((5, 1)), points, np.zeros((2, 1)), free)
-    >>> fit.coef.ravel().round(12), round(fit.objective**2)
+    >>> fit.coef.ravel().round(12), round(fit.lower_bound**2)
     (array([2., 2.]), 128)
     """
     iterate = _Iterate(design, targets, start, support)
-    status = Status.ITERATION_LIMIT
     for _ in range(MAX_ITER):
         if iterate.gap <= tol * iterate.objective + ROUNDING * iterate.size:
-            status = Status.OPTIMAL
             break
         if not iterate.advance():
-            status = Status.INACCURATE
             break
-    coef = _polished(design, targets, iterate.coef, iterate.residuals, support)
-    residuals = targets - design @ coef.T
-    objective = float(np.linalg.norm(residuals, axis=1).sum())
-    lower_bound = max(float((iterate.feasible * residuals).sum()), 0.0)
-    if objective - lower_bound <= 1e-8 * objective + ROUNDING * iterate.size:
-        status = Status.OPTIMAL
-    return EuclideanFit(coef, objective, min(lower_bound, objective), status)
+    coef = _with_met_samples(design, targets, iterate.coef, iterate.residuals, support)
+    lower_bound = float((iterate.feasible * (targets - design @ coef.T)).sum())
+    return EuclideanFit(coef, max(lower_bound, 0.0))
 
 
 class _Iterate:
@@ -122,20 +102,18 @@ class _Iterate:
         return (self.gap, self.objective) != before
 
     def _newton(self, lengths):
-        n_outputs, n_features = self.coef.shape
         unit = self.residuals / lengths[:, None]
-        hessian = np.empty((n_outputs, n_features, n_outputs, n_features))
-        for one in range(n_outputs):
-            for two in range(one + 1):
-                mixed = self.dual[:, one] * unit[:, two] + self.dual[:, two] * unit[:, one]
-                weight = (float(one == two) - 0.5 * mixed) / lengths
-                block = self.design.T @ (self.design * weight[:, None])
-                hessian[one, :, two], hessian[two, :, one] = block, block.T
-        free = self.support.ravel()
-        size = free.size
-        move = np.zeros(size)
+
+        def curvature(one, two):
+            mixed = self.dual[:, one] * unit[:, two] + self.dual[:, two] * unit[:, one]
+            return (float(one == two) - 0.5 * mixed) / lengths
+
+        hessian = gram_blocks(self.design, curvature, len(self.coef))
+        free = np.flatnonzero(self.support)
+        move = np.zeros(self.coef.size)
         move[free] = solve_scaled(
-            hessian.reshape(size, size)[np.ix_(free, free)], (unit.T @ self.design).ravel()[free]
+            hessian.reshape(move.size, move.size)[np.ix_(free, free)],
+            (unit.T @ self.design).ravel()[free],
         )
         return move.reshape(self.coef.shape) if np.isfinite(move).all() else None
 
@@ -162,6 +140,17 @@ class _Iterate:
         self.dual = dual / np.maximum(1.0, np.linalg.norm(dual, axis=1, keepdims=True))
 
 
+def gram_blocks(design: Array, curvature: Callable[[int, int], Array], n_outputs: int) -> Array:
+    """Hessian (n_outputs, p, n_outputs, p) of rows with a curvature (n,) for two outputs."""
+    n_features = design.shape[1]
+    hessian = np.empty((n_outputs, n_features, n_outputs, n_features))
+    for one in range(n_outputs):
+        for two in range(one + 1):
+            block = design.T @ (design * curvature(one, two)[:, None])
+            hessian[one, :, two], hessian[two, :, one] = block, block.T
+    return hessian
+
+
 def solve_scaled(matrix, right):
     """Solution of a positive semidefinite system, of least norm where it has many."""
     scale = np.sqrt(np.diagonal(matrix).clip(min=np.finfo(float).tiny))
@@ -181,7 +170,7 @@ def _orthogonal(design, dual, support):
     return dual
 
 
-def _polished(design, targets, coef, residuals, support):
+def _with_met_samples(design, targets, coef, residuals, support):
     """Coefficients at which the samples with vanishing residuals are met exactly.
 
     Where so many vanish that they determine the coefficients, least squares on them removes

@@ -14,12 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv, dpotrs
 
-__all__ = ["InteriorPoint", "interior_point"]
+from swsysid._results import Array
 
-Array = NDArray[np.float64]
+__all__ = ["InteriorPoint", "interior_point"]
 
 STEP_SHARE = 0.9995  # of the way to the boundary
 MAX_ITER = 60
@@ -27,22 +26,11 @@ MAX_ITER = 60
 
 @dataclass(frozen=True)
 class InteriorPoint:
-    """Where the interior-point method stopped.
-
-    Attributes
-    ----------
-    coef : ndarray of shape (p,)
-    dual : ndarray of shape (n,)
-        Strictly between -1 and 1, ``dual @ design`` zero up to rounding.
-    weight : ndarray of shape (n,)
-        Large at rows whose residual vanishes, small at the others: what finds the basic rows.
-    n_iter : int
-    """
+    """Where the interior-point method stopped."""
 
     coef: Array
-    dual: Array
-    weight: Array
-    n_iter: int
+    dual: Array  # (n,), strictly between -1 and 1, ``dual @ design`` zero up to rounding
+    weight: Array  # (n,), large at rows whose residual vanishes: what finds the basic rows
 
 
 def interior_point(
@@ -50,28 +38,19 @@ def interior_point(
 ) -> InteriorPoint:
     """Least absolute deviations of n rows on p columns of full rank.
 
-    Parameters
-    ----------
-    design : ndarray of shape (n, p)
-    targets : ndarray of shape (n,)
-    start : ndarray of shape (p,)
-    n_heavy : int
-        The last rows stand for many (see `lad`) and do not count in the scale of `tol`.
-    tol : float
-        Duality gap to reach, relative to the sum of absolute residuals of the other rows.
-        Where rounding forbids it the last iterate is returned.
+    `tol` is the duality gap to reach, relative to the sum of absolute residuals of all but the
+    last `n_heavy` rows, which stand for many (see `lad`). Where rounding forbids it the last
+    iterate is returned.
     """
     n_light = len(targets) - n_heavy
     rounding = 1e-14 * np.abs(targets[:n_light]).sum()
     iterate = _Iterate(design, targets, start, n_light)
-    n_iter = 0
-    while n_iter < MAX_ITER:
+    for _ in range(MAX_ITER):
         if iterate.gap <= tol * np.abs(iterate.residuals[:n_light]).sum() + rounding:
             break
         if not iterate.advance():
             break
-        n_iter += 1
-    return InteriorPoint(iterate.coef, iterate.dual, iterate.weight, n_iter)
+    return InteriorPoint(iterate.coef, iterate.dual, iterate.weight)
 
 
 class _Iterate:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-__all__ = ["RowSpace", "rounding"]
+from swsysid._results import Array
 
-Array = NDArray[np.float64]
+__all__ = ["RowSpace", "rounding"]
 
 # Residuals below ROUNDOFF * (|y_i| + |d_i| . |c|) are zero as far as floats can tell.
 ROUNDOFF = 64 * np.finfo(float).eps
@@ -37,18 +37,9 @@ def rounding(design: Array, targets: Array, coef: Array) -> Array:
 class RowSpace:
     """Coordinates in which a design has full column rank and unit-free columns.
 
-    Parameters
-    ----------
-    design : ndarray of shape (n_samples, n_features), n_samples > 0
-
-    Attributes
-    ----------
-    design : ndarray of shape (n_samples, rank)
-        The design itself where it is well conditioned, else an orthonormal basis of its
-        column space.
-    rank : int
-        Numerical rank after every column has been divided by its norm, so that units do not
-        decide it.
+    `design`, (n_samples, rank), is the given one where it is well conditioned, else an orthonormal
+    basis of its column space. The rank is that after every column has been divided by its norm,
+    so that units do not decide it.
     """
 
     def __init__(self, design: Array):
@@ -83,14 +74,9 @@ class RowSpace:
         return _normal_equations(self.design, targets)
 
     def first_guess(self, targets: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Least squares, and whether it leaves nothing: a start for a robust regression.
+        """Least squares (k, rank), and whether it leaves nothing beyond rounding, (k,).
 
-        Returns
-        -------
-        coef : ndarray of shape (k, rank)
-            Of more than 20 000 rows only a sample is fitted, unless some fit may be perfect.
-        perfect : ndarray of shape (k,), bool
-            True where no row has a residual beyond rounding.
+        Of more than 20 000 rows only a sample is fitted, unless some fit may be perfect.
         """
         design, sampled = self.design[:: self._every], targets[:, :: self._every]
         coef = _normal_equations(design, sampled)

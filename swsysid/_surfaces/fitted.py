@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._losses.summaries import Reach
+from swsysid._losses import Reach
 from swsysid._results import Array
 from swsysid._surfaces.hinge import MarginProgram
 from swsysid._surfaces.margin_program import SurfaceFit, fit_programs

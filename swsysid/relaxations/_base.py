@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from swsysid._checks.arrays import numbers
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid._results import Array, Assignment, Status
 
 __all__ = ["Relaxation", "first_least", "hardened", "one_hot"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import bsr_array
 
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid._results import FitCertificate, Status
 from swsysid._solvers.conic import linear_program
 from swsysid.relaxations import get_relaxation

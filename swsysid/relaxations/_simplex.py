@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid._results import Array, Assignment, Status
 from swsysid._solvers.conic import modelling, require_solution, solve
 from swsysid.relaxations._base import Relaxation, first_least, hardened, one_hot

@@ -10,7 +10,7 @@ from benchmarks.speed.__main__ import main
 from benchmarks.speed.direct import l1_by_dual, nearest_modes, without_modelling
 from benchmarks.speed.problems import assignments
 from benchmarks.speed.tables import table
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 
 
 def test_structured_and_general_solvers_agree(tmp_path):

@@ -10,7 +10,7 @@ from sklearn.linear_model import LogisticRegression
 import swsysid._classifier
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid._identification.problem import SwitchingProblem
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid.relaxations import get_relaxation
 
 

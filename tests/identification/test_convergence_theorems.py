@@ -6,7 +6,7 @@ from scipy.optimize import linprog
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid._identification.problem import SwitchingProblem
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator
 from swsysid.relaxations import get_relaxation
 

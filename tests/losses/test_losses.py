@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swsysid._losses.losses import LOSSES, get_loss
+from swsysid._losses import LOSSES, get_loss
 from swsysid._results import SolverError, Status
 
 LOSS_NAMES = sorted(LOSSES)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from swsysid._losses.losses import get_loss
-from swsysid._losses.norm_summary import NormSummary
-from swsysid._losses.summaries import GramSummary, Reach, SignSummary
+from swsysid._losses import get_loss
+from swsysid._losses.l1 import SignSummary
+from swsysid._losses.l2 import NormSummary
+from swsysid._losses.reach import Reach
+from swsysid._losses.squared import GramSummary
 from swsysid._solvers.lad import least_absolute_deviations
 
 SUMMARIES = [SignSummary, GramSummary, NormSummary]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid._results import SolverError, Status
 from swsysid.relaxations import SimplexRelaxation
 from swsysid.relaxations._certificates import certify

@@ -1,12 +1,13 @@
 """The exact mixed-integer program against enumeration of all labels."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
 from swsysid._results import SolverError, Status
-from swsysid._solvers.conic import IntegerSolution, linear_program
+from swsysid._solvers.conic import LinearSolution, linear_program
 from swsysid.relaxations import _mixed_integer as _mip
 from swsysid.relaxations._mixed_integer import solve_mip
 
@@ -181,7 +182,7 @@ X_TWO = np.array([[1.0], [2.0], [-1.0], [-2.0]])
 @pytest.mark.parametrize("status", [Status.INFEASIBLE, Status.UNBOUNDED, Status.FAILED])
 def test_a_fault_of_the_solver_is_no_result(monkeypatch, status):
     # all coefficients zero is feasible and no residual is below zero: such an answer is a fault
-    nothing = IntegerSolution(np.full(1, np.nan), np.inf, -np.inf, status)
+    nothing = LinearSolution(np.full(1, np.nan), np.inf, np.empty(0), np.empty(0), status)
     monkeypatch.setattr(_mip, "mixed_integer_program", lambda *_, **__: nothing)
     with pytest.raises(SolverError, match="mixed-integer program .* choose another solver"):
         solve_mip(X_TWO, np.abs(X_TWO))
@@ -190,7 +191,7 @@ def test_a_fault_of_the_solver_is_no_result(monkeypatch, status):
 def test_optimal_is_said_only_with_a_proof(monkeypatch):
     def without_bound(*arguments, **options):
         found = solver(*arguments, **options)
-        return IntegerSolution(found.x, found.objective, -1.0, Status.OPTIMAL)
+        return replace(found, bound=-1.0, status=Status.OPTIMAL)
 
     solver, y = _mip.mixed_integer_program, np.array([1.0, 2.5, 1.0, 3.0])
     assert solve_mip(X_TWO, y, 1).status is Status.OPTIMAL

@@ -8,7 +8,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid.relaxations import MomentRelaxation, SimplexRelaxation
 from swsysid.relaxations._moment import _Moments
 

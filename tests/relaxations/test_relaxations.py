@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 
-from swsysid._losses.losses import get_loss
+from swsysid._losses import get_loss
 from swsysid._results import Assignment, SolverError, Status
 from swsysid.relaxations import (
     RELAXATIONS,

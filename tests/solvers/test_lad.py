@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
+from hypothesis import settings as examples
 from hypothesis import strategies as st
 
 from swsysid._results import Status
@@ -10,6 +11,7 @@ from swsysid._solvers import lad
 from swsysid._solvers.conic import linear_program
 from swsysid._solvers.lad import least_absolute_deviations
 from swsysid._solvers.row_space import RowSpace
+from swsysid._solvers.settings import SETTINGS, SolverSettings
 
 
 def highs(design, target, bound=np.inf, weight=None):
@@ -117,17 +119,18 @@ PROBLEMS = {
 }
 
 
-# Rows up to which steps along edges come first: all of these problems, or none.
-ROUTES = {"edges": lad.SHORT, "interior point": 0}
+# Steps along edges come first for all of these problems, or for none.
+ROUTES = {"edges": SETTINGS, "interior point": SolverSettings(short=0)}
 
 
 @pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("bound", [None, 0.3])
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_agrees_with_an_independent_solver_and_proves_itself(name, bound, route, monkeypatch):
-    monkeypatch.setattr(lad, "SHORT", ROUTES[route])
+def test_agrees_with_an_independent_solver_and_proves_itself(name, bound, route):
     design, target = PROBLEMS[name]()
-    fit = least_absolute_deviations(design, target[:, None], coef_bound=bound)
+    fit = least_absolute_deviations(
+        design, target[:, None], coef_bound=bound, settings=ROUTES[route]
+    )
     reference = highs(design, target, np.inf if bound is None else bound)
     assert fit.status is Status.OPTIMAL
     np.testing.assert_allclose(fit.objective[0], reference, rtol=1e-8)
@@ -289,33 +292,35 @@ def _half_from_another_mode(n_samples):
     return design, np.where(design[:, 0] > 0.1, design @ truth, design @ np.roll(truth, 1))
 
 
-@pytest.mark.parametrize("walkable", [0, 5000])
+@pytest.mark.parametrize("short", [0, 5000])
 @pytest.mark.parametrize("bound", [None, 0.5])
 @pytest.mark.parametrize(
     "make", [_in_time_order, _rare_features, _quantised, _half_from_another_mode]
 )
-def test_merging_rows_is_exact(make, bound, walkable, monkeypatch):
+def test_merging_rows_is_exact(make, bound, short):
     design, target = make(12_000)
-    along_edges = least_absolute_deviations(design, target[:, None], coef_bound=bound)
-    monkeypatch.setattr(lad, "SHORT", walkable)
-    merged = least_absolute_deviations(design, target[:, None], coef_bound=bound)
+
+    def solved(settings):
+        return least_absolute_deviations(
+            design, target[:, None], coef_bound=bound, settings=settings
+        )
+
+    along_edges, merged = solved(SETTINGS), solved(SolverSettings(short=short))
     np.testing.assert_allclose(merged.lower_bound, merged.objective, rtol=1e-9)
     np.testing.assert_allclose(merged.objective, along_edges.objective, rtol=1e-10)
-    monkeypatch.setattr(lad, "SHORT", 0)
-    monkeypatch.setattr(lad, "FEW", np.inf)  # every row reaches the interior point
-    whole = least_absolute_deviations(design, target[:, None], coef_bound=bound)
+    # every row reaches the interior point
+    whole = solved(SolverSettings(short=0, fewest=len(design) + 1))
     np.testing.assert_allclose(merged.objective, whole.objective, rtol=1e-10)
 
 
 def test_merging_is_used_for_many_rows(monkeypatch):
-    monkeypatch.setattr(lad, "SHORT", 10_000)
     design, _, target = random_problem(17, 12_000)
     sizes = []
     direct = lad._direct
     monkeypatch.setattr(
         lad, "_direct", lambda rows, start: sizes.append(len(rows.targets)) or direct(rows, start)
     )
-    least_absolute_deviations(design, target[:, None])
+    least_absolute_deviations(design, target[:, None], settings=SolverSettings(short=10_000))
     assert max(sizes) <= 3000
 
 
@@ -328,7 +333,7 @@ def test_the_bound_is_below_every_other_point():
     assert values.min() >= fit.lower_bound[0] - 1e-10
 
 
-@settings(max_examples=40, derandomize=True, deadline=None)
+@examples(max_examples=40, derandomize=True, deadline=None)
 @given(
     st.integers(1, 12),
     st.integers(1, 3),
@@ -348,10 +353,10 @@ def test_small_integer_problems(n_samples, n_features, bound, data):
     table = np.array(rows, dtype=float)
     design, target = table[:, :-1], table[:, -1]
     reference = highs(design, target, np.inf if bound is None else bound)
-    for n_rows in ROUTES.values():
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(lad, "SHORT", n_rows)
-            fit = least_absolute_deviations(design, target[:, None], coef_bound=bound)
+    for settings in ROUTES.values():
+        fit = least_absolute_deviations(
+            design, target[:, None], coef_bound=bound, settings=settings
+        )
         assert fit.objective[0] == pytest.approx(reference, abs=1e-9)
         assert fit.lower_bound[0] == pytest.approx(reference, abs=1e-9)
 
@@ -391,19 +396,16 @@ def test_row_space_of_a_large_design_with_a_rare_feature():
 
 def test_kept_rows_do_not_lead_to_each_other_for_ever(monkeypatch):
     """On these rows two sets of kept rows each called for the other."""
-    import swsysid._solvers.lad as solver
-
-    monkeypatch.setattr(solver, "SHORT", 0)
-    merge, merged = solver._merge, []
+    merge, merged = lad._merge, []
 
     def counted(*args):
         merged.append(args)
         assert len(merged) < 60
         return merge(*args)
 
-    monkeypatch.setattr(solver, "_merge", counted)
+    monkeypatch.setattr(lad, "_merge", counted)
     rng = np.random.default_rng(117)
     design = rng.standard_normal((20_000, 2))
     targets = design @ np.array([[1.0], [-0.5]]) + 0.1 * rng.standard_normal((20_000, 1))
-    fit = least_absolute_deviations(design, targets)
+    fit = least_absolute_deviations(design, targets, settings=SolverSettings(short=0))
     assert fit.objective[0] - fit.lower_bound[0] <= 1e-9 * fit.objective[0]

@@ -7,7 +7,7 @@ import pytest
 from many_rows import take_for_many
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid._losses.summaries import Reach
+from swsysid._losses import Reach
 from swsysid._surfaces.fitted import Anchors, HingeSummary
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
 

@@ -1,10 +1,4 @@
-r"""What many rows say about the coefficients of a regression on the sum of Euclidean norms.
-
-The norm of a long residual is smooth and enters by its gradient and Hessian; that of a short one
-is not, and its row is kept. A step in the coefficients that moves the residuals by :math:`\delta`
-changes what a row of length :math:`\ell` contributes by :math:`O(\delta^3 / \ell^2)` more than
-the summary says. For one output the Hessian vanishes, and the summary is exact.
-"""
+"""Sums of Euclidean norms of the residuals."""
 
 from __future__ import annotations
 
@@ -14,17 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._losses.summaries import Reach
+from swsysid._losses.base import NormLoss
+from swsysid._losses.reach import Reach
 from swsysid._results import Array
-from swsysid._solvers.euclidean import MAX_HALVINGS, solve_scaled
+from swsysid._solvers.euclidean import gram_blocks, least_euclidean_norms, solve_scaled
+from swsysid._solvers.row_space import RowSpace
 
-__all__ = ["NormSummary"]
+__all__ = ["L2Loss", "NormSummary"]
 
 # Residuals shorter than this share of the longest ones have no direction.
 _NO_DIRECTION = 1e-12
 # Norms are rounded over a width that shrinks by this factor, so often, from the longest kept one.
 _FINER, _N_WIDTHS = 0.1, 9
-_MAX_NEWTON = 30
+_MAX_NEWTON, _MAX_HALVINGS = 30, 30
 # Newton's method is done when it promises less than this share of the norms.
 _SETTLED = 1e-13
 # Share of the promised decrease with which a step is content (Armijo).
@@ -33,7 +29,13 @@ _CONTENT = 1e-4
 
 @dataclass(frozen=True)
 class NormSummary:
-    """Rows with short residuals, and the derivatives of the sum of the others' norms.
+    r"""Rows with short residuals, and the derivatives of the sum of the others' norms.
+
+    The norm of a long residual is smooth and enters by its gradient and Hessian; that of a short
+    one is not, and its row is kept. A step in the coefficients that moves the residuals by
+    :math:`\delta` changes what a row of length :math:`\ell` contributes by
+    :math:`O(\delta^3 / \ell^2)` more than the summary says. For one output the Hessian vanishes,
+    and the summary is exact.
 
     Attributes
     ----------
@@ -68,7 +70,6 @@ class NormSummary:
 
     @classmethod
     def joined(cls, parts: Sequence[NormSummary]) -> NormSummary:
-        """Summary of several blocks."""
         return cls(
             np.concatenate([part.design for part in parts]),
             np.concatenate([part.targets for part in parts]),
@@ -98,7 +99,7 @@ class NormSummary:
             step = step.reshape(coef.shape)
             if -(gradient * step).sum() <= _SETTLED * self._size(start):
                 return coef
-            for share in 0.5 ** np.arange(MAX_HALVINGS):
+            for share in 0.5 ** np.arange(_MAX_HALVINGS):
                 moved = np.clip(coef + share * step, -bound, bound)
                 promise = _CONTENT * (gradient * (moved - coef)).sum()
                 if self._rounded_value(moved, start, width) <= value + min(promise, 0.0):
@@ -131,11 +132,54 @@ class NormSummary:
 def _derivatives(design, residuals, length, weight) -> tuple[Array, Array]:
     """Gradient and Hessian of the weighted sum of (rounded) norms in the coefficients."""
     unit = residuals / length[:, None]
-    n_outputs, n_features = residuals.shape[1], design.shape[1]
-    hessian = np.empty((n_outputs, n_features, n_outputs, n_features))
-    for one in range(n_outputs):
-        for two in range(one + 1):
-            curvature = weight * (float(one == two) - unit[:, one] * unit[:, two]) / length
-            block = design.T @ (design * curvature[:, None])
-            hessian[one, :, two], hessian[two, :, one] = block, block.T
+
+    def curvature(one, two):
+        return weight * (float(one == two) - unit[:, one] * unit[:, two]) / length
+
+    hessian = gram_blocks(design, curvature, residuals.shape[1])
     return -(unit * weight[:, None]).T @ design, hessian
+
+
+class L2Loss(NormLoss):
+    """Euclidean norm of the residual: (sum_k r_k^2)^(1/2) (the paper's p = 2)."""
+
+    name = "l2"
+    summary = NormSummary
+    separable = False
+
+    def values(self, residuals):
+        return np.linalg.norm(residuals, axis=-1)
+
+    def subgradient(self, residuals):
+        lengths = np.linalg.norm(residuals, axis=-1, keepdims=True)
+        return residuals / np.where(lengths > 0, lengths, 1.0)
+
+    def dual_norm(self, vectors):
+        return np.linalg.norm(vectors, axis=-1)
+
+    def extra_coordinate(self, values, penalty):
+        # (value + penalty)^2 = value^2 + e^2
+        return np.sqrt(penalty * (2.0 * values + penalty))
+
+    def _structured(self, program):
+        scale = program.weight[:, None]
+        design, targets = program.design * scale, program.targets * scale
+        least_squares = np.zeros(program.support.shape)
+        for outputs, features in program.places():
+            space = RowSpace(design[:, features.ravel()])
+            part = space.coef(space.least_squares(targets[:, outputs.ravel()].T))
+            least_squares[outputs, features] = part
+        if program.coupled:
+            fit = least_euclidean_norms(design, targets, least_squares, program.support)
+            coef = fit.coef
+        else:
+            free = np.ones((len(least_squares), space.rank), dtype=bool)
+            inner = space.inner(least_squares)
+            fit = least_euclidean_norms(space.design, targets, inner, free)
+            coef = space.coef(fit.coef)
+        if np.abs(coef).max(initial=0.0) > program.bound:
+            return self._minimise(program, "clarabel")
+        return coef, fit.lower_bound
+
+    def _posed(self, program, solver):
+        return self._posed_conic(program, solver, lambda cp, rows: cp.norm(rows, 2, axis=1))

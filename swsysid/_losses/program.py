@@ -21,24 +21,13 @@ Place = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 @dataclass(frozen=True)
 class DynamicsProgram:
-    """One dynamics program: min_C sum_i w_i L(y_i - C d_i), |C| <= B, C zero off the support.
+    """One dynamics program: min_C sum_i w_i L(y_i - C d_i), |C| <= B, C zero off the support."""
 
-    Attributes
-    ----------
-    design : ndarray of shape (n_samples, n_features)
-    targets : ndarray of shape (n_samples, n_outputs)
-    weight : ndarray of shape (n_samples,), positive
-    bound : float
-        B, infinite for none.
-    support : ndarray of shape (n_outputs, n_features), bool
-    start : ndarray of shape (n_outputs, n_features) or None
-    """
-
-    design: Array
-    targets: Array
-    weight: Array
-    bound: float
-    support: Array
+    design: Array  # (n_samples, n_features)
+    targets: Array  # (n_samples, n_outputs)
+    weight: Array  # (n_samples,), positive
+    bound: float  # B, infinite for none
+    support: NDArray[np.bool_]  # (n_outputs, n_features)
     start: Array | None
 
     @property
