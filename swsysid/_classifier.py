@@ -7,7 +7,13 @@ from copy import copy
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
 
-from swsysid._checks.estimators import check_fitted, classes_to_fit, known_classes, known_rows
+from swsysid._checks.estimators import (
+    check_fitted,
+    classes_to_fit,
+    column_names,
+    known_classes,
+    known_rows,
+)
 from swsysid._checks.parameters import names_of_columns, random_numbers
 from swsysid._data.rows import canonical_rows, check_sample_weight, places_between
 from swsysid._data.scores import ScoredByAccuracy
@@ -342,7 +348,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         """
         check_fitted(self)
         check_format(format, precision)
-        inputs = self._input_names()
+        inputs = column_names(self)
         if input_features is not None:
             inputs = names_of_columns("input_features", input_features, self.n_features_in_)
         arguments = ", ".join(symbol(name, format) for name in inputs)
@@ -351,8 +357,6 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         options = {"precision": precision, "style": format, "sizes": self._basis.sizes}
         sums = (linear_combination(row, names, **options) for row in self.coef_)
         return [head.format(k, arguments, terms) for k, terms in enumerate(sums)]
-
-    # -- parts of fit ----------------------------------------------------------------------
 
     def _fit_books(self, features, labels, weight, books, starts=()):
         return fit_mode_book(features, labels, weight, books, *self._program(), starts=starts)
@@ -380,7 +384,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         )
         self._places = places_between(rows.arrays[0])
         self.coef_ = self._basis.to_user(self._fitted_coef)
-        self.feature_names_out_ = self._basis.names(self._input_names())
+        self.feature_names_out_ = self._basis.names(column_names(self))
         slack = np.maximum(0.0, self.margin_ - book[labels] * values)
         self.slack_ = rows.restore(np.where(book[labels] == 0, 0.0, slack))
         self.objective_ = float(sum(fit.objective for fit in fits))
@@ -388,13 +392,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         self.status_ = worst_status(fit.status for fit in fits)
         warn_if_doubtful(self.status_, self._fitted_coef)
 
-    # -- small things ----------------------------------------------------------------------
-
     def _features(self, X):
         return self._basis(known_rows(self, X))
 
     def _class_decisions(self, values):
         return decisions(values / self._surface_scale, self.mode_book_)
-
-    def _input_names(self):
-        return getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
-from swsysid._checks.estimators import check_fitted, known_rows, known_velocities
+from swsysid._checks.estimators import check_fitted, column_names, known_rows, known_velocities
 from swsysid._checks.parameters import random_numbers
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
@@ -24,7 +24,6 @@ from swsysid._identification.setup import (
     build_search,
     check_parameters,
     checked_rows,
-    input_names,
 )
 from swsysid._simulation.model import SwitchingModel
 from swsysid.relaxations import get_relaxation
@@ -354,8 +353,8 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
 
     def _fit_features(self, rows: TrainingRows) -> FeatureMap:
         given = rows.in_memory
-        names = input_names(self)
-        self._feature_map = FeatureMap(self.feature_library, given.X[given.weight > 0], names)
+        samples, names = given.X[given.weight > 0], column_names(self)
+        self._feature_map = FeatureMap(self.feature_library, samples, names)
         self.feature_names_out_ = self._feature_map.names_out
         return self._feature_map
 

@@ -28,6 +28,7 @@ __all__ = [
     "block_of_rows",
     "check_fitted",
     "classes_to_fit",
+    "column_names",
     "known_classes",
     "known_rows",
     "known_velocities",
@@ -45,6 +46,12 @@ def rows_to_fit(estimator: Any, X: Any, y: Any) -> tuple[Array, Array]:
     y : ndarray of shape (n_samples,) or (n_samples, n_states)
     """
     return _rows_and_velocities(estimator, X, y, reset=True)
+
+
+def column_names(estimator: Any) -> list[str]:
+    """Names of the columns that an estimator was fitted to, x0, x1, ... where they had none."""
+    default = [f"x{column}" for column in range(estimator.n_features_in_)]
+    return list(getattr(estimator, "feature_names_in_", default))
 
 
 def known_velocities(estimator: Any, X: Any, y: Any) -> tuple[Array, Array]:

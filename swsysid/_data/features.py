@@ -11,7 +11,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._checks.estimators import check_fitted, known_rows, rows_of_library
+from swsysid._checks.estimators import check_fitted, column_names, known_rows, rows_of_library
 from swsysid._checks.parameters import shown, whole
 
 __all__ = [
@@ -80,15 +80,12 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
     def get_feature_names_out(self, input_features=None):
         """Names of the functions of the columns."""
         check_fitted(self, "n_features_in_")
-        given = self._input_names() if input_features is None else list(input_features)
+        given = column_names(self) if input_features is None else list(input_features)
         names = [
             pattern.format(*(given[column] for column in group))
             for _, pattern, group in self._terms()
         ]
         return np.array(names, dtype=object)
-
-    def _input_names(self):
-        return getattr(self, "feature_names_in_", [f"x{i}" for i in range(self.n_features_in_)])
 
     def _terms(self):
         """Every function with its format and the columns it is applied to."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -46,16 +45,22 @@ class Search:
     tol : float
     sparsity : float, "auto" or None
     gate_degree : int
+    chooses_n_modes : bool
+        The number of modes is chosen, up to `max_modes`, by what held-out rows say.
+    max_modes : int
+    trajectory : ndarray of shape (n_samples,), int
+        Trajectory of every row, kept whole where rows are held out.
     n_jobs : int or None
     verbose : int
     """
 
-    init: Any
+    init: str | NDArray
     n_init: int | None
     max_iter: int
     tol: float
-    sparsity: Any
+    sparsity: float | str | None
     gate_degree: int
+    chooses_n_modes: bool
     max_modes: int
     trajectory: Modes
     n_jobs: int | None
@@ -143,7 +148,7 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
     """Alternate from every start and keep the smallest joint objective."""
     candidates: tuple[ModeCandidate, ...] = ()
     smooth_degree = None
-    if problem.n_modes == "auto":
+    if search.chooses_n_modes:
         draws = deepcopy(random_state)  # the same rows are held out for both comparisons
         candidates = compare_mode_counts(problem, search, random_state)
         problem = replace(problem, n_modes=smallest_sufficient(candidates))
@@ -162,7 +167,7 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
         problem, best, max_iter=search.max_iter, tol=search.tol
     )
     if search.sparsity is not None:
-        problem, best = _sparsify(problem, best, search)
+        problem, best = _sparsify(problem, best, search, search.sparsity)
     order = _canonical_order(problem, best)
     support = None if problem.support is None else problem.support[order]
     return Identification(
@@ -286,11 +291,13 @@ def _same_answer(run: Alternation, best: Alternation, problem: SwitchingProblem)
     return table.max(axis=1).sum() >= problem.settings.same * problem.weight.sum()
 
 
-def _sparsify(problem, best: Alternation, search: Search) -> tuple[SwitchingProblem, Alternation]:
+def _sparsify(
+    problem: SwitchingProblem, best: Alternation, search: Search, sparsity: float | str
+) -> tuple[SwitchingProblem, Alternation]:
     """Drop needless terms and let the alternation settle without them, until no choice changes."""
     support = None
     for _ in range(problem.settings.most_choices):
-        previous, support = support, sparse_support(problem, best.coef, best.modes, search.sparsity)
+        previous, support = support, sparse_support(problem, best.coef, best.modes, sparsity)
         if previous is not None and np.array_equal(support, previous):
             break
         problem = replace(problem, support=support)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.base import clone
 from sklearn.utils.validation import validate_data
 
@@ -33,22 +34,46 @@ from swsysid._identification.problem import SwitchingProblem
 from swsysid._identification.rows import TrainingRows
 from swsysid._identification.settings import IdentificationSettings
 from swsysid._losses import get_loss
-from swsysid._surfaces.surface import is_classifier, offers_penalty, option
-from swsysid.relaxations import get_relaxation
+from swsysid._surfaces.surface import Classifier, is_classifier, offers_penalty, option
+from swsysid.relaxations import Relaxation, get_relaxation
 
 __all__ = [
     "build_problem",
     "build_search",
     "check_parameters",
     "checked_rows",
-    "input_names",
+    "Parameters",
 ]
+
+
+class Parameters(Protocol):
+    """The parameters of a `SwitchingSystemRegressor`, which says what they mean."""
+
+    n_modes: int | str
+    relaxation: str | Relaxation
+    loss: str
+    coef_bound: float | None
+    sparsity: float | str | None
+    surface: Classifier | None
+    coupling: float | str
+    init: str | ArrayLike
+    n_init: int | str
+    max_modes: int
+    max_iter: int
+    tol: float
+    solver: str
+    discrete_time: bool
+    n_jobs: int | None
+    random_state: int | np.random.RandomState | None
+    verbose: int
+    settings: IdentificationSettings
+
 
 # Unit of the coupling where the margin is only known after the fit.
 _USUAL_MARGIN = 1e-2
 
 
-def check_parameters(estimator: Any) -> None:
+def check_parameters(estimator: Parameters) -> None:
     """Refuse parameters that make no sense, in one sentence each."""
     whole("n_modes", estimator.n_modes, also=("auto",))
     whole("n_init", estimator.n_init, most=MOST_STARTS, also=("auto",))
@@ -73,11 +98,13 @@ def check_parameters(estimator: Any) -> None:
         )
 
 
-def build_problem(estimator: Any, rows: CanonicalRows, feature_map: FeatureMap) -> SwitchingProblem:
+def build_problem(
+    estimator: Parameters, rows: CanonicalRows, feature_map: FeatureMap
+) -> SwitchingProblem:
     """The identification problem on the canonical rows."""
     X, targets, _ = rows.arrays
-    if estimator.n_modes != "auto":  # of more modes than rows the others are dropped
-        whole("n_modes", min(estimator.n_modes, len(X)), most=MOST_MODES)
+    n_modes = 1 if estimator.n_modes == "auto" else int(estimator.n_modes)
+    whole("n_modes", min(n_modes, len(X)), most=MOST_MODES)  # modes beyond the rows are dropped
     surface = PolynomialSurfaceClassifier() if estimator.surface is None else estimator.surface
     if option(surface, "random_state", 0) is None:
         # Left to itself the search for mode-books would draw from numpy's global state.
@@ -89,7 +116,7 @@ def build_problem(estimator: Any, rows: CanonicalRows, feature_map: FeatureMap) 
         targets=targets,
         coordinates=X,
         weight=rows.weight,
-        n_modes=estimator.n_modes,
+        n_modes=n_modes,
         loss=get_loss(estimator.loss),
         relaxation=relaxation,
         surface=surface,
@@ -102,7 +129,9 @@ def build_problem(estimator: Any, rows: CanonicalRows, feature_map: FeatureMap) 
     )
 
 
-def build_search(estimator: Any, rows: CanonicalRows, sample: Sample | None = None) -> Search:
+def build_search(
+    estimator: Parameters, rows: CanonicalRows, sample: Sample | None = None
+) -> Search:
     """How to look for the answer on the canonical rows, of all data or of a sample of them."""
     return Search(
         init=_resolve_init(estimator, rows, sample),
@@ -111,6 +140,7 @@ def build_search(estimator: Any, rows: CanonicalRows, sample: Sample | None = No
         tol=estimator.tol,
         sparsity=estimator.sparsity,
         gate_degree=option(estimator.surface, "degree", 2),
+        chooses_n_modes=estimator.n_modes == "auto",
         max_modes=estimator.max_modes,
         trajectory=rows.arrays[2],
         n_jobs=estimator.n_jobs,
@@ -119,7 +149,7 @@ def build_search(estimator: Any, rows: CanonicalRows, sample: Sample | None = No
 
 
 def checked_rows(
-    estimator: Any,
+    estimator: Parameters,
     X: Any,
     y: Any,
     sample_weight: Any,
@@ -142,12 +172,6 @@ def checked_rows(
     return TrainingRows.of(blocks, settings), len(np.shape(target)) == 1
 
 
-def input_names(estimator: Any) -> list[str]:
-    """Names of the columns of X, x0, x1, ... where they have none."""
-    default = [f"x{column}" for column in range(estimator.n_features_in_)]
-    return list(getattr(estimator, "feature_names_in_", default))
-
-
 def _resolve_coupling(coupling: float | str, surface: Any) -> float:
     """The coupling as a number; ``"auto"`` is one nat for each margin of violation."""
     if coupling == "auto":
@@ -165,7 +189,7 @@ def _margin(surface: Any) -> float:
     return _USUAL_MARGIN if isinstance(margin, str) else margin
 
 
-def _resolve_init(estimator: Any, rows: CanonicalRows, sample: Sample | None) -> Any:
+def _resolve_init(estimator: Parameters, rows: CanonicalRows, sample: Sample | None) -> Any:
     """The start as a name, coefficients, or labels of the canonical rows."""
     if isinstance(estimator.init, str):
         return estimator.init
@@ -174,7 +198,8 @@ def _resolve_init(estimator: Any, rows: CanonicalRows, sample: Sample | None) ->
         raise ValueError("An array for init fixes the number of modes; give n_modes as a number.")
     if init.ndim == 3:
         return init
-    n_samples, n_modes = len(rows.inverse) if sample is None else sample.n_rows, estimator.n_modes
+    n_modes = int(estimator.n_modes)
+    n_samples = len(rows.inverse) if sample is None else sample.n_rows
     if init.shape != (n_samples,) or not np.isin(init, np.arange(n_modes)).all():
         raise ValueError(
             f"init has shape {init.shape}; give 'auto', 'random', labels 0..{n_modes - 1} of "
