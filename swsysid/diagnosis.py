@@ -4,11 +4,11 @@ from swsysid._effect_search.data import EffectData, TrajectoryError
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import Rollout
 from swsysid._effect_search.search import EffectSearchCV
-from swsysid._residual_report.noise_floor import NoiseFloor, noise_floor
-from swsysid._residual_report.records import Finding, Peak, Size, Whiteness
-from swsysid._residual_report.report import ReportData, ResidualReport
-from swsysid._residual_report.residuals import residual_report
-from swsysid._residual_report.whiteness import WhitenessTest, whiteness_test
+from swsysid._residual_report.contents import ReportData
+from swsysid._residual_report.findings import Finding, Peak
+from swsysid._residual_report.noise_floor import NoiseFloor, Size, noise_floor
+from swsysid._residual_report.report import ResidualReport, residual_report
+from swsysid._residual_report.whiteness import Whiteness, WhitenessTest, whiteness_test
 
 __all__ = [
     "EffectData",

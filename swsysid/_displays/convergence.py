@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
 import numpy as np
 
 from swsysid._checks.arrays import labels
 from swsysid._checks.estimators import check_fitted
-from swsysid._displays.style import Display, canvas
+from swsysid._displays.style import Display
 from swsysid.metrics import mode_accuracy
 
 __all__ = ["ConvergenceDisplay"]
@@ -17,6 +21,7 @@ _LOG_RANGE = 100.0
 _ZERO = 1e-6
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class ConvergenceDisplay(Display):
     """Three panels over the iterations: objective, mode changes, tightness ratio.
 
@@ -51,14 +56,13 @@ class ConvergenceDisplay(Display):
     'log'
     """
 
-    def __init__(
-        self, *, iterations, objective, mode_changes, tightness, mode_label="mode changes"
-    ):
-        self.iterations = iterations
-        self.objective = objective
-        self.mode_changes = mode_changes
-        self.tightness = tightness
-        self.mode_label = mode_label
+    iterations: Sequence[int]
+    objective: Sequence[float]
+    mode_changes: Sequence[int]
+    tightness: Sequence[float]
+    mode_label: str = "mode changes"
+
+    _panel_size = (4.3, 3.6)
 
     @classmethod
     def from_estimator(cls, estimator, *, modes=None, ax=None, **kwargs):
@@ -95,42 +99,23 @@ class ConvergenceDisplay(Display):
             mode_label=label,
         ).plot(ax=ax, **kwargs)
 
-    def plot(self, ax=None, **kwargs):
-        """Draw.
+    def _panels(self, **kwargs):
+        panels = (
+            ("objective", self.objective, self._frame_objective),
+            (self.mode_label, self.mode_changes, _frame_changes),
+            ("tightness ratio", self.tightness, _frame_tightness),
+        )
+        return [partial(self._draw, *panel, style=kwargs) for panel in panels]
 
-        Parameters
-        ----------
-        ax : array of 3 matplotlib Axes, default=None
-            A new figure if None.
-        **kwargs
-            Passed to ``ax.plot``; ``label`` names the curve in the legend.
+    def _draw(self, name, values, frame, ax, style):
+        ax.plot(self.iterations, values, **{"marker": "o", "markersize": 5, **style})
+        ax.set(xlabel="iteration", ylabel=name)
+        ax.xaxis.get_major_locator().set_params(integer=True)
+        frame(ax)
+        if name == "objective" and "label" in style:
+            ax.legend()
 
-        Returns
-        -------
-        ConvergenceDisplay
-        """
-        panels = {
-            "objective": self.objective,
-            self.mode_label: self.mode_changes,
-            "tightness ratio": self.tightness,
-        }
-        style = {"marker": "o", "markersize": 5, **kwargs}
-        with canvas(ax, len(panels), panel_size=(4.3, 3.6)) as axes:
-            self.ax_, self.figure_ = axes, axes[0].figure
-            for axis, (name, values) in zip(axes, panels.items(), strict=True):
-                axis.plot(self.iterations, values, **style)
-                axis.set(xlabel="iteration", ylabel=name)
-                axis.xaxis.get_major_locator().set_params(integer=True)
-            self._scale_objective(axes[0])
-            # of all curves in the panel, those of an earlier display included
-            most = max(np.max(line.get_ydata()) for line in axes[1].get_lines())
-            axes[1].set_ylim(0.0, 1.05 * max(most, 1.0))
-            axes[2].set_ylim(-0.03, 1.05)
-            if "label" in kwargs:
-                axes[0].legend()
-        return self
-
-    def _scale_objective(self, ax):
+    def _frame_objective(self, ax):
         values = np.asarray(self.objective, dtype=float)
         zero = _ZERO * values.max()
         if values.max() <= _LOG_RANGE * max(values.min(), zero):
@@ -148,3 +133,13 @@ class ConvergenceDisplay(Display):
                 color="0.4",
                 fontsize=10,
             )
+
+
+def _frame_changes(ax):
+    # of all curves in the panel, those of an earlier display included
+    most = max(np.max(line.get_ydata()) for line in ax.get_lines())
+    ax.set_ylim(0.0, 1.05 * max(most, 1.0))
+
+
+def _frame_tightness(ax):
+    ax.set_ylim(-0.03, 1.05)

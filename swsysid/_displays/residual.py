@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from numbers import Integral
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, table
+from swsysid._checks.columns import column_names, in_fitted_form
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import whole
 from swsysid._displays.style import (
     Display,
     axis_label,
-    canvas,
-    column_names,
-    in_fitted_form,
+    legend_above,
     mode_colour,
     mode_marker,
     resolve_column,
+    thinned,
 )
 
 __all__ = ["ResidualDisplay"]
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class ResidualDisplay(Display):
     """Measured minus predicted velocity of one state, against a coordinate, by mode.
 
@@ -46,6 +50,7 @@ class ResidualDisplay(Display):
     --------
     >>> import matplotlib; matplotlib.use("Agg")
     >>> import numpy as np
+    from numpy.typing import NDArray
     >>> from sklearn.linear_model import LinearRegression
     >>> from swsysid.plotting import ResidualDisplay
     >>> X = np.linspace(-1, 1, 100)[:, None]
@@ -55,11 +60,12 @@ class ResidualDisplay(Display):
     'residual of d/dt x0'
     """
 
-    def __init__(self, *, coordinate, residual, modes, labels):
-        self.coordinate = coordinate
-        self.residual = residual
-        self.modes = modes
-        self.labels = labels
+    coordinate: NDArray
+    residual: NDArray
+    modes: NDArray
+    labels: tuple[str, str]
+
+    _panel_size, _one_panel = (6.4, 4.6), True
 
     @classmethod
     def from_estimator(
@@ -107,8 +113,9 @@ class ResidualDisplay(Display):
         check_fitted(estimator)
         whole("max_points", max_points)
         frame = in_fitted_form(estimator, X)
-        X, y = table("X", X), table("y", y)
-        names = column_names(estimator, X.shape[1], names)
+        y, columns = table("y", y), table("X", X)
+        names = column_names(estimator, X, columns.shape[1], names)
+        X = columns
         predicted = table("the prediction", estimator.predict(frame))
         if y.shape != predicted.shape:
             raise ValueError(
@@ -123,7 +130,7 @@ class ResidualDisplay(Display):
             if hasattr(estimator, "predict_modes")
             else np.zeros(len(X), dtype=int)
         )
-        rows = slice(None, None, max(1, -(-len(X) // max_points)))
+        rows = thinned(len(X), max_points)
         velocity = axis_label(f"d/dt {names[state]}", units)
         display = cls(
             coordinate=coordinate[rows],
@@ -133,33 +140,17 @@ class ResidualDisplay(Display):
         )
         return display.plot(ax=ax, **kwargs)
 
-    def plot(self, ax=None, **kwargs):
-        """Draw.
+    def _panels(self, **kwargs):
+        return [partial(self._draw, style={"s": 10, "alpha": 0.4, "linewidths": 0, **kwargs})]
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, default=None
-            A new figure if None.
-        **kwargs
-            Passed to ``ax.scatter``.
-
-        Returns
-        -------
-        ResidualDisplay
-        """
-        style = {"s": 10, "alpha": 0.4, "linewidths": 0, **kwargs}
-        with canvas(ax, panel_size=(6.4, 4.6)) as (axes,):
-            self.ax_, self.figure_ = axes, axes.figure
-            axes.axhline(0.0, color="0.4", linewidth=1.0)
-            classes = np.unique(self.modes)
-            for position, label in enumerate(classes):
-                name = f"median, mode {label}" if len(classes) > 1 else "median"
-                self._draw_mode(axes, self.modes == label, position, name, style)
-            axes.set(xlabel=self.labels[0], ylabel=self.labels[1])
-            axes.legend(
-                loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(classes), frameon=False
-            )
-        return self
+    def _draw(self, ax, style):
+        ax.axhline(0.0, color="0.4", linewidth=1.0)
+        classes = np.unique(self.modes)
+        for position, label in enumerate(classes):
+            name = f"median, mode {label}" if len(classes) > 1 else "median"
+            self._draw_mode(ax, self.modes == label, position, name, style)
+        ax.set(xlabel=self.labels[0], ylabel=self.labels[1])
+        legend_above(ax, len(classes))
 
     def _draw_mode(self, ax, rows, position, label, style):
         coordinate, residual = self.coordinate[rows], self.residual[rows]

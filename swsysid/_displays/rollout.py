@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._checks.arrays import table
+from swsysid._checks.columns import column_names
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import shown, whole
 from swsysid._displays.style import (
     PALETTE,
     Display,
     axis_label,
-    canvas,
-    column_names,
+    legend_above,
     resolve_column,
     times_of,
     trajectories,
@@ -21,6 +26,7 @@ from swsysid._displays.style import (
 __all__ = ["RolloutDisplay"]
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class RolloutDisplay(Display):
     """Two panels: trajectories, identified and measured; and the error over time.
 
@@ -47,6 +53,7 @@ class RolloutDisplay(Display):
     --------
     >>> import matplotlib; matplotlib.use("Agg")
     >>> import numpy as np
+    from numpy.typing import NDArray
     >>> from swsysid.plotting import RolloutDisplay
     >>> t = np.linspace(0, 6, 50)
     >>> x = np.column_stack([np.cos(t), -np.sin(t)])
@@ -56,12 +63,11 @@ class RolloutDisplay(Display):
     'error norm'
     """
 
-    def __init__(self, *, times, measured, simulated, columns, labels):
-        self.times = times
-        self.measured = measured
-        self.simulated = simulated
-        self.columns = columns
-        self.labels = labels
+    times: list[NDArray]
+    measured: list[NDArray]
+    simulated: list[NDArray]
+    columns: Sequence[int]
+    labels: Sequence[str]
 
     @classmethod
     def from_estimator(
@@ -108,8 +114,9 @@ class RolloutDisplay(Display):
         """
         check_fitted(estimator, "coef_")
         whole("max_rollouts", max_rollouts)
-        X = table("X", X)
-        names = column_names(estimator, X.shape[1], names)
+        columns = table("X", X)
+        names = column_names(estimator, X, columns.shape[1], names)
+        X = columns
         t = times_of(t, groups, len(X))
         n_states = estimator.coef_.shape[1]
         features = range(min(n_states, 2)) if features is None else features
@@ -149,25 +156,8 @@ class RolloutDisplay(Display):
             for simulated, measured in zip(self.simulated, self.measured, strict=True)
         ]
 
-    def plot(self, ax=None, **kwargs):
-        """Draw.
-
-        Parameters
-        ----------
-        ax : array of 2 matplotlib Axes, default=None
-            A new figure if None.
-        **kwargs
-            Passed to ``ax.plot`` for the identified trajectories.
-
-        Returns
-        -------
-        RolloutDisplay
-        """
-        with canvas(ax, 2) as axes:
-            self.ax_, self.figure_ = axes, axes[0].figure
-            self._draw_trajectories(axes[0], **kwargs)
-            self._draw_errors(axes[1])
-        return self
+    def _panels(self, **kwargs):
+        return [partial(self._draw_trajectories, **kwargs), self._draw_errors]
 
     def _draw_trajectories(self, ax, **kwargs):
         style = {"color": PALETTE[0], "linewidth": 1.6, **kwargs}
@@ -190,7 +180,7 @@ class RolloutDisplay(Display):
         over_time = len(self.columns) == 1
         ax.set_xlabel("time (s)" if over_time else self.labels[0])
         ax.set_ylabel(self.labels[-1])
-        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+        legend_above(ax, 2)
 
     def _path(self, t, x):
         if len(self.columns) == 1:

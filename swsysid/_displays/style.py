@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, ClassVar, Self
+
 import numpy as np
 
-from swsysid._checks.arrays import column, labels, table
-from swsysid._checks.parameters import names_of_columns, shown
+from swsysid._checks.arrays import column, labels
+from swsysid._checks.columns import in_fitted_form
+from swsysid._checks.parameters import shown
 from swsysid._rendering.canvas import PALETTE, STYLE, canvas
 from swsysid.metrics import match_modes
 
@@ -15,13 +19,15 @@ __all__ = [
     "Display",
     "axis_label",
     "canvas",
-    "column_names",
-    "in_fitted_form",
+    "frame_most",
+    "legend_above",
     "mode_colour",
     "mode_marker",
     "mode_names",
     "named_as_predicted",
+    "predicted_modes",
     "resolve_column",
+    "thinned",
     "times_of",
     "trajectories",
 ]
@@ -31,6 +37,38 @@ _MARKERS = ("o", "^", "s", "D", "v", "P")
 
 class Display:
     """A picture: a class method computes it, ``plot`` draws it again on other axes."""
+
+    _panel_size: ClassVar = (5.6, 4.4)
+    _n_columns: ClassVar[int | None] = None  # of a new figure; all panels in one row if None
+    _one_panel: ClassVar = False  # then `ax_` is one axes instead of an array
+
+    def plot(self, ax=None, **kwargs) -> Self:
+        """Draw.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes or array of them, default=None
+            One for each panel; a new figure if None.
+        **kwargs
+            Passed to what draws the data, as the class method that computes says.
+
+        Returns
+        -------
+        Display
+            Itself, with ``ax_`` and ``figure_``.
+        """
+        panels = self._panels(**kwargs)
+        size, columns = self._panel_size, self._n_columns
+        with canvas(ax, len(panels), panel_size=size, n_columns=columns) as axes:
+            self.ax_ = axes[0] if self._one_panel else axes
+            self.figure_ = axes[0].figure
+            for draw, one in zip(panels, axes, strict=True):
+                draw(one)
+        return self
+
+    def _panels(self, **kwargs) -> list[Callable[[Any], None]]:
+        """Functions that draw one panel each, on its axes."""
+        raise NotImplementedError
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}()"
@@ -65,15 +103,6 @@ def mode_names(predicted, named) -> list:
     return list(dict.fromkeys(np.unique(predicted).tolist() + np.asarray(named).tolist()))
 
 
-def column_names(estimator, n_columns: int, names=None) -> list[str]:
-    """Names of the columns of X: as given, or as the estimator saw them, or x0, x1, ..."""
-    if names is None:
-        names = getattr(estimator, "feature_names_in_", None)
-    if names is None:
-        names = [f"x{i}" for i in range(n_columns)]
-    return names_of_columns("names", names, n_columns)
-
-
 def axis_label(name: str, units=None) -> str:
     """``"name (unit)"`` where `units`, a mapping from names to units, knows the name."""
     unit = (units or {}).get(name)
@@ -96,17 +125,10 @@ def resolve_column(given, names) -> int:
     return int(given) % len(names)
 
 
-def in_fitted_form(estimator, X):
-    """`X` as a data frame where the estimator was fitted on one, else as an array."""
-    names = getattr(estimator, "feature_names_in_", None)
-    X = table("X", X)
-    if names is None:
-        return X
-    import pandas as pd
-
-    if X.shape[1] != len(names):
-        raise ValueError(f"X has {X.shape[1]} columns; give {len(names)}: {', '.join(names)}.")
-    return pd.DataFrame(X, columns=names)
+def predicted_modes(estimator, X):
+    """Modes of the rows of X, or the classes of a classifier."""
+    predict = getattr(estimator, "predict_modes", None) or estimator.predict
+    return np.asarray(predict(in_fitted_form(estimator, X)))
 
 
 def times_of(t, groups, n_samples: int):
@@ -115,8 +137,8 @@ def times_of(t, groups, n_samples: int):
     for _, rows in trajectories(groups, n_samples, n_samples):
         if (np.diff(t[rows]) <= 0).any():
             raise ValueError(
-                "t must increase along every trajectory; sort the rows of each by time, and name "
-                "separate trajectories by groups."
+                "t must increase along every trajectory; sort the rows of each trajectory by "
+                "time, or give `groups` so that trajectories are told apart."
             )
     return t
 
@@ -126,3 +148,23 @@ def trajectories(groups, n_samples: int, limit: int):
     groups = np.zeros(n_samples, int) if groups is None else labels("groups", groups, n_samples)
     _, first = np.unique(groups, return_index=True)
     return [(groups[i], np.flatnonzero(groups == groups[i])) for i in np.sort(first)[:limit]]
+
+
+def thinned(n_points: int, most: int) -> slice:
+    """At most so many points, evenly spaced in their order."""
+    return slice(None, None, max(1, -(-n_points // most)))
+
+
+def frame_most(ax, values, room: float, whole=None) -> None:
+    """Limits that a few outliers of the values cannot stretch; `whole` is shown in full."""
+    low, high = np.quantile(values, [0.002, 0.998])
+    if whole is not None:
+        low, high = min(low, np.min(whole)), max(high, np.max(whole))
+    if high > low:
+        ax.set_ylim(low - room * (high - low), high + room * (high - low))
+
+
+def legend_above(ax, n_columns: int, **options):
+    """A legend without a frame above the axes."""
+    place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+    return ax.legend(ncols=n_columns, frameon=False, **place, **options)

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
+
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._checks.arrays import table
+from swsysid._checks.columns import column_names, in_fitted_form
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import function, shown, whole
 from swsysid._displays.style import (
     Display,
     axis_label,
-    canvas,
-    column_names,
-    in_fitted_form,
+    legend_above,
     mode_colour,
     mode_marker,
     mode_names,
     named_as_predicted,
+    predicted_modes,
     resolve_column,
 )
 from swsysid._surfaces.surface import gives_values, mode_book_of
@@ -26,6 +30,7 @@ __all__ = ["SwitchingSurfaceDisplay"]
 _MOST_RESOLUTION = 5000
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class SwitchingSurfaceDisplay(Display):
     """Samples coloured by mode, predicted regions shaded, identified surfaces drawn.
 
@@ -57,6 +62,7 @@ class SwitchingSurfaceDisplay(Display):
     --------
     >>> import matplotlib; matplotlib.use("Agg")
     >>> import numpy as np
+    from numpy.typing import NDArray
     >>> from sklearn.linear_model import LogisticRegression
     >>> from swsysid.plotting import SwitchingSurfaceDisplay
     >>> X = np.random.default_rng(0).uniform(-1, 1, size=(200, 2))
@@ -66,15 +72,16 @@ class SwitchingSurfaceDisplay(Display):
     'x0'
     """
 
-    def __init__(self, *, grid, regions, levels, true_levels, samples, modes, classes, labels):
-        self.grid = grid
-        self.regions = regions
-        self.levels = levels
-        self.true_levels = true_levels
-        self.samples = samples
-        self.modes = modes
-        self.classes = classes
-        self.labels = labels
+    grid: tuple[NDArray, NDArray]
+    regions: NDArray
+    levels: list[NDArray]
+    true_levels: list[NDArray]
+    samples: NDArray
+    modes: NDArray
+    classes: list
+    labels: tuple[str, str]
+
+    _panel_size, _one_panel = (6.4, 5.2), True
 
     @classmethod
     def from_estimator(
@@ -127,8 +134,9 @@ class SwitchingSurfaceDisplay(Display):
         check_fitted(estimator)
         whole("grid_resolution", grid_resolution, least=2, most=_MOST_RESOLUTION)
         function("true_guard", true_guard, "X", also=(None,))
-        X = table("X", X)
-        names = column_names(estimator, X.shape[1], names)
+        values = table("X", X)
+        names = column_names(estimator, X, values.shape[1], names)
+        X = values
         if X.shape[1] < 2:
             raise ValueError("X has one feature; a plane needs two.")
         if isinstance(features, str) or not np.iterable(features) or len(list(features)) != 2:
@@ -139,8 +147,7 @@ class SwitchingSurfaceDisplay(Display):
         grid = tuple(np.linspace(low, high, grid_resolution) for low, high in limits)
         points, shape = _plane(X, columns, grid)
 
-        predict = getattr(estimator, "predict_modes", None) or estimator.predict
-        predicted = np.asarray(predict(in_fitted_form(estimator, np.vstack([X, points]))))
+        predicted = predicted_modes(estimator, np.vstack([X, points]))
         if isinstance(modes, str):
             modes = _fitted_modes(estimator, modes, len(X))
         else:
@@ -159,31 +166,23 @@ class SwitchingSurfaceDisplay(Display):
         )
         return display.plot(ax=ax, **kwargs)
 
-    def plot(self, ax=None, **kwargs):
-        """Draw.
+    def _panels(self, **kwargs):
+        return [partial(self._draw, **kwargs)]
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, default=None
-            A new figure if None.
-        **kwargs
-            Passed to ``ax.scatter``.
-
-        Returns
-        -------
-        SwitchingSurfaceDisplay
-        """
-        with canvas(ax, panel_size=(6.4, 5.2)) as (axes,):
-            self.ax_, self.figure_ = axes, axes.figure
-            self._shade_regions(axes)
-            self._scatter(axes, **kwargs)
-            _draw_levels(axes, self.grid, self.levels, "identified surface", "black", "-")
-            _draw_levels(axes, self.grid, self.true_levels, "true guard", "#F0E442", "--")
-            axes.set(xlabel=self.labels[0], ylabel=self.labels[1])
-            axes.set_xlim(self.grid[0][[0, -1]])
-            axes.set_ylim(self.grid[1][[0, -1]])
-            _legend_above(axes)
-        return self
+    def _draw(self, ax, **kwargs):
+        self._shade_regions(ax)
+        self._scatter(ax, **kwargs)
+        _draw_levels(ax, self.grid, self.levels, "identified surface", "black", "-")
+        _draw_levels(ax, self.grid, self.true_levels, "true guard", "#F0E442", "--")
+        ax.set(xlabel=self.labels[0], ylabel=self.labels[1])
+        ax.set_xlim(self.grid[0][[0, -1]])
+        ax.set_ylim(self.grid[1][[0, -1]])
+        handles, _ = ax.get_legend_handles_labels()
+        spaces = {"handletextpad": 0.4, "columnspacing": 1.2}
+        legend = legend_above(ax, min(len(handles), 4), **spaces)
+        for handle in legend.legend_handles[: len(self.classes)]:
+            handle.set_sizes([50])
+            handle.set_alpha(1.0)
 
     def _shade_regions(self, ax):
         for position in range(len(self.classes)):
@@ -267,19 +266,3 @@ def _draw_levels(ax, grid, levels, label, colour, style):
             proxy.set_path_effects(
                 [effects.Stroke(linewidth=3.4, foreground="black"), effects.Normal()]
             )
-
-
-def _legend_above(ax):
-    handles, _ = ax.get_legend_handles_labels()
-    legend = ax.legend(
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=min(len(handles), 4),
-        frameon=False,
-        handletextpad=0.4,
-        columnspacing=1.2,
-    )
-    for handle in legend.legend_handles:
-        if hasattr(handle, "set_sizes"):
-            handle.set_sizes([50])
-            handle.set_alpha(1.0)

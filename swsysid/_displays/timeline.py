@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
+
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import whole
 from swsysid._displays.style import (
     Display,
-    canvas,
-    in_fitted_form,
+    legend_above,
     mode_colour,
     mode_names,
     named_as_predicted,
+    predicted_modes,
     times_of,
     trajectories,
 )
@@ -20,6 +24,7 @@ from swsysid._displays.style import (
 __all__ = ["ModeTimelineDisplay"]
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class ModeTimelineDisplay(Display):
     """One bar a trajectory, coloured by the active mode; the true modes beneath, if known.
 
@@ -46,6 +51,7 @@ class ModeTimelineDisplay(Display):
     --------
     >>> import matplotlib; matplotlib.use("Agg")
     >>> import numpy as np
+    from numpy.typing import NDArray
     >>> from swsysid.plotting import ModeTimelineDisplay
     >>> display = ModeTimelineDisplay(
     ...     times=[np.arange(4.0)], modes=[np.array([0, 0, 1, 1])], true_modes=None,
@@ -54,12 +60,13 @@ class ModeTimelineDisplay(Display):
     ['run']
     """
 
-    def __init__(self, *, times, modes, true_modes, groups, classes):
-        self.times = times
-        self.modes = modes
-        self.true_modes = true_modes
-        self.groups = groups
-        self.classes = classes
+    times: list[NDArray]
+    modes: list[NDArray]
+    true_modes: list[NDArray] | None
+    groups: list
+    classes: list
+
+    _one_panel = True
 
     @classmethod
     def from_estimator(
@@ -89,8 +96,7 @@ class ModeTimelineDisplay(Display):
         """
         check_fitted(estimator)
         whole("max_trajectories", max_trajectories)
-        predict = getattr(estimator, "predict_modes", None) or estimator.predict
-        predicted = np.asarray(predict(in_fitted_form(estimator, X)))
+        predicted = predicted_modes(estimator, X)
         t = times_of(t, groups, len(predicted))
         chosen = trajectories(groups, len(t), max_trajectories)
         named = named_as_predicted(modes, predicted)
@@ -103,34 +109,24 @@ class ModeTimelineDisplay(Display):
         )
         return display.plot(ax=ax, **kwargs)
 
-    def plot(self, ax=None, **kwargs):
-        """Draw.
+    @property
+    def _panel_size(self):
+        return 8.0, 1.6 + 0.45 * len(self.groups)
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, default=None
-            A new figure if None.
-        **kwargs
-            Passed to ``ax.broken_barh``.
+    def _panels(self, **kwargs):
+        return [partial(self._draw, **kwargs)]
 
-        Returns
-        -------
-        ModeTimelineDisplay
-        """
-        height = 1.6 + 0.45 * len(self.groups)
-        with canvas(ax, panel_size=(8.0, height)) as (axes,):
-            self.ax_, self.figure_ = axes, axes.figure
-            top = 0.8 if self.true_modes is None else 0.5
-            for row, (t, modes) in enumerate(zip(self.times, self.modes, strict=True)):
-                self._bar(axes, t, modes, row - 0.4, top, **kwargs)
-                if self.true_modes is not None:
-                    true = {"alpha": 0.5, **kwargs}
-                    self._bar(axes, t, self.true_modes[row], row + 0.15, 0.25, **true)
-            axes.set_yticks(range(len(self.groups)), [str(name) for name in self.groups])
-            axes.invert_yaxis()
-            axes.set(xlabel="time (s)", ylabel="trajectory")
-            self._legend(axes)
-        return self
+    def _draw(self, ax, **kwargs):
+        top = 0.8 if self.true_modes is None else 0.5
+        for row, (t, modes) in enumerate(zip(self.times, self.modes, strict=True)):
+            self._bar(ax, t, modes, row - 0.4, top, **kwargs)
+            if self.true_modes is not None:
+                true = {"alpha": 0.5, **kwargs}
+                self._bar(ax, t, self.true_modes[row], row + 0.15, 0.25, **true)
+        ax.set_yticks(range(len(self.groups)), [str(name) for name in self.groups])
+        ax.invert_yaxis()
+        ax.set(xlabel="time (s)", ylabel="trajectory")
+        self._legend(ax)
 
     def _bar(self, ax, t, modes, bottom, height, **kwargs):
         edges = _sample_edges(t)
@@ -149,13 +145,7 @@ class ModeTimelineDisplay(Display):
         ]
         if self.true_modes is not None:
             handles.append(Patch(color="0.6", label="thin bar: true modes"))
-        ax.legend(
-            handles=handles,
-            loc="lower center",
-            bbox_to_anchor=(0.5, 1.0),
-            ncols=len(handles),
-            frameon=False,
-        )
+        legend_above(ax, len(handles), handles=handles)
 
 
 def _sample_edges(t):

@@ -172,7 +172,7 @@ def _rivals(report: Any, effect: Any, target: str) -> list[str]:
 
 
 def _residuals(report: Any, units: Units, drawing: bool) -> list[str]:
-    from swsysid._displays.residual_report import ResidualReportDisplay
+    from swsysid._residual_report.display import ResidualReportDisplay
 
     parts = []
     if drawing:

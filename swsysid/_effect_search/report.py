@@ -8,24 +8,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._effect_search.data import EffectData
 from swsysid._effect_search.ladder import Ladder
 from swsysid._effect_search.page import effect_page
 from swsysid._effect_search.text import named, report_text, summary, title
-from swsysid._residual_report.report import ResidualReport, plain
-from swsysid._residual_report.residuals import residual_report
+from swsysid._rendering.parts import plain
+from swsysid._residual_report.report import ResidualReport, report_on
+from swsysid._residual_report.samples import ResidualSamples
+from swsysid._residual_report.settings import SETTINGS
+from swsysid._results import Array
 from swsysid._search.folds import Split, make_folds
 from swsysid._search.greedy import Round, Search
 from swsysid._search.intervals import term_covariances
+from swsysid._search.joint_fit import JointFit
 from swsysid._search.trials import PlacedEffect
 from swsysid.effects import FoundEffect
 
 __all__ = ["EffectReport"]
 
 
-_FEWEST_ROWS = 30  # of a residual report
 _PARTS = (
     "summary",
     "clean",
@@ -132,6 +136,7 @@ class EffectReport(Mapping):
             for model, inside, outside in zip(models, ladder.search, ladder.held_out, strict=True)
         ]
         first, last = ladder.fits[0], ladder.fits[-1]
+        names = estimator._trajectory_names
         before, after = first.predict_modes(records), last.predict_modes(records)
         return cls(
             targets=tuple(records.names[: records.n_states]),
@@ -147,8 +152,8 @@ class EffectReport(Mapping):
                 if (reason := effect.missing(records)) is not None
             },
             not_identifiable=tuple(named(*one) for one in search.spanned(ladder.fits[0])),
-            residual_before=_leftover(first, records, targets, split),
-            residual_after=_leftover(last, records, targets, split),
+            residual_before=_leftover(first, records, targets, split.held_out, names),
+            residual_after=_leftover(last, records, targets, split.held_out, names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
             history=_history(rounds, records),
             dropped=_dropped(rounds, last.terms, records),
@@ -285,36 +290,18 @@ def _data(ladder: Ladder, search: Any, records: Records, targets, split: Split) 
     )
 
 
-def _leftover(fit, records: Records, targets, split: Split) -> ResidualReport | None:
+def _leftover(
+    fit: JointFit, records: Records, targets: Array, rows: NDArray[np.intp], trajectories: Any
+) -> ResidualReport | None:
     """The residual report of a fit on the held-out rows, None if these are too few for one."""
-    rows = split.held_out
-    if len(rows) < _FEWEST_ROWS:
+    if len(rows) < SETTINGS.fewest_rows:
         return None
-    import pandas as pd
-
-    predicted, modes = fit.predict(records), fit.predict_modes(records)
-
-    class Known:
-        """The predictions of a fit, whose memory has seen the rows before."""
-
-        estimator_ = fit.estimator
-
-        def predict(self, X):
-            return predicted[rows]
-
-        def predict_modes(self, X):
-            return modes[rows]
-
-    part = records.take(rows)
-    n_columns = part.X.shape[1]
-    return residual_report(
-        Known(),
-        pd.DataFrame(part.X, columns=records.names[:n_columns]),
+    samples = ResidualSamples.of(
+        fit.estimator,
+        records.take(rows),
         targets[rows],
-        t=part.t if part.timed else None,
-        groups=part.groups,
-        signals=pd.DataFrame(part.signals, columns=records.names[n_columns:])
-        if part.signals.shape[1]
-        else None,
-        random_state=0,
+        fit.predict(records)[rows],  # whose memory has seen the rows before
+        fit.predict_modes(records)[rows],
+        [None] if trajectories is None else trajectories.tolist(),
     )
+    return report_on(samples, random_state=0)

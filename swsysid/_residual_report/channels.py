@@ -8,23 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from swsysid._residual_report.settings import SETTINGS, Settings
 from swsysid._results import Array
 
 __all__ = [
     "Channel",
     "best_step",
     "between_shares",
-    "broken_line",
     "lagged",
     "make_channel",
     "make_pair",
     "without",
 ]
-
-_FEWEST, _MOST, _ROWS_A_BIN = 4, 10, 20
-# Rows per line of the broken line that takes a found dependence away, and its most pieces.
-_ROWS_A_LINE, _MOST_LINES = 40, 25
-_MOST_SIDES = 5  # a pair of columns is cut into at most so many cells each way
 
 
 @dataclass(frozen=True)
@@ -37,8 +32,7 @@ class Channel:
     values : ndarray of shape (n_rows,)
         NaN where it is not known, as before the first row of a trajectory.
     kind : str
-        ``"state"``, ``"input"``, ``"time"``, ``"signal"``, ``"mode"``, ``"pair"``, ``"lag"``,
-        ``"residual lag"`` or ``"surface"``.
+        As in `Finding`.
     bins : ndarray of shape (n_rows,), int
         Bin of each row, -1 where the value is not known.
     parts : tuple of two Channel or None
@@ -50,6 +44,7 @@ class Channel:
     kind: str
     bins: NDArray[np.intp]
     parts: tuple[Channel, Channel] | None = None
+    settings: Settings = SETTINGS
 
     @property
     def n_bins(self) -> int:
@@ -58,36 +53,73 @@ class Channel:
 
     def on(self, rows: NDArray[np.intp]) -> Channel:
         """The same channel on some rows, cut into bins anew."""
-        return make_channel(self.name, self.values[rows], self.kind)
+        return make_channel(self.name, self.values[rows], self.kind, settings=self.settings)
+
+    def columns(self, values: Array) -> Array:
+        """Columns whose span holds a line in each of finer bins, zero where nothing is known.
+
+        Lines follow slopes, and as they need not meet they follow steps too: the best step of
+        `values` is an edge of the bins. For a pair there is a plane in each cell.
+        """
+        if self.parts is not None:
+            return self._planes(*self.parts)
+        known = np.flatnonzero(self.bins >= 0)
+        coordinate = self.values[known]
+        n_bins = int(np.clip(len(known) // self.settings.rows_a_line, 1, self.settings.most_lines))
+        order = np.argsort(coordinate, kind="stable")
+        response = values[known][order] - values[known].mean()
+        step = best_step(coordinate[order], response)[1]
+        edges = np.unique([*np.quantile(coordinate, np.arange(1, n_bins) / n_bins), step])
+        bins = np.searchsorted(edges, coordinate, side="right")
+        columns = np.zeros((len(self.values), 2 * (len(edges) + 1)))
+        for number in np.unique(bins):
+            rows, place = known[bins == number], coordinate[bins == number]
+            columns[rows, 2 * number] = 1.0
+            columns[rows, 2 * number + 1] = (place - place.mean()) / max(np.ptp(coordinate), 1e-300)
+        return columns
+
+    def _planes(self, first: Channel, second: Channel) -> Array:
+        both = np.column_stack([first.values, second.values])
+        plane = np.column_stack([np.ones(len(both)), (both - both.mean(axis=0)) / both.std(axis=0)])
+        cells = self.bins[:, None] == np.arange(self.n_bins)
+        return (cells[:, :, None] * plane[:, None, :]).reshape(len(both), -1)
 
 
-def make_channel(name: str, values: Array, kind: str, quantiles: Array | None = None) -> Channel:
+def make_channel(
+    name: str,
+    values: Array,
+    kind: str,
+    quantiles: Array | None = None,
+    settings: Settings = SETTINGS,
+) -> Channel:
     """Cut a column into bins at its quantiles; equal values share a bin."""
     known = np.isfinite(values)
     some = np.sort(values[known])
     distinct = np.unique(some)
-    if kind == "mode" or len(distinct) <= _FEWEST:
+    if kind == "mode" or len(distinct) <= settings.fewest_bins:
         edges = distinct[1:]
     else:
         if quantiles is None:
-            n_bins = int(np.clip(len(some) // _ROWS_A_BIN, _FEWEST, _MOST))
+            n_bins = len(some) // settings.rows_a_bin
+            n_bins = int(np.clip(n_bins, settings.fewest_bins, settings.most_bins))
             quantiles = np.arange(1, n_bins) / n_bins
         edges = np.unique(np.quantile(some, quantiles, method="closest_observation"))
     bins = np.where(known, np.searchsorted(edges, values, side="right"), -1)
     # An edge at the smallest value leaves the bin below it empty.
-    inside, bins[known] = np.unique(bins[known], return_inverse=True)
-    return Channel(name, values, kind, bins)
+    bins[known] = np.unique(bins[known], return_inverse=True)[1]
+    return Channel(name, values, kind, bins, settings=settings)
 
 
 def make_pair(first: Channel, second: Channel) -> Channel:
     """Two columns together, cut into cells: what depends on both may depend on neither alone."""
-    n_rows = len(first.values)
-    n_sides = int(np.clip(np.sqrt(n_rows / _ROWS_A_LINE), 2, _MOST_SIDES))
+    settings = first.settings
+    n_sides = np.sqrt(len(first.values) / settings.rows_a_line)
+    n_sides = int(np.clip(n_sides, 2, settings.most_sides))
     quantiles = np.arange(1, n_sides) / n_sides
-    sides = [make_channel("", one.values, "", quantiles).bins for one in (first, second)]
+    sides = [make_channel("", one.values, "", quantiles, settings).bins for one in (first, second)]
     cells = np.unique(sides[0] * (n_sides + 1) + sides[1], return_inverse=True)[1]
     name = f"{first.name} and {second.name} together"
-    return Channel(name, first.values, "pair", cells, (first, second))
+    return Channel(name, first.values, "pair", cells, (first, second), settings)
 
 
 def lagged(values: Array, codes: NDArray[np.intp], lag: int, beyond: bool = True) -> Array:
@@ -101,10 +133,8 @@ def lagged(values: Array, codes: NDArray[np.intp], lag: int, beyond: bool = True
     past[lag:][together] = values[:-lag][together]
     known = np.isfinite(past)
     if beyond and known.sum() > 2:
-        design = np.column_stack([np.ones(known.sum()), values[known]])
-        fit = design @ np.linalg.lstsq(design, past[known], rcond=None)[0]
         size = np.abs(past[known] - past[known].mean()).max()
-        past[known] -= fit
+        past[known] = without(np.column_stack([np.ones(known.sum()), values[known]]), past[known])
         if np.abs(past[known]).max() <= 1e-9 * size:  # rounding errors only
             past[known] = 0.0
     return past
@@ -118,14 +148,12 @@ def between_shares(channels: list[Channel], values: Array) -> Array:
     all channels and all rows of `values` (n_orders, n_rows) are one sparse product.
     """
     offsets = np.cumsum([0] + [channel.n_bins for channel in channels])
-    places = [(np.flatnonzero(channel.bins >= 0), channel.bins) for channel in channels]
-    rows = np.concatenate(
-        [bins[known] + start for (known, bins), start in zip(places, offsets[:-1], strict=True)]
-    )
-    columns = np.concatenate([known for known, _ in places])
-    n_rows = values.shape[1]
+    places = [np.flatnonzero(channel.bins >= 0) for channel in channels]
+    starts = zip(channels, places, offsets[:-1], strict=True)
+    rows = np.concatenate([channel.bins[known] + start for channel, known, start in starts])
     member = csr_matrix(
-        (np.ones(len(rows), dtype=values.dtype), (rows, columns)), shape=(offsets[-1], n_rows)
+        (np.ones(len(rows), dtype=values.dtype), (rows, np.concatenate(places))),
+        shape=(offsets[-1], values.shape[1]),
     )
     counts = np.bincount(rows, minlength=offsets[-1])[:, None]
     sums = member @ np.ascontiguousarray(values.T)
@@ -134,38 +162,6 @@ def between_shares(channels: list[Channel], values: Array) -> Array:
     between -= np.square(np.add.reduceat(sums, offsets[:-1], axis=0)) / known
     variance = values[0].var()
     return between / (known * (variance if variance > 0.0 else 1.0))
-
-
-def broken_line(channel: Channel, values: Array) -> Array:
-    """Columns whose span holds a line in each of the channel's finer bins, zero where unknown.
-
-    Lines follow slopes, and as they need not meet they follow steps too: the best step of
-    `values` is an edge of the bins.
-    """
-    if channel.parts is not None:
-        return _planes(channel, *channel.parts)
-    known = np.flatnonzero(channel.bins >= 0)
-    coordinate = channel.values[known]
-    n_bins = int(np.clip(len(known) // _ROWS_A_LINE, 1, _MOST_LINES))
-    order = np.argsort(coordinate, kind="stable")
-    response = values[known][order] - values[known].mean()
-    step = best_step(coordinate[order], response)[1]
-    edges = np.unique([*np.quantile(coordinate, np.arange(1, n_bins) / n_bins), step])
-    bins = np.searchsorted(edges, coordinate, side="right")
-    columns = np.zeros((len(channel.values), 2 * (len(edges) + 1)))
-    for number in np.unique(bins):
-        rows, place = known[bins == number], coordinate[bins == number]
-        columns[rows, 2 * number] = 1.0
-        columns[rows, 2 * number + 1] = (place - place.mean()) / max(np.ptp(coordinate), 1e-300)
-    return columns
-
-
-def _planes(channel: Channel, first: Channel, second: Channel) -> Array:
-    """Columns whose span holds a plane in each cell of a pair."""
-    both = np.column_stack([first.values, second.values])
-    plane = np.column_stack([np.ones(len(both)), (both - both.mean(axis=0)) / both.std(axis=0)])
-    cells = channel.bins[:, None] == np.arange(channel.n_bins)
-    return (cells[:, :, None] * plane[:, None, :]).reshape(len(both), -1)
 
 
 def best_step(x: Array, y: Array, z: Array | None = None) -> tuple[float, float]:

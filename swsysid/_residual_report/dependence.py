@@ -1,4 +1,4 @@
-"""The tests of one residual against all channels, by rearrangement.
+"""The tests of one residual against all that it may depend on, by rearrangement.
 
 Three rounds. The first asks what the residual depends on now: states, inputs, time, signals,
 modes, a sinusoid. What it finds is taken away, strongest first, and a later finding that is gone
@@ -9,39 +9,24 @@ channel's past, or the spread inside a bin would be named beside the channel its
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._residual_report.channels import Channel, between_shares, broken_line, without
+from swsysid._residual_report.channels import Channel, between_shares, without
 from swsysid._residual_report.rearrangement import (
     block_length,
     max_statistic,
     rearrangements,
     robust_clip,
 )
-from swsysid._residual_report.spectrum import refine_peak, spectrum, wave_columns
+from swsysid._residual_report.settings import SETTINGS, Settings
+from swsysid._residual_report.spectrum import Clock, Oscillation
 from swsysid._results import Array
 
-__all__ = ["Clock", "Examination", "Test", "examine"]
-
-_AT_ONCE = 4_000_000  # entries of rearranged residuals in memory
-_MOST_REMOVED = 4
-# A channel as strong as this is taken away before the correlation in time is measured.
-_STRONG = 0.2
-# Share of a residual's size below which its changes are rounding.
-_ROUNDING = 1e-12
-
-
-@dataclass(frozen=True)
-class Clock:
-    """Times, the pieces of the record, and the frequencies to look at."""
-
-    t: Array
-    pieces: list[NDArray[np.intp]]
-    frequency: Array
+__all__ = ["Rounds", "Test", "examine"]
 
 
 @dataclass
@@ -52,7 +37,7 @@ class Test:
     of the whole residual (of the sizes, for the spread); `values` is what was tested.
     """
 
-    channel: Channel | None  # None is the peak of the spectrum
+    source: Channel | Oscillation
     aspect: str
     statistics: Array
     share: float
@@ -61,189 +46,156 @@ class Test:
 
 
 @dataclass(frozen=True)
-class Examination:
-    """All tests of one residual.
+class Rounds:
+    """What the three rounds test against; `later` makes the second's, given what is left."""
 
-    Attributes
-    ----------
-    tests : list of Test
-    block : int
-        Rows that were moved together.
-    periodogram : ndarray or None
-        Shares at the frequencies of the clock.
-    frequency : float or None
-        Of the strongest peak.
-    """
-
-    tests: list[Test]
-    block: int
-    periodogram: Array | None
-    frequency: float | None
+    channels: list[Channel]
+    clock: Clock | None = None
+    later: Callable[[Array], list[Channel]] | None = None
+    spread: Sequence[Channel] = ()
 
 
 def examine(
     residual: Array,
     codes: NDArray[np.intp],
-    channels: list[Channel],
+    rounds: Rounds,
+    base: Array,
     *,
     ordered: bool,
-    later: Callable[[Array], list[Channel]],
-    spread_channels: list[Channel] | None = None,
-    clock: Clock | None = None,
     n_permutations: int,
     significance: float,
-    base: Array,
-    rng,
-) -> Examination:
-    """Test one residual against channels, its past and its size.
+    rng: np.random.RandomState,
+    settings: Settings = SETTINGS,
+) -> tuple[list[Test], Array | None]:
+    """All tests of one residual, and its shares at the frequencies of the clock.
 
-    `later` makes the channels of the second round, given what is left of the residual. `base`
-    (n_rows, n_columns) holds what the model could use itself: it had taken what it could of every
-    effect that it lacks, and gives it back when the effect is found.
+    `base` (n_rows, n_columns) holds what the model could use itself: it had taken what it could
+    of every effect that it lacks, and gives it back when the effect is found.
     """
-    values = _scaled(robust_clip(residual), residual)
-    channels = _telling(channels)
-    block = block_length(_without_strong(channels, values), codes) if ordered else 1
-    orders = rearrangements(len(values), block, n_permutations, rng)
-
-    search = _Search(orders, base, clock, significance)
-    tests = _mean_tests(channels, values, orders)
-    periodogram = None
-    if clock is not None:
-        test, periodogram, search.frequency = _peak_test(clock, values, orders)
-        tests.append(test)
-    left = search.take_away(tests, values)
-    second = _mean_tests(_telling(later(left)), left, orders)
-    left = search.take_away(second, left)
-    tests += second
-    if spread_channels is not None:
-        size = np.abs(robust_clip(left))
-        size = size - size.mean()
-        spread = _mean_tests(_telling(spread_channels), size, orders, relative_to=size.var())
-        for test in spread:
-            test.aspect = "spread"
-        search.take_away(spread, size)
-        tests += spread
-    return Examination(tests, block, periodogram, search.frequency)
-
-
-def _scaled(values: Array, residual: Array) -> Array:
-    """Values of unit variance; none but zeros where the residual is constant to rounding."""
+    values = robust_clip(residual, settings)
     spread = values.std()
-    constant = spread <= _ROUNDING * np.abs(residual).max(initial=0.0)
-    return np.zeros_like(values) if constant else values / spread
+    constant = spread <= settings.rounding * np.abs(residual).max(initial=0.0)
+    values = np.zeros_like(values) if constant else values / spread
+    channels = _varying(rounds.channels)
+    block = 1
+    if ordered:
+        block = block_length(_without_strong(channels, values, settings), codes, settings)
+    orders = rearrangements(len(values), block, n_permutations, rng)
+    tester = _Tester(orders, base, significance, settings)
+
+    periodogram = None
+    tests = tester.test(channels, values)
+    if rounds.clock is not None:
+        test, periodogram = tester.test_spectrum(rounds.clock, values)
+        tests.append(test)
+    left = tester.take_away(tests, values)
+    second = [] if rounds.later is None else tester.test(_varying(rounds.later(left)), left)
+    left = tester.take_away(second, left)
+    third = []
+    if rounds.spread:
+        size = np.abs(robust_clip(left, settings))
+        size = size - size.mean()
+        third = tester.test(_varying(rounds.spread), size, "spread")
+        tester.take_away(third, size)
+    return tests + second + third, periodogram
 
 
-def _telling(channels: list[Channel]) -> list[Channel]:
+def _varying(channels: Sequence[Channel]) -> list[Channel]:
     return [channel for channel in channels if channel.n_bins > 1]
 
 
-def _without_strong(channels: list[Channel], values: Array) -> Array:
+def _without_strong(channels: list[Channel], values: Array, settings: Settings) -> Array:
     """What is left of `values` when the one or two strongest dependences are taken away.
 
     The correlation in time of a residual that follows a slow channel is the channel's; blocks as
     long as that would leave few rearrangements.
     """
     left = values
-    for _ in range(2):
-        if not channels:
-            break
+    for _ in range(2 if channels else 0):
         chance = np.array([channel.n_bins - 1 for channel in channels]) / len(values)
         shares = between_shares(channels, left[None])[:, 0] - chance
-        if shares.max() < _STRONG:
+        if shares.max() < settings.strong:
             break
-        left = without(broken_line(channels[int(shares.argmax())], left), left)
+        left = without(channels[int(shares.argmax())].columns(left), left)
     return left
 
 
-def _mean_tests(
-    channels: list[Channel], values: Array, orders: NDArray, relative_to: float = 1.0
-) -> list[Test]:
-    if not channels or values.var() == 0.0:
-        return []
-    shares = _all_shares(channels, values, orders)
-    scale = values.var() / relative_to
-    return [
-        Test(channel, "mean", np.cbrt(row), _beyond_chance(row) * scale, values)
-        for channel, row in zip(channels, shares, strict=True)
-    ]
+class _Tester:
+    """Tests values in the same rearrangements, and takes away what they depend on."""
 
+    def __init__(self, orders: NDArray, base: Array, significance: float, settings: Settings):
+        self.orders, self.base = orders, base
+        self.significance, self.settings = significance, settings
 
-def _all_shares(channels: list[Channel], values: Array, orders: NDArray) -> Array:
-    """Shares of every channel in every order, (n_channels, n_orders)."""
-    single = values.astype(np.float32)
-    step = max(1, _AT_ONCE // len(values))
-    parts = [
-        between_shares(channels, single[orders[start : start + step]])
-        for start in range(0, len(orders), step)
-    ]
-    return np.clip(np.concatenate(parts, axis=1), 0.0, None)
+    def test(self, channels: list[Channel], values: Array, aspect: str = "mean") -> list[Test]:
+        """One test for each channel; none of values that are constant."""
+        if not channels or values.var() == 0.0:
+            return []
+        parts = [between_shares(channels, some) for some in self._rearranged(values)]
+        shares = np.clip(np.concatenate(parts, axis=1), 0.0, None)
+        # The whole residual has variance one.
+        scale = values.var() if aspect == "mean" else 1.0
+        return [
+            Test(channel, aspect, np.cbrt(row), _beyond_chance(row) * scale, values)
+            for channel, row in zip(channels, shares, strict=True)
+        ]
 
+    def test_spectrum(self, clock: Clock, values: Array) -> tuple[Test, Array]:
+        """The test of the largest peak, and the shares at the frequencies of the clock."""
+        as_it_is, largest = [], []
+        for some in self._rearranged(values):
+            shares = clock.shares(some)
+            as_it_is.append(shares[:, 0])
+            largest.append(shares.max(axis=0))
+        row, periodogram = np.concatenate(largest), as_it_is[0]
+        source = clock.peak(values, periodogram)
+        return Test(source, "mean", np.cbrt(row), _beyond_chance(row), values), periodogram
 
-def _peak_test(clock: Clock, values: Array, orders: NDArray) -> tuple[Test, Array, float]:
-    single = values.astype(np.float32)
-    step = max(1, _AT_ONCE // len(values))
-    largest, first = [], None
-    for start in range(0, len(orders), step):
-        shares = spectrum(
-            single[orders[start : start + step]], clock.t, clock.pieces, clock.frequency
-        )
-        first = shares[:, 0].copy() if first is None else first
-        largest.append(shares.max(axis=0))
-    assert first is not None
-    row = np.concatenate(largest)
-    frequency = refine_peak(values, clock.t, clock.pieces, clock.frequency, first)
-    return Test(None, "mean", np.cbrt(row), _beyond_chance(row), values), first, frequency
+    def take_away(self, tests: list[Test], values: Array) -> Array:
+        """Mark the direct dependences, strongest first, and return what is left without them.
+
+        All that were found are taken away in one least squares fit.
+        """
+        left, columns = values, [self.base]
+        # Each test of the values that is significant still, beside the same test of what is left.
+        found = self._significant(tests, tests)
+        for _ in range(self.settings.most_removed):
+            if not found:
+                break
+            best = max(found, key=lambda pair: pair[1].share)[0]
+            best.direct = True
+            columns.append(best.source.columns(left))
+            left = without(np.hstack(columns), values)
+            others = [test for test, _ in found if test is not best]
+            if not others or left.var() <= self.settings.rounding * values.var():
+                break
+            found = self._significant(others, self._again(others, left))
+        return left
+
+    def _rearranged(self, values: Array) -> Iterator[Array]:
+        """The values in all orders, (n_orders, n_rows), some at a time."""
+        single = values.astype(np.float32)
+        step = max(1, self.settings.entries_at_once // len(values))
+        for start in range(0, len(self.orders), step):
+            yield single[self.orders[start : start + step]]
+
+    def _significant(self, tests: list[Test], now: list[Test]) -> list[tuple[Test, Test]]:
+        p_values = max_statistic(np.array([test.statistics for test in now]))
+        pairs = zip(tests, now, p_values, strict=True)
+        return [(test, new) for test, new, p_value in pairs if p_value <= self.significance]
+
+    def _again(self, tests: list[Test], left: Array) -> list[Test]:
+        channels = [test.source for test in tests if isinstance(test.source, Channel)]
+        renewed = iter(self.test(channels, left))
+        return [
+            next(renewed)
+            if isinstance(test.source, Channel)
+            else self.test_spectrum(test.source.clock, left)[0]
+            for test in tests
+        ]
 
 
 def _beyond_chance(row: Array) -> float:
     """Share of the data beyond the mean share of the rearrangements, as omega squared does."""
     chance = row[1:].mean()
     return float(np.clip((row[0] - chance) / max(1.0 - chance, 1e-12), 0.0, 1.0))
-
-
-class _Search:
-    """Takes dependences away, strongest first, all that were found in one least squares fit."""
-
-    def __init__(self, orders: NDArray, base: Array, clock: Clock | None, significance: float):
-        self.orders, self.base, self.clock = orders, base, clock
-        self.significance = significance
-        self.frequency: float | None = None
-
-    def take_away(self, tests: list[Test], values: Array) -> Array:
-        """Mark the direct dependences, and return what is left without them."""
-        left, columns = values, [self.base]
-        found, current = self._significant(tests, tests), {id(test): test for test in tests}
-        for _ in range(_MOST_REMOVED):
-            if not found:
-                break
-            best = max(found, key=lambda test: current[id(test)].share)
-            best.direct = True
-            columns.append(self._columns(best, left))
-            left = without(np.hstack(columns), values)
-            found = [test for test in found if test is not best]
-            if not found or left.var() <= 1e-12 * values.var():
-                break
-            again = self._tested_again(found, left)
-            current = {id(test): new for test, new in zip(found, again, strict=True)}
-            found = self._significant(found, again)
-        return left
-
-    def _significant(self, tests: list[Test], judged: list[Test]) -> list[Test]:
-        p_values = max_statistic(np.array([test.statistics for test in judged]))
-        return [test for test, p in zip(tests, p_values, strict=True) if p <= self.significance]
-
-    def _columns(self, test: Test, left: Array) -> Array:
-        if test.channel is not None:
-            return broken_line(test.channel, left)
-        assert self.clock is not None and self.frequency is not None
-        return wave_columns(self.clock.t, self.clock.pieces, self.frequency)
-
-    def _tested_again(self, tests: list[Test], left: Array) -> list[Test]:
-        channels = [test.channel for test in tests if test.channel is not None]
-        renewed = iter(_mean_tests(channels, left, self.orders))
-        return [self._peak_again(left) if test.channel is None else next(renewed) for test in tests]
-
-    def _peak_again(self, left: Array) -> Test:
-        assert self.clock is not None
-        return _peak_test(self.clock, left, self.orders)[0]

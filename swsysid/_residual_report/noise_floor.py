@@ -1,23 +1,22 @@
-"""How much of a residual is noise: differences between neighbours, in time and in space."""
+"""How large a residual is, and how much of it is noise: differences between neighbours."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 from sklearn.neighbors import NearestNeighbors
 
 from swsysid._checks.arrays import column, labels, refuse_vanishing, table
 from swsysid._data.rows import spread_rows
 from swsysid._noise import robust_scale
+from swsysid._residual_report.samples import ResidualSamples
+from swsysid._residual_report.settings import SETTINGS, Settings
 from swsysid._results import Array
 
-__all__ = ["NoiseFloor", "clipped_size", "noise_floor"]
-
-_NEIGHBOURS, _MOST_ROWS = 10, 5000
-_FEWEST, _REACH = 10, 2.0
+__all__ = ["NoiseFloor", "Size", "noise_floor", "sizes"]
 
 
 @dataclass(frozen=True)
@@ -38,6 +37,43 @@ class NoiseFloor:
     how: str
     in_time: float
     in_space: float
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large the residual of one equation is, and how much of it is noise.
+
+    Attributes
+    ----------
+    equation : str
+    mode : int or None
+        None is all rows.
+    n_rows : int
+    rmse, r2 : float
+    size : float
+        Root mean square after cutting off at two robust standard deviations, as the noise.
+    noise_floor : float or None
+        Noise of the velocities, estimated as `how` says.
+    how : str
+    ratio : float or None
+        `size` over `noise_floor`.
+    explainable : float or None
+        Share of the residual's variance above the floor.
+    exact : bool
+        The residual is zero to rounding; nothing is tested.
+    """
+
+    equation: str
+    mode: object
+    n_rows: int
+    rmse: float
+    r2: float
+    size: float
+    noise_floor: float | None
+    how: str
+    ratio: float | None
+    explainable: float | None
+    exact: bool
 
 
 def noise_floor(
@@ -94,16 +130,17 @@ def noise_floor(
     return NoiseFloor(float(known[how]), how, float(in_time), float(in_space))
 
 
-def clipped_size(values: Array) -> float:
+def _clipped_size(values: Array) -> float:
     """Root mean square after cutting off at two robust standard deviations.
 
     The factor makes it the standard deviation of Gaussian values, which lose 8 % of their variance.
     """
-    limit = _REACH * robust_scale(values)
+    reach = SETTINGS.clip_of_size
+    limit = reach * robust_scale(values)
     if limit == 0.0:  # more than half of them are zero
         return float(np.sqrt(np.square(values).mean()))
-    inside = 1.0 - 2.0 * norm.sf(_REACH) - 2.0 * _REACH * norm.pdf(_REACH)
-    gaussian = inside + 2.0 * _REACH**2 * norm.sf(_REACH)
+    inside = 1.0 - 2.0 * norm.sf(reach) - 2.0 * reach * norm.pdf(reach)
+    gaussian = inside + 2.0 * reach**2 * norm.sf(reach)
     return float(np.sqrt(np.square(np.clip(values, -limit, limit)).mean() / gaussian))
 
 
@@ -112,23 +149,62 @@ def _in_time(values: Array, groups) -> float:
     values, groups = values[order], groups[order]
     together = groups[2:] == groups[:-2]
     second = (values[2:] - 2.0 * values[1:-1] + values[:-2])[together] / np.sqrt(6.0)
-    return clipped_size(second) if len(second) >= _FEWEST else np.nan
+    return _clipped_size(second) if len(second) >= SETTINGS.fewest_neighbours else np.nan
 
 
 def _in_space(values: Array, X: Array) -> float:
     X = X[:, X.std(axis=0) > 0.0]
-    if len(X) < 3 * _NEIGHBOURS or not X.shape[1]:
+    if len(X) < 3 * SETTINGS.n_neighbours or not X.shape[1]:
         return np.nan
     X = (X - X.mean(axis=0)) / X.std(axis=0)
-    rows = np.arange(len(X)) if len(X) <= _MOST_ROWS else spread_rows(len(X), _MOST_ROWS)
-    search = NearestNeighbors(n_neighbors=_NEIGHBOURS + 1).fit(X)
+    most = SETTINGS.most_rows_of_neighbours
+    rows = np.arange(len(X)) if len(X) <= most else spread_rows(len(X), most)
+    search = NearestNeighbors(n_neighbors=SETTINGS.n_neighbours + 1).fit(X)
     distance, neighbour = search.kneighbors(X[rows])
     # Column 0 is the row itself, or one that equals it.
     difference = (values[rows, None] - values[neighbour[:, 1:]]) / np.sqrt(2.0)
-    variance = np.array([clipped_size(column) ** 2 for column in difference.T])
+    variance = np.array([_clipped_size(column) ** 2 for column in difference.T])
     squared = np.square(distance[:, 1:]).mean(axis=0)
     # Least squares line; a falling one, or one that ends below zero, is noise about a constant.
     centred = squared - squared.mean()
     slope = max(0.0, float(centred @ variance) / max(float(centred @ centred), 1e-300))
     intercept = variance.mean() - slope * squared.mean()
     return float(np.sqrt(np.clip(intercept, 0.0, None)))
+
+
+def sizes(samples: ResidualSamples, settings: Settings) -> list[Size]:
+    """All equations in all rows first, then mode by mode."""
+    parts = [(None, np.arange(len(samples.residual))), *samples.rows_of_modes(settings)]
+    return [
+        _size(samples, i, mode, rows, settings)
+        for mode, rows in parts
+        for i in range(len(samples.equations))
+    ]
+
+
+def _size(
+    samples: ResidualSamples, i: int, mode: object, rows: NDArray[np.intp], settings: Settings
+) -> Size:
+    residual, target = samples.residual[rows, i], samples.target[rows, i]
+    # Rows of one mode are not neighbours in time.
+    in_time = samples.codes if samples.records.ordered and mode is None else None
+    floor = noise_floor(residual, samples.records.X[rows], in_time)
+    rmse, scale = float(np.sqrt(np.square(residual).mean())), float(target.std())
+    smallest = settings.exact * (scale if scale > 0.0 else float(np.abs(target).max()))
+    exact = rmse <= smallest
+    size = _clipped_size(residual)
+    known = np.isfinite(floor.value) and not exact
+    value = max(floor.value, smallest) if known else None
+    return Size(
+        equation=samples.equations[i],
+        mode=mode,
+        n_rows=len(rows),
+        rmse=rmse,
+        r2=1.0 - (rmse / scale) ** 2 if scale > 0.0 else float("nan"),
+        size=size,
+        noise_floor=value,
+        how=floor.how,
+        ratio=None if value is None else size / value,
+        explainable=None if value is None else max(0.0, 1.0 - (value / size) ** 2),
+        exact=exact,
+    )

@@ -11,26 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._noise import robust_scale
+from swsysid._residual_report.settings import SETTINGS, Settings
 from swsysid._results import Array
 
-__all__ = ["block_length", "correlation_length", "max_statistic", "rearrangements", "robust_clip"]
+__all__ = [
+    "block_length",
+    "correlation_length",
+    "holm",
+    "max_statistic",
+    "rearrangements",
+    "robust_clip",
+]
 
-# Blocks are this many correlation lengths long, and at least so many are there to be moved.
-_LENGTHS, _FEWEST_BLOCKS = 4.0, 5
-_LONGEST_LAG = 400
 
-
-def robust_clip(values: Array, reach: float = 4.0) -> Array:
-    """`values` about their median, cut off at `reach` robust standard deviations."""
-    middle = np.median(values)
-    spread = robust_scale(values - middle)
+def robust_clip(values: Array, settings: Settings = SETTINGS) -> Array:
+    """`values` about their median, cut off at a few robust standard deviations, then centred."""
+    centred = values - np.median(values)
+    spread = robust_scale(centred)
     if spread == 0.0:  # more than half of them are equal
-        spread = np.abs(values - middle).mean()
-    clipped = np.clip(values - middle, -reach * spread, reach * spread)
+        spread = np.abs(centred).mean()
+    clipped = np.clip(centred, -settings.clip * spread, settings.clip * spread)
     return clipped - clipped.mean()
 
 
-def correlation_length(values: Array, codes: NDArray[np.intp]) -> float:
+def correlation_length(
+    values: Array, codes: NDArray[np.intp], settings: Settings = SETTINGS
+) -> float:
     r"""Rows that count as one: :math:`1 + 2\sum_k \rho_k` up to the first lag that is noise.
 
     `codes` name the trajectory of each row; a trajectory is a contiguous stretch of rows.
@@ -38,7 +44,7 @@ def correlation_length(values: Array, codes: NDArray[np.intp]) -> float:
     centred = values - values.mean()
     variance = float(np.square(centred).mean())
     total, noise = 0.0, 2.0 / np.sqrt(len(values))
-    for lag in range(1, min(_LONGEST_LAG, len(values) // 4) + 1):
+    for lag in range(1, min(settings.longest_lag, len(values) // 4) + 1):
         together = codes[lag:] == codes[:-lag]
         if variance == 0.0 or not together.any():
             break
@@ -49,13 +55,13 @@ def correlation_length(values: Array, codes: NDArray[np.intp]) -> float:
     return 1.0 + 2.0 * total
 
 
-def block_length(values: Array, codes: NDArray[np.intp]) -> int:
+def block_length(values: Array, codes: NDArray[np.intp], settings: Settings = SETTINGS) -> int:
     """Rows that must stay together: a few correlation lengths of the values and of their size."""
-    size = np.abs(values)
-    length = max(correlation_length(values, codes), correlation_length(size - size.mean(), codes))
+    length = max(correlation_length(one, codes, settings) for one in (values, np.abs(values)))
     if length == 1.0:
         return 1
-    return int(max(1, min(np.ceil(_LENGTHS * length), len(values) // _FEWEST_BLOCKS)))
+    longest = len(values) // settings.fewest_blocks
+    return int(max(1, min(np.ceil(settings.lengths_a_block * length), longest)))
 
 
 def rearrangements(n_rows: int, block: int, n_permutations: int, rng) -> NDArray[np.int32]:
@@ -91,3 +97,16 @@ def max_statistic(statistics: Array) -> Array:
     largest = np.sort(scores[:, 1:].max(axis=0))
     reached = len(largest) - np.searchsorted(largest, scores[:, 0], side="left")
     return (1.0 + reached) / (1.0 + len(largest))
+
+
+def holm(p_values: list[float]) -> Array:
+    """P-values corrected for their number by Holm's step-down procedure.
+
+    Written out, because statsmodels' ``multipletests`` collects garbage at each call, which takes
+    longer than the whole report of a small record.
+    """
+    order = np.argsort(p_values)
+    corrected = np.empty(len(p_values))
+    steps = np.arange(len(p_values), 0, -1) * np.asarray(p_values)[order]
+    corrected[order] = np.minimum(1.0, np.maximum.accumulate(steps))
+    return corrected

@@ -5,17 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from swsysid._residual_report.channels import best_step
+from swsysid._residual_report.settings import SETTINGS, Settings
 from swsysid._results import Array
 
-__all__ = ["describe"]
-
-# A shape is named if it holds this share of what the bins hold.
-_ENOUGH = 0.8
-# Numbers with more digits before or behind the point are written with an exponent.
-_MOST_DIGITS = 6
+__all__ = ["describe", "rounded"]
 
 
-def describe(name: str, coordinate: Array, values: Array, share: float) -> str:
+def describe(
+    name: str, coordinate: Array, values: Array, share: float, settings: Settings = SETTINGS
+) -> str:
     """A few words on how `values` depend on a coordinate, empty if no simple shape fits.
 
     `share` is the share of the variance of `values` that any function of the coordinate explains;
@@ -39,13 +37,13 @@ def describe(name: str, coordinate: Array, values: Array, share: float) -> str:
     direction = "rising" if line > 0 else "falling"
     words = {
         "line": f"{direction} in a line",
-        "step": f"a step at {name}={_rounded(place, x)}",
-        "step and line": f"a step at {name}={_rounded(other, x)} and a line",
+        "step": f"a step at {name}={rounded(place, x, settings)}",
+        "step and line": f"a step at {name}={rounded(other, x, settings)} and a line",
         "parabola": "a parabola",
     }
     for shapes in (simple, both):
         best = max(shapes, key=lambda shape: shapes[shape])
-        if shapes[best] >= _ENOUGH * share:
+        if shapes[best] >= settings.named_shape * share:
             return words[best]
     return "a curve"
 
@@ -56,13 +54,13 @@ def _parabola(z: Array, y: Array) -> float:
     return float(fit @ fit)
 
 
-def _rounded(place: float, x: Array) -> str:
+def rounded(place: float, x: Array, settings: Settings = SETTINGS) -> str:
     """A threshold with the digits that its neighbours deserve."""
     low, high = np.quantile(x, [0.05, 0.95])
     if low == high:  # nearly all rows have one value, as of a switch that is hardly ever on
         low, high = x[0], x[-1]
     digits = int(np.ceil(-np.log10((high - low) / 20.0)))
     rounded = round(place, digits) + 0.0
-    if digits > _MOST_DIGITS or abs(rounded) >= 10.0**_MOST_DIGITS:
+    if digits > settings.most_digits or abs(rounded) >= 10.0**settings.most_digits:
         return f"{rounded:.3g}"
     return f"{rounded:.{max(digits, 0)}f}"

@@ -1,17 +1,17 @@
-"""A residual report in words."""
+"""What was found in a residual, in words."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
-from swsysid._residual_report.records import Finding, Size
+from swsysid._rendering.columns import number, text_table
+from swsysid._residual_report.findings import Finding
+from swsysid._residual_report.noise_floor import Size
+from swsysid._residual_report.settings import SETTINGS
+from swsysid._residual_report.whiteness import Whiteness
 
-__all__ = ["table", "verdict"]
+__all__ = ["table_of_findings", "table_of_sizes", "verdict"]
 
-# The table names so many dependences of each equation.
-_MOST_NAMED = 4
-# Share of a residual that is no noise and has to be spoken of, whatever the tests say.
-_MUCH = 0.5
 # What the estimate of the noise has found the rest to be.
 _SMOOTH = {
     "neighbours in time": "changes smoothly in time",
@@ -19,140 +19,120 @@ _SMOOTH = {
 }
 
 
-def table(report: Any) -> str:
-    """The whole report, about one line for each thing worth reading."""
-    trajectories = {0: "rows without order", 1: "1 trajectory"}.get(
-        report.n_trajectories, f"{report.n_trajectories} trajectories"
+def table_of_sizes(sizes: Sequence[Size], whiteness: Sequence[Whiteness]) -> list[str]:
+    """How large the residuals are, and whether they are white."""
+    white = {test.equation: test.p_value for test in whiteness}
+    p_values = [white.get(size.equation) if size.mode is None else None for size in sizes]
+    tiny = [p_value is not None and p_value < 1e-16 for p_value in p_values]
+    return text_table(
+        [
+            ("equation", "<8", [size.equation for size in sizes]),
+            ("mode", ">4", [_mode(size.mode) for size in sizes]),
+            ("rmse", ">10", [f"{size.rmse:.3g}" for size in sizes]),
+            ("R2", ">8", [f"{size.r2:.4f}" for size in sizes]),
+            ("noise", ">10", [number(size.noise_floor, ".3g") for size in sizes]),
+            ("ratio", ">7", [number(size.ratio, ".3g") for size in sizes]),
+            ("not noise", ">11", [number(size.explainable, ".0%") for size in sizes]),
+            (
+                "white p",
+                ">8",
+                [
+                    "<1e-16" if is_tiny else number(p_value, ".2g")
+                    for p_value, is_tiny in zip(p_values, tiny, strict=True)
+                ],
+            ),
+        ]
     )
-    head = (
-        f"Residual report: {report.n_samples} rows, {trajectories}, "
-        f"significance {report.significance:g}"
+
+
+def table_of_findings(found: Sequence[Finding]) -> list[str]:
+    """What the residuals depend on."""
+    return text_table(
+        [
+            ("equation", "<8", [one.equation for one in found]),
+            ("mode", ">4", [_mode(one.mode) for one in found]),
+            ("depends on", "<10", [_name(one) for one in found]),
+            ("what", "<6", [one.aspect for one in found]),
+            ("share", ">6", [f"{one.share:.1%}" for one in found]),
+            ("p", ">7", [f"{one.p_value:.2g}" for one in found]),
+            (" shape", "", [f" {one.shape}" for one in found]),
+        ]
     )
-    lines = [head, *_sizes(report), ""]
-    found = [test for test in report.tests if test.significant and test.direct]
-    if found:
-        lines += [*_found(found), ""]
-    lines += [f"{name}: {text}" for name, text in report.verdicts.items()]
-    lines += [f"skipped: {part} ({reason})" for part, reason in report.skipped.items()]
-    return "\n".join(lines)
 
 
-def _sizes(report: Any) -> list[str]:
-    width = max(8, *(len(name) for name in report.equations))
-    white = {test.equation: test.p_value for test in report.whiteness}
-    lines = [
-        f"{'equation':<{width}} {'mode':>4} {'rmse':>10} {'R2':>8} {'noise':>10} {'ratio':>7} "
-        f"{'not noise':>11} {'white p':>8}"
-    ]
-    for size in report.size:
-        p_value = white.get(size.equation) if size.mode is None else None
-        lines.append(
-            f"{size.equation:<{width}} {'all' if size.mode is None else str(size.mode):>4} "
-            f"{size.rmse:>10.3g} {size.r2:>8.4f} {_number(size.noise_floor, '.3g'):>10} "
-            f"{_number(size.ratio, '.3g'):>7} {_number(size.explainable, '.0%'):>11} "
-            f"{_p_value(p_value):>8}"
-        )
-    return lines
-
-
-def _number(value: float | None, style: str) -> str:
-    return "-" if value is None else format(value, style)
-
-
-def _p_value(value: float | None) -> str:
-    return "<1e-16" if value is not None and value < 1e-16 else _number(value, ".2g")
-
-
-def _found(found: list[Finding]) -> list[str]:
-    names = [_name(finding) for finding in found]
-    width = max(10, *(len(name) for name in names))
-    equations = max(8, *(len(finding.equation) for finding in found))
-    lines = [
-        f"{'equation':<{equations}} {'mode':>4} {'depends on':<{width}} {'what':<6} {'share':>6} "
-        f"{'p':>7}  shape"
-    ]
-    for finding, name in zip(found, names, strict=True):
-        lines.append(
-            f"{finding.equation:<{equations}} "
-            f"{'all' if finding.mode is None else str(finding.mode):>4} {name:<{width}} "
-            f"{finding.aspect:<6} {finding.share:>6.1%} {finding.p_value:>7.2g}  {finding.shape}"
-        )
-    return lines
+def _mode(mode: object) -> str:
+    return "all" if mode is None else str(mode)
 
 
 def _name(finding: Finding) -> str:
     return {"bias": "(offset)", "periodic": "(oscillation)"}.get(finding.kind, finding.channel)
 
 
-def verdict(report: Any, equation: str) -> str:
-    """One sentence on one equation."""
-    size = next(size for size in report.size if size.equation == equation and size.mode is None)
+def verdict(sizes: Sequence[Size], tests: Sequence[Finding], coloured: bool) -> str:
+    """One sentence on one equation: its sizes, its tests, and whether it is correlated in time."""
+    size = next(size for size in sizes if size.mode is None)
     if size.exact:
         return "nothing is left: the residual is zero to rounding."
-    found = [finding for finding in report.findings if finding.equation == equation]
-    clauses = _clauses(found)
-    clauses += _in_one_mode(report, equation)
-    coloured = any(test.significant for test in report.whiteness if test.equation == equation)
-    clauses = clauses or _unnamed(size, coloured)
-    if clauses:
-        return f"{_size_in_words(size)}; {'; '.join(clauses)}."
-    return f"nothing is left; {_size_in_words(size)}."
-
-
-def _unnamed(size: Size, coloured: bool) -> list[str]:
-    """What is there although no test names what it depends on."""
+    direct = [test for test in tests if test.direct]
+    n_modes = sum(size.mode is not None for size in sizes)
+    clauses = [
+        *_means([test for test in direct if test.mode is None and test.aspect == "mean"]),
+        *_spreads([test for test in direct if test.mode is None and test.aspect == "spread"]),
+        *_in_some_modes([test for test in direct if test.mode is not None], n_modes),
+    ]
     share = size.explainable or 0.0
-    if share >= _MUCH:
-        return [f"{share:.0%} of it {_SMOOTH[size.how]}, though no test names what it depends on"]
-    return ["it is correlated in time, though no test names what it depends on"] if coloured else []
-
-
-def _in_one_mode(report: Any, equation: str) -> list[str]:
-    """What is there in some modes but not in all of them."""
-    examined = {size.mode for size in report.size if size.equation == equation} - {None}
-    found: dict[str, list[Finding]] = {}
-    for test in report.tests:
-        if test.equation == equation and test.mode is not None and test.direct:
-            found.setdefault(test.channel, []).append(test)
-    return [
-        f"in mode {test.mode} alone it depends on {_detail(test)}"
-        for tests in found.values()
-        for test in tests
-        if len(tests) < len(examined)
-    ][:_MOST_NAMED]
+    if not clauses and share >= SETTINGS.much:
+        what = f"{share:.0%} of it {_SMOOTH[size.how]}"
+        clauses = [f"{what}, though no test names what it depends on"]
+    elif not clauses and coloured:
+        clauses = ["it is correlated in time, though no test names what it depends on"]
+    if not clauses:
+        return f"nothing is left; {_size_in_words(size)}."
+    return f"{_size_in_words(size)}; {'; '.join(clauses)}."
 
 
 def _size_in_words(size: Size) -> str:
     if size.ratio is None:
         return f"the residual is {size.size:.3g}"
-    if size.ratio < 1e4:
-        return (
-            f"the residual is {size.ratio:.{1 if size.ratio < 100 else 0}f} times the noise floor"
-        )
-    return "the residual is all but free of noise"
+    if size.ratio >= 1e4:
+        return "the residual is all but free of noise"
+    digits = 1 if size.ratio < 100 else 0
+    return f"the residual is {size.ratio:.{digits}f} times the noise floor"
 
 
-def _clauses(found: list[Finding]) -> list[str]:
-    """What the mean does first, then what the spread does."""
+def _means(found: Sequence[Finding]) -> list[str]:
+    channels = [one for one in found if one.kind not in ("bias", "periodic")]
+    named = " and on ".join(_detail(one) for one in channels[: SETTINGS.most_named])
     clauses = []
-    means = [finding for finding in found if finding.aspect == "mean"]
-    channels = [finding for finding in means if finding.kind not in ("bias", "periodic")]
-    for finding in means:
-        if finding.kind == "bias":
-            clauses.append(f"it is off by {finding.shape} on average (p<={finding.p_value:.2g})")
-        elif finding.kind == "periodic":
-            clauses.append(
-                f"it oscillates at {finding.shape} (p<={finding.p_value:.2g}, {finding.share:.0%})"
-            )
-        elif finding is channels[0]:
-            named = [_detail(channel) for channel in channels[:_MOST_NAMED]]
-            clauses.append(f"it depends on {' and on '.join(named)}")
-    for finding in found:
-        if finding.kind == "surface":
-            clauses.append(f"it is {finding.shape.replace(' it', ' the switching surface')}")
-        elif finding.aspect == "spread":
-            clauses.append(f"its spread depends on {_detail(finding)}")
+    for one in found:
+        if one.kind == "bias":
+            clauses.append(f"it is off by {one.shape} on average (p<={one.p_value:.2g})")
+        elif one.kind == "periodic":
+            clauses.append(f"it oscillates at {one.shape} (p<={one.p_value:.2g}, {one.share:.0%})")
+        elif one is channels[0]:
+            clauses.append(f"it depends on {named}")
     return clauses
+
+
+def _spreads(found: Sequence[Finding]) -> list[str]:
+    return [
+        f"it is {one.shape.replace(' it', ' the switching surface')}"
+        if one.kind == "surface"
+        else f"its spread depends on {_detail(one)}"
+        for one in found
+    ]
+
+
+def _in_some_modes(found: Sequence[Finding], n_modes: int) -> list[str]:
+    """What is there in some modes but not in all of them."""
+    count = {one.channel: sum(two.channel == one.channel for two in found) for one in found}
+    first = list(count)
+    clauses = [
+        f"in mode {one.mode} alone it depends on {_detail(one)}"
+        for one in sorted(found, key=lambda one: first.index(one.channel))
+        if count[one.channel] < n_modes
+    ]
+    return clauses[: SETTINGS.most_named]
 
 
 def _detail(finding: Finding) -> str:

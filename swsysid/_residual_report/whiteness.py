@@ -10,14 +10,20 @@ from scipy.stats import chi2, norm, rankdata
 
 from swsysid._checks.arrays import column, labels
 from swsysid._checks.parameters import whole
-from swsysid._residual_report.rearrangement import correlation_length
+from swsysid._residual_report.findings import Finding
+from swsysid._residual_report.rearrangement import correlation_length, holm
+from swsysid._residual_report.samples import ResidualSamples
+from swsysid._residual_report.settings import SETTINGS, Settings
 from swsysid._results import Array
 
-__all__ = ["WhitenessTest", "bias_p_value", "holm", "normal_scores", "whiteness_test"]
-
-# A lag is used if so many pairs of rows have it; a trajectory is judged alone from so many rows.
-_FEWEST_PAIRS, _ROWS_A_LAG = 10, 5
-_SIGNIFICANT = 0.01
+__all__ = [
+    "Whiteness",
+    "WhitenessTest",
+    "biases",
+    "normal_scores",
+    "whiteness",
+    "whiteness_test",
+]
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,14 @@ class WhitenessTest:
     autocorrelation: tuple[float, ...]
     n_pairs: tuple[int, ...]
     coloured_trajectories: tuple
+
+
+@dataclass(frozen=True, kw_only=True)
+class Whiteness(WhitenessTest):
+    """`WhitenessTest` of one equation, its p-value corrected for all tests of the report."""
+
+    equation: str
+    significant: bool
 
 
 def whiteness_test(
@@ -96,14 +110,14 @@ def whiteness_test(
     sums, pairs = [], []
     for lag in range(1, min(n_lags, len(scores) - 1) + 1):
         together = codes[lag:] == codes[:-lag]
-        if together.sum() < _FEWEST_PAIRS:
+        if together.sum() < SETTINGS.fewest_neighbours:
             break
         sums.append((scores[lag:] * scores[:-lag])[together].sum())
         pairs.append(int(together.sum()))
     if not sums:
         raise ValueError(
-            f"fewer than {_FEWEST_PAIRS} pairs of rows follow each other in a trajectory; "
-            "whiteness needs longer trajectories."
+            f"fewer than {SETTINGS.fewest_neighbours} pairs of rows follow each other in a "
+            "trajectory; whiteness needs longer trajectories."
         )
     variance = max(float(np.square(scores).mean()), np.finfo(float).tiny)
     rho = np.array(sums) / np.array(pairs) / variance
@@ -129,36 +143,84 @@ def _coloured(scores: Array, codes: NDArray, names: NDArray, n_lags: int) -> tup
     long_enough, p_values = [], []
     for code, name in enumerate(names.tolist()):
         rows = scores[codes == code]
-        if len(rows) >= _ROWS_A_LAG * n_lags and np.ptp(rows) > 0.0:
+        if len(rows) >= SETTINGS.rows_a_lag * n_lags and np.ptp(rows) > 0.0:
             long_enough.append(name)
             p_values.append(float(acorr_ljungbox(rows, lags=[n_lags])["lb_pvalue"].iloc[0]))
     if not long_enough:
         return ()
-    rejected = holm(p_values) <= _SIGNIFICANT
+    rejected = holm(p_values) <= SETTINGS.level_of_a_trajectory
     return tuple(name for name, is_not in zip(long_enough, rejected, strict=True) if is_not)
 
 
-def holm(p_values: list[float]) -> Array:
-    """P-values corrected for their number by Holm's step-down procedure.
+def whiteness(
+    samples: ResidualSamples,
+    equations: list[int],
+    n_lags: int,
+    significance: float,
+    settings: Settings,
+) -> list[Whiteness]:
+    """The test of some equations; a ValueError where trajectories are too short for it."""
+    if not samples.records.ordered or not equations:
+        return []
+    residuals, codes = samples.residual[:, equations].T, samples.codes
+    tests = [whiteness_test(residual, codes, n_lags=n_lags) for residual in residuals]
+    p_values = holm([test.p_value for test in tests]) / settings.weight_of_whiteness
+    p_values = np.minimum(1.0, p_values)
+    return [
+        Whiteness(
+            **vars(test)
+            | {
+                "equation": samples.equations[i],
+                "p_value": p_value,
+                "significant": p_value <= significance,
+                "coloured_trajectories": tuple(
+                    samples.trajectories[code] for code in test.coloured_trajectories
+                ),
+            }
+        )
+        for i, test, p_value in zip(equations, tests, p_values.tolist(), strict=True)
+    ]
 
-    Written out, because statsmodels' ``multipletests`` collects garbage at each call, which takes
-    longer than the whole report of a small record.
-    """
-    order = np.argsort(p_values)
-    corrected = np.empty(len(p_values))
-    steps = np.arange(len(p_values), 0, -1) * np.asarray(p_values)[order]
-    corrected[order] = np.minimum(1.0, np.maximum.accumulate(steps))
-    return corrected
+
+def biases(
+    samples: ResidualSamples, equations: list[int], significance: float, settings: Settings
+) -> list[Finding]:
+    """Tests of the means of some equations."""
+    if not equations:
+        return []
+    # Rows without order are independent.
+    codes = samples.codes if samples.records.ordered else np.arange(len(samples.residual))
+    residuals = [samples.residual[:, i] for i in equations]
+    p_values = holm([_bias_p_value(residual, codes, settings) for residual in residuals])
+    p_values = np.minimum(1.0, p_values / settings.weight_of_bias)
+    found = []
+    for i, residual, p_value in zip(equations, residuals, p_values.tolist(), strict=True):
+        significant, mean = p_value <= significance, residual.mean()
+        found.append(
+            Finding(
+                equation=samples.equations[i],
+                mode=None,
+                channel="nothing",
+                kind="bias",
+                aspect="mean",
+                share=float(np.square(mean) / np.square(residual).mean()),
+                p_value=p_value,
+                significant=significant,
+                direct=significant,
+                shape=f"{mean:.3g}" if significant else "",
+            )
+        )
+    return found
 
 
-def bias_p_value(residual: Array, codes: NDArray[np.intp]) -> float:
+def _bias_p_value(residual: Array, codes: NDArray[np.intp], settings: Settings) -> float:
     """P-value of a residual that is not centred: both its mean and its signs must say so.
 
     A skewed residual has a mean or a median away from zero, depending on the loss that was
     fitted; only an offset moves both to the same side.
     """
     n_rows = len(residual)
-    length = correlation_length(residual, codes)
+    length = correlation_length(residual, codes, settings)
     mean = residual.mean() / max(residual.std(), np.finfo(float).tiny)
     signs = np.sign(residual).mean()
     if mean * signs <= 0.0:

@@ -18,10 +18,10 @@ from statsmodels.stats.multitest import multipletests
 
 from swsysid import EffectRegressor, SwitchingSystemRegressor
 from swsysid._residual_report.channels import between_shares, make_channel
-from swsysid._residual_report.rearrangement import max_statistic, rearrangements
-from swsysid._residual_report.shapes import _rounded, describe
-from swsysid._residual_report.spectrum import frequency_grid, spectrum
-from swsysid._residual_report.whiteness import holm, normal_scores
+from swsysid._residual_report.rearrangement import holm, max_statistic, rearrangements
+from swsysid._residual_report.shapes import describe, rounded
+from swsysid._residual_report.spectrum import Clock
+from swsysid._residual_report.whiteness import normal_scores
 from swsysid.diagnosis import noise_floor, residual_report, whiteness_test
 
 
@@ -140,10 +140,10 @@ def test_spectrum_is_that_of_lomb_and_scargle():
     rng = np.random.default_rng(0)
     t = np.sort(rng.uniform(0, 10, 80))
     values = rng.standard_normal(80)
-    pieces = [np.arange(50), np.arange(50, 80)]
-    grid = frequency_grid(t, pieces)
-    ours = spectrum(values[None], t, pieces, grid)[:, 0]
-    powers = [lombscargle(t[rows], values[rows], 2 * np.pi * grid) for rows in pieces]
+    clock = Clock.of(t, np.repeat([0, 1], [50, 30]))
+    ours = clock.shares(values[None])[:, 0]
+    frequency = 2 * np.pi * clock.frequency
+    powers = [lombscargle(t[rows], values[rows], frequency) for rows in (slice(50), slice(50, 80))]
     assert np.allclose(ours, 2.0 * sum(powers) / np.square(values).sum(), rtol=1e-6)
 
 
@@ -251,6 +251,8 @@ def test_an_exact_model_is_not_tested():
     report = residual_report(LinearRegression().fit(X, Xdot), X, Xdot, random_state=0)
     assert report.clean and all(size.exact for size in report.size) and not report.tests
     assert "zero to rounding" in str(report)
+    with pytest.raises(ValueError, match="nothing of x1 was tested: there is nothing to draw"):
+        report.plot()
 
 
 def test_the_model_is_given_what_it_asks_for():
@@ -331,7 +333,7 @@ _X, _T = np.random.default_rng(0).normal(size=(50, 2)), np.arange(50.0)
         ((_X, np.where(_T == 3, np.nan, _T)), {}, "Xdot contains NaN or infinity"),
         ((_X, np.ones((50, 2))), {}, "predicts an array of shape"),
         ((_X[:20], _T[:20]), {}, "needs at least 30"),
-        ((_X, _T, _T[::-1]), {}, "t does not increase within every trajectory"),
+        ((_X, _T, _T[::-1]), {}, "t must increase along every trajectory"),
         ((_X, _T, _T[:-1]), {}, "t has shape"),
         ((_X, _T, None, _T[:-1]), {}, "groups has shape"),
         (
@@ -393,10 +395,10 @@ def test_a_constant_residual_is_a_bias_and_nothing_else(tail):
 
 def test_a_threshold_has_the_digits_that_a_reader_needs():
     # a heater that is hardly ever on: the 5 % and 95 % quantiles are both 0
-    assert _rounded(0.5, np.repeat([0.0, 1.0], [980, 20])) == "0.50"
-    assert _rounded(2.3456789e-9, np.linspace(0.0, 5e-9, 50)) == "2.3e-09"
-    assert _rounded(123456789.0, np.linspace(0.0, 2e8, 50)) == "1.23e+08"
-    assert _rounded(0.123456, np.linspace(0.0, 1.0, 50)) == "0.12"
+    assert rounded(0.5, np.repeat([0.0, 1.0], [980, 20])) == "0.50"
+    assert rounded(2.3456789e-9, np.linspace(0.0, 5e-9, 50)) == "2.3e-09"
+    assert rounded(123456789.0, np.linspace(0.0, 2e8, 50)) == "1.23e+08"
+    assert rounded(0.123456, np.linspace(0.0, 1.0, 50)) == "0.12"
 
 
 def test_no_verdict_contradicts_the_size_of_the_residual():

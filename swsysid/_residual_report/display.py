@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swsysid._checks.parameters import shown, whole
-from swsysid._displays.style import PALETTE, Display, axis_label, canvas
+from swsysid._displays.style import PALETTE, STYLE, Display, axis_label, frame_most, thinned
+from swsysid._residual_report.contents import ResidualContents
+from swsysid._residual_report.findings import Finding
+from swsysid._results import Array
 
 __all__ = ["ResidualReportDisplay"]
 
@@ -23,10 +29,11 @@ class _Panel:
     """One channel, or two together: names, values and what was found."""
 
     names: tuple[str, ...]
-    values: tuple[NDArray[np.float64], ...]
+    values: tuple[Array, ...]
     found: str
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class ResidualReportDisplay(Display):
     """The residual of one equation against what tells most about it.
 
@@ -47,6 +54,7 @@ class ResidualReportDisplay(Display):
     peak : float or None
         Frequency of the peak, if it is significant.
     verdict : str
+    labels : tuple of two str, default=("residual", "frequency (Hz)")
 
     Attributes
     ----------
@@ -67,31 +75,29 @@ class ResidualReportDisplay(Display):
     'x0'
     """
 
-    def __init__(
-        self,
-        *,
-        equation,
-        residual,
-        panels,
-        autocorrelation,
-        band,
-        frequency,
-        periodogram,
-        peak,
-        verdict,
-    ):
-        self.equation = equation
-        self.residual = residual
-        self.panels = panels
-        self.autocorrelation = autocorrelation
-        self.band = band
-        self.frequency = frequency
-        self.periodogram = periodogram
-        self.peak = peak
-        self.verdict = verdict
+    equation: str
+    residual: Array
+    panels: list[_Panel]
+    autocorrelation: Array | None
+    band: Array | None
+    frequency: Array | None
+    periodogram: Array | None
+    peak: float | None
+    verdict: str
+    labels: tuple[str, str] = ("residual", "frequency (Hz)")
+
+    _panel_size = (4.6, 4.2)
 
     @classmethod
-    def from_report(cls, report, *, equation=None, n_channels=2, units=None, ax=None):
+    def from_report(
+        cls,
+        report: ResidualContents,
+        *,
+        equation: str | None = None,
+        n_channels: int = 2,
+        units: Mapping[str, str] | None = None,
+        ax=None,
+    ) -> Self:
         """Choose what to draw of a `ResidualReport`, and draw it.
 
         Parameters
@@ -111,7 +117,7 @@ class ResidualReportDisplay(Display):
         ResidualReportDisplay
         """
         whole("n_channels", n_channels)
-        if not hasattr(report, "verdicts"):
+        if not isinstance(report, ResidualContents):
             raise TypeError(f"report={shown(report)} is none; give what residual_report returns.")
         equation = _worst(report) if equation is None else equation
         if not isinstance(equation, str) or equation not in report.equations:
@@ -122,22 +128,27 @@ class ResidualReportDisplay(Display):
         data, column = report.data, report.equations.index(equation)
         white = [test for test in report.whiteness if test.equation == equation]
         peaks = [peak for peak in report.spectrum if peak.equation == equation]
+        panels = _chosen(report, equation, n_channels, units)
+        if not panels:
+            raise ValueError(f"nothing of {equation} was tested: there is nothing to draw.")
         display = cls(
             equation=equation,
             residual=data.residual[:, column],
-            panels=_panels(report, equation, n_channels, units),
+            panels=panels,
             autocorrelation=np.array(white[0].autocorrelation) if white else None,
             band=_QUANTILE / np.sqrt(white[0].n_pairs) if white else None,
             frequency=data.frequency,
             periodogram=data.periodogram.get(equation),
             peak=peaks[0].frequency if peaks and peaks[0].significant else None,
             verdict=report.verdicts[equation],
+            labels=(
+                f"residual of {axis_label(f'd/dt {equation}', units)}",
+                f"frequency ({_inverse((units or {}).get('time', 's'))})",
+            ),
         )
-        display._frequency = f"frequency ({_inverse((units or {}).get('time', 's'))})"
-        display._label = f"residual of {axis_label(f'd/dt {equation}', units)}"
         return display.plot(ax=ax)
 
-    def plot(self, ax=None, max_points=3000):
+    def plot(self, ax=None, max_points: int = 3000) -> Self:  # type: ignore[override]
         """Draw.
 
         Parameters
@@ -151,25 +162,32 @@ class ResidualReportDisplay(Display):
         -------
         ResidualReportDisplay
         """
-        extra = [self.autocorrelation is not None, self.periodogram is not None]
-        with canvas(ax, len(self.panels) + sum(extra), panel_size=(4.6, 4.2)) as axes:
-            self.ax_, self.figure_ = axes, axes[0].figure
-            for panel, one in zip(self.panels, axes, strict=False):
-                draw = self._draw_pair if len(panel.names) == 2 else self._draw_channel
-                draw(one, panel, max_points)
-            rest = iter(axes[len(self.panels) :])
-            if extra[0]:
-                self._draw_autocorrelation(next(rest))
-            if extra[1]:
-                self._draw_spectrum(next(rest))
-            if ax is None:
-                self._write_verdict()
+        super().plot(ax, max_points=max_points)
+        if ax is None:
+            width = int(24 * self.figure_.get_figwidth() / 2.6)
+            text = "\n".join(textwrap.wrap(f"{self.equation}: {self.verdict}", width))
+            self.figure_.suptitle(text, fontsize=STYLE["font.size"], x=0.01, ha="left")
         return self
+
+    def _panels(self, max_points):
+        panels = [
+            partial(
+                self._draw_pair if len(panel.names) == 2 else self._draw_channel,
+                panel=panel,
+                max_points=max_points,
+            )
+            for panel in self.panels
+        ]
+        if self.autocorrelation is not None:
+            panels.append(self._draw_autocorrelation)
+        if self.periodogram is not None:
+            panels.append(self._draw_spectrum)
+        return panels
 
     def _draw_channel(self, ax, panel, max_points):
         (values,) = panel.values
         known = np.flatnonzero(np.isfinite(values))
-        shown = known[:: max(1, -(-len(known) // max_points))]
+        shown = known[thinned(len(known), max_points)]
         ax.scatter(
             values[shown],
             self.residual[shown],
@@ -191,14 +209,11 @@ class ResidualReportDisplay(Display):
             )
             ax.plot(middle, mean, color="white", linewidth=4.5)
             ax.plot(middle, mean, color=_MIDDLE, linewidth=2.4, marker="o", markersize=4)
-        low, high = np.quantile(self.residual, [0.002, 0.998])
-        room = 0.08 * (high - low)
-        if room > 0.0:  # a few outliers must not press all others flat
-            ax.set_ylim(low - room, high + room)
-        ax.set(xlabel=panel.names[0], ylabel=self._label, title=panel.found)
+        frame_most(ax, self.residual, 0.08)
+        ax.set(xlabel=panel.names[0], ylabel=self.labels[0], title=panel.found)
 
     def _draw_pair(self, ax, panel, max_points):
-        shown = slice(None, None, max(1, -(-len(self.residual) // max_points)))
+        shown = thinned(len(self.residual), max_points)
         limit = np.quantile(np.abs(self.residual), 0.98)
         points = ax.scatter(
             panel.values[0][shown],
@@ -211,10 +226,8 @@ class ResidualReportDisplay(Display):
             linewidths=0,
             rasterized=True,
         )
-        ax.figure.colorbar(points, ax=ax, label=self._label)
+        ax.figure.colorbar(points, ax=ax, label=self.labels[0])
         ax.set(xlabel=panel.names[0], ylabel=panel.names[1], title=panel.found)
-
-    _label, _frequency = "residual", "frequency (Hz)"
 
     def _draw_autocorrelation(self, ax):
         lags = np.arange(1, len(self.autocorrelation) + 1)
@@ -240,16 +253,9 @@ class ResidualReportDisplay(Display):
         if self.peak is not None:
             ax.axvline(self.peak, color=_WARNING, linewidth=1.5, linestyle="--", zorder=0)
             title = f"spectrum, peak at {self.peak:.3g}"
-        ax.set(xlabel=self._frequency, ylabel="share of variance", title=title)
+        ax.set(xlabel=self.labels[1], ylabel="share of variance", title=title)
         ax.set_xlim(0.0, self.frequency[-1])
         ax.set_ylim(bottom=0.0)
-
-    def _write_verdict(self):
-        import textwrap
-
-        width = int(24 * self.figure_.get_figwidth() / 2.6)
-        text = "\n".join(textwrap.wrap(f"{self.equation}: {self.verdict}", width))
-        self.figure_.suptitle(text, fontsize=13, x=0.01, ha="left")
 
 
 def _inverse(unit: str) -> str:
@@ -257,7 +263,7 @@ def _inverse(unit: str) -> str:
     return "Hz" if unit == "s" else f"1/{unit}"
 
 
-def _worst(report) -> str:
+def _worst(report: ResidualContents) -> str:
     """The equation furthest above its noise, among those in which something was found."""
     sizes = [size for size in report.size if size.mode is None]
     found = {finding.equation for finding in report.findings}
@@ -266,7 +272,9 @@ def _worst(report) -> str:
     ).equation
 
 
-def _panels(report, equation, n_channels, units) -> list[_Panel]:
+def _chosen(
+    report: ResidualContents, equation: str, n_channels: int, units: Mapping[str, str] | None
+) -> list[_Panel]:
     """Channels of the findings first, then those of the largest shares."""
     channels = report.data.channels
     ranked = [test for test in report.findings if test.equation == equation]
@@ -294,7 +302,7 @@ def _panels(report, equation, n_channels, units) -> list[_Panel]:
     return list(panels.values())
 
 
-def _told(test) -> str:
+def _told(test: Finding) -> str:
     """What a test says of its channel; a picture that shows more is not contradicted."""
     what = f"{'' if test.aspect == 'mean' else 'spread: '}{test.share:.0%}, p<={test.p_value:.2g}"
     if test.direct:
