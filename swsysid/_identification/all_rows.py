@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._identification.descent import descend
+from swsysid._identification.estimate import Estimate
 from swsysid._identification.passes import Pass, PassResult
-from swsysid._identification.problem import Modes
 from swsysid._identification.trust_region import Sampled
-from swsysid._results import IterationRecord
+from swsysid._results import Array, IterationRecord
 from swsysid._surfaces.fitted import FittedSurfaces, HingeSummary
 from swsysid._surfaces.margin_program import SurfaceFit
 
@@ -100,8 +100,7 @@ class _Passed:
     @property
     def objective(self) -> float:
         """The joint objective J."""
-        surface, costs = self.given.surface, self.result.costs
-        complexity = surface.complexity if isinstance(surface, FittedSurfaces) else 0.0
+        costs, complexity = self.result.costs, self.given.estimate.complexity
         return self.given.problem.joint_objective(costs.loss, costs.slack + complexity)
 
     @property
@@ -133,7 +132,7 @@ class _Passed:
     @property
     def surface_objective(self) -> float:
         """Objective of the margin LPs; zero for a classifier that solves none."""
-        surface = self.given.surface
+        surface = self.given.estimate.surface
         if not isinstance(surface, FittedSurfaces):
             return 0.0
         return surface.objective(self.result.surfaces)
@@ -167,10 +166,11 @@ class _InPasses:
 
     def refit(self, iterate: _Passed, refused: Refused = ()) -> list[SurfaceFit]:
         """Surfaces for the labels; none for a classifier that cannot be fitted to summaries."""
-        if not iterate.result.surfaces:
+        given, surface = iterate.given, iterate.given.estimate.surface
+        if not isinstance(surface, FittedSurfaces):
             return []
-        anchors = self.sampled.anchors(iterate.given)
-        return iterate.given.surface.refit(iterate.result.surfaces, anchors, refused)
+        anchors = self.sampled.anchors(given.estimate, surface, given.region)
+        return surface.refit(iterate.result.surfaces, anchors, refused)
 
     def with_converged_surfaces(self, best: _Passed) -> _Passed:
         """A pass over all rows with surfaces that its summaries cannot improve.
@@ -182,8 +182,7 @@ class _InPasses:
             within_reach = sum(fit.objective for fit in fits)
             if best.surface_objective - within_reach <= self.tol * best.surface_objective:
                 break
-            modes = best.given.modes_of(self.sampled.problem)
-            trial = self._passed(self._with_surfaces(best.given, fits, modes))
+            trial = self._passed(self._moved(best.given, best.given.estimate.coef, fits))
             if trial.surface_objective < best.surface_objective:
                 best = trial
             else:
@@ -205,32 +204,31 @@ class _InPasses:
         return _Passed(given, result, changes, perf_counter() - started)
 
     def _following(self, iterate: _Passed, refused: Refused) -> Pass:
-        """Better vector fields and surfaces, and how far they may still move."""
-        given, result, sampled = iterate.given, iterate.result, self.sampled
-        problem, coef = given.problem, given.coef.copy()
+        """A pass with better vector fields and surfaces."""
+        given, result = iterate.given, iterate.result
+        problem, coef = given.problem, given.estimate.coef.copy()
         bound = np.inf if problem.coef_bound is None else float(problem.coef_bound)
         support = problem.support
         if support is None:
             support = np.ones(coef.shape, dtype=bool)
         for mode in np.flatnonzero(result.weight):  # one without samples keeps its vector field
             coef[mode] = result.dynamics[mode].fit(coef[mode], bound, support[mode])
-        modes = given.modes_of(sampled.problem)
-        within = all(
-            sampled.is_within(each, mode, coef[mode] - given.coef[mode], modes)
-            for mode, each in enumerate(given.reach)
-        )
-        reach = tuple(
-            sampled.nearer(each, mode, given.coef, coef, modes)
-            for mode, each in enumerate(given.reach)
-        )
-        exact = problem.loss.additive or (within and problem.loss.summary.exact)
-        fits = self.refit(iterate, refused)
-        return self._with_surfaces(replace(given, coef=coef, reach=reach, exact=exact), fits, modes)
+        return self._moved(given, coef, self.refit(iterate, refused))
 
-    def _with_surfaces(self, given: Pass, fits: list[SurfaceFit], modes: Modes) -> Pass:
-        """The next pass with these surfaces, and how far they may still move."""
-        if not fits:
-            return given
-        surface = replace(given.surface, coef=np.array([fit.coef for fit in fits]))
-        near = self.sampled.nearer_margin(given.margin_reach, given.surface, surface, modes)
-        return replace(given, surface=surface, margin_reach=near)
+    def _moved(self, given: Pass, coef: Array, fits: list[SurfaceFit]) -> Pass:
+        """The pass with other vector fields and surfaces, and how far these may still move."""
+        sampled, before, loss = self.sampled, given.estimate, given.problem.loss
+        modes = before.modes_of(sampled.problem)
+        surface = before.surface
+        if isinstance(surface, FittedSurfaces):
+            surface = replace(
+                surface, coef=np.reshape([fit.coef for fit in fits], surface.coef.shape)
+            )
+        now = Estimate(coef, surface)
+        within = sampled.holds(given.region, coef - before.coef, modes)
+        return replace(
+            given,
+            estimate=now,
+            region=sampled.after(given.region, before, now, modes),
+            exact=loss.additive or (within and loss.summary.exact),
+        )

@@ -15,16 +15,15 @@ from swsysid._data.sampling import Sample, Thinned, draw_sample
 from swsysid._data.sources import RowBlocks, row_blocks
 from swsysid._identification.all_rows import AllRowsAnswer, descend_over_all_rows
 from swsysid._identification.answer import Answer
+from swsysid._identification.estimate import Estimate
 from swsysid._identification.identify import Identification, Search
 from swsysid._identification.passes import Pass, PassResult
 from swsysid._identification.problem import Modes, SwitchingProblem, one_hot
 from swsysid._identification.rows import TrainingRows
 from swsysid._identification.scale import may_discard
 from swsysid._identification.trust_region import Sampled, rows_to_know
-from swsysid._losses import Reach
 from swsysid._rendering.progress import progress
 from swsysid._results import Array
-from swsysid._surfaces.fitted import FittedSurfaces
 from swsysid._surfaces.surface import fit_weighted, solves_margin_program
 
 __all__ = ["answer_of_many", "stages"]
@@ -49,7 +48,10 @@ def answer_of_many(
         whole = n_rows == sample.n_rows
         source = rows.blocks if whole else Thinned(rows.blocks, n_rows / sample.n_rows)
         sampled = Sampled(start.problem, n_rows, n_known)
-        first = _with_trust_region(answer.given, sampled)
+        estimate = answer.given.estimate
+        first = replace(
+            answer.given, reference=estimate.coef, region=sampled.around(estimate), exact=False
+        )
         answer = descent(partial(_run, source, bool(search.verbose)), first, sampled)
         n_known = n_rows
     return start.answer(found, answer)
@@ -95,24 +97,22 @@ class _SampleAnswer:
         elif problem.coupling:
             surface = self.surface
         nothing = np.empty((0, problem.features.shape[1]))
-        first = Pass(
+        estimate = Estimate(self.coef, surface)
+        return Pass(
             problem.on_rows(nothing, problem.targets[:0], problem.coordinates[:0]),
             feature_map,
-            self.coef,
-            self.coef,
-            surface,
-            may_discard(problem, self.coef, self.modes),
-            (),
-            Reach(np.empty((0, 0)), np.empty(0)),
+            estimate,
+            reference=self.coef,
+            discards=may_discard(problem, self.coef, self.modes),
+            region=sampled.around(estimate),
         )
-        return _with_trust_region(first, sampled)
 
     def answer(self, found: Identification, of_all: AllRowsAnswer) -> Answer:
         """What was found in all rows, with its modes in canonical order."""
-        problem, given, result = self.problem, of_all.given, of_all.result
+        problem, estimate, result = self.problem, of_all.given.estimate, of_all.result
         order = np.argsort(-result.weight, kind="stable")  # that of the sample may be another
         rank = np.argsort(order)
-        modes = rank[given.modes_of(problem)]
+        modes = rank[estimate.modes_of(problem)]
         if problem.support is not None:
             problem = replace(problem, support=problem.support[order])
         if of_all.fits:
@@ -120,10 +120,10 @@ class _SampleAnswer:
                 of_all.fits, problem.coordinates, modes, problem.weight
             )
         else:
-            surface = _SampleAnswer(problem, given.coef, modes).surface
+            surface = _SampleAnswer(problem, estimate.coef, modes).surface
         best = replace(
             found.best,
-            coef=given.coef[order],
+            coef=estimate.coef[order],
             membership=one_hot(modes, problem.n_modes),
             modes=modes,
             surface=surface,
@@ -151,12 +151,3 @@ def _run(
             results.append(result)
             bar.update()
     return PassResult.joined(results)
-
-
-def _with_trust_region(given: Pass, sampled: Sampled) -> Pass:
-    """The pass with its vector fields as reference, and how far they may move from there."""
-    modes = given.modes_of(sampled.problem)
-    given = replace(given, reach=sampled.reach(given.coef, modes), reference=given.coef)
-    if not isinstance(given.surface, FittedSurfaces):
-        return given
-    return replace(given, margin_reach=sampled.margin_reach(given.surface, modes))

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.features import FeatureMap
 from swsysid._data.sources import Rows
+from swsysid._identification.estimate import Estimate
 from swsysid._identification.problem import Costs, Modes, SwitchingProblem
 from swsysid._identification.scale import OUTLYING
-from swsysid._losses import Reach
+from swsysid._identification.trust_region import TrustRegion
 from swsysid._results import Array
 from swsysid._surfaces.fitted import FittedSurfaces, HingeSummary
 
@@ -75,38 +75,31 @@ _SUSPECTED = 0.5
 
 @dataclass(frozen=True)
 class Pass:
-    """What a pass looks at the rows with.
+    """A pass over rows with one estimate.
 
     Attributes
     ----------
     problem : SwitchingProblem
         Without rows.
     feature_map : FeatureMap
-    coef : ndarray of shape (n_modes, n_states, n_features_out)
+    estimate : Estimate
     reference : ndarray of shape (n_modes, n_states, n_features_out)
-        Vector fields that say which rows no mode explains. They stay while `coef` moves: else
-        rows would come and go, and the objective with them.
-    surface : FittedSurfaces, other classifier, or None
-        What the assignment is coupled to; where it is not coupled, `FittedSurfaces` next to which
-        the labels are summarised.
+        Vector fields that say which rows no mode explains. They stay while those of the estimate
+        move: else rows would come and go, and the objective with them.
     discards : ndarray of shape (n_modes,), bool
         Modes whose rows may be outliers.
-    reach : tuple of Reach
-        How far the residuals of each mode may move; rows within it are kept.
-    margin_reach : Reach
-        How far distances to the margins may move; rows within it are kept.
+    region : TrustRegion
+        How far residuals and margins may move; rows within it are kept.
     exact : bool, default=False
-        True if `coef` is known to be optimal for the labels of the pass before.
+        True if the vector fields are known to be optimal for the labels of the pass before.
     """
 
     problem: SwitchingProblem
     feature_map: FeatureMap
-    coef: Array
+    estimate: Estimate
     reference: Array
-    surface: Any
     discards: NDArray[np.bool_]
-    reach: tuple[Reach, ...]
-    margin_reach: Reach
+    region: TrustRegion
     exact: bool = False
 
     def __call__(self, rows: Rows, before: NDArray[np.int8] | None = None) -> PassResult:
@@ -120,25 +113,17 @@ class Pass:
 
     def widened(self) -> Pass:
         """The same pass, which keeps more rows."""
-        settings = self.problem.settings
-        reach = tuple(each.scaled(settings.wider).of_any_row for each in self.reach)
-        margin_reach = self.margin_reach.scaled(settings.wider_margins).of_any_row
-        return replace(self, reach=reach, margin_reach=margin_reach)
-
-    def modes_of(self, problem: SwitchingProblem) -> Modes:
-        """Labels of the rows of a problem."""
-        values = self._surface_values(problem.coordinates)
-        return problem.assign(self.coef, self._penalty(problem, values)).modes
+        return replace(self, region=self.region.widened(self.problem.settings))
 
     def _piece(self, rows: Rows, before: NDArray[np.int8] | None) -> PassResult:
         # In memory one state after the other, as velocities are: passes over few long columns.
         targets = np.asfortranarray(rows.targets)
         problem = self.problem.on_rows(self.feature_map(rows.X), targets, rows.X)
-        velocities = problem.velocities(self.coef)
+        velocities = problem.velocities(self.estimate.coef)
         losses = problem.loss.values((problem.targets - velocities) / problem.scale)
         problem = replace(problem, weight=rows.weight, outlying=self._outlying(problem, losses))
-        values = self._surface_values(rows.X)
-        penalty = self._penalty(problem, values)
+        values = self.estimate.surface_values(rows.X)
+        penalty = self.estimate.penalty(problem, values)
         assignment = problem.assign_velocities(velocities, penalty)
         modes = assignment.modes
         labels = np.where(problem.outlying, -1 - modes, modes).astype(np.int8)
@@ -156,7 +141,7 @@ class Pass:
         if not (problem.coupling and self.discards.any()):
             return outlying
         # A loss is at least that of its largest residual.
-        near = np.full(self.coef.shape[1], _SUSPECTED * OUTLYING)
+        near = np.full(len(problem.scale), _SUSPECTED * OUTLYING)
         near[1:] *= not problem.loss.separable
         far = np.flatnonzero(losses.min(axis=0) > problem.loss.values(near))
         some = problem.on_rows(
@@ -169,16 +154,6 @@ class Pass:
             size = size.mean(axis=1, keepdims=True)
         outlying[far] = (size.max(axis=1, initial=0.0) > OUTLYING) & self.discards[own]
         return outlying
-
-    def _surface_values(self, X: Array) -> Array | None:
-        return self.surface.values(X) if isinstance(self.surface, FittedSurfaces) else None
-
-    def _penalty(self, problem, values) -> Array | None:
-        if not problem.coupling or self.surface is None:
-            return None
-        if values is None:
-            return problem.penalty(self.surface)
-        return problem.penalty_of_all(self.surface.classes, self.surface.penalty(values))
 
     def _dynamics(self, problem: SwitchingProblem, labels, before) -> tuple:
         """Summaries of every mode; of the rows that joined or left it, if `before` says which."""
@@ -203,18 +178,19 @@ class Pass:
             np.take(problem.features.T, rows, axis=1).T,
             problem.targets[rows],
             sign * problem.weight[rows],
-            self.coef[mode],
-            self.reach[mode],
+            self.estimate.coef[mode],
+            self.region.residuals[mode],
         )
 
     def _surfaces(self, rows: Rows, values: Array | None, modes: Modes) -> tuple[HingeSummary, ...]:
-        if values is None:
+        surface = self.estimate.surface
+        if values is None or not isinstance(surface, FittedSurfaces):
             return ()
-        classes = self.surface.classes
         place = np.full(self.problem.n_modes, -1)
-        place[classes] = np.arange(len(classes))
+        place[surface.classes] = np.arange(len(surface.classes))
         labels = place[modes]
         known = labels >= 0
         if not known.all():  # a mode without samples has no surface
             rows, values, labels = rows.take(known), values[known], labels[known]
-        return tuple(self.surface.summarise(rows.X, values, labels, rows.weight, self.margin_reach))
+        margins = self.region.margins
+        return tuple(surface.summarise(rows.X, values, labels, rows.weight, margins))

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from swsysid._identification.passes import Pass
+from swsysid._identification.estimate import Estimate
 from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._identification.settings import IdentificationSettings
 from swsysid._losses import Reach
 from swsysid._results import Array
 from swsysid._seeding.designs import whiten
@@ -57,6 +58,32 @@ class TrustRegionSettings:
 _SETTINGS = TrustRegionSettings()
 
 
+@dataclass(frozen=True)
+class TrustRegion:
+    """How far an estimate may still move; the rows that this may turn over are kept by a pass.
+
+    Attributes
+    ----------
+    residuals : tuple of Reach
+        Of the residuals of every mode.
+    margins : Reach
+        Of the distances to the margins of the surfaces.
+    """
+
+    residuals: tuple[Reach, ...]
+    margins: Reach
+
+    def widened(self, settings: IdentificationSettings) -> TrustRegion:
+        """A larger one, in which rows of any leverage are kept."""
+        return TrustRegion(
+            tuple(each.scaled(settings.wider).of_any_row for each in self.residuals),
+            self.margins.scaled(settings.wider_margins).of_any_row,
+        )
+
+
+_NO_MARGINS = Reach(np.empty((0, 0)), np.empty(0))
+
+
 def rows_to_know(n_rows: int, n_features: int, n_outputs: int, most_kept: int) -> int:
     r"""From how many rows vector fields must be known for a pass over `n_rows` to keep enough.
 
@@ -89,7 +116,35 @@ class Sampled:
     n_rows: int
     n_known: int
 
-    def reach(self, coef: Array, modes: Modes) -> tuple[Reach, ...]:
+    def around(self, estimate: Estimate) -> TrustRegion:
+        """How far an estimate of as many rows as are known may be from that of all rows."""
+        modes = estimate.modes_of(self.problem)
+        residuals = self._residual_reach(estimate.coef, modes)
+        if not isinstance(estimate.surface, FittedSurfaces):
+            return TrustRegion(residuals, _NO_MARGINS)
+        return TrustRegion(residuals, self._margin_reach(estimate.surface, modes))
+
+    def after(
+        self, region: TrustRegion, before: Estimate, now: Estimate, modes: Modes
+    ) -> TrustRegion:
+        """The trust region after a step from one estimate to the next; `modes` are before it."""
+        residuals = tuple(
+            self._nearer(reach, mode, before.coef, now.coef, modes)
+            for mode, reach in enumerate(region.residuals)
+        )
+        margins = region.margins
+        if isinstance(now.surface, FittedSurfaces) and isinstance(before.surface, FittedSurfaces):
+            margins = self._nearer_margin(margins, before.surface, now.surface, modes)
+        return TrustRegion(residuals, margins)
+
+    def holds(self, region: TrustRegion, change: Array, modes: Modes) -> bool:
+        """True if a change of the vector fields moves no residual out of the trust region."""
+        return all(
+            self._is_within(reach, mode, change[mode], modes)
+            for mode, reach in enumerate(region.residuals)
+        )
+
+    def _residual_reach(self, coef: Array, modes: Modes) -> tuple[Reach, ...]:
         r"""How far the residuals of each mode may move from vector fields of as many rows.
 
         Coefficients of least absolute deviations have the covariance :math:`\tau^2 G^{-1}` with
@@ -118,7 +173,7 @@ class Sampled:
         n_kept = n_rows * radius * float(leverage.mean()) * np.count_nonzero(~exact)
         return Reach(metric, size, _SETTINGS.leverage * float(leverage.max())), n_kept
 
-    def nearer(self, reach: Reach, mode: int, coef: Array, moved: Array, modes: Modes) -> Reach:
+    def _nearer(self, reach: Reach, mode: int, coef: Array, moved: Array, modes: Modes) -> Reach:
         """The reach after a step of one mode from `coef` to `moved`."""
         rows = self._members(modes, mode)
         if not rows.size:
@@ -131,7 +186,7 @@ class Sampled:
         wanted = np.maximum(_SETTINGS.following * step, fewest)
         return replace(reach, size=np.minimum(reach.size, wanted))
 
-    def is_within(self, reach: Reach, mode: int, change: Array, modes: Modes) -> bool:
+    def _is_within(self, reach: Reach, mode: int, change: Array, modes: Modes) -> bool:
         """True if a change of the vector field of a mode moves no residual out of its reach."""
         rows = self._members(modes, mode)
         return not rows.size or bool(
@@ -153,7 +208,7 @@ class Sampled:
     def _share(self, rows: Modes) -> float:
         return len(rows) / len(self.problem.weight)
 
-    def margin_reach(self, surface: FittedSurfaces, modes: Modes) -> Reach:
+    def _margin_reach(self, surface: FittedSurfaces, modes: Modes) -> Reach:
         """How far distances to the margins may move from surfaces of as many rows."""
         features, distance = self._from_margins(surface, modes)
         metric = whiten(features, np.ones(len(features))).transform
@@ -162,7 +217,7 @@ class Sampled:
         size = _quantile(distance / np.maximum(leverage, _SMALL), share)
         return Reach(metric, np.atleast_1d(size), _SETTINGS.leverage * float(leverage.max()))
 
-    def nearer_margin(
+    def _nearer_margin(
         self, reach: Reach, surface: FittedSurfaces, moved: FittedSurfaces, modes: Modes
     ) -> Reach:
         """The reach after a step from `surface` to `moved`."""
@@ -179,12 +234,12 @@ class Sampled:
         X, place = self.problem.coordinates, np.searchsorted(surface.classes, modes)
         return surface.basis(X), np.abs(surface.distance(X, place)).min(axis=1)
 
-    def anchors(self, given: Pass) -> Anchors:
-        """The rows that hold the surfaces of a pass."""
-        problem = self.problem
-        labels = np.searchsorted(given.surface.classes, given.modes_of(problem))
+    def anchors(self, estimate: Estimate, surface: FittedSurfaces, region: TrustRegion) -> Anchors:
+        """The rows that hold the surfaces of an estimate."""
+        problem, classes = self.problem, surface.classes
+        labels = np.searchsorted(classes, estimate.modes_of(problem))
         weight = problem.weight * (self.n_rows / len(problem.weight))
-        return Anchors(problem.coordinates, labels, weight, given.margin_reach)
+        return Anchors(problem.coordinates, labels, weight, region.margins)
 
     @property
     def _most_kept(self) -> int:
