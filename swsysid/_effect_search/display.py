@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
+from typing import Self
 
 import numpy as np
 
@@ -10,18 +13,15 @@ from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import shown, whole
 from swsysid._data.records import make_records
-from swsysid._displays.style import Display, canvas
+from swsysid._displays.style import Display
+from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.data import EffectData
-from swsysid._effect_search.panels import (
-    draw_residuals,
-    draw_rollout,
-    draw_shape,
-    draw_trajectory_errors,
-)
+from swsysid._effect_search.panels import Panels
 
 __all__ = ["EffectReportDisplay"]
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class EffectReportDisplay(Display):
     """Before and after: four panels, or as many of them as the data allow.
 
@@ -64,11 +64,12 @@ class EffectReportDisplay(Display):
     'x1'
     """
 
-    def __init__(self, *, data, state, effect=None, units=None):
-        self.data = data
-        self.state = state
-        self.effect = effect
-        self.units = units
+    data: EffectData
+    state: int
+    effect: int | None = None
+    units: Mapping[str, str] | None = None
+
+    _panel_size, _n_columns = (6.2, 4.4), 2
 
     @classmethod
     def from_estimator(
@@ -132,7 +133,15 @@ class EffectReportDisplay(Display):
         return cls._of(data, equation, effect, units).plot(ax=ax)
 
     @classmethod
-    def from_report(cls, report, *, equation=None, effect=None, units=None, ax=None):
+    def from_report(
+        cls,
+        report: EffectContents,
+        *,
+        equation: str | None = None,
+        effect: int | None = None,
+        units: Mapping[str, str] | None = None,
+        ax=None,
+    ) -> Self:
         """Draw what an `EffectReport` says of the held-out rows.
 
         Parameters
@@ -145,7 +154,7 @@ class EffectReportDisplay(Display):
         -------
         EffectReportDisplay
         """
-        if not hasattr(report, "n_held_out"):
+        if not isinstance(report, EffectContents):
             raise TypeError(f"report={shown(report)} is none; give report_ of an EffectSearchCV.")
         if report.data is None:
             raise ValueError(_NOTHING)
@@ -168,33 +177,18 @@ class EffectReportDisplay(Display):
             state = data.most_changed if chosen is None else data.shapes[chosen].target
         return cls(data=data, state=state, effect=chosen, units=units)
 
-    def plot(self, ax=None):
-        """Draw.
-
-        Parameters
-        ----------
-        ax : array of matplotlib Axes, default=None
-            One for each panel; a new figure if None.
-
-        Returns
-        -------
-        EffectReportDisplay
-        """
-        data, state, units = self.data, self.state, self.units
-        panels = [partial(draw_residuals, data=data, state=state, units=units)]
+    def _panels(self):
+        panels, data, state = Panels(self.data, self.units), self.data, self.state
+        drawn = [partial(panels.residuals, state=state)]
         if data.by_trajectory:
-            panels.append(partial(draw_trajectory_errors, data=data, state=state, units=units))
+            drawn.append(partial(panels.trajectory_errors, state=state))
         if self.effect is not None:
-            panels.append(partial(draw_shape, data=data, place=self.effect, units=units))
+            drawn.append(partial(panels.shape, place=self.effect))
         if data.rollouts:
             errors = [rollout.errors[0][state] for rollout in data.rollouts]
             worst = int(np.nanargmax(errors)) if np.isfinite(errors).any() else 0
-            panels.append(partial(draw_rollout, data=data, number=worst, state=state, units=units))
-        with canvas(ax, len(panels), panel_size=(6.2, 4.4), n_columns=2) as axes:
-            self.ax_, self.figure_ = axes, axes[0].figure
-            for panel, one in zip(panels, axes, strict=True):
-                panel(one)
-        return self
+            drawn.append(partial(panels.rollout, number=worst, state=state))
+        return drawn
 
 
 _NOTHING = "The record was too short to hold any of it out: there is nothing to draw."

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
+from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.data import EffectData
+from swsysid._effect_search.display import EffectReportDisplay
 from swsysid._effect_search.ladder import Ladder
 from swsysid._effect_search.page import effect_page
-from swsysid._effect_search.text import named, report_text, summary, title
+from swsysid._effect_search.text import report_text
+from swsysid._effect_search.wording import named, summary, title
 from swsysid._rendering.parts import plain
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
@@ -25,35 +28,12 @@ from swsysid._search.greedy import Round, Search
 from swsysid._search.intervals import term_covariances
 from swsysid._search.joint_fit import JointFit
 from swsysid._search.trials import PlacedEffect
-from swsysid.effects import FoundEffect
 
 __all__ = ["EffectReport"]
 
 
-_PARTS = (
-    "summary",
-    "clean",
-    "targets",
-    "held_out",
-    "n_search",
-    "n_held_out",
-    "n_candidates",
-    "errors",
-    "effects",
-    "skipped",
-    "not_identifiable",
-    "residual_before",
-    "residual_after",
-    "guard_moved",
-    "history",
-    "dropped",
-    "by_trajectory",
-    "rollouts",
-)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class EffectReport(Mapping):
+class EffectReport(EffectContents):
     """Error before and after, the effects found, and what was looked for.
 
     It is a mapping of its own contents, prints as a table (`print`), draws (`plot`), and writes
@@ -93,22 +73,26 @@ class EffectReport(Mapping):
         Rows for `plot` and `to_html`; not part of the dict.
     """
 
-    targets: tuple[str, ...]
-    held_out: str
-    n_search: int
-    n_held_out: int
-    n_candidates: int = 0
-    errors: list[dict[str, Any]] = field(default_factory=list)
-    effects: tuple[FoundEffect, ...] = ()
-    skipped: dict[str, str] = field(default_factory=dict)
-    not_identifiable: tuple[str, ...] = ()
-    residual_before: ResidualReport | None = None
-    residual_after: ResidualReport | None = None
-    guard_moved: float = 0.0
-    history: tuple[dict[str, Any], ...] = ()
-    dropped: tuple[str, ...] = ()
-    discrete: bool = False
-    data: EffectData | None = None
+    _parts = (
+        "summary",
+        "clean",
+        "targets",
+        "held_out",
+        "n_search",
+        "n_held_out",
+        "n_candidates",
+        "errors",
+        "effects",
+        "skipped",
+        "not_identifiable",
+        "residual_before",
+        "residual_after",
+        "guard_moved",
+        "history",
+        "dropped",
+        "by_trajectory",
+        "rollouts",
+    )
 
     @classmethod
     def nothing_done(cls, records: Records) -> EffectReport:
@@ -162,48 +146,16 @@ class EffectReport(Mapping):
         )
 
     @property
-    def clean(self) -> bool:
-        """True if no effect was found."""
-        return not self.effects
-
-    @property
     def summary(self) -> str:
         """What came out, in one sentence."""
         return summary(self)
 
-    @property
-    def by_trajectory(self) -> list[dict[str, Any]]:
-        """Errors before and after on every held-out trajectory, or stretch of one."""
-        return [] if self.data is None else plain(self.data.by_trajectory)
-
-    @property
-    def rollouts(self) -> list[dict[str, Any]]:
-        """Errors of simulations from the first state of held-out trajectories, and their ends."""
-        return [] if self.data is None else [one.to_dict() for one in self.data.rollouts]
-
-    def __getitem__(self, name: str) -> Any:
-        if name not in _PARTS:
-            raise KeyError(f"{name!r} is no part of the report; these are: {', '.join(_PARTS)}.")
-        return getattr(self, name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(_PARTS)
-
-    def __len__(self) -> int:
-        return len(_PARTS)
-
     def to_dict(self) -> dict[str, Any]:
         """Everything but `data`, in types that JSON knows; NaN becomes None."""
-        listed = {name: getattr(self, name) for name in _PARTS}
-        listed["effects"] = [effect.to_dict() for effect in self.effects]
-        for name in ("residual_before", "residual_after"):
-            listed[name] = None if listed[name] is None else listed[name].to_dict()
-        return plain(listed)
+        return plain(dict(self) | {"effects": [effect.to_dict() for effect in self.effects]})
 
     def plot(self, *, equation: str | None = None, effect: int | None = None, units=None, ax=None):
         """Draw before and after; see `swsysid.plotting.EffectReportDisplay`."""
-        from swsysid._effect_search.display import EffectReportDisplay
-
         return EffectReportDisplay.from_report(
             self, equation=equation, effect=effect, units=units, ax=ax
         )
@@ -232,8 +184,6 @@ class EffectReport(Mapping):
 
     def __str__(self) -> str:
         return report_text(self)
-
-    __repr__ = __str__
 
 
 def _history(rounds: list[Round], records: Records) -> tuple[dict[str, Any], ...]:

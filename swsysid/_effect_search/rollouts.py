@@ -42,6 +42,12 @@ class Rollout:
     ended: tuple[str, str]
 
     @property
+    def compared(self) -> float:
+        """The time that both simulations have reached."""
+        shared = min(len(self.before), len(self.after))
+        return float(self.t[shared - 1] - self.t[0]) if shared else 0.0
+
+    @property
     def errors(self) -> tuple[Array, Array]:
         """Root mean square error of each state over the times that both have reached."""
         shared = min(len(self.before), len(self.after))
@@ -56,11 +62,10 @@ class Rollout:
     def to_dict(self) -> dict[str, Any]:
         """Name, duration and errors."""
         before, after = self.errors
-        shared = min(len(self.before), len(self.after))
         return {
             "trajectory": self.name,
             "duration": float(self.t[-1] - self.t[0]),
-            "compared": float(self.t[shared - 1] - self.t[0]) if shared else 0.0,
+            "compared": self.compared,
             "error_before": before.tolist(),
             "error_after": after.tolist(),
             "ended_before": self.ended[0],

@@ -18,7 +18,7 @@ import pytest
 from swsysid import EffectRegressor, EffectSearchCV
 from swsysid._data.records import make_records
 from swsysid._effect_search.rollouts import stretches
-from swsysid._effect_search.text import sentence
+from swsysid._effect_search.wording import sentence
 from swsysid._search.intervals import linearised
 from swsysid.datasets import make_undeclared
 from swsysid.diagnosis import EffectReport
