@@ -31,6 +31,7 @@ from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
 from swsysid._surfaces.parameters import check_parameters
 from swsysid._surfaces.polynomials import surface_basis
 from swsysid._surfaces.probability import ModePosterior
+from swsysid._surfaces.surface import LinearForm
 
 __all__ = ["PolynomialSurfaceClassifier"]
 
@@ -305,6 +306,16 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         order = np.argsort(names)
         other.classes_, other.mode_book_ = names[order], self.mode_book_[order]
         return other
+
+    def linear_form(self, n_columns):
+        """The surfaces as functions of their coefficients, for who varies them (`refine`)."""
+        return LinearForm(
+            self._basis, self._fitted_coef, self._surface_scale, self.mode_book_, self.classes_
+        )
+
+    def use_coef(self, coef):
+        """Take other coefficients, in the coordinates of `linear_form`."""
+        self._fitted_coef, self.coef_ = coef, self._basis.to_user(coef)
 
     def margin_certificate(self, X, y):
         """What can be promised about the margin on labelled data.

@@ -241,7 +241,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
     def predict_modes(self, X):
         """Mode of every sample according to the surface, shape (n_samples,)."""
         check_fitted(self)
-        modes = self._model.modes
+        modes = self.switching_model.modes
         return over_blocks(lambda part: modes(self._validated(part)), X, int)
 
     def predict_mode_proba(self, X):
@@ -251,7 +251,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         or 1 if the surface has no ``predict_proba``.
         """
         check_fitted(self)
-        probabilities = self._model.mode_probabilities
+        probabilities = self.switching_model.mode_probabilities
         return over_blocks(
             lambda part: probabilities(self._validated(part)), X, float, self.n_modes_
         )
@@ -259,7 +259,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
     def mode_velocities(self, X):
         """Velocity of every mode at every sample, (`n_modes_`, n_samples, n_states)."""
         check_fitted(self)
-        return self._model.velocities(self._validated(X))
+        return self.switching_model.velocities(self._validated(X))
 
     def equations(self, precision=3, format="text"):
         """The law of every mode as text.
@@ -275,7 +275,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
             One equation for each mode and state, mode by mode.
         """
         check_fitted(self)
-        return self._model.equations(precision, format)
+        return self.switching_model.equations(precision, format)
 
     def surface_equations(self, precision=3, format="text"):
         """The surfaces as text, with the modes on their two sides; parameters as `equations`.
@@ -283,7 +283,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         One line for each surface, with the names of the columns of `X`.
         """
         check_fitted(self)
-        return self._model.surface_equations(precision, format)
+        return self.switching_model.surface_equations(precision, format)
 
     def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options):
         """Roll the identified system out from a state, with switching events located.
@@ -312,7 +312,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
                 f"The model has {n_states} velocities but only {self.n_features_in_} columns in "
                 "X; simulate needs the states themselves as the first columns of X."
             )
-        return self._model.simulate(x0, t, inputs, input_hold=input_hold, **options)
+        return self.switching_model.simulate(x0, t, inputs, input_hold=input_hold, **options)
 
     def certificate(self, X, y):
         """How far the vector fields and the modes can be from optimal on some data.
@@ -327,7 +327,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         check_fitted(self)
         X, y = known_velocities(self, X, y)
         return certify(
-            self._model.feature_map(X),
+            self.switching_model.feature_map(X),
             y.reshape(len(y), -1),
             self.coef_,
             self.loss,
@@ -380,11 +380,12 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         return one_hot(self.modes_, self.n_modes_) if kept is None else kept
 
     def _predicted(self, X):
-        velocity = self._model.predict(self._validated(X))
+        velocity = self.switching_model.predict(self._validated(X))
         return velocity[:, 0] if self._one_target else velocity
 
     @property
-    def _model(self) -> SwitchingModel:
+    def switching_model(self) -> SwitchingModel:
+        """Vector fields, feature map and surface of the fit as one system."""
         return SwitchingModel(self.coef_, self._feature_map, self.surface_, self.discrete_time)
 
     def _validated(self, X):

@@ -229,6 +229,12 @@ class FeatureMap:
             return monomials_at(point, self._powers)
         return np.asarray(self.library.transform(point[None, :]), dtype=float)[0]
 
+    def at_rows(self, X: np.ndarray) -> np.ndarray:
+        """Phi at rows without checks of the values of monomials, which may overflow."""
+        if self._powers is None:
+            return self(X)
+        return (self._monomials or Monomials(self._powers))(X)
+
     @property
     def names_out(self) -> np.ndarray:
         """Names of the features."""

@@ -31,7 +31,7 @@ def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style
                     (value, name, 1.0) for value, name in zip(values, columns, strict=False)
                 )
 
-    laws = fit.switching._model.equations(
+    laws = fit.switching.switching_model.equations(
         precision, style, states=names, columns=_columns(fit, names), added=added
     )
     return laws + _statements(fit, names, style, guards=False)
@@ -45,7 +45,7 @@ def guards_with_effects(
     if any(term.effect.remembers for term in fit.terms):
         return told
     columns = _columns(fit, names)
-    return fit.switching._model.surface_equations(precision, style, columns) + told
+    return fit.switching.switching_model.surface_equations(precision, style, columns) + told
 
 
 def _columns(fit: JointFit, names: Sequence[str]) -> list[str] | None:

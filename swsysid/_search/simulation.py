@@ -99,7 +99,7 @@ class _Rollout:
         sizes = (self.n_states, self.inputs.shape[1], self.signals.shape[1])
         before = transform if hasattr(fit.estimator, "steps") else None
         self.system = EffectSystem(
-            switching._model,
+            switching.switching_model,
             before,
             self.sorted.acting,
             self.sorted.breaks,

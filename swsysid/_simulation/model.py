@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from swsysid._simulation.simulate import simulate
 from swsysid._simulation.system import SwitchingSystem
 from swsysid._surfaces.surface import locates_events, probabilities_of
 
-__all__ = ["AddedTerms", "SwitchingModel", "fitted_system"]
+__all__ = ["AddedTerms", "FittedModel", "SwitchingModel", "fitted_system"]
 
 AddedTerms = Callable[[int, int], Iterable[tuple[float, str, float]]]
 
@@ -161,6 +161,17 @@ class SwitchingModel(SwitchingSystem):
         return locates_events(self.surface)
 
 
+@runtime_checkable
+class FittedModel(Protocol):
+    """A model whose laws are known: fitted by `SwitchingSystemRegressor`, or stated."""
+
+    coef_: Array
+
+    @property
+    def switching_model(self) -> SwitchingModel:
+        """Vector fields, feature map and surface as one system."""
+
+
 def _sides(number: int, surface: Any, style: str) -> str:
     """The modes on the two sides of a surface, in brackets."""
     listed = [
@@ -185,10 +196,9 @@ def fitted_system(model: Any) -> SwitchingModel:
             f"model={shown(model)} has no coefficients yet; fit it first, or state one with "
             "StatedModel."
         )
-    system = getattr(model, "_model", None)
-    if not isinstance(system, SwitchingModel):
+    if not isinstance(model, FittedModel):
         raise TypeError(
             f"model={shown(model)} is no switching system; give a fitted SwitchingSystemRegressor "
             "or a StatedModel."
         )
-    return system
+    return model.switching_model

@@ -46,7 +46,7 @@ class PolynomialBasis:
     def __call__(self, X: Array) -> Array:
         """Features in fitting coordinates, shape (n_samples, n_features_out)."""
         with np.errstate(over="ignore", invalid="ignore"):
-            features = self.values((X - self.centre) / self.scale)
+            features = self.at_rows(X)
         if not np.isfinite(features).all():
             raise ValueError(
                 "the monomials of X overflow; rescale X to order one or lower the degree."
@@ -56,6 +56,10 @@ class PolynomialBasis:
     def of_user(self, X: Array) -> Array:
         """The user's own monomials, shape (n_samples, n_features_out)."""
         return self.values(X)
+
+    def at_rows(self, X: Array) -> Array:
+        """Features in fitting coordinates without checks, shape (n_samples, n_features_out)."""
+        return self.values((X - self.centre) / self.scale)
 
     def at(self, point: Array) -> Array:
         """Features at one point, shape (n_features_out,), without checks."""
@@ -102,6 +106,10 @@ class LibraryBasis:
     def of_user(self, X: Array) -> Array:
         """The library's own columns, shape (n_samples, n_features_out)."""
         return self.map(X)
+
+    def at_rows(self, X: Array) -> Array:
+        """Features in fitting coordinates without checks, shape (n_samples, n_features_out)."""
+        return (self.map.at_rows(X) - self.centre) / self.scale
 
     def at(self, point: Array) -> Array:
         """Features at one point, shape (n_features_out,), without checks."""
@@ -164,6 +172,10 @@ class RelevantBasis:
     def of_user(self, X: Array) -> Array:
         """All columns of the other basis, shape (n_samples, n_features_out)."""
         return self.basis.of_user(X)
+
+    def at_rows(self, X: Array) -> Array:
+        """Features in fitting coordinates without checks, shape (n_samples, n_kept)."""
+        return self.basis.at_rows(X)[:, self.kept] * self.scale
 
     def at(self, point: Array) -> Array:
         """Features at one point, shape (n_kept,), without checks."""

@@ -6,6 +6,7 @@ give the values of its surfaces, solve margin programs) is asked here and nowher
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeGuard
 
 import numpy as np
@@ -15,6 +16,7 @@ from sklearn.utils.validation import has_fit_parameter
 from swsysid._results import Array
 from swsysid._surfaces.fitted import FittedSurfaces
 from swsysid._surfaces.margin_program import SurfaceFit
+from swsysid._surfaces.mode_books import decisions
 
 __all__ = [
     "Classifier",
@@ -25,8 +27,11 @@ __all__ = [
     "fit_weighted",
     "gives_values",
     "LevelSets",
+    "LinearForm",
+    "LinearSurface",
     "locates_events",
     "is_classifier",
+    "is_linear",
     "mode_book_of",
     "offers_penalty",
     "option",
@@ -88,6 +93,50 @@ class MarginClassifier(CoupledClassifier, SurfaceFunctions, Protocol):
     def use_likelihood(self, X: Array, log_likelihood: Array, sample_weight: Array) -> Any: ...
 
 
+class SurfaceBasis(Protocol):
+    """Features of a surface in the coordinates of its fit."""
+
+    def at_rows(self, X: Array) -> Array:
+        """Features of every row, (n_rows, n_features), without checks of their values."""
+
+
+@dataclass(frozen=True)
+class LinearForm:
+    """Surfaces f_l(x) = coef_l . basis(x), as functions of their coefficients too.
+
+    Attributes
+    ----------
+    basis : SurfaceBasis
+    coef : ndarray of shape (n_surfaces, n_features)
+        In the coordinates of the fit.
+    scale : ndarray of shape (n_surfaces,)
+        What the values of each surface are divided by before surfaces are compared.
+    mode_book : ndarray of shape (n_modes, n_surfaces)
+    classes : ndarray of shape (n_modes,)
+    """
+
+    basis: SurfaceBasis
+    coef: Array
+    scale: Array
+    mode_book: NDArray[np.int64]
+    classes: NDArray[np.intp]
+
+    def decisions(self, X: Array, coef: Array) -> Array:
+        """Decision of every class at every row, which has coefficients of its own."""
+        values = np.einsum("rlf,rf->rl", coef, self.basis.at_rows(X))
+        return decisions(values / self.scale, self.mode_book)
+
+
+class LinearSurface(Classifier, Protocol):
+    """A classifier whose surfaces are linear in coefficients that can be varied."""
+
+    def linear_form(self, n_columns: int) -> LinearForm:
+        """The surfaces for rows of so many columns."""
+
+    def use_coef(self, coef: Array) -> None:
+        """Take other coefficients, in the coordinates of the form."""
+
+
 def is_classifier(given: Any) -> TypeGuard[Classifier]:
     """True for an instance with fit and predict."""
     return not isinstance(given, type) and _has(given, "fit", "predict")
@@ -111,6 +160,11 @@ def locates_events(surface: Any) -> TypeGuard[SurfaceFunctions]:
 def solves_margin_program(surface: Any) -> TypeGuard[MarginClassifier]:
     """True if the surfaces are those of margin programs."""
     return _has(surface, "refitted", "surface_features", "use_likelihood")
+
+
+def is_linear(surface: Any) -> TypeGuard[LinearSurface]:
+    """True if the coefficients of the surfaces can be varied."""
+    return _has(surface, "linear_form", "use_coef")
 
 
 def takes_relevance(surface: Any) -> bool:

@@ -6,15 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
+from swsysid.refinement._settings import SETTINGS, Settings
 
 __all__ = ["robust_covariance"]
 
-UNDETERMINED = 1e-12  # eigenvalue of the scaled information below which a direction is unknown
-INVOLVED = 0.1  # share of a parameter in such a direction that leaves it unknown too
-
 
 def robust_covariance(
-    slopes: Array, residuals: Array, weight: Array, piece: NDArray, n_channels: int, n_unknowns: int
+    slopes: Array,
+    residuals: Array,
+    weight: Array,
+    piece: NDArray[np.intp],
+    n_channels: int,
+    n_unknowns: int,
+    settings: Settings = SETTINGS,
 ) -> Array:
     r"""Covariance :math:`A^+ B A^+` of the parameters.
 
@@ -40,12 +44,12 @@ def robust_covariance(
     unknown = ~(size > 0.0)
     scale = np.outer(np.where(unknown, 1.0, size), np.where(unknown, 1.0, size))
     values, vectors = np.linalg.eigh(information / scale)
-    lost = values <= UNDETERMINED * len(values)
+    lost = values <= settings.undetermined * len(values)
     inverse = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T / scale
     scores = (weight * residuals)[:, None] * slopes
     freedom = len(residuals) / max(1, len(residuals) - n_unknowns)
     covariance: Array = inverse @ (freedom * _long_run(scores, piece, n_channels)) @ inverse
-    unknown |= (np.abs(vectors[:, lost]) > INVOLVED).any(axis=1)
+    unknown |= (np.abs(vectors[:, lost]) > settings.involved).any(axis=1)
     covariance[unknown] = covariance[:, unknown] = 0.0
     covariance[unknown, unknown] = np.inf
     return covariance

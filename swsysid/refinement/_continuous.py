@@ -24,9 +24,6 @@ from swsysid.refinement._shooting import Blocks, Shooting
 
 __all__ = ["WholeRollouts"]
 
-MOST_PASSES = 8
-CLOSED = 1e-9  # defect, in units of the state, that counts as none
-
 
 class WholeRollouts:
     """Residuals and Jacobian as functions of parameters and initial states.
@@ -50,26 +47,15 @@ class WholeRollouts:
         self.first = np.flatnonzero(np.diff(self.piece, prepend=-1))
         self.follower = np.flatnonzero(np.diff(self.piece) == 0)
 
-    def join(self, vector: Array, starts: Array) -> Array:
-        """Unknowns from parameters and initial states, both in units of their sizes."""
-        shooting = self.shooting
-        return np.concatenate([vector / shooting.sizes, (starts / shooting.scale).ravel()])
-
-    def split(self, unknowns: Array) -> tuple[Array, Array]:
-        """Parameters and initial states, (n_pieces, n_states)."""
-        shooting, p = self.shooting, self.shooting.n_parameters
-        starts = unknowns[p:].reshape(-1, shooting.n_states) * shooting.scale
-        return unknowns[:p] * shooting.sizes, starts
-
     def residuals(self, unknowns: Array) -> Array:
         """Residuals of all samples along whole rollouts."""
-        vector, starts = self.split(unknowns)
+        vector, starts = self.shooting.split(unknowns)
         read, _ = self._closed(vector, starts)
         return self.shooting.misfit(read[None])[0]
 
     def jacobian(self, unknowns: Array) -> Array:
         """Derivatives of `residuals`, (n_residuals, n_unknowns)."""
-        vector, starts = self.split(unknowns)
+        vector, starts = self.shooting.split(unknowns)
         _, nodes = self._closed(vector, starts)
         self.nodes = nodes  # least squares asks for a Jacobian where it has arrived
         blocks = self.shooting.blocks(vector, nodes)
@@ -85,7 +71,7 @@ class WholeRollouts:
         piece : ndarray of shape (n_residuals,)
             Number of the rollout of each residual.
         """
-        p, n = self.shooting.n_parameters, self.shooting.n_states
+        p, n = self.shooting.n_parameters, self.shooting.maps.n_states
         whole = self.jacobian(unknowns)
         slopes, piece = whole[:, :p], self.piece[self.shooting.segment]
         for place, k in enumerate(self.piece[self.first]):
@@ -100,21 +86,22 @@ class WholeRollouts:
         """Readings along rollouts without defects, and where their segments begin."""
         if len(self.first) == len(self.piece):
             return self.shooting.outputs(vector[None], starts[None])[0][0], starts
-        nodes = self.nodes.copy()
-        for _ in range(MOST_PASSES):
-            read, ends, slopes = self.shooting.ends(vector, nodes)
+        shooting, nodes = self.shooting, self.nodes.copy()
+        bound, unit = shooting.units.bound, shooting.units.states
+        for _ in range(shooting.settings.most_passes):
+            read, ends, slopes = shooting.ends(vector, nodes)
             moves = np.zeros_like(nodes)
             moves[self.first] = starts - nodes[self.first]
             for k in self.follower:
                 moves[k + 1] = ends[k] + slopes[k] @ moves[k] - nodes[k + 1]
-            if not np.isfinite(moves).all() or (np.abs(nodes + moves) > self.shooting.bound).any():
+            if not np.isfinite(moves).all() or (np.abs(nodes + moves) > bound).any():
                 break
             nodes += moves
-            if np.abs(moves / self.shooting.scale).max() < CLOSED:
+            if np.abs(moves / unit).max() < shooting.settings.closed:
                 return read, nodes
-        return self._uncut(vector, starts)
+        return self.uncut(vector, starts)
 
-    def _uncut(self, vector: Array, starts: Array) -> tuple[Array, Array]:
+    def uncut(self, vector: Array, starts: Array) -> tuple[Array, Array]:
         """The same by one long integration."""
         segments = self.shooting.segments
         read, states = self.whole.whole_states(vector, starts)
@@ -126,7 +113,7 @@ class WholeRollouts:
 
     def _condensed(self, blocks: Blocks) -> Array:
         """The Jacobian with the inner states eliminated."""
-        p, n = self.shooting.n_parameters, self.shooting.n_states
+        p, n = self.shooting.n_parameters, self.shooting.maps.n_states
         whole = np.zeros((len(blocks.residuals), p + n * len(self.first)))
         whole[:, :p] = blocks.by_parameters
         limits = np.searchsorted(self.shooting.segment, np.arange(len(self.piece) + 1))

@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from swsysid._checks.arrays import numbers
 from swsysid._checks.parameters import shown
 from swsysid._results import Array
-from swsysid.refinement._system import ParameterSets, has_linear_surface, named_parameters
+from swsysid._simulation.model import FittedModel, SwitchingModel
+from swsysid._surfaces.surface import is_linear
+from swsysid.refinement._stated import Output, ParametricLibrary, StatedModel
+from swsysid.refinement._system import Maps, ParameterSets
 
-__all__ = ["Parametrization"]
+__all__ = ["Parametrization", "output_of"]
 
 
 class Parametrization:
@@ -22,32 +25,30 @@ class Parametrization:
 
     Parameters
     ----------
-    model : SwitchingSystemRegressor, StatedModel or SwitchingModel
-    system : SwitchingModel
-        That of `model`.
-    output : callable or ParametricLibrary or None
+    model : SwitchingSystemRegressor or StatedModel
+    maps : Maps
+        Those of its system.
     free : ndarray of shape (n_modes, n_states, n_features), bool
         Coefficients that may change.
     fit_surface : bool
         Whether the coefficients of the surface may change.
     """
 
-    def __init__(self, model: Any, system: Any, output: Any, free: NDArray, fit_surface: bool):
-        self.model, self.system = model, system
-        self.coef = np.array(system.coef, dtype=float)
-        self.free = free
-        self.named = named_parameters(system.feature_map, output)
-        self.surface = np.empty((0, 0))
-        self.linear_surface = has_linear_surface(system.surface)
-        if self.linear_surface:
-            self.surface = np.array(system.surface._fitted_coef, dtype=float)
-        elif fit_surface:
+    def __init__(self, model: FittedModel, maps: Maps, free: NDArray[np.bool_], fit_surface: bool):
+        self.model, self.system = model, model.switching_model
+        self.coef, self.free = np.array(self.system.coef, dtype=float), free
+        self.named = {
+            name: value
+            for library in _libraries(model, self.system)
+            for name, value in (library.parameters or {}).items()
+        }
+        self.surface = np.empty((0, 0)) if maps.linear is None else maps.linear.coef.copy()
+        if maps.linear is None and fit_surface:
             raise ValueError(
                 "fit_surface=True needs a surface that is linear in its coefficients; use "
                 "PolynomialSurfaceClassifier or StatedSurface, or fit_surface=False."
             )
         self.surface_free = _surface_free(self.surface, fit_surface)
-
         self.named_free = True
 
     def freeze(self) -> None:
@@ -75,7 +76,7 @@ class Parametrization:
             named = {name: vectors[:, n_coef + k] for k, name in enumerate(self.named)}
         surface = np.broadcast_to(self.surface, (n_owners, *self.surface.shape)).copy()
         surface[:, self.surface_free] = vectors[:, vectors.shape[1] - self.surface_free.sum() :]
-        return ParameterSets(coef, named, surface if self.linear_surface else None)
+        return ParameterSets(coef, named, surface)
 
     def sizes(self, features: Array, velocities: Array) -> Array:
         """What a change of each parameter has to be for the model to notice.
@@ -95,10 +96,9 @@ class Parametrization:
         A coefficient that the data want to be zero must not be the one that fixes the scale: the
         others would have to grow without end. The largest gets the value that it had at the start.
         """
-        surface = self.sets(vector[None]).surface
-        if surface is None or not self.surface_free.any():
+        if not self.surface_free.any():
             return vector
-        surface = surface[0]
+        surface = self.sets(vector[None]).surface[0]
         for k, row in enumerate(surface):
             pivot = int(np.abs(row).argmax())
             if self.surface_free[k, pivot] and row[pivot] * self.surface[k, pivot] > 0.0:
@@ -145,22 +145,29 @@ class Parametrization:
         spread[self.free] = values[: int(self.free.sum())]
         return spread
 
-    def apply(self, vector: Array) -> Any:
+    def apply(self, vector: Array) -> FittedModel:
         """A copy of the model with the parameters of a vector."""
         sets = self.sets(vector[None])
         refined = copy.deepcopy(self.model)
         refined.coef_ = sets.coef[0]
-        system = refined._model
-        for part in (system.feature_map, getattr(refined, "output", None)):
-            library: Any = getattr(part, "library", part)
-            if hasattr(library, "evaluate"):
-                own = {name: float(sets.named[name][0]) for name in library.parameters or {}}
-                library.set_params(parameters=own)
-        if sets.surface is not None and self.surface_free.any():
-            surface = system.surface
-            surface._fitted_coef = sets.surface[0]
-            surface.coef_ = surface._basis.to_user(surface._fitted_coef)
+        system = refined.switching_model
+        for library in _libraries(refined, system):
+            own = {name: float(sets.named[name][0]) for name in library.parameters or {}}
+            library.set_params(parameters=own)
+        if self.surface_free.any() and is_linear(system.surface):
+            system.surface.use_coef(sets.surface[0])
         return refined
+
+
+def output_of(model: FittedModel) -> Output | None:
+    """What the sensors of a stated model read."""
+    return model.output if isinstance(model, StatedModel) else None
+
+
+def _libraries(model: FittedModel, system: SwitchingModel) -> list[ParametricLibrary]:
+    """Feature map and output, where they have named parameters; equal names are one parameter."""
+    given = (system.feature_map.library, output_of(model))
+    return [library for library in given if isinstance(library, ParametricLibrary)]
 
 
 def _pairs(limits: Any) -> list[tuple[str, tuple[float, float]]]:

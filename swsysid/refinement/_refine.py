@@ -12,18 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from swsysid._checks.parameters import flag, one_of, verbosity, whole
 from swsysid._rendering.progress import progress
 from swsysid._results import Array, Status
-from swsysid.refinement._estimation import Estimation
+from swsysid.refinement._estimation import Estimate, Estimation
 from swsysid.refinement._losses import LOSSES
-from swsysid.refinement._stated import ParametricLibrary, StatedModel, StatedSurface
 
-__all__ = [
-    "ParametricLibrary",
-    "RefinementResult",
-    "StatedModel",
-    "StatedSurface",
-    "initial_states",
-    "refine",
-]
+__all__ = ["RefinementResult", "initial_states", "refine"]
 
 
 @dataclass(frozen=True)
@@ -176,8 +168,6 @@ def refine(
     -2.0
     """
     _check(loss, input_hold, max_nfev, segment_length)
-    flag("fit_surface", fit_surface)
-    flag("joined", joined)
     with progress(max_nfev, "integrations", bool(verbosity(verbose))) as bar:
         estimation = Estimation(
             model,
@@ -186,15 +176,15 @@ def refine(
             initial_states=initial_states,
             segment_length=segment_length,
             loss=loss,
-            fit_surface=fit_surface,
+            fit_surface=flag("fit_surface", fit_surface),
             free=free,
-            bounds={} if bounds is None else bounds,
+            bounds=bounds,
             noise=noise,
             linear=input_hold == "linear",
-            frozen=False,
+            joined=flag("joined", joined),
             integrated=bar.update,
         )
-        found = estimation.solve(joined, max_nfev)
+        found = estimation.solve(max_nfev)
     parameters = estimation.parameters
     covariance = estimation.covariance(found)
     undetermined = _undetermined(parameters.names, covariance)
@@ -261,11 +251,7 @@ def initial_states(
         trajectories,
         observed=observed,
         initial_states=guess,
-        segment_length=None,
         loss=loss,
-        fit_surface=False,
-        free=None,
-        bounds={},
         noise=noise,
         linear=input_hold == "linear",
         frozen=True,
@@ -286,7 +272,7 @@ def _undetermined(names: list[str], covariance: Array) -> list[str]:
     return [name for name, unknown in zip(names, infinite, strict=True) if unknown]
 
 
-def _advice(found, undetermined: list[str]) -> str:
+def _advice(found: Estimate, undetermined: list[str]) -> str:
     if undetermined:
         return (
             f"The data do not determine {', '.join(undetermined)}; fix them by free, or measure "

@@ -1,4 +1,4 @@
-r"""Multiple shooting: residuals of all segments, their Jacobian, and what it says about certainty.
+r"""Multiple shooting: residuals of all segments and their Jacobian.
 
 The unknowns are the parameters :math:`\theta` and the states :math:`s_k` at which the segments
 begin. The residuals are those of the measured channels and, times a weight, the defects
@@ -15,23 +15,39 @@ so a row has as many nonzero columns as there are parameters and states, however
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from swsysid._results import Array
-from swsysid.refinement._integrate import rollout
 from swsysid.refinement._parameters import Parametrization
+from swsysid.refinement._rollout import rollout
 from swsysid.refinement._segments import Segments
+from swsysid.refinement._settings import SETTINGS, Settings
 from swsysid.refinement._system import Maps, ParameterSets, RowSystem
 
-__all__ = ["Blocks", "Shooting"]
+__all__ = ["Blocks", "Shooting", "Units"]
 
-STEP = 1e-6  # of a difference quotient, times the size of a parameter or a state
-# Up to so many entries a Jacobian is dense and its trust-region step exact.
-DENSE = 2_000_000
+
+@dataclass(frozen=True)
+class Units:
+    """In what the unknowns and the residuals count.
+
+    Attributes
+    ----------
+    parameters : ndarray of shape (n_parameters,)
+    states : ndarray of shape (n_states,)
+    noise : ndarray of shape (n_outputs,)
+    bound : ndarray of shape (n_states,)
+        Magnitude at which a diverging state is held.
+    """
+
+    parameters: Array
+    states: Array
+    noise: Array
+    bound: Array
 
 
 @dataclass(frozen=True)
@@ -54,53 +70,73 @@ class Blocks:
     end_by_start: Array
 
 
+@dataclass(frozen=True)
 class Shooting:
     """The least-squares problem of one set of segments.
 
-    Parameters
+    Attributes
     ----------
     maps : Maps
     parameters : Parametrization
     segments : Segments
     observed : ndarray of int
         Measured states, or all columns of the output.
-    noise : ndarray of shape (n_outputs,)
-        Unit in which the residuals of each channel count.
-    scale : ndarray of shape (n_states,)
-        Unit in which the defects of each state count.
-    sizes : ndarray of shape (n_parameters,)
-    bound : ndarray of shape (n_states,)
-        Magnitude at which a diverging state is held.
+    units : Units
     """
 
-    def __init__(self, maps: Maps, parameters: Parametrization, segments: Segments, **options):
-        self.maps, self.parameters, self.segments = maps, parameters, segments
-        self.observed, self.noise = options["observed"], options["noise"]
-        self.scale, self.sizes = options["scale"], options["sizes"]
-        self.bound = options["bound"]
-        self.measured = np.isfinite(segments.y)
-        self.segment = np.nonzero(self.measured.transpose(1, 0, 2))[0]  # of each residual
-        self.n_parameters, self.n_states = len(parameters), maps.n_states
+    maps: Maps
+    parameters: Parametrization
+    segments: Segments
+    observed: NDArray[np.intp]
+    units: Units
+    settings: Settings = SETTINGS
+    measured: NDArray[np.bool_] = field(init=False)
+
+    def __post_init__(self) -> None:
+        measured = np.isfinite(self.segments.y).transpose(1, 0, 2)
+        object.__setattr__(self, "measured", measured)  # segment by segment
+
+    @property
+    def segment(self) -> NDArray[np.intp]:
+        """Segment of each residual."""
+        return np.nonzero(self.measured)[0]
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of free parameters."""
+        return len(self.units.parameters)
 
     # -- the vector of unknowns ------------------------------------------------------------
 
     def join(self, vector: Array, starts: Array) -> Array:
-        """Unknowns from parameters and starts; both in units of their sizes."""
-        return np.concatenate([vector / self.sizes, (starts / self.scale).ravel()])
+        """Unknowns from parameters and any number of states, both in their units."""
+        return np.concatenate(
+            [vector / self.units.parameters, (starts / self.units.states).ravel()]
+        )
 
     def split(self, unknowns: Array) -> tuple[Array, Array]:
-        """Parameters and starts, (n_segments, n_states)."""
-        starts = unknowns[self.n_parameters :].reshape(len(self.segments), -1)
-        return unknowns[: self.n_parameters] * self.sizes, starts * self.scale
+        """Parameters and states, (n_starts, n_states)."""
+        p = self.n_parameters
+        starts = unknowns[p:].reshape(-1, self.maps.n_states)
+        return unknowns[:p] * self.units.parameters, starts * self.units.states
 
     # -- residuals -------------------------------------------------------------------------
 
     def outputs(self, vectors: Array, starts: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Readings and ends for every owner: (n_owners, n_times, n_segments, n_outputs), ..."""
         sets = self.parameters.sets(vectors)
-        states, bounded = rollout(self.maps, sets, self.segments.stretch, starts, self.bound)
+        states, bounded = self._states(sets, starts)
         ends = states[self.segments.count, :, np.arange(len(self.segments))].swapaxes(0, 1)
         return self._read(sets, states), ends, bounded
+
+    def whole_states(self, vector: Array, starts: Array) -> tuple[Array, Array]:
+        """Readings and states at all samples, (n_times, n_segments, ...)."""
+        sets = self.parameters.sets(vector[None])
+        states, _ = self._states(sets, starts[None])
+        return self._read(sets, states)[0], states[:, 0]
+
+    def _states(self, sets: ParameterSets, starts: Array) -> tuple[Array, NDArray[np.bool_]]:
+        return rollout(self.maps, sets, self.segments.grid, starts, self.units.bound)
 
     def _read(self, sets: ParameterSets, states: Array) -> Array:
         """What the sensors read, (n_owners, n_times, n_segments, n_outputs)."""
@@ -108,91 +144,80 @@ class Shooting:
             return states[..., self.observed].swapaxes(0, 1)
         n_times, n_owners, n_segments, n_states = states.shape
         owners = np.tile(np.repeat(np.arange(n_owners), n_segments), n_times)
-        inputs = np.repeat(self.segments.stretch.inputs[:, None], n_owners, axis=1)
+        inputs = np.repeat(self.segments.grid.inputs[:, None], n_owners, axis=1)
         system = RowSystem(self.maps, sets, owners)
         with np.errstate(all="ignore"):
             read = system.output(states.reshape(-1, n_states), inputs.reshape(len(owners), -1))
         return read.reshape(n_times, n_owners, n_segments, -1)[..., self.observed].swapaxes(0, 1)
 
+    def misfit(self, read: Array) -> Array:
+        """Residuals in units of the noise, (n_owners, n_residuals), segment by segment."""
+        scaled = (read - self.segments.y) / self.units.noise
+        return scaled.transpose(0, 2, 1, 3)[:, self.measured]
+
     def residuals(self, unknowns: Array, weight: float) -> Array:
         """Residuals of the samples, then weighted defects."""
         vector, starts = self.split(unknowns)
         read, ends, _ = self.outputs(vector[None], starts[None])
-        return np.concatenate([self.misfit(read)[0], weight * self._defects(ends[0], starts)])
-
-    def misfit(self, read: Array) -> Array:
-        """Residuals in units of the noise, (n_owners, n_residuals), segment by segment."""
-        scaled = (read - self.segments.y) / self.noise
-        return scaled.transpose(0, 2, 1, 3)[:, self.measured.transpose(1, 0, 2)]
-
-    def _defects(self, ends: Array, starts: Array) -> Array:
         before = np.flatnonzero(self.segments.follower)
-        return ((ends[before] - starts[before + 1]) / self.scale).ravel()
-
-    def ends(self, vector: Array, starts: Array) -> tuple[Array, Array, Array]:
-        """Readings, ends of the segments, and their derivatives by the starts, in plain units."""
-        n_states = self.n_states
-        all_starts = np.tile(starts, (1 + n_states, 1, 1))
-        all_starts[1 + np.arange(n_states), :, np.arange(n_states)] += STEP * self.scale[:, None]
-        read, ends, _ = self.outputs(np.tile(vector, (1 + n_states, 1)), all_starts)
-        slopes = (ends[1:] - ends[0]).transpose(1, 2, 0) / (STEP * self.scale)
-        return read[0], ends[0], slopes
-
-    def whole_states(self, vector: Array, starts: Array) -> tuple[Array, Array]:
-        """Readings and states at all samples, (n_times, n_segments, ...)."""
-        sets, stretch = self.parameters.sets(vector[None]), self.segments.stretch
-        states, _ = rollout(self.maps, sets, stretch, starts[None], self.bound)
-        return self._read(sets, states)[0], states[:, 0]
+        defects = (ends[0, before] - starts[before + 1]) / self.units.states
+        return np.concatenate([self.misfit(read)[0], weight * defects.ravel()])
 
     # -- derivatives -----------------------------------------------------------------------
 
+    def ends(self, vector: Array, starts: Array) -> tuple[Array, Array, Array]:
+        """Readings, ends of the segments, and their derivatives by the starts, in plain units."""
+        read, ends = self._varied(np.empty((0, len(vector))), vector, starts)
+        slopes = (ends[1:] - ends[0]).transpose(1, 2, 0) / (self.settings.step * self.units.states)
+        return read[0], ends[0], slopes
+
     def blocks(self, vector: Array, starts: Array) -> Blocks:
         """Residuals, ends and their derivatives in units of the unknowns."""
-        n_parameters, n_states = self.n_parameters, self.n_states
-        vectors = np.tile(vector, (1 + n_parameters + n_states, 1))
-        vectors[1 : n_parameters + 1] += np.diag(STEP * self.sizes)
-        all_starts = np.tile(starts, (len(vectors), 1, 1))
-        moved = n_parameters + 1 + np.arange(n_states)
-        all_starts[moved, :, np.arange(n_states)] += STEP * self.scale[:, None]
-        read, ends, _ = self.outputs(vectors, all_starts)
+        p, step = self.n_parameters, self.settings.step
+        read, ends = self._varied(np.diag(step * self.units.parameters), vector, starts)
         misfit = self.misfit(read)
-        slopes = (misfit[1:] - misfit[0]).T / STEP
-        end_slopes = (ends[1:] - ends[0]).transpose(1, 2, 0) / STEP / self.scale[:, None]
+        slopes = (misfit[1:] - misfit[0]).T / step
+        end_slopes = (ends[1:] - ends[0]).transpose(1, 2, 0) / step / self.units.states[:, None]
         return Blocks(
-            misfit[0],
-            slopes[:, :n_parameters],
-            slopes[:, n_parameters:],
-            ends[0],
-            end_slopes[:, :, :n_parameters],
-            end_slopes[:, :, n_parameters:],
-        )
+            misfit[0], slopes[:, :p], slopes[:, p:],
+            ends[0], end_slopes[:, :, :p], end_slopes[:, :, p:],
+        )  # fmt: skip
+
+    def _varied(self, moves: Array, vector: Array, starts: Array) -> tuple[Array, Array]:
+        """Readings and ends as they are, for moves of the parameters, and of each state."""
+        n_states = self.maps.n_states
+        vectors = np.tile(vector, (1 + len(moves) + n_states, 1))
+        vectors[1 : 1 + len(moves)] += moves
+        all_starts = np.tile(starts, (len(vectors), 1, 1))
+        moved = 1 + len(moves) + np.arange(n_states)
+        states = self.settings.step * self.units.states
+        all_starts[moved, :, np.arange(n_states)] += states[:, None]
+        read, ends, _ = self.outputs(vectors, all_starts)
+        return read, ends
 
     def jacobian(self, unknowns: Array, weight: float):
         """Jacobian of `residuals`, dense where it is small."""
         blocks = self.blocks(*self.split(unknowns))
-        p, n = self.n_parameters, self.n_states
+        p, n = self.n_parameters, self.maps.n_states
         before = np.flatnonzero(self.segments.follower)
-        samples = _rows_of(blocks.by_parameters, self.segment, blocks.by_start)
         ends = np.repeat(before, n)
         by_parameters = blocks.end_by_parameters[before].reshape(-1, p)
-        defects = _rows_of(by_parameters, ends, blocks.end_by_start[before].reshape(-1, n))
-        shape = (len(blocks.residuals) + len(ends), p + n * len(self.segments))
-        values, columns = (np.concatenate(pair) for pair in zip(samples, defects, strict=True))
-        values[len(blocks.residuals) :] *= weight
-        starts = np.arange(shape[0] + 1) * values.shape[1]
-        whole = sparse.csr_matrix((values.ravel(), columns.ravel(), starts), shape=shape)
+        by_start = blocks.end_by_start[before].reshape(-1, n)
+        values = np.vstack(
+            [
+                np.hstack([blocks.by_parameters, blocks.by_start]),
+                weight * np.hstack([by_parameters, by_start]),
+            ]
+        )
+        segment = np.concatenate([self.segment, ends])
+        columns = np.empty(values.shape, dtype=np.int64)
+        columns[:, :p] = np.arange(p)
+        columns[:, p:] = p + n * segment[:, None] + np.arange(n)
+        shape = (len(values), p + n * len(self.segments))
+        rows = np.arange(len(values) + 1) * values.shape[1]
+        whole = sparse.csr_matrix((values.ravel(), columns.ravel(), rows), shape=shape)
         following = p + n * np.repeat(before + 1, n) + np.tile(np.arange(n), len(before))
-        rows = len(blocks.residuals) + np.arange(len(ends))
-        ones = np.full(len(ends), weight)
-        whole = whole - sparse.csr_matrix((ones, (rows, following)), shape=shape)
-        return whole.toarray() if shape[0] * shape[1] <= DENSE else whole.tocsr()
-
-
-def _rows_of(by_parameters, segment, by_start):
-    """Values and column numbers of the nonzero entries, row by row."""
-    n_rows, p = by_parameters.shape
-    n = by_start.shape[1]
-    columns = np.empty((n_rows, p + n), dtype=np.int64)
-    columns[:, :p] = np.arange(p)
-    columns[:, p:] = p + n * segment[:, None] + np.arange(n)
-    return np.hstack([by_parameters, by_start]), columns
+        places = (len(blocks.residuals) + np.arange(len(ends)), following)
+        whole = whole - sparse.csr_matrix((np.full(len(ends), weight), places), shape=shape)
+        small = shape[0] * shape[1] <= self.settings.dense
+        return whole.toarray() if small else whole.tocsr()

@@ -17,8 +17,9 @@ from swsysid._data.features import FeatureMap
 from swsysid._results import Array, Trajectory
 from swsysid._simulation.model import SwitchingModel
 from swsysid._surfaces.mode_books import decisions
+from swsysid._surfaces.surface import LinearForm
 
-__all__ = ["ParametricLibrary", "StatedModel", "StatedSurface"]
+__all__ = ["Output", "ParametricLibrary", "StatedModel", "StatedSurface"]
 
 
 class ParametricLibrary(TransformerMixin, BaseEstimator):
@@ -94,6 +95,9 @@ class ParametricLibrary(TransformerMixin, BaseEstimator):
         return True
 
 
+Output = ParametricLibrary | Callable[[Array], Any]
+
+
 class StatedSurface:
     """Surfaces that are linear in given coefficients, and the mode on each side of them.
 
@@ -139,8 +143,6 @@ class StatedSurface:
                 "signs."
             )
         self.classes_ = np.arange(len(self.mode_book_))
-        self._fitted_coef = self.coef_
-        self._surface_scale = np.ones(len(self.coef_))
         self._map: FeatureMap | None = None
 
     @classmethod
@@ -150,11 +152,12 @@ class StatedSurface:
 
     def surface_values(self, X: ArrayLike) -> Array:
         """Values of all surfaces, (n_samples, n_surfaces)."""
-        return self._basis(table("X", X)) @ self.coef_.T
+        X = table("X", X)
+        return self._features(X.shape[1])(X) @ self.coef_.T
 
     def surface_values_at(self, point: Array) -> Array:
         """Values of all surfaces at one point."""
-        return (self._basis(point[None]) @ self.coef_.T)[0]
+        return self.coef_ @ self._features(len(point)).at(point)
 
     def decode(self, values: Array) -> NDArray[np.intp]:
         """Mode for given values of the surfaces."""
@@ -168,38 +171,32 @@ class StatedSurface:
         """Mode of every sample."""
         return self.decode(self.surface_values(X))
 
-    @property
-    def _basis(self) -> _StatedBasis:
-        return _StatedBasis(self)
+    def linear_form(self, n_columns: int) -> LinearForm:
+        """The surfaces as functions of their coefficients, for rows of so many columns."""
+        return LinearForm(
+            self._features(n_columns),
+            self.coef_,
+            np.ones(len(self.coef_)),
+            self.mode_book_,
+            self.classes_,
+        )
 
+    def use_coef(self, coef: Array) -> None:
+        """Take other coefficients."""
+        self.coef_ = coef
 
-class _StatedBasis:
-    """Features of a stated surface, in the user's coordinates."""
-
-    centre, scale = 0.0, 1.0
-
-    def __init__(self, surface: StatedSurface):
-        self.surface = surface
-
-    @property
-    def map(self) -> FeatureMap | None:
-        return self.surface._map
-
-    def __call__(self, X: Array) -> Array:
-        surface = self.surface
-        if surface._map is None:
-            names = [f"x{k}" for k in range(X.shape[1])]
-            surface._map = FeatureMap(surface.feature_library, np.ones((1, X.shape[1])), names)
-            if surface._map.n_features_out != surface.coef_.shape[1]:
+    def _features(self, n_columns: int) -> FeatureMap:
+        """The features of rows of so many columns."""
+        if self._map is None:
+            names = [f"x{k}" for k in range(n_columns)]
+            self._map = FeatureMap(self.feature_library, np.ones((1, n_columns)), names)
+            if self._map.n_features_out != self.coef_.shape[1]:
                 raise ValueError(
-                    f"the surface has {surface.coef_.shape[1]} coefficients for "
-                    f"{surface._map.n_features_out} features of {X.shape[1]} columns; give one "
+                    f"the surface has {self.coef_.shape[1]} coefficients for "
+                    f"{self._map.n_features_out} features of {n_columns} columns; give one "
                     "coefficient for each feature."
                 )
-        return surface._map(X)
-
-    def to_user(self, coef: Array) -> Array:
-        return coef
+        return self._map
 
 
 class StatedModel:
@@ -247,7 +244,7 @@ class StatedModel:
         inputs: Sequence[str] = (),
         surface: Any = None,
         free: ArrayLike | None = None,
-        output: Any = None,
+        output: Output | None = None,
         discrete_time: bool = False,
     ):
         columns = [*names_of_columns("states", states), *names_of_columns("inputs", inputs)]
@@ -279,12 +276,12 @@ class StatedModel:
             )
 
     @property
-    def _model(self) -> SwitchingModel:
+    def switching_model(self) -> SwitchingModel:
         return SwitchingModel(self.coef_, self.feature_map, self.surface, self.discrete_time)
 
     def predict(self, X: ArrayLike) -> Array:
         """Velocity (next state in discrete time) at every sample, (n_samples, n_states)."""
-        return self._model.predict(self._columns(X))
+        return self.switching_model.predict(self._columns(X))
 
     def predict_modes(self, X: ArrayLike) -> NDArray[np.intp]:
         """Active mode at every sample."""
@@ -295,11 +292,11 @@ class StatedModel:
 
     def equations(self, precision: int = 3, format: str = "text") -> list[str]:
         """The law of every mode as text or LaTeX."""
-        return self._model.equations(precision, format)
+        return self.switching_model.equations(precision, format)
 
     def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options) -> Trajectory:
         """Roll the states out, with switches located; see `SwitchingSystemRegressor.simulate`."""
-        return self._model.simulate(x0, t, inputs, input_hold=input_hold, **options)
+        return self.switching_model.simulate(x0, t, inputs, input_hold=input_hold, **options)
 
     def measure(self, x: ArrayLike, inputs: ArrayLike | None = None) -> Array:
         """What the sensors read along a trajectory of the states, (n_samples, n_outputs)."""
@@ -308,8 +305,9 @@ class StatedModel:
             return x
         u = np.empty((len(x), 0)) if inputs is None else table("inputs", inputs, len(x))
         X = np.concatenate([x, u], axis=1)
-        read = getattr(self.output, "transform", self.output)
-        return np.asarray(read(X), dtype=float).reshape(len(x), -1)
+        output = self.output
+        read = output.transform(X) if isinstance(output, ParametricLibrary) else output(X)
+        return np.asarray(read, dtype=float).reshape(len(x), -1)
 
 
 @lru_cache(maxsize=256)

@@ -144,7 +144,7 @@ def test_names_of_a_frame_reach_the_equations(data):
     assert list(model.feature_names_out_)[:3] == ["1", "angle", "rate"]
     assert all("angle" in line or "rate" in line for line in model.equations())
     assert model.surface_equations()[0].startswith("f0(angle, rate) = ")
-    assert np.array_equal(model.predict(frame), model._model.predict(data.X))
+    assert np.array_equal(model.predict(frame), model.switching_model.predict(data.X))
     with pytest.warns(UserWarning, match="does not have valid feature names"):
         model.predict(data.X)
 

@@ -36,7 +36,7 @@ def fit_of_all(monkeypatch, *arguments, **options):
 def dynamics_gap(model, X, Xdot, weight=None):
     """Relative duality gap of the vector fields at the labels found."""
     certificate = certify(
-        model._model.feature_map(X),
+        model.switching_model.feature_map(X),
         Xdot.reshape(len(X), -1),
         model.coef_,
         model.loss,

@@ -9,7 +9,7 @@ from swsysid import PolynomialSurfaceClassifier, Status, SwitchingSystemRegresso
 from swsysid.differentiation import differentiate
 from swsysid.refinement import ParametricLibrary, StatedModel, StatedSurface, initial_states, refine
 from swsysid.refinement._estimation import Estimation
-from swsysid.refinement._integrate import Stretch, rollout
+from swsysid.refinement._rollout import Grid, rollout
 from swsysid.refinement._system import Maps, ParameterSets
 
 NOISE = 0.02
@@ -50,10 +50,10 @@ def test_a_batch_rolls_out_as_the_simulation_does():
     errors = []
     for substeps in (16, 32):
         steps = np.tile(np.diff(times)[:, None], (1, len(STARTS)))
-        stretch = Stretch(steps, np.empty((16, len(STARTS), 0)), False, substeps)
+        grid = Grid(steps, np.empty((16, len(STARTS), 0)), False, substeps)
         sets = ParameterSets(model.coef_[None], {}, model.surface.coef_[None])
         states, bounded = rollout(
-            Maps(model._model), sets, stretch, np.array(STARTS)[None], np.full(2, 1e3)
+            Maps(model.switching_model), sets, grid, np.array(STARTS)[None], np.full(2, 1e3)
         )
         assert bounded.all()
         errors.append(np.abs(states[:, 0] - exact).max())
@@ -72,9 +72,10 @@ def test_a_batch_sticks_and_slides_as_the_simulation_does():
     force = 1.5 * np.sin(times)[:, None]
     exact = model.simulate([0.3], times, force, input_hold="linear")
     assert any(event.kind == "sliding" for event in exact.events)
-    stretch = Stretch(np.diff(times)[:, None], force[:, None], True, 2)
+    grid = Grid(np.diff(times)[:, None], force[:, None], True, 2)
     sets = ParameterSets(model.coef_[None], {}, surface.coef_[None])
-    states, _ = rollout(Maps(model._model), sets, stretch, np.array([[[0.3]]]), np.full(1, 1e3))
+    maps = Maps(model.switching_model)
+    states, _ = rollout(maps, sets, grid, np.array([[[0.3]]]), np.full(1, 1e3))
     np.testing.assert_allclose(states[:, 0, 0], exact.x, atol=1e-4)
     at_rest = np.abs(exact.x[:, 0]) < 1e-9
     assert at_rest.sum() > 20
@@ -87,24 +88,15 @@ def test_slopes_are_those_of_a_rollout_that_is_integrated_again():
     estimation = Estimation(
         _oscillator((0.15, 0.4)),
         records,
-        observed=None,
-        initial_states=None,
         segment_length=5,
-        loss="linear",
         fit_surface=True,
-        free=None,
-        bounds={},
-        noise=None,
-        linear=False,
-        frozen=False,
     )
-    estimation.joined = True
-    whole = estimation._whole(estimation.nodes)
-    point = whole.join(estimation.parameters.start, estimation.nodes[whole.first])
+    whole = estimation.whole(estimation.nodes)
+    point = whole.shooting.join(estimation.parameters.start, estimation.nodes[whole.first])
     slopes = whole.jacobian(point)
 
     def uncut(unknowns):
-        return whole.shooting.misfit(whole._uncut(*whole.split(unknowns))[0][None])[0]
+        return whole.shooting.misfit(whole.uncut(*whole.shooting.split(unknowns))[0][None])[0]
 
     np.testing.assert_allclose(whole.residuals(point), uncut(point), atol=1e-8)
     step = 1e-5
@@ -202,7 +194,8 @@ def test_a_fitted_estimator_is_refined_and_stays_one():
         np.abs(coef[order] - _oscillator().coef_).max() for coef in (before, result.model.coef_)
     ]
     assert errors[1] < 0.02 < errors[0]
-    np.testing.assert_array_equal(result.model.predict(X[:3]), result.model._model.predict(X[:3]))
+    system = result.model.switching_model
+    np.testing.assert_array_equal(result.model.predict(X[:3]), system.predict(X[:3]))
     assert result.model.simulate([1.0, 0.0], [0.0, 5.0]).status is Status.COMPLETED
     assert len(result.model.equations()) == 4 and result.model.surface_equations()
 

@@ -1,0 +1,49 @@
+"""The numbers of a refinement, each with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["SETTINGS", "Settings"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numbers that hold for every model; users have the options of `refine`."""
+
+    # -- segments: a thirty-second of the data, but no fewer samples than decide about a state
+    n_segments: int = 32
+    shortest: int = 10
+    # weights of the defects in the stages before whole rollouts, where the start's are poor
+    earlier_weights: tuple[float, ...] = (1.0, 10.0)
+    # rounds in which steps or the scale of a surface may turn out to need another look
+    most_rounds: int = 3
+    # Newton passes that close the defects, and the defect in units of the state that counts as none
+    most_passes: int = 8
+    closed: float = 1e-9
+
+    # -- integration: a step times the fastest rate of the model; the error of a Runge-Kutta step is
+    # its fifth power over 120, 3e-6
+    step_rate: float = 0.2
+    most_substeps: int = 50
+    # rows at which rates and sizes are looked at
+    most_rows: int = 500
+    # a state so many times larger than anything measured has diverged
+    diverged: float = 1e3
+
+    # -- least squares
+    tolerance: float = 1e-8
+    # residual of a trial at which the model has no value
+    refused: float = 1e6
+    # of a one-sided difference quotient, times the size of a parameter or a state
+    step: float = 1e-6
+    # entries up to which a Jacobian is dense and its trust-region step exact
+    dense: int = 2_000_000
+
+    # -- certainty: eigenvalue of the scaled information below which a direction is unknown, and the
+    # share of a parameter in such a direction that leaves it unknown too
+    undetermined: float = 1e-12
+    involved: float = 0.1
+
+
+SETTINGS = Settings()

@@ -1,0 +1,150 @@
+"""Trajectories as a user gives them, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._checks.arrays import column, numbers, refuse_overflow, refuse_vanishing, table
+from swsysid._checks.parameters import real, shown
+from swsysid._data.trajectories import group_labels, trajectories
+from swsysid._results import Array, Trajectory
+
+__all__ = ["Record", "first_states", "observed_states", "read_trajectories", "spread"]
+
+
+@dataclass(frozen=True)
+class Record:
+    """One trajectory: times, measured channels (NaN where missing) and inputs."""
+
+    t: Array
+    y: Array
+    u: Array
+
+    @property
+    def filled(self) -> Array:
+        """Measured channels with the missing values interpolated, zero where there are none."""
+        filled = self.y.copy()
+        for channel in filled.T:
+            known = np.isfinite(channel)
+            if known.any():
+                channel[~known] = np.interp(self.t[~known], self.t[known], channel[known])
+            else:
+                channel[:] = 0.0
+        return filled
+
+
+def read_trajectories(given: Any, n_inputs: int, n_outputs: int) -> list[Record]:
+    """Records of one trajectory or a list of them, given as dicts or as `Trajectory`."""
+    if isinstance(given, (Mapping, Trajectory)):
+        given = [given]
+    listed = isinstance(given, Iterable) and not isinstance(given, (str, bytes))
+    given = list(given) if listed else [None]
+    if not all(isinstance(one, (Mapping, Trajectory)) for one in given):
+        raise TypeError(
+            "trajectories must be a dict with t, x and inputs, a Trajectory, or a list of them."
+        )
+    if not given:
+        raise ValueError("trajectories is empty; give at least one.")
+    return [
+        record
+        for place, one in enumerate(given)
+        for record in _records(
+            one if isinstance(one, Mapping) else vars(one), place, n_inputs, n_outputs
+        )
+    ]
+
+
+def _records(fields: Mapping[str, Any], place: int, n_inputs: int, n_outputs: int) -> list[Record]:
+    """The trajectories of one recording, several where it names groups."""
+    for name in ("t", "x"):
+        if fields.get(name) is None:
+            raise ValueError(f"trajectory {place} has no {name}; give a dict with t, x and inputs.")
+    t = column(f"t of trajectory {place}", fields["t"])
+    y = table(f"x of trajectory {place}", fields["x"], missing=True)
+    u = np.empty((len(t), 0))
+    if fields.get("inputs") is not None:
+        u = table(f"inputs of trajectory {place}", fields["inputs"])
+    refuse_vanishing(f"t of trajectory {place}", t)
+    refuse_vanishing(f"x of trajectory {place}", np.nan_to_num(y))
+    for name, columns, wanted in (("x", y, n_outputs), ("inputs", u, n_inputs)):
+        if len(columns) != len(t):
+            raise ValueError(
+                f"trajectory {place} has {len(t)} times and {len(columns)} rows of {name}; give "
+                "one row for each time."
+            )
+        if columns.shape[1] != wanted:
+            raise ValueError(
+                f"{name} of trajectory {place} has {columns.shape[1]} columns and the model asks "
+                f"for {wanted}; name measured states by observed, and give every input."
+            )
+    groups = group_labels(fields.get("groups"), len(t), f"groups of trajectory {place}")
+    records = [Record(t[rows], y[rows], u[rows]) for _, rows in trajectories(groups)]
+    for record in records:
+        if len(record.t) < 2:
+            raise ValueError(
+                f"trajectory {place} has {len(record.t)} samples; a rollout needs two."
+            )
+        if (np.diff(record.t) <= 0).any():
+            raise ValueError(
+                f"times of trajectory {place} do not increase; sort its rows by time, and give "
+                "separate trajectories separately."
+            )
+    return records
+
+
+def observed_states(observed: Sequence | None, names: Sequence[str], n_states: int) -> NDArray:
+    """Numbers of the measured states, by name or number; None means all."""
+    known = list(names[:n_states])
+    if observed is None:
+        return np.arange(n_states)
+    chosen = [observed] if isinstance(observed, str) or not np.iterable(observed) else [*observed]
+    places = [_place_of(state, known) for state in chosen]
+    if len(set(places)) != len(places) or not places:
+        raise ValueError(f"observed={shown(observed)}; name each measured state once.")
+    return np.array(places, dtype=np.intp)
+
+
+def _place_of(state: Any, known: list[str]) -> int:
+    """Number of a state given by name or number."""
+    if isinstance(state, str) and state in known:
+        return known.index(state)
+    if isinstance(state, (int, np.integer)) and 0 <= state < len(known):
+        return int(state)
+    raise ValueError(
+        f"observed names {shown(state)}, which is no state; choose among {', '.join(known)}."
+    )
+
+
+def first_states(initial_states, names, n_records) -> Array:
+    """Initial states as given, (n_records, n_states), NaN where not."""
+    starts = np.full((n_records, len(names)), np.nan)
+    if isinstance(initial_states, Mapping):
+        for name, value in initial_states.items():
+            if name not in names:
+                raise ValueError(
+                    f"initial_states names {name!r}, which is no state; choose among "
+                    f"{', '.join(names)}."
+                )
+            starts[:, list(names).index(name)] = real(f"initial_states of {name}", value)
+    elif initial_states is not None:
+        given = numbers("initial_states", initial_states)
+        refuse_overflow("initial_states", given)
+        if given.shape not in (starts.shape, starts.shape[1:]):
+            raise ValueError(
+                f"initial_states has shape {given.shape}; give ({len(names)},) or "
+                f"({n_records}, {len(names)})."
+            )
+        starts[:] = given
+    return starts
+
+
+def spread(columns: Array) -> Array:
+    """Standard deviation of each column; its size where it is constant, 1 where it is zero."""
+    deviation = np.nanstd(columns, axis=0)
+    size = np.nanmax(np.abs(columns), axis=0)
+    return np.where(deviation > 0.0, deviation, np.where(size > 0.0, size, 1.0))
