@@ -205,15 +205,14 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         default_beta = _BETA_STANDARDIZED if self.standardize else _BETA_RAW
         self.beta_ = default_beta if self.beta == "auto" else float(self.beta)
         self.margin_ = _DEFAULT_MARGIN if self.margin == "auto" else float(self.margin)
-        book = self._book(features, labels, rows.weight)
-        starts = () if start is None else start._fitted_coef
-        book, fits = self._fit_books(features, labels, rows.weight, [book], starts)
+        data, starts = (features, labels, rows.weight), () if start is None else start._fitted_coef
+        book, fits = fit_mode_book(*data, [self._book(*data)], *self._program(), starts=starts)
         if self.margin == "auto":
             self.margin_ = (
                 nonzero_margin(features, book[labels], rows.weight, fits, *self._program()[1:])
                 or _DEFAULT_MARGIN
             )
-            book, fits = self._fit_books(features, labels, rows.weight, [book])
+            book, fits = fit_mode_book(*data, [book], *self._program())
         self._store(features, labels, rows, book, fits)
         return self
 
@@ -242,15 +241,13 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
         `class_posterior`; for two classes its mean at the same decision, so that both rank alike.
         """
-        features = self._features(X)
         if len(self.classes_) != 2:
-            return self._posterior(features)
-        return self._posterior.of_decisions(features, self._basis(self._places))
+            return self.class_posterior(X)
+        return self._posterior.of_decisions(self._features(X), self._basis(self._places))
 
     def class_posterior(self, X):
         """Probability of every class from all surfaces that the data allow and training errors."""
-        features = self._features(X)
-        return self._posterior(features)
+        return self._posterior(self._features(X))
 
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
@@ -270,8 +267,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        X = known_rows(self, X)
-        return self._basis.of_user(X)
+        return self._basis.of_user(known_rows(self, X))
 
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
@@ -283,15 +279,13 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         ``sum_l max(0, margin - s_jl f_l(x))`` over the surfaces of the class: with weights and
         `complexity_` this is the objective of the linear program for any labels.
         """
-        values = self.surface_values(X)
-        return self.fitted_surfaces.penalty(values)
+        return self.fitted_surfaces.penalty(self.surface_values(X))
 
     @property
     def fitted_surfaces(self):
         """The surfaces and their margin LP, as a pass over many rows needs them."""
-        return FittedSurfaces(
-            self._basis, self._fitted_coef, self.mode_book_, self.classes_, *self._program()
-        )
+        surfaces = self._basis, self._fitted_coef, self.mode_book_, self.classes_
+        return FittedSurfaces(*surfaces, *self._program())
 
     def refitted(self, fits, X, y, sample_weight):
         """A copy with other surfaces, one `SurfaceFit` each, fitted to more rows than these."""
@@ -308,10 +302,9 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         return other
 
     def linear_form(self, n_columns):
-        """The surfaces as functions of their coefficients, for who varies them (`refine`)."""
-        return LinearForm(
-            self._basis, self._fitted_coef, self._surface_scale, self.mode_book_, self.classes_
-        )
+        """The surfaces as functions of their coefficients."""
+        coef, scale = self._fitted_coef, self._surface_scale
+        return LinearForm(self._basis, coef, scale, self.mode_book_, self.classes_)
 
     def use_coef(self, coef):
         """Take other coefficients, in the coordinates of `linear_form`."""
@@ -364,13 +357,10 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
             inputs = names_of_columns("input_features", input_features, self.n_features_in_)
         arguments = ", ".join(symbol(name, format) for name in inputs)
         head = "f_{{{}}}({}) = {}" if format == "latex" else "f{}({}) = {}"
-        names = list(self._basis.names(inputs))
         options = {"precision": precision, "style": format, "sizes": self._basis.sizes}
+        names = list(self._basis.names(inputs))
         sums = (linear_combination(row, names, **options) for row in self.coef_)
         return [head.format(k, arguments, terms) for k, terms in enumerate(sums)]
-
-    def _fit_books(self, features, labels, weight, books, starts=()):
-        return fit_mode_book(features, labels, weight, books, *self._program(), starts=starts)
 
     def _program(self):
         return self.margin_, self.beta_, float(self.coef_bound), self.solver
@@ -385,8 +375,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         return choose_mode_book(features, labels, weight, n_classes, rng, *self._program())
 
     def _store(self, features, labels, rows, book, fits):
-        n_features = features.shape[1]
-        self._fitted_coef = np.array([fit.coef for fit in fits]).reshape(-1, n_features)
+        self._fitted_coef = np.array([fit.coef for fit in fits]).reshape(-1, features.shape[1])
         values = features @ self._fitted_coef.T
         self._surface_scale = surface_scale(values, rows.weight)
         self.mode_book_ = book
