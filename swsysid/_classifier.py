@@ -196,7 +196,6 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         # Rows of weight zero are dropped below, whatever index they get here.
         labels = np.minimum(np.searchsorted(self.classes_, y), len(self.classes_) - 1)
         rows = canonical_rows(X, labels, sample_weight=weight)
-
         self._basis = surface_basis(
             self.degree, self.feature_library, rows.arrays[0], rows.weight,
             standardize=self.standardize, relevance=self.relevance,
@@ -267,7 +266,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        return self._basis.of_user(known_rows(self, X))
+        X = known_rows(self, X)
+        return self._basis.of_user(X)
 
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
@@ -393,7 +393,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         warn_if_doubtful(self.status_, self._fitted_coef)
 
     def _features(self, X):
-        return self._basis(known_rows(self, X))
+        X = known_rows(self, X)
+        return self._basis(X)
 
     def _class_decisions(self, values):
         return decisions(values / self._surface_scale, self.mode_book_)
