@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -18,7 +19,7 @@ from swsysid._identification.problem import (
 )
 from swsysid._results import Array, IterationRecord
 
-__all__ = ["Alternation", "alternate", "relabel"]
+__all__ = ["AlternateFrom", "Alternation", "alternate", "relabel"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,10 @@ class Alternation:
     objective: float
     history: tuple[IterationRecord, ...]
     converged: bool
+
+
+# The alternation from a membership, once it is said when to stop.
+AlternateFrom = Callable[[SwitchingProblem, Array], Alternation]
 
 
 def alternate(

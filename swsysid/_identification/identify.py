@@ -5,14 +5,14 @@ from __future__ import annotations
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from swsysid._data.rows import spread_rows
-from swsysid._identification.alternation import Alternation, alternate, relabel
+from swsysid._identification.alternation import AlternateFrom, Alternation, alternate, relabel
 from swsysid._identification.monomials import SurfaceChoice, choose_monomials
 from swsysid._identification.number_of_modes import (
     ModeCandidate,
@@ -22,49 +22,11 @@ from swsysid._identification.number_of_modes import (
 )
 from swsysid._identification.problem import Modes, SwitchingProblem, one_hot
 from swsysid._identification.scale import calibrate
-from swsysid._identification.sparsity import sparse_support
-from swsysid._results import Array
+from swsysid._identification.sparsity import choose_terms
+from swsysid._identification.starts import Search, Starts, draw_starts
 from swsysid._seeding.search import same_partition
-from swsysid._seeding.seeding import Seed, seed_modes
 
-__all__ = ["Identification", "Search", "identify"]
-
-
-@dataclass(frozen=True)
-class Search:
-    """How to look for the best start.
-
-    Attributes
-    ----------
-    init : str or ndarray
-        ``"auto"``, ``"random"``, labels (n_samples,) or coefficients
-        (n_modes, n_states, n_features_out).
-    n_init : int or None
-        Number of starts, None for the default of `init`.
-    max_iter : int
-    tol : float
-    sparsity : float, "auto" or None
-    gate_degree : int
-    chooses_n_modes : bool
-        The number of modes is chosen, up to `max_modes`, by what held-out rows say.
-    max_modes : int
-    trajectory : ndarray of shape (n_samples,), int
-        Trajectory of every row, kept whole where rows are held out.
-    n_jobs : int or None
-    verbose : int
-    """
-
-    init: str | NDArray
-    n_init: int | None
-    max_iter: int
-    tol: float
-    sparsity: float | str | None
-    gate_degree: int
-    chooses_n_modes: bool
-    max_modes: int
-    trajectory: Modes
-    n_jobs: int | None
-    verbose: int
+__all__ = ["Identification", "identify"]
 
 
 @dataclass(frozen=True)
@@ -120,54 +82,19 @@ class Identification:
         return 1 < self.n_starts and self.hits <= max(1, few)
 
 
-@dataclass(frozen=True)
-class _Starts:
-    """Memberships to start from, the most promising first, and what is known of them.
-
-    Attributes
-    ----------
-    memberships : list of ndarray of shape (n_samples, n_modes)
-    hits : list of int
-        How often each was found; most starts of the seeding are thrown out early and count for
-        none.
-    n_drawn : int
-    suspected : ndarray of shape (n_samples,), bool
-        Samples that the best start takes for outliers.
-    log_likelihood_gap : float
-        As in `Identification`.
-    """
-
-    memberships: list[Array]
-    hits: list[int]
-    n_drawn: int
-    suspected: NDArray[np.bool_]
-    log_likelihood_gap: float = np.inf
-
-
 def identify(problem: SwitchingProblem, search: Search, random_state) -> Identification:
-    """Alternate from every start and keep the smallest joint objective."""
-    candidates: tuple[ModeCandidate, ...] = ()
-    smooth_degree = None
-    if search.chooses_n_modes:
-        draws = deepcopy(random_state)  # the same rows are held out for both comparisons
-        candidates = compare_mode_counts(problem, search, random_state)
-        problem = replace(problem, n_modes=smallest_sufficient(candidates))
-        smooth_degree = smooth_rival(problem, search, problem.n_modes, draws)
+    """Descend from every start, keep the smallest joint objective, choose monomials and terms."""
+    descent = partial(alternate, max_iter=search.max_iter, tol=search.tol)
+    problem, counted = _with_number_of_modes(problem, search, random_state)
     asked = problem.n_modes
     if isinstance(search.init, str):  # more modes than distinct rows would only be dropped again
         problem = replace(problem, n_modes=min(asked, len(problem.weight)))
-    starts = _starts(problem, search, random_state)
-    if problem.coupling:
-        # The scale is fixed once, from the best start: objectives of all starts must compare.
-        first = starts.memberships[0]
-        suspected = replace(problem, coupling=0.0, outlying=starts.suspected)
-        problem = calibrate(problem, suspected.estimate(first), first.argmax(axis=1))
-    best, hits = _best_of(problem, starts, search)
-    problem, best, choice = choose_monomials(
-        problem, best, max_iter=search.max_iter, tol=search.tol
-    )
+    starts = draw_starts(problem, search, random_state)
+    problem = _with_scale(problem, starts)
+    best, hits = _best_of(problem, starts, descent, search)
+    problem, best, monomials = choose_monomials(problem, best, descent)
     if search.sparsity is not None:
-        problem, best = _sparsify(problem, best, search, search.sparsity)
+        problem, best = choose_terms(problem, best, search.sparsity, descent)
     order = _canonical_order(problem, best)
     support = None if problem.support is None else problem.support[order]
     return Identification(
@@ -177,28 +104,59 @@ def identify(problem: SwitchingProblem, search: Search, random_state) -> Identif
         stability=hits / sum(starts.hits),
         n_starts=starts.n_drawn,
         n_modes_asked=asked,
-        candidates=candidates,
-        monomials=choice,
-        smooth_degree=smooth_degree,
+        candidates=counted.candidates,
+        monomials=monomials,
+        smooth_degree=counted.smooth_degree,
         log_likelihood_gap=starts.log_likelihood_gap,
     )
 
 
-def _best_of(problem: SwitchingProblem, starts: _Starts, search: Search) -> tuple[Alternation, int]:
+class _Counted(NamedTuple):
+    """Numbers of modes that were compared, and a law without modes that does as well."""
+
+    candidates: tuple[ModeCandidate, ...] = ()
+    smooth_degree: int | None = None
+
+
+def _with_number_of_modes(
+    problem: SwitchingProblem, search: Search, random_state
+) -> tuple[SwitchingProblem, _Counted]:
+    if not search.chooses_n_modes:
+        return problem, _Counted()
+    draws = deepcopy(random_state)  # the same rows are held out for both comparisons
+    candidates = compare_mode_counts(problem, search, random_state)
+    problem = replace(problem, n_modes=smallest_sufficient(candidates))
+    return problem, _Counted(candidates, smooth_rival(problem, search, problem.n_modes, draws))
+
+
+def _with_scale(problem: SwitchingProblem, starts: Starts) -> SwitchingProblem:
+    """The problem with the scale of the best start: objectives of all starts must compare."""
+    if not problem.coupling:
+        return problem
+    first = starts.memberships[0]
+    suspected = replace(problem, coupling=0.0, outlying=starts.suspected)
+    return calibrate(problem, suspected.estimate(first), first.argmax(axis=1))
+
+
+def _best_of(
+    problem: SwitchingProblem, starts: Starts, descent: AlternateFrom, search: Search
+) -> tuple[Alternation, int]:
     """The best alternation, and how many starts ended in it.
 
     Of very many rows some decide between the starts, and the best goes on with all rows.
     """
     rows = _deciding_rows(problem)
     few = problem if rows is None else problem.some(rows)
-    descent = partial(alternate, max_iter=search.max_iter, tol=search.tol)
     runs = Parallel(n_jobs=search.n_jobs)(
         delayed(descent)(few, start if rows is None else start[rows])
         for start in tqdm(starts.memberships, desc="starts", disable=not search.verbose)
     )
     best = min(runs, key=lambda run: run.objective)
+    different = 1.0 - problem.settings.same
     hits = sum(
-        count for run, count in zip(runs, starts.hits, strict=True) if _same_answer(run, best, few)
+        count
+        for run, count in zip(runs, starts.hits, strict=True)
+        if same_partition(run.modes, best.modes, few.weight, different)
     )
     if rows is not None:
         modes = problem.assign(best.coef, problem.penalty(best.surface)).modes
@@ -215,95 +173,6 @@ def _deciding_rows(problem: SwitchingProblem) -> Modes | None:
     if problem.coupling == 0.0 or n_rows <= 2 * n_deciding:
         return None
     return spread_rows(n_rows, n_deciding)
-
-
-def _starts(problem, search: Search, random_state) -> _Starts:
-    no_outliers = np.zeros(len(problem.targets), dtype=bool)
-    if isinstance(search.init, np.ndarray):
-        return _Starts([_given_start(problem, search.init)], [1], 1, no_outliers)
-    if problem.n_modes == 1:
-        return _Starts([np.ones((len(problem.targets), 1))], [1], 1, no_outliers)
-    if search.init == "random":
-        starts = [
-            one_hot(_random_cells(problem, random_state), problem.n_modes)
-            for _ in range(search.n_init or problem.settings.random_starts)
-        ]
-        return _Starts(starts, [1] * len(starts), len(starts), no_outliers)
-    seeds = seed_modes(
-        problem.features,
-        problem.targets,
-        problem.coordinates,
-        n_modes=problem.n_modes,
-        gate_degree=search.gate_degree,
-        sample_weight=problem.weight,
-        n_starts=search.n_init or "auto",
-        random_state=random_state,
-    )
-    return _Starts(
-        [one_hot(seed.labels, problem.n_modes) for seed in seeds],
-        [max(seed.hits, 1) for seed in seeds],
-        seeds[0].n_starts,
-        seeds[0].inlier < 0.5,
-        _log_likelihood_gap(seeds, problem.weight, problem.settings.different),
-    )
-
-
-def _log_likelihood_gap(seeds: list[Seed], weight: Array, different: float) -> float:
-    """How far the likelihood of the next really different partition is behind, in nats."""
-    first = seeds[0]
-    return min(
-        (
-            first.log_likelihood - seed.log_likelihood
-            for seed in seeds[1:]
-            if not same_partition(first.labels, seed.labels, weight, different)
-        ),
-        default=np.inf,
-    )
-
-
-def _given_start(problem: SwitchingProblem, init: Array) -> Array:
-    if init.ndim == 1:
-        return one_hot(init, problem.n_modes)
-    expected = (problem.n_modes, problem.targets.shape[1], problem.features.shape[1])
-    if init.shape != expected:
-        raise ValueError(
-            f"init has shape {init.shape}; coefficients to start from must have the shape "
-            f"(n_modes, n_states, n_features_out) = {expected}."
-        )
-    return replace(problem, coupling=0.0).assign(init).membership
-
-
-def _random_cells(problem: SwitchingProblem, random_state) -> Modes:
-    """Cells of the samples nearest to random ones, in standardised coordinates."""
-    probability = problem.weight / problem.weight.sum()
-    spread = problem.coordinates.std(axis=0)
-    points = problem.coordinates / np.where(spread > 0, spread, 1.0)
-    centres = points[random_state.choice(len(points), problem.n_modes, p=probability)]
-    return np.square(points[:, None, :] - centres).sum(axis=2).argmin(axis=1)
-
-
-def _same_answer(run: Alternation, best: Alternation, problem: SwitchingProblem) -> bool:
-    """True if two runs label the same samples together, but for few of them."""
-    if run is best:
-        return True
-    table = np.zeros((problem.n_modes, problem.n_modes))
-    np.add.at(table, (run.modes, best.modes), problem.weight)
-    return table.max(axis=1).sum() >= problem.settings.same * problem.weight.sum()
-
-
-def _sparsify(
-    problem: SwitchingProblem, best: Alternation, search: Search, sparsity: float | str
-) -> tuple[SwitchingProblem, Alternation]:
-    """Drop needless terms and let the alternation settle without them, until no choice changes."""
-    support = None
-    for _ in range(problem.settings.most_choices):
-        previous, support = support, sparse_support(problem, best.coef, best.modes, sparsity)
-        if previous is not None and np.array_equal(support, previous):
-            break
-        problem = replace(problem, support=support)
-        start = one_hot(best.modes, problem.n_modes)
-        best = alternate(problem, start, max_iter=search.max_iter, tol=search.tol)
-    return problem, best
 
 
 def _canonical_order(problem: SwitchingProblem, best: Alternation) -> Modes:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from sklearn.base import clone
 
-from swsysid._identification.alternation import Alternation, alternate
+from swsysid._identification.alternation import AlternateFrom, Alternation
 from swsysid._identification.evidence import log_densities
 from swsysid._identification.problem import (
     Modes,
@@ -73,7 +73,7 @@ class SurfaceCandidate:
 
 
 def choose_monomials(
-    problem: SwitchingProblem, best: Alternation, *, max_iter: int, tol: float
+    problem: SwitchingProblem, best: Alternation, descent: AlternateFrom
 ) -> tuple[SwitchingProblem, Alternation, SurfaceChoice | None]:
     """Alternate again with the relevant monomials if they explain the velocities better.
 
@@ -103,7 +103,7 @@ def choose_monomials(
     sparse = clone(problem.surface).set_params(relevance=choice.relevance)
     problem = replace(problem, surface=sparse)
     start = one_hot(_gated_modes(surface, density, features, found), problem.n_modes)
-    return problem, alternate(problem, start, max_iter=max_iter, tol=tol), choice
+    return problem, descent(problem, start), choice
 
 
 def surface_candidates(

@@ -29,10 +29,10 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.rows import CanonicalRows
 from swsysid._data.sampling import Sample
 from swsysid._data.sources import holds_blocks, row_blocks
-from swsysid._identification.identify import Search
 from swsysid._identification.problem import SwitchingProblem
 from swsysid._identification.rows import TrainingRows
 from swsysid._identification.settings import IdentificationSettings
+from swsysid._identification.starts import Search
 from swsysid._losses import get_loss
 from swsysid._surfaces.surface import Classifier, is_classifier, offers_penalty, option
 from swsysid.relaxations import Relaxation, get_relaxation

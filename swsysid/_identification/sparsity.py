@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._identification.alternation import AlternateFrom, Alternation
+from swsysid._identification.problem import Modes, SwitchingProblem, one_hot
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 
-__all__ = ["sparse_support"]
+__all__ = ["choose_terms", "sparse_support"]
 
 # A coefficient whose whole contribution is below this fraction of the velocity is round-off.
 _NEGLIGIBLE = 1e-9
+
+
+def choose_terms(
+    problem: SwitchingProblem, best: Alternation, sparsity: float | str, descent: AlternateFrom
+) -> tuple[SwitchingProblem, Alternation]:
+    """Drop needless terms and descend again without them, until the choice repeats."""
+    support = None
+    for _ in range(problem.settings.most_choices):
+        previous, support = support, sparse_support(problem, best.coef, best.modes, sparsity)
+        if previous is not None and np.array_equal(support, previous):
+            break
+        problem = replace(problem, support=support)
+        best = descent(problem, one_hot(best.modes, problem.n_modes))
+    return problem, best
 
 
 def sparse_support(
