@@ -15,11 +15,11 @@ from swsysid._checks.estimators import check_fitted, known_rows, rows_to_fit
 from swsysid._checks.parameters import MOST_MODES, shown
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import ScoredByR2
+from swsysid._effect_model.equations import guards_with_effects, laws_with_effects
+from swsysid._effect_model.joint_fit import JointFit, check_declared, fit_jointly, warn_of_doubts
+from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._rendering.printing import check_format
-from swsysid._search.equations import guards_with_effects, laws_with_effects
-from swsysid._search.joint_fit import JointFit, check_declared, fit_jointly, tell_doubts
-from swsysid._search.simulation import simulate_with_effects
-from swsysid._search.trials import PlacedEffect
+from swsysid.effects import PlacedEffect
 
 __all__ = ["EffectRegressor"]
 
@@ -92,7 +92,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         start = None if modes is None else _checked_modes(modes, len(X))
         rows = np.arange(len(X))
         fit = fit_jointly(self.estimator, terms, records, rows, targets, start)
-        tell_doubts(fit, 2)
+        warn_of_doubts(fit, 2)
         return self._adopt(fit, records.names)
 
     def predict(self, X, *, t=None, groups=None, signals=None):
@@ -171,8 +171,27 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
 
     # -- parts ---------------------------------------------------------------------------------
 
+    @classmethod
+    def around(cls, estimator: Any, fit: JointFit, like: BaseEstimator, names: Sequence[str]):
+        """The fitted regressor of a declared model and a fit to data that `like` has seen.
+
+        `names` are those of the channels. It predicts all states, as a table.
+        """
+        regressor = cls(estimator, fit.terms)
+        for name in ("n_features_in_", "feature_names_in_"):
+            if hasattr(like, name):
+                setattr(regressor, name, getattr(like, name))
+        regressor._one_target, regressor._n_targets = False, fit.switching.coef_.shape[1]
+        return regressor._adopt(fit, names)
+
+    @property
+    def joint_fit_(self) -> JointFit:
+        """The fit of the declared model and the effects, which predicts along whole records."""
+        check_fitted(self, "estimator_")
+        return self._fit
+
     def _adopt(self, fit: JointFit, channel_names: Sequence[str]):
-        self._fit = replace(fit, doubts=())  # which are told once
+        self._fit = replace(fit, doubts=())  # of which the user is warned once
         self._channel_names = tuple(channel_names)
         self.estimator_ = fit.estimator
         self.effects_ = fit.terms

@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils.metaestimators import available_if
 
-__all__ = ["ModePipeline", "seeded", "switching_step", "with_parameters"]
+from swsysid._results import Array
+
+__all__ = ["ModePipeline", "seeded", "steps_before", "switching_step", "with_parameters"]
 
 
-def switching_step(estimator: Any) -> tuple[Any, Any]:
+Transform = Callable[[Array], Array]
+
+
+def steps_before(estimator: Any) -> Any | None:
+    """The steps of a pipeline before its last one, None if there are none."""
+    return estimator[:-1] if len(getattr(estimator, "steps", ())) > 1 else None
+
+
+def switching_step(estimator: Any) -> tuple[Transform, Any]:
     """What happens to X before the switching regressor, and the regressor itself."""
     steps = getattr(estimator, "steps", None)
     if steps is None:
-        return (lambda X: X), estimator
-    if len(steps) == 1:
-        return (lambda X: X), steps[-1][1]
-    return estimator[:-1].transform, steps[-1][1]
+        return _unchanged, estimator
+    before = steps_before(estimator)
+    return _unchanged if before is None else before.transform, steps[-1][1]
+
+
+def _unchanged(X: Array) -> Array:
+    return X
 
 
 def with_parameters(estimator: Any, **parameters: Any) -> Any:

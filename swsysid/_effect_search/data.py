@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -46,7 +45,7 @@ class EffectData:
         The model with the effects that is handed to the user, whose shapes are drawn.
     covariances : tuple of ndarray
         Of the parameters of each effect of `final`; empty without a term.
-    trajectory_names : sequence or None
+    trajectory_names : ndarray or None
     """
 
     records: Records
@@ -55,12 +54,12 @@ class EffectData:
     models: tuple[Any, Any]
     final: Any
     covariances: tuple[Array, ...]
-    trajectory_names: Sequence[Any] | None = None
+    trajectory_names: NDArray | None = None
 
     @property
     def discrete(self) -> bool:
         """True if the targets are the next states."""
-        return bool(self.final._fit.switching.discrete_time)
+        return bool(self.final.joint_fit_.switching.discrete_time)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -76,7 +75,7 @@ class EffectData:
     @cached_property
     def predicted(self) -> tuple[Array, Array]:
         """Predictions of `rows` by each of the two models."""
-        before, after = (model._fit.predict(self.records)[self.rows] for model in self.models)
+        before, after = (model.joint_fit_.predict(self.records)[self.rows] for model in self.models)
         return before, after
 
     @cached_property
@@ -110,7 +109,7 @@ class EffectData:
     @cached_property
     def shapes(self) -> tuple[Shape, ...]:
         """One for each effect, along the whole record."""
-        declared, final = self.models[0]._fit, self.final._fit
+        declared, final = self.models[0].joint_fit_, self.final.joint_fit_
         return tuple(
             effect_shape(declared, final, place, covariance, self.records, self.targets)
             for place, covariance in enumerate(self.covariances)

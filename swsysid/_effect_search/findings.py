@@ -4,41 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.intervals import parameter_intervals
 from swsysid._effect_search.ladder import Ladder
-from swsysid._results import Array
-from swsysid._search.folds import make_folds
-from swsysid._search.greedy import Search
-from swsysid._search.intervals import parameter_intervals
-from swsysid._search.joint_fit import JointFit
-from swsysid._search.trials import PlacedEffect
-from swsysid._search.workshop import Structure
-from swsysid.effects import FoundEffect, Rival
+from swsysid.effects import FoundEffect, PlacedEffect, Rival, StructureEffect
 
 __all__ = ["describe_findings"]
 
-_TOP = 0.05  # share of the samples on which two rivals differ most
 
-
-def describe_findings(
-    search: Search, structure: Structure, ladder: Ladder, final: JointFit, targets: Array
-) -> list[FoundEffect]:
+def describe_findings(ladder: Ladder, final: JointFit) -> list[FoundEffect]:
     """Effects in the order of the ladder, with the numbers of the fit to all rows."""
     if not final.terms:
         return []
-    records, rows = search.records, np.arange(len(search.records))
-    folds = make_folds(records, 5, np.random.RandomState(0))
-    intervals = parameter_intervals(final, records, rows, targets, folds)
+    records = ladder.records
+    intervals = parameter_intervals(final, SearchData.whole(records, ladder.targets))
     found = []
     for place, term in enumerate(final.terms):
-        label = _label(term, records.names)
-        target = records.names[term.target]
-        parameters = term.physical(records, final.coef[place])
-        finding = ladder.findings[place]
-        gaining = _gaining_state(term, ladder, place)
+        label, parameters = term.label(records.names), term.physical(records, final.coef[place])
+        finding, gaining = ladder.findings[place], _gaining_state(term, ladder, place)
         found.append(
             FoundEffect(
                 kind=term.effect.kind,
-                target=gaining if term.effect.n_more_modes else term.target,
+                target=gaining if isinstance(term.effect, StructureEffect) else term.target,
                 mode=term.mode,
                 place=label,
                 parameters=parameters,
@@ -46,10 +34,8 @@ def describe_findings(
                 p_value=finding.p_value,
                 error_before=float(ladder.held_out[place][gaining]),
                 error_after=float(ladder.held_out[place + 1][gaining]),
-                rivals=tuple(
-                    _rival(search, structure, ladder, place, rival) for rival in finding.rivals
-                ),
-                meaning=term.effect.describe(label, target),
+                rivals=tuple(_rival(ladder, place, rival) for rival in finding.rivals),
+                meaning=term.effect.describe(label, records.names[term.target]),
                 formula=term.effect.formula(label, parameters),
                 placed=term,
             )
@@ -65,37 +51,30 @@ def _gaining_state(term: PlacedEffect, ladder: Ladder, place: int) -> int:
     return int(np.argmin(ladder.held_out[place + 1] / before))
 
 
-def _label(term: PlacedEffect, names) -> str:
-    return term.effect.label(term.place, names)
-
-
-def _rival(
-    search: Search, structure: Structure, ladder: Ladder, place: int, rival: PlacedEffect
-) -> Rival:
+def _rival(ladder: Ladder, place: int, rival: PlacedEffect) -> Rival:
     """A rival with its own error on the held-out rows, and how to tell it apart."""
-    records = search.records
-    terms = (*ladder.terms[:place], rival)
-    other = search.structure(terms, structure.fit.modes).fit
-    errors = ladder.errors_of(other)
-    names = rival.effect.theta_names(records, rival.place)
+    terms, modes = (*ladder.terms[:place], rival), ladder.structure.fit.modes
+    other = ladder.context.structure(terms, modes).fit
+    names = rival.effect.theta_names(ladder.records, rival.place)
     return Rival(
         kind=rival.effect.kind,
         target=rival.target,
         mode=rival.mode,
-        place=_label(rival, records.names),
+        place=rival.label(ladder.records.names),
         parameters=dict(zip(names, rival.theta, strict=True)),
-        error=float(errors[rival.target]),
-        advice=_advice(search, ladder, place, other),
+        error=float(ladder.errors_of(other)[rival.target]),
+        advice=_advice(ladder, place, other),
     )
 
 
-def _advice(search: Search, ladder: Ladder, place: int, other: JointFit) -> str:
+def _advice(ladder: Ladder, place: int, other: JointFit) -> str:
     """Where in the record the two models differ most: more samples there tell them apart."""
-    records, mine = search.records, ladder.fits[place + 1]
-    apart = np.abs(mine.predict(records) - other.predict(records)).sum(axis=1)
-    if apart.max() <= 1e-9 * np.abs(mine.predict(records)).max():
+    records, settings = ladder.records, ladder.context.settings
+    predicted = ladder.fits[place + 1].predict(records)
+    apart = np.abs(predicted - other.predict(records)).sum(axis=1)
+    if apart.max() <= 1e-9 * np.abs(predicted).max():
         return "the two are the same function of these data: samples outside their range"
-    most = np.argsort(-apart)[: max(10, int(_TOP * len(apart)))]
+    most = np.argsort(-apart)[: max(10, int(settings.apart * len(apart)))]
     term = ladder.terms[place]
     channel = term.place if isinstance(term.place, int) else 0
     low, high = np.quantile(records.channel(channel)[most], [0.1, 0.9])

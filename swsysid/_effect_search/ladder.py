@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.acceptance import Finding
+from swsysid._effect_search.folds import Split
+from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
-from swsysid._search.folds import Split
-from swsysid._search.greedy import Search
-from swsysid._search.joint_fit import JointFit
-from swsysid._search.trials import PlacedEffect
-from swsysid._search.workshop import Finding, Structure
+from swsysid.effects import PlacedEffect
 
 __all__ = ["Ladder"]
 
@@ -24,6 +24,9 @@ class Ladder:
 
     Attributes
     ----------
+    context : SearchContext
+    structure : Structure
+        What the search has ended with.
     terms : tuple of PlacedEffect
         Effects, the most important first.
     findings : tuple of Finding
@@ -34,57 +37,63 @@ class Ladder:
         Root mean square errors of each of `fits` on the rows of the search and on those held out.
     """
 
+    context: SearchContext
+    structure: Structure
     terms: tuple[PlacedEffect, ...]
     findings: tuple[Finding, ...]
     fits: tuple[JointFit, ...]
     search: list[Array]
     held_out: list[Array]
-    records: Records
     targets: Array
     split: Split
 
     @classmethod
     def of(
         cls,
-        search: Search,
+        context: SearchContext,
         structure: Structure,
         findings: tuple[Finding, ...],
         targets: Array,
         split: Split,
     ) -> Ladder:
         """Order the effects of a structure by what is lost without them, and climb."""
-        order = _by_loss(search, structure)
-        terms = tuple(structure.fit.terms[place] for place in order)
-        findings = tuple(findings[place] for place in order)
-        fits = [search.declared]
-        for count in range(1, len(terms) + 1):
-            if count == len(terms):
-                fits.append(replace_terms(structure.fit, terms))
-            else:
-                fits.append(search.structure(terms[:count], structure.fit.modes).fit)
-        ladder = cls(terms, findings, tuple(fits), [], [], search.records, targets, split)
-        for fit in fits:
-            ladder.search.append(ladder.errors_of(fit, split.search))
-            ladder.held_out.append(ladder.errors_of(fit))
+        fit, order = structure.fit, _by_loss(context, structure)
+        terms = tuple(fit.terms[place] for place in order)
+        fits = [context.declared]
+        fits += [context.structure(terms[:n], fit.modes).fit for n in range(1, len(terms))]
+        if terms:
+            fits.append(replace(fit, terms=terms, coef=tuple(fit.coef[place] for place in order)))
+        ladder = cls(
+            context,
+            structure,
+            terms,
+            tuple(findings[place] for place in order),
+            tuple(fits),
+            [],
+            [],
+            targets,
+            split,
+        )
+        for one in fits:
+            ladder.search.append(ladder.errors_of(one, split.search))
+            ladder.held_out.append(ladder.errors_of(one))
         return ladder
+
+    @property
+    def records(self) -> Records:
+        """The whole record."""
+        return self.context.data.records
 
     def errors_of(self, fit: JointFit, rows: NDArray[np.intp] | None = None) -> Array:
         """Root mean square error in each state, on the held-out rows by default."""
         chosen = self.split.held_out if rows is None else rows
         errors = (self.targets - fit.predict(self.records))[chosen]
-        return np.sqrt(np.mean(errors**2, axis=0))
+        return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))
 
 
-def _by_loss(search: Search, structure: Structure) -> list[int]:
+def _by_loss(context: SearchContext, structure: Structure) -> list[int]:
     """Places of the effects of a structure, the one whose loss costs most first."""
-    order = list(range(len(structure.fit.terms)))
-    if len(order) > 1:
-        losses = {place: search.without(structure, place).price for place in order}
-        order.sort(key=lambda place: -losses[place])
-    return order
-
-
-def replace_terms(fit: JointFit, terms: tuple[PlacedEffect, ...]) -> JointFit:
-    """The same fit with its terms in another order."""
-    order = [fit.terms.index(term) for term in terms]
-    return replace(fit, terms=terms, coef=tuple(fit.coef[place] for place in order))
+    places = list(range(len(structure.terms)))
+    if len(places) < 2:
+        return places
+    return sorted(places, key=lambda place: -context.without(structure, place).price)

@@ -11,9 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.data import EffectData
 from swsysid._effect_search.display import EffectReportDisplay
+from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.greedy import Round
+from swsysid._effect_search.intervals import term_covariances
 from swsysid._effect_search.ladder import Ladder
 from swsysid._effect_search.page import effect_page
 from swsysid._effect_search.text import report_text
@@ -23,11 +28,7 @@ from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
-from swsysid._search.folds import Split, make_folds
-from swsysid._search.greedy import Round, Search
-from swsysid._search.intervals import term_covariances
-from swsysid._search.joint_fit import JointFit
-from swsysid._search.trials import PlacedEffect
+from swsysid.effects import FoundEffect, PlacedEffect
 
 __all__ = ["EffectReport"]
 
@@ -103,24 +104,27 @@ class EffectReport(EffectContents):
     @classmethod
     def of(
         cls,
-        search: Search,
         ladder: Ladder,
         rounds: list[Round],
-        estimator: Any,
-        records: Records,
-        targets: Any,
-        split: Split,
+        effects: Sequence[FoundEffect],
+        models: tuple[EffectRegressor, EffectRegressor, EffectRegressor],
+        trajectory_names: NDArray | None,
     ) -> EffectReport:
-        """Everything a search has found."""
-        models = ["declared model"] + [
-            f"+ {named(effect.kind, effect.place)}" for effect in estimator.effects_
-        ]
+        """Everything a search has found.
+
+        `models` are the declared one and that with the effects, fitted to the rows of the search,
+        and the final one, fitted to all rows.
+        """
+        records, split = ladder.records, ladder.split
+        steps = [f"+ {named(effect.kind, effect.place)}" for effect in effects]
         errors = [
             {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
-            for model, inside, outside in zip(models, ladder.search, ladder.held_out, strict=True)
+            for model, inside, outside in zip(
+                ["declared model", *steps], ladder.search, ladder.held_out, strict=True
+            )
         ]
         first, last = ladder.fits[0], ladder.fits[-1]
-        names = estimator._trajectory_names
+        names = trajectory_names
         before, after = first.predict_modes(records), last.predict_modes(records)
         return cls(
             targets=tuple(records.names[: records.n_states]),
@@ -129,20 +133,20 @@ class EffectReport(EffectContents):
             n_held_out=len(split.held_out),
             n_candidates=max((one.n_candidates for one in rounds), default=0),
             errors=errors,
-            effects=tuple(estimator.effects_),
+            effects=tuple(effects),
             skipped={
                 effect.kind: reason
-                for effect in search.effects
+                for effect in ladder.context.effects
                 if (reason := effect.missing(records)) is not None
             },
-            not_identifiable=tuple(named(*one) for one in search.spanned(ladder.fits[0])),
-            residual_before=_leftover(first, records, targets, split.held_out, names),
-            residual_after=_leftover(last, records, targets, split.held_out, names),
+            not_identifiable=tuple(named(*one) for one in ladder.context.spanned()),
+            residual_before=_leftover(first, records, ladder.targets, split.held_out, names),
+            residual_after=_leftover(last, records, ladder.targets, split.held_out, names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
             history=_history(rounds, records),
             dropped=_dropped(rounds, last.terms, records),
             discrete=bool(first.switching.discrete_time),
-            data=_data(ladder, estimator, records, targets, split),
+            data=_data(ladder, models, trajectory_names),
         )
 
     @property
@@ -199,7 +203,7 @@ def _history(rounds: list[Round], records: Records) -> tuple[dict[str, Any], ...
 
 
 def _told(term: PlacedEffect, records: Records) -> str:
-    label = term.effect.label(term.place, records.names)
+    label = term.label(records.names)
     return title(term.effect.kind, label, records.names[term.target], term.mode)
 
 
@@ -219,24 +223,22 @@ def _dropped(
     return tuple(_told(term, records) for term in last if identity(term) not in stayed)
 
 
-def _data(ladder: Ladder, search: Any, records: Records, targets, split: Split) -> EffectData:
+def _data(
+    ladder: Ladder,
+    models: tuple[EffectRegressor, EffectRegressor, EffectRegressor],
+    trajectory_names: NDArray | None,
+) -> EffectData:
     """Rows for pictures: the models that have not seen the held-out rows, and the final one."""
-    final = search.best_estimator_
-    rows, folds = np.arange(len(records)), make_folds(records, 5, np.random.RandomState(0))
-    covariances = (
-        term_covariances(final._fit, records, rows, targets, folds) if final.effects_ else []
-    )
+    whole = SearchData.whole(ladder.records, ladder.targets)
+    before, after, final = models
     return EffectData(
-        records=records,
-        rows=split.held_out,
-        targets=targets,
-        models=(
-            search._regressor(ladder.fits[0], records),
-            search._regressor(ladder.fits[-1], records),
-        ),
+        records=ladder.records,
+        rows=ladder.split.held_out,
+        targets=ladder.targets,
+        models=(before, after),
         final=final,
-        covariances=tuple(covariances),
-        trajectory_names=search._trajectory_names,
+        covariances=tuple(term_covariances(final.joint_fit_, whole)),
+        trajectory_names=trajectory_names,
     )
 
 

@@ -74,7 +74,7 @@ class Rollout:
 
 
 def stretches(
-    records: Records, rows: NDArray[np.intp], names: Sequence[Any] | None
+    records: Records, rows: NDArray[np.intp], names: NDArray | None
 ) -> list[tuple[str, NDArray[np.intp]]]:
     """Names and rows of the contiguous parts of trajectories among `rows`, in order of time."""
     if not records.ordered:
@@ -109,7 +109,7 @@ def compare_rollouts(
     Of many stretches the first few are simulated, of a long one the first thousand samples.
     Inputs and signals are linear between their samples.
     """
-    discrete = models[0]._fit.switching.discrete_time
+    discrete = models[0].joint_fit_.switching.discrete_time
     if not parts:
         return (), "the order of the rows is not known: give t or groups"
     if not (records.timed or discrete):

@@ -16,21 +16,20 @@ from swsysid._checks.estimators import check_fitted, known_velocities, rows_to_f
 from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import explained
+from swsysid._effect_model.joint_fit import JointFit, check_declared, fit_jointly, warn_of_doubts
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.findings import describe_findings
+from swsysid._effect_search.folds import Folds, SearchData, Split, make_folds, split_records
+from swsysid._effect_search.greedy import Search
 from swsysid._effect_search.ladder import Ladder
 from swsysid._effect_search.report import EffectReport
-from swsysid._pipelines import seeded, switching_step, with_parameters
-from swsysid._results import IdentificationWarning
-from swsysid._search.folds import Folds, Split, make_folds, split_records
-from swsysid._search.greedy import Search
-from swsysid._search.joint_fit import JointFit, check_declared, fit_jointly, tell_doubts
+from swsysid._effect_search.settings import SETTINGS
+from swsysid._effect_search.structures import SearchContext
+from swsysid._pipelines import seeded, with_parameters
+from swsysid._results import Array, IdentificationWarning
 from swsysid.effects import Effect, all_effects
 
 __all__ = ["EffectSearchCV"]
-
-_ROWS_A_PARAMETER = 8  # fewer rows than that are too short to hold any out
-_FOLDS = 5
 
 
 class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
@@ -192,70 +191,55 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     # -- parts of fit ------------------------------------------------------------------------------
 
-    def _search(self, records: Records, targets, split: Split, rng):
-        declared, rows = self._declared, split.search
-        first = fit_jointly(declared, (), records, rows, targets[rows])
-        estimator = with_parameters(declared, n_modes=first.n_modes)
-        search = Search(
-            estimator=estimator,
+    def _search(self, records: Records, targets: Array, split: Split, rng: np.random.RandomState):
+        rows, everything = split.search, np.arange(len(records))
+        first = fit_jointly(self._declared, (), records, rows, targets[rows])
+        context = SearchContext(
+            estimator=with_parameters(self._declared, n_modes=first.n_modes),
             effects=all_effects() if isinstance(self.effects, str) else list(self.effects),
-            records=records,
-            rows=rows,
-            targets=targets[rows],
-            folds=self._folds(records.take(rows), targets[rows], rng),
+            data=SearchData(
+                records, rows, targets[rows], self._folds(records.take(rows), targets[rows], rng)
+            ),
             declared=first,
-            max_effects=self.max_effects,
             significance=self.significance,
-            n_jobs=self.n_jobs,
-            verbose=self.verbose,
         )
+        search = Search(context, self.max_effects, self.n_jobs, self.verbose)
         structure, findings, rounds = search.run()
-        ladder = Ladder.of(search, structure, findings, targets, split)
-        plain = fit_jointly(declared, (), records, np.arange(len(records)), targets)
-        final = self._with_effects(search, ladder, targets, structure) if ladder.terms else plain
+        ladder = Ladder.of(context, structure, findings, targets, split)
+        plain = final = fit_jointly(self._declared, (), records, everything, targets)
+        if ladder.terms:
+            modes = structure.fit.modes_along(records, rows)
+            final = fit_jointly(
+                context.estimator, ladder.terms, records, everything, targets, modes
+            )
         self.declared_estimator_ = self._regressor(plain, records)
         self.best_estimator_ = (
             self._regressor(final, records) if final.terms else self.declared_estimator_
         )
-        self.effects_ = describe_findings(search, structure, ladder, final, targets)
-        self.report_ = EffectReport.of(search, ladder, rounds, self, records, targets, split)
-        tell_doubts(final, 3)
+        self.effects_ = describe_findings(ladder, final)
+        without, within = (self._regressor(ladder.fits[place], records) for place in (0, -1))
+        models = (without, within, self.best_estimator_)
+        self.report_ = EffectReport.of(
+            ladder, rounds, self.effects_, models, self._trajectory_names
+        )
+        warn_of_doubts(final, 3)
         return self
 
-    @staticmethod
-    def _with_effects(search: Search, ladder: Ladder, targets, structure) -> JointFit:
-        """The model with the effects, fitted to all rows from the modes found."""
-        records = search.records
-        modes = structure.fit.predict_modes(records)
-        modes[search.rows] = structure.fit.modes
-        everything = np.arange(len(records))
-        return fit_jointly(search.estimator, ladder.terms, records, everything, targets, modes)
+    def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
+        return EffectRegressor.around(clone(self._declared), fit, self, records.names)
 
-    def _regressor(self, fit, records: Records) -> EffectRegressor:
-        regressor = EffectRegressor(clone(self._declared), fit.terms)
-        regressor.n_features_in_ = self.n_features_in_
-        if hasattr(self, "feature_names_in_"):
-            regressor.feature_names_in_ = self.feature_names_in_
-        regressor._one_target, regressor._n_targets = False, self._n_states(fit)
-        return regressor._adopt(fit, records.names)
-
-    @staticmethod
-    def _n_states(fit) -> int:
-        return switching_step(fit.estimator)[1].coef_.shape[1]
-
-    def _folds(self, records: Records, targets, rng) -> Folds:
-        n_folds = _FOLDS if self.cv is None else self.cv
-        if isinstance(n_folds, Integral):
-            return make_folds(records, int(n_folds), rng)
-        folds = make_folds(records, _FOLDS, rng)
+    def _folds(self, records: Records, targets: Array, rng: np.random.RandomState) -> Folds:
+        if self.cv is None or isinstance(self.cv, Integral):
+            return make_folds(records, int(self.cv or SETTINGS.n_folds), rng)
+        folds = make_folds(records, SETTINGS.n_folds, rng)
         parts = list(check_cv(self.cv).split(records.X, targets, records.groups))
         return replace(folds, parts=parts)
 
-    def _too_short(self, records: Records, split: Split, targets) -> bool:
+    def _too_short(self, records: Records, split: Split, targets: Array) -> bool:
         n_columns = records.X.shape[1] + targets.shape[1]
-        return len(split.search) < max(40, _ROWS_A_PARAMETER * n_columns)
+        return len(split.search) < max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
 
-    def _unchanged(self, records: Records, targets):
+    def _unchanged(self, records: Records, targets: Array):
         warnings.warn(
             f"{len(records)} samples are too few to hold any out: the declared model is returned "
             "unchanged. Record more, or fit the declared model itself.",
@@ -263,7 +247,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             stacklevel=3,
         )
         fit = fit_jointly(self._declared, (), records, np.arange(len(records)), targets)
-        tell_doubts(fit, 3)
+        warn_of_doubts(fit, 3)
         self.best_estimator_ = self.declared_estimator_ = self._regressor(fit, records)
         self.effects_ = []
         self.report_ = EffectReport.nothing_done(records)

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._data.records import Records
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.intervals import linearised
 from swsysid._results import Array
-from swsysid._search.intervals import linearised
-from swsysid._search.joint_fit import JointFit, corrected
+from swsysid.effects import PlacedEffect, ResetEffect
+from swsysid.effects._placed import corrected
 
 __all__ = ["Shape", "effect_shape"]
 
@@ -83,7 +85,7 @@ def effect_shape(
         change = predicted - declared.predict(records)
         spread = targets.std(axis=0)
         share = np.sqrt(np.mean(change**2, axis=0)) / np.where(spread > 0, spread, np.inf)
-        target = int(np.argmax(share)) if term.effect.shows_in_velocities else target
+        target = target if isinstance(term.effect, ResetEffect) else int(np.argmax(share))
         contribution = change[:, target]
     axis, values, shown = _axis(term, records)
     if term.mode is not None:
@@ -104,7 +106,7 @@ def effect_shape(
     return replace(shape, is_function=in_time or all(map(_is_function, _by_mode(shape))))
 
 
-def _axis(term, records: Records) -> tuple[str, Array, NDArray[np.intp]]:
+def _axis(term: PlacedEffect, records: Records) -> tuple[str, Array, NDArray[np.intp]]:
     """What to draw an effect over: name, values, and the rows to show."""
     everything = np.arange(len(records))
     in_time = "time" in term.effect.needs and term.effect.terms
@@ -114,8 +116,8 @@ def _axis(term, records: Records) -> tuple[str, Array, NDArray[np.intp]]:
         channels = sorted(set(term.place))
         if len(channels) == 1:
             return records.names[channels[0]], records.channel(channels[0]), everything
-        values = term.effect.columns(records, term.place, *term.theta)[:, 0]
-        return term.effect.label(term.place, records.names), values, everything
+        values = term.columns(records)[:, 0]
+        return term.label(records.names), values, everything
     if records.t is None:
         return _ROW, everything.astype(float), everything
     longest = max(records.trajectories, key=len)[:_STRETCH]

@@ -9,7 +9,7 @@ import numpy as np
 from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.rollouts import Rollout
 from swsysid._residual_report.report import ResidualReport
-from swsysid.effects import FoundEffect, Rival
+from swsysid.effects import FoundEffect, Rival, StructureEffect
 from swsysid.effects._base import NOWHERE
 
 __all__ = [
@@ -100,7 +100,7 @@ def summary(report: EffectContents) -> str:
 
 def moved(report: EffectContents) -> str:
     """What became of the modes, in a sentence."""
-    if any(effect.placed.effect.n_more_modes for effect in report.effects):
+    if any(isinstance(effect.placed.effect, StructureEffect) for effect in report.effects):
         return "There is one more mode than declared."
     return f"{report.guard_moved:.1%} of the samples changed their mode."
 

@@ -15,18 +15,17 @@ from sklearn.base import BaseEstimator
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap, FunctionLibrary, Monomials
+from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._pipelines import ModePipeline
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import IterationRecord
-from swsysid._search.joint_fit import JointFit
-from swsysid._search.trials import PlacedEffect
 from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis
 from swsysid._surfaces.posterior import SurfaceEvidence
 from swsysid._surfaces.probability import ModePosterior
-from swsysid.effects import all_effects
+from swsysid.effects import PlacedEffect, all_effects
 from swsysid.effects._guards import Guard
 from swsysid.relaxations import ExactRelaxation, MomentRelaxation, SimplexRelaxation
 

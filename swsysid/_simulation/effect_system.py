@@ -11,42 +11,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
 from swsysid._simulation.system import SwitchingSystem
+from swsysid.effects import PlacedEffect
 
-__all__ = ["ActingTerm", "EffectSystem", "Memory", "Term"]
-
-
-class _Effect(Protocol):
-    def columns(self, records: Records, place: Any, *theta: float) -> Array: ...
-    def switched(self, records: Records, place: Any, *theta: float) -> NDArray[np.intp]: ...
-    def shortened(self, records: Records, place: Any, *theta: float) -> Records: ...
-
-
-class Term(Protocol):
-    """An effect at a place, with its parameters and the state equation it acts in."""
-
-    @property
-    def effect(self) -> _Effect: ...
-    @property
-    def place(self) -> Any: ...
-    @property
-    def theta(self) -> Sequence[float]: ...
-    @property
-    def target(self) -> int: ...
+__all__ = ["ActingTerm", "EffectSystem", "Memory"]
 
 
 class Memory:
     """What an effect has to know of the past."""
 
-    def __init__(self, term: Term):
+    def __init__(self, term: PlacedEffect):
         self.term = term
         self.past: Records | None = None
 
@@ -66,8 +46,7 @@ class Memory:
 
     def keep(self, now: Records) -> None:
         """One more row has passed."""
-        term = self.term
-        self.past = term.effect.shortened(self.until(now), term.place, *term.theta)
+        self.past = self.term.shortened(self.until(now))
 
 
 @dataclass(frozen=True)
@@ -76,7 +55,7 @@ class ActingTerm:
 
     Attributes
     ----------
-    term : Term
+    term : PlacedEffect
     gains : ndarray of shape (n_modes, n_columns)
     breaks : tuple of int
         The surfaces of the system that are breaks of its columns.
@@ -86,7 +65,7 @@ class ActingTerm:
         Its memory, if it remembers the state.
     """
 
-    term: Term
+    term: PlacedEffect
     gains: Array
     breaks: tuple[int, ...]
     tabulated: slice | None
@@ -186,8 +165,7 @@ class EffectSystem(SwitchingSystem):
         """Mode of the model's own surface, or of the effect that decides it from the past."""
         if self.guard is None:
             return self.model.mode(*self._seen(x, u))
-        term, seen = self.guard.term, self.guard.until(self._record(x, u))
-        return int(term.effect.switched(seen, term.place, *term.theta)[-1])
+        return int(self.guard.term.switched(self.guard.until(self._record(x, u)))[-1])
 
     def heights(self, x: Array) -> Array:
         """Distances of the state above the levels."""
@@ -208,11 +186,11 @@ class EffectSystem(SwitchingSystem):
             if acting.tabulated is not None:
                 columns = u[acting.tabulated]
             elif acting.breaks:
-                columns = _columns(acting.term, self._record(self._held(x, acting, sides), u))
+                columns = acting.term.columns(self._record(self._held(x, acting, sides), u))[-1]
             else:
                 now = self._record(x, u) if now is None else now
                 seen = now if acting.memory is None else acting.memory.until(now)
-                columns = _columns(acting.term, seen)
+                columns = acting.term.columns(seen)[-1]
             velocity[acting.term.target] += columns @ gain
         return velocity
 
@@ -244,7 +222,3 @@ class EffectSystem(SwitchingSystem):
 
 def _bits(heights: Array) -> int:
     return sum(1 << number for number, height in enumerate(heights.tolist()) if height > 0)
-
-
-def _columns(term: Term, records: Records) -> Array:
-    return term.effect.columns(records, term.place, *term.theta)[-1]

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._simulation.inputs import Stretch
+from swsysid.effects import PlacedEffect
 
 __all__ = ["Given", "refined_grid", "trajectory_records"]
 
@@ -66,7 +66,7 @@ class Given:
     inputs: Array
     signals: Array
     linear: bool
-    terms: Sequence[Any]
+    terms: Sequence[PlacedEffect]
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Inputs and signals at some times."""
@@ -85,7 +85,7 @@ class Given:
         inputs, signals = self.at(times)
         X = np.column_stack([np.zeros((len(times), self.n_states)), inputs])
         records = trajectory_records(X, self.n_states, times, signals)
-        parts = [term.effect.columns(records, term.place, *term.theta) for term in self.terms]
+        parts = [term.columns(records) for term in self.terms]
         return np.column_stack([np.empty((len(times), 0)), *parts])
 
     def sampled(self, times: Array) -> Array:

@@ -1,7 +1,6 @@
 """Effects that a declared model may lack."""
 
 from swsysid._data.records import Records
-from swsysid._search.trials import PlacedEffect
 from swsysid.effects._actuator import DeadZone, GainChange, Overflow, PowerLaw, Saturation
 from swsysid.effects._base import Effect, Parameter
 from swsysid.effects._found import FoundEffect, Rival
@@ -11,11 +10,15 @@ from swsysid.effects._friction import (
     QuadraticDrag,
     StribeckFriction,
 )
-from swsysid.effects._guards import ExtraMode, GuardHysteresis, Reset
+from swsysid.effects._guards import GuardHysteresis
 from swsysid.effects._memory import Backlash, Delay, Lag
+from swsysid.effects._placed import PlacedEffect
+from swsysid.effects._resets import Reset
 from swsysid.effects._sensors import ClockLag, SensorOffset
-from swsysid.effects._static import Bias, InputCoupling, Polynomial, Trigonometric
-from swsysid.effects._time import Drift, PeriodicForcing
+from swsysid.effects._static import Bias, Drift, InputCoupling, Polynomial
+from swsysid.effects._structure import ExtraMode
+from swsysid.effects._types import GuardEffect, MeasurementEffect, ResetEffect, StructureEffect
+from swsysid.effects._waves import PeriodicForcing, Trigonometric
 
 
 def all_effects() -> list[Effect]:
@@ -59,9 +62,11 @@ __all__ = [
     "Effect",
     "ExtraMode",
     "GainChange",
+    "GuardEffect",
     "GuardHysteresis",
     "InputCoupling",
     "Lag",
+    "MeasurementEffect",
     "Overflow",
     "Parameter",
     "PlacedEffect",
@@ -73,9 +78,11 @@ __all__ = [
     "PowerLaw",
     "QuadraticDrag",
     "Reset",
+    "ResetEffect",
     "Saturation",
     "SensorOffset",
     "StribeckFriction",
+    "StructureEffect",
     "Trigonometric",
     "all_effects",
 ]

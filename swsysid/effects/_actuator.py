@@ -50,13 +50,8 @@ class _AboutZero(_TwoSided):
         return [*two_sided, *records.inputs]
 
 
-class DeadZone(_AboutZero):
-    """``gain * (u - clip(u, -threshold, threshold))`` in the place of ``gain * u``."""
-
-    kind = "dead_zone"
-    meaning = "{channel} acts only beyond a threshold (dead zone or free play)"
-    terms = ("gain",)
-    role = "replaces"
+class _BeyondAThreshold(_AboutZero):
+    """What a channel has beyond a threshold on both sides of zero."""
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return (f"({label} - {_clipped(label, theta[0])})",)
@@ -64,6 +59,15 @@ class DeadZone(_AboutZero):
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         values = records.channel(place)
         return (values - np.clip(values, -theta[0], theta[0]))[:, None]
+
+
+class DeadZone(_BeyondAThreshold):
+    """``gain * (u - clip(u, -threshold, threshold))`` in the place of ``gain * u``."""
+
+    kind = "dead_zone"
+    meaning = "{channel} acts only beyond a threshold (dead zone or free play)"
+    terms = ("gain",)
+    role = "replaces"
 
 
 class Saturation(_TwoSided):
@@ -81,20 +85,13 @@ class Saturation(_TwoSided):
         return np.clip(records.channel(place), -theta[0], theta[0])[:, None]
 
 
-class GainChange(_AboutZero):
+class GainChange(_BeyondAThreshold):
     """``change * (u - clip(u, -threshold, threshold))`` beside a linear term of its own."""
 
     kind = "gain_change"
     meaning = "the gain of {channel} changes at a threshold, and is zero on neither side"
     terms = ("change",)
     role = "beside"
-
-    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
-        return (f"({label} - {_clipped(label, theta[0])})",)
-
-    def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        values = records.channel(place)
-        return (values - np.clip(values, -theta[0], theta[0]))[:, None]
 
 
 class PowerLaw(Effect):

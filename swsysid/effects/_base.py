@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from itertools import combinations_with_replacement
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid._search.scan import scan
-from swsysid._search.trials import Bench, PlacedEffect, Trial
 
-__all__ = ["NOWHERE", "Effect", "Parameter", "Place", "figure", "quantile_levels", "spread"]
+__all__ = [
+    "NOWHERE",
+    "Effect",
+    "Parameter",
+    "Place",
+    "figure",
+    "products",
+    "quantile_levels",
+    "spread",
+]
 
-Modes = NDArray[np.intp]
-Place = Any  # a channel's number, or whatever else the effect understands
+Place: TypeAlias = Any  # a channel's number, or whatever else the class of the effect understands
 NOWHERE = ("constant", "time", "modes")  # places that say nothing beside the kind
 
 
@@ -49,6 +55,11 @@ class Effect(BaseEstimator):
     The search finds theta by a scan and a local refinement, and the coefficients c by least
     squares together with the declared model's own.
 
+    Four subclasses are effects without columns: `MeasurementEffect` (a sensor or a clock changed
+    what was recorded), `GuardEffect` (the mode depends on its own past), `ResetEffect` (the
+    state jumps where the mode changes) and `StructureEffect` (the declared model itself is
+    another one).
+
     Attributes
     ----------
     kind : str
@@ -63,14 +74,6 @@ class Effect(BaseEstimator):
         What becomes of the channel's own linear term, if the declared library has one: it stays,
         the columns take its place (as a dead zone of an actuator does), or either is tried. An
         effect "beside" it, or "instead" of it, makes no sense where there is none.
-    remembers : bool
-        True if the effect changes which mode is active (`switched`).
-    shows_in_velocities : bool
-        False if it can be seen only from one sample to the next (`gain`).
-    acts_at_guards : bool
-        True if it is about the guards (`statement`), not about the laws.
-    n_more_modes : int
-        How many modes it adds (`extended`).
 
     Examples
     --------
@@ -94,10 +97,8 @@ class Effect(BaseEstimator):
     terms: ClassVar[tuple[str, ...]] = ("coefficient",)
     needs: ClassVar[frozenset[str]] = frozenset()
     role: ClassVar[str] = "adds"
-    remembers: ClassVar[bool] = False
-    shows_in_velocities: ClassVar[bool] = True
-    acts_at_guards: ClassVar[bool] = False
-    n_more_modes: ClassVar[int] = 0
+
+    # -- what it adds, and where -----------------------------------------------------------------
 
     def places(self, records: Records) -> Sequence[Place]:
         """Where the effect can act: channels, unless a subclass says otherwise."""
@@ -106,10 +107,6 @@ class Effect(BaseEstimator):
     def role_at(self, records: Records, place: Place) -> str:
         """`role` of the effect at a place."""
         return self.role
-
-    def plausible(self, coef: Array) -> bool:
-        """False for coefficients of the columns that make no physical sense."""
-        return True
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Nonlinear parameters and the values at which they are scanned."""
@@ -123,35 +120,25 @@ class Effect(BaseEstimator):
         """Columns h of the effect, shape (n_samples, n_terms); none by default."""
         return np.empty((len(records), 0))
 
-    # -- effects that are more than columns override one of these ---------------------------------
+    def plausible(self, coef: Array) -> bool:
+        """False for coefficients of the columns that make no physical sense."""
+        return True
 
-    def corrected(self, records: Records, place: Place, *theta: float) -> Records:
-        """The records as they would be without the effect of a sensor or a clock."""
-        return records
-
-    def extended(self, estimator: Any) -> Any:
-        """The declared estimator with what the effect adds to its structure."""
-        return estimator
-
-    def switched(self, records: Records, place: Place, *theta: float) -> Modes:
-        """Modes along the trajectories, for an effect that `remembers`."""
-        raise NotImplementedError
-
-    def settled(
-        self, place: Place, records: Records, rows: Modes, modes: Modes
-    ) -> tuple[Place, tuple]:
-        """Place and parameters of an effect that `remembers`, for modes known on some rows."""
-        raise NotImplementedError
+    def missing(self, records: Records) -> str | None:
+        """Why the effect cannot be looked for in these data; None if it can."""
+        if "order" in self.needs and not records.ordered:
+            return "needs the order of the rows: give t or groups"
+        if "time" in self.needs and not records.timed:
+            return "needs the times of the rows: give t"
+        if "signals" in self.needs and not records.signals.shape[1]:
+            return "needs logged signals: give signals"
+        return None
 
     # -- what a simulation asks ------------------------------------------------------------------
 
     def breaks(self, place: Place, *theta: float) -> tuple[tuple[int, float], ...]:
         """Pairs (channel, level): where a state makes the columns jump."""
         return ()
-
-    def jump(self, place: Place, *theta: float) -> tuple[tuple[int, int], float] | None:
-        """Modes between which the target state is multiplied, and its factor."""
-        return None
 
     def instants(self, t: Array, *theta: float) -> Array:
         """Times beside the samples' at which the columns bend or a sensor reads the state."""
@@ -161,34 +148,7 @@ class Effect(BaseEstimator):
         """The shortest record of one trajectory after which the effect goes on as after this."""
         return records
 
-    def recorded(self, records: Records, place: Place, *theta: float) -> Records:
-        """What sensors and clocks make of the true states, the inverse of `corrected`."""
-        return records
-
-    def place_parameters(self, place: Place) -> int:
-        """How many numbers are fitted in the place itself."""
-        return 0
-
-    def renamed(self, place: Place, order: Modes) -> Place:
-        """The place where the modes were numbered anew; `order` holds the new number of each."""
-        return place
-
-    # -- how it is looked for --------------------------------------------------------------------
-
-    def trials(self, bench: Bench) -> Iterator[Trial]:
-        """What the effect's columns could explain, at each of its places."""
-        if self.terms:
-            yield from scan(bench, self, self.places(bench.records))
-
-    def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
-        """Candidates that are more than columns and have to be fitted to be judged."""
-        return iter(())
-
-    def gain(self, bench: Bench, candidate: PlacedEffect) -> tuple[float, float] | None:
-        """Nats and p-value of an effect that the velocities do not show; None if they do."""
-        return None
-
-    # -- how it reads --------------------------------------------------------------------------
+    # -- how it reads ----------------------------------------------------------------------------
 
     def label(self, place: Place, names: Sequence[str]) -> str:
         """How the place is called in a report."""
@@ -210,13 +170,6 @@ class Effect(BaseEstimator):
             f"{self.kind if single else f'{self.kind}_{term}'}({arguments})" for term in self.terms
         )
 
-    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
-        """What an effect that is more than columns does, in one clause; "" if it is not.
-
-        `names` are those of the channels, `target` is the state it acts on.
-        """
-        return ""
-
     def formula(self, label: str, parameters: Mapping[str, float]) -> str:
         """The effect's term as text."""
         listed = ", ".join(f"{name} {value:.4g}" for name, value in parameters.items())
@@ -227,20 +180,16 @@ class Effect(BaseEstimator):
         """What the effect means physically, in one sentence."""
         return self.meaning.format(channel=label, target=target)
 
-    def missing(self, records: Records) -> str | None:
-        """Why the effect cannot be looked for in these data; None if it can."""
-        if "order" in self.needs and not records.ordered:
-            return "needs the order of the rows: give t or groups"
-        if "time" in self.needs and not records.timed:
-            return "needs the times of the rows: give t"
-        if "signals" in self.needs and not records.signals.shape[1]:
-            return "needs logged signals: give signals"
-        return None
-
 
 def figure(value: float) -> str:
     """A number in an equation, to four digits."""
     return f"{value:.4g}"
+
+
+def products(channels: Sequence[int], degree: int) -> list[tuple[int, ...]]:
+    """Monomials up to a degree, as the channels of their factors."""
+    powers = range(1, degree + 1)
+    return [term for power in powers for term in combinations_with_replacement(channels, power)]
 
 
 def quantile_levels(values: Array, low: float, high: float, count: int) -> Array:

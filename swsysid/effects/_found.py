@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from swsysid._search.trials import PlacedEffect
+from swsysid.effects._placed import PlacedEffect
 
 __all__ = ["FoundEffect", "Rival"]
 

@@ -2,58 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid._search.trials import Bench, PlacedEffect
-from swsysid.effects._base import Effect, Parameter, Place, figure, spread
+from swsysid.effects._base import Parameter, Place, figure, spread
+from swsysid.effects._types import MeasurementEffect
 
 __all__ = ["ClockLag", "SensorOffset"]
 
-_WORTH_A_FIT = 5.0  # nats
 _OFFSETS = np.geomspace(0.005, 0.5, 8)  # of the range of the state
+_DELAYS = np.arange(0.0, 16.0)  # steps of the record
 _MISMATCH = 0.6  # of the squares of state and velocity that a late sensor leaves
 
 
-class _OfASensor(Effect):
-    """An effect that is undone on the record before the model sees it."""
-
-    terms = ()
-
-    def places(self, records: Records) -> range:
-        return records.states
-
-    def is_possible(self, bench: Bench, place: int) -> bool:
-        """False if the record itself contradicts the effect."""
-        return True
-
-    def proposals(self, bench: Bench) -> Iterator[PlacedEffect]:
-        """The correction of each sensor that lets the declared laws fit best."""
-        for place in self.places(bench.records):
-            if not self.is_possible(bench, place):
-                continue
-            (parameter,) = self.parameters(bench.records, place)
-
-            def misfit(value, place=place):
-                return bench.misfit(self.corrected(bench.records, place, value))
-
-            losses = [misfit(value) for value in parameter.values]
-            best = int(np.argmin(losses))
-            if losses[best] > misfit(0.0) - _WORTH_A_FIT:
-                continue
-            low = parameter.values[max(best - 1, 0)]
-            high = parameter.values[min(best + 1, len(losses) - 1)]
-            found = minimize_scalar(
-                misfit, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * (high - low)}
-            )
-            yield PlacedEffect(self, place, place, theta=(float(found.x),))
-
-
-class SensorOffset(_OfASensor):
+class SensorOffset(MeasurementEffect):
     """The record says ``x + offset`` where the state is x."""
 
     kind = "sensor_offset"
@@ -68,15 +33,13 @@ class SensorOffset(_OfASensor):
         return f"{names[place]} is recorded with an offset of {offset}, which the laws do not have"
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
-        X = records.X.copy()
-        X[:, place] -= theta[0]
-        return records.with_columns(X)
+        return records.with_channel(place, records.channel(place) - theta[0])
 
     def recorded(self, records: Records, place: Place, *theta: float) -> Records:
         return records.with_channel(place, records.channel(place) + theta[0])
 
 
-class ClockLag(_OfASensor):
+class ClockLag(MeasurementEffect):
     """The record says ``x(t - delay)`` where the state is x(t)."""
 
     kind = "clock_lag"
@@ -84,38 +47,54 @@ class ClockLag(_OfASensor):
     needs = frozenset({"order"})
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        return (Parameter("delay", np.arange(0.0, 16.0) * records.step, "{time}"),)
+        return (Parameter("delay", _DELAYS * records.step, "{time}"),)
 
     def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
         return f"{names[place]} is recorded late, by {figure(theta[0])}; the laws have it on time"
 
-    def is_possible(self, bench: Bench, place: int) -> bool:
-        """The state's own velocity tells: a late state moves later than its velocity says.
+    def is_possible(
+        self, records: Records, place: Place, velocities: Array, discrete: bool
+    ) -> bool:
+        """The state's own velocity says so: a late state moves later than its velocity.
 
         Where both come from one sensor they agree, and to move the state alone towards its
         future would only leak what is to be predicted.
         """
-        if bench.n_targets <= place:
+        if velocities.shape[1] <= place:
             return False
         errors = [
-            bench.mismatch(self.corrected(bench.records, place, delay), place)
-            for delay in np.arange(0.0, 16.0) * bench.records.step
+            _mismatch(self.corrected(records, place, delay), place, velocities[:, place], discrete)
+            for delay in _DELAYS * records.step
         ]
         return min(errors) < _MISMATCH * errors[0]
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
-        def ahead(t: Array, values: Array) -> Array:
-            return np.interp(t + theta[0], t, values)
+        return _read_later(records, place, theta[0])
 
-        X = records.X.copy()
-        X[:, place] = records.along(ahead, X[:, place])
-        return records.with_columns(X)
+    def recorded(self, records: Records, place: Place, *theta: float) -> Records:
+        return _read_later(records, place, -theta[0])
 
     def instants(self, t: Array, *theta: float) -> Array:
         return t - theta[0]
 
-    def recorded(self, records: Records, place: Place, *theta: float) -> Records:
-        def late(t: Array, values: Array) -> Array:
-            return np.interp(t - theta[0], t, values)
 
-        return records.with_channel(place, records.along(late, records.channel(place)))
+def _read_later(records: Records, channel: int, later: float) -> Records:
+    """The records with one channel as it is some time later."""
+
+    def read(t: Array, values: Array) -> Array:
+        return np.interp(t + later, t, values)
+
+    return records.with_channel(channel, records.along(read, records.channel(channel)))
+
+
+def _mismatch(records: Records, state: int, velocity: Array, discrete: bool) -> float:
+    """Median square of what a recorded state moves beyond its own measured velocity."""
+    assert records.t is not None
+    values, missed = records.channel(state), []
+    for rows in records.trajectories:
+        step, rate = np.diff(records.t[rows]), velocity[rows]
+        if discrete:
+            missed.append(values[rows][1:] - rate[:-1])
+        else:
+            missed.append(np.diff(values[rows]) - 0.5 * step * (rate[1:] + rate[:-1]))
+    return float(np.median(np.concatenate(missed) ** 2))

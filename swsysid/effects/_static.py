@@ -1,17 +1,16 @@
-"""Terms of the present state and inputs: constants, monomials, sines, other channels."""
+"""Terms without nonlinear parameters: constants, monomials, other channels, drifts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations_with_replacement
 
 import numpy as np
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, figure, spread
+from swsysid.effects._base import Effect, Place, products
 
-__all__ = ["Bias", "InputCoupling", "Polynomial", "Trigonometric"]
+__all__ = ["Bias", "Drift", "InputCoupling", "Polynomial"]
 
 _MOST_MONOMIALS = 60
 
@@ -54,11 +53,7 @@ class Polynomial(Effect):
     def places(self, records: Records) -> Sequence[Place]:
         """Channels of the factors, such as (0, 0, 1) for x0**2 x1."""
         channels = [*records.states, *records.inputs]
-        listed = [
-            place
-            for degree in range(1, self.degree + 1)
-            for place in combinations_with_replacement(channels, degree)
-        ]
+        listed = products(channels, self.degree)
         powers = [
             (channel,) * power
             for power in range(self.degree + 1, self.power + 1)
@@ -84,34 +79,6 @@ class Polynomial(Effect):
         return f"{parameters['coefficient']:.4g} {label}"
 
 
-class Trigonometric(Effect):
-    """``amplitude * sin(wavenumber * x + phase)``: cogging, ripple, gravity on a link."""
-
-    kind = "trigonometric"
-    # less than half a period in the data is a cubic, which has one parameter less
-    meaning = "a force periodic in {channel} acts on {target}: cogging, ripple or gravity"
-    terms = ("sine", "cosine")
-
-    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        width = spread(records.channel(place)) or 1.0
-        return (Parameter("wavenumber", np.geomspace(np.pi, 12.0 * np.pi, 32) / width),)
-
-    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
-        return tuple(f"{wave}({figure(theta[0])} {label})" for wave in ("sin", "cos"))
-
-    def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        angle = theta[0] * records.channel(place)
-        return np.column_stack([np.sin(angle), np.cos(angle)])
-
-    def physical(self, theta: Mapping[str, float], coef: Mapping[str, float]) -> dict[str, float]:
-        """Amplitude and phase in place of sine and cosine."""
-        return {
-            **theta,
-            "amplitude": float(np.hypot(coef["sine"], coef["cosine"])),
-            "phase": float(np.arctan2(coef["cosine"], coef["sine"])),
-        }
-
-
 class InputCoupling(Effect):
     """A logged signal that the declared model does not use."""
 
@@ -127,3 +94,24 @@ class InputCoupling(Effect):
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return records.channel(place)[:, None]
+
+
+class Drift(Effect):
+    """``rate * t`` or ``rate * t * x``: a level or a coefficient that changes slowly."""
+
+    kind = "drift"
+    meaning = "{channel} in the law of {target} drifts with time: ageing, heating, leakage"
+    terms = ("rate",)
+    needs = frozenset({"time"})
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """The level, or a channel whose coefficient drifts."""
+        return ["level", *records.states, *records.inputs]
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return ("t",) if label == "level" else (f"t {label}",)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        assert records.t is not None
+        values = 1.0 if place == "level" else records.channel(place)
+        return (records.t * values)[:, None]

@@ -6,7 +6,7 @@ from effect_fits import fit_by_hand
 
 from swsysid import EffectRegressor, SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid._search.equations import guards_with_effects, laws_with_effects
+from swsysid._effect_model.equations import guards_with_effects, laws_with_effects
 from swsysid.effects import (
     AsymmetricFriction,
     Backlash,

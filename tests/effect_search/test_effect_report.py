@@ -17,9 +17,9 @@ import pytest
 
 from swsysid import EffectRegressor, EffectSearchCV
 from swsysid._data.records import make_records
+from swsysid._effect_search.intervals import linearised
 from swsysid._effect_search.rollouts import stretches
 from swsysid._effect_search.wording import sentence
-from swsysid._search.intervals import linearised
 from swsysid.datasets import make_undeclared
 from swsysid.diagnosis import EffectReport
 from swsysid.effects import (
@@ -163,7 +163,7 @@ def test_bands_are_finite_at_the_end_of_a_scan(data):
     """The scan of a lag is geometric: a step as wide as its middle would leave its domain."""
     lag = PlacedEffect(Lag(), place=2, target=1, theta=(0.4 * data.time_step,))
     model = EffectRegressor(data.estimator, [lag])
-    fit = model.fit(data.X, data.Xdot, t=data.t, groups=data.groups)._fit
+    fit = model.fit(data.X, data.Xdot, t=data.t, groups=data.groups).joint_fit_
     records = make_records(data.X, 2, t=data.t, groups=data.groups, names=["x", "v", "u"])
     rows = np.arange(len(records))
     slopes = linearised(fit, 0, records, rows, fit.modes)

@@ -7,8 +7,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from swsysid import EffectRegressor, SwitchingSystemRegressor
+from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._results import Status
-from swsysid._search.simulation import simulate_with_effects
 from swsysid.datasets import make_undeclared
 from swsysid.effects import (
     Backlash,

@@ -220,7 +220,7 @@ def test_nothing_held_out_has_any_say():
     data = make_undeclared("coulomb_friction", system="pendulum", random_state=5)
     first = search(data, FRICTIONS)
     from swsysid._data.records import make_records
-    from swsysid._search.folds import split_records
+    from swsysid._effect_search.folds import split_records
 
     records = make_records(data.X, 2, t=data.t, groups=data.groups, names=data.feature_names)
     held = split_records(records, np.random.RandomState(0)).held_out

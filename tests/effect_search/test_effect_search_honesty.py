@@ -12,9 +12,10 @@ from sklearn.utils.estimator_checks import (
 )
 
 from swsysid import EffectRegressor, EffectSearchCV, IdentificationWarning, SwitchingSystemRegressor
+from swsysid._effect_search.acceptance import confirmed, finding
+from swsysid._effect_search.greedy import Round, Search
 from swsysid._effect_search.report import _dropped
 from swsysid._pipelines import seeded
-from swsysid._search.greedy import Round, Search
 from swsysid.effects import CoulombFriction, GuardHysteresis, PlacedEffect, QuadraticDrag, Reset
 from swsysid.effects._guards import Guard
 
@@ -68,16 +69,17 @@ def test_what_chance_explains_is_dropped_and_what_is_needed_stays(searches, spur
     found = EffectSearchCV(declared, effects=library).fit(X, Xdot, t=t)
     assert all(effect.p_value <= SIGNIFICANCE for effect in found.effects_)
     search, structure = searches[-1]
-    more = search.structure((*structure.fit.terms, spurious), structure.fit.modes)
-    assert search.finding(more, len(more.fit.terms) - 1).p_value > SIGNIFICANCE
-    kept, findings = search.confirmed(more)
+    context = search.context
+    more = context.structure((*structure.terms, spurious), structure.fit.modes)
+    found_last = finding(context, more, len(more.terms) - 1)
+    assert found_last.p_value > SIGNIFICANCE
+    kept, findings = confirmed(context, more)
     kinds = [term.effect.kind for term in kept.fit.terms]
     assert kinds == [term.effect.kind for term in structure.fit.terms]
     assert len(findings) == len(kinds)
     assert all(finding.p_value <= SIGNIFICANCE for finding in findings)
     # the report says which effect of the last round is not among those at the end
-    last = Round(search.finding(more, len(more.fit.terms) - 1), more, 1)
-    (told,) = _dropped([last], kept.fit.terms, search.records)
+    (told,) = _dropped([Round(found_last, more, 1)], kept.terms, context.data.records)
     assert told.startswith(spurious.effect.kind.replace("_", " "))
 
 

@@ -5,9 +5,9 @@ import pytest
 from effect_fits import FREE, MASS, TIGHT, T, U, fit_by_hand, reference, relay
 from scipy.integrate import solve_ivp
 
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._results import Status
-from swsysid._search.joint_fit import JointFit
-from swsysid._search.simulation import simulate_with_effects
 from swsysid.effects import (
     AsymmetricFriction,
     Backlash,

@@ -29,7 +29,7 @@ from swsysid.effects import (
     Trigonometric,
     all_effects,
 )
-from swsysid.effects._guards import Guard, _best_band, _guards
+from swsysid.effects._guards import Guard, best_band, guards_of
 
 
 def records(X, **options):
@@ -197,7 +197,7 @@ def test_the_best_band_of_a_guard_is_that_of_all_rows(decimals):
     levels = np.quantile(X, [0.1, 0.3, 0.5, 0.7, 0.9])
     bands = [(low, high) for low in levels for high in levels if low <= high]
     every = [sides @ np.where(guard.modes(data, *band) == 1, 1.0, -1.0) for band in bands]
-    excess, band = _best_band(bands, data, guard(data.X), sides)
+    excess, band = best_band(bands, data, guard(data.X), sides)
     assert excess == max(every) and band == bands[int(np.argmax(every))]
 
 
@@ -206,9 +206,10 @@ def test_a_guard_with_memory_is_told_in_the_sign_of_its_channel():
     T = 21.0 + 2.0 * np.sin(0.05 * np.arange(600.0))
     data = records(T[:, None], t=np.arange(600.0), groups=np.zeros(600, dtype=int))
     modes = Guard(((0,),), (1.0,), 0).modes(data, 20.0, 22.0)
-    options = _guards(data, np.arange(600), modes)
-    assert all(max(guard.weights, key=abs) == 1.0 for _, guard, _ in options)
-    _, guard, (low, high) = max(options[:2], key=lambda option: option[0])
+    options = guards_of(data, modes)
+    assert all(max(option.guard.weights, key=abs) == 1.0 for option in options)
+    best = max(options[:2], key=lambda option: option.agreement)
+    guard, (low, high) = best.guard, best.band
     # a step of the record is at most 0.1
     assert low == pytest.approx(20.0, abs=0.1) and high == pytest.approx(22.0, abs=0.1)
     assert GuardHysteresis().label(guard, ["T_C"]) == "T_C"

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from swsysid import SwitchingSystemRegressor
-from swsysid._search.joint_fit import JointFit
+from swsysid._effect_model.joint_fit import JointFit
 from swsysid.effects import GuardHysteresis, PlacedEffect
 from swsysid.effects._guards import Guard
 

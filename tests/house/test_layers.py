@@ -16,9 +16,9 @@ PACKAGE = Path(swsysid.__file__).parent
 # A folder is a layer, and so is a file at the top: it imports from itself and from those before it.
 LAYERS = """
 _checks _rendering _results _noise _data _tables differentiation metrics
-_solvers _losses relaxations _surfaces _classifier _seeding _identification
-_simulation weak_form refinement _pipelines _regressor uncertainty
-_search effects _effect_regressor datasets
+_solvers _losses relaxations _surfaces _classifier _pipelines effects _seeding _identification
+_simulation weak_form refinement _regressor uncertainty
+_effect_model _effect_regressor datasets
 _displays _residual_report _effect_search
 _saving diagnosis plotting report results __init__ _cli __main__
 """.split()

@@ -8,19 +8,18 @@ one regression of all columns of all candidates serves every state and every mod
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._effect_search.folds import Folds
 from swsysid._results import Array
-from swsysid._search.folds import Folds
 
-__all__ = ["COLLINEAR", "Background", "Regression", "Solution"]
+__all__ = ["Background", "NormalEquations", "Regression", "Solution"]
 
-COLLINEAR = 1e-10  # share of a column's square that the library must leave over
-_RANK = 1e-11
+_COLLINEAR = 1e-10  # share of a column's square that the library must leave over
+_RANK = 1e-11  # smallest eigenvalue of a correlation matrix that is solved as it is
 
 
 @dataclass(frozen=True)
@@ -54,24 +53,9 @@ class Regression:
         """The same rows without one feature."""
         return replace(self, features=np.delete(self.features, feature, axis=1))
 
-    def with_columns(self, columns: Array) -> Regression:
-        """The same rows with more features."""
-        return replace(self, features=np.column_stack([self.features, columns]))
-
-    def held_out_residuals(self) -> Array:
-        """Residuals of every row from regressions that have not seen its fold."""
-        residuals = np.empty_like(self.targets)
-        for fold, (_, test) in enumerate(self.folds.parts):
-            residuals[test] = self.background(fold).residuals(self.targets, test)
-        return residuals
-
     def block_sums(self, values: Array) -> Array:
         """Weighted sums over the blocks, (n_blocks,) or (n_blocks, n_columns)."""
-        weighted = (self.weight * values.T).T
-        if weighted.ndim == 1:
-            n_blocks = self.folds.n_blocks
-            return np.bincount(self.folds.blocks, weighted, n_blocks).astype(float)
-        return np.column_stack([self.block_sums(column) for column in values.T])
+        return self.folds.block_sums((self.weight * values.T).T)
 
 
 @dataclass(frozen=True)
@@ -88,27 +72,50 @@ class Solution:
     coef: Array
     gain: Array
 
-    @staticmethod
-    def of(gram: Array, moment: Array, size: Array) -> Solution:
-        """Solve the normal equations of every candidate.
 
-        `gram` (n_candidates, n_terms, n_terms), `moment` (n_candidates, n_terms, n_states);
-        `size` (n_candidates, n_terms) are the squares of the columns before the regression on
-        the library. Candidates that the library leaves nothing of get no gain.
+@dataclass(frozen=True)
+class NormalEquations:
+    """Those of the columns of G candidates after regression on the library, mode by mode.
+
+    Attributes
+    ----------
+    gram : ndarray of shape (n_modes, G, n_terms, n_terms)
+    moment : ndarray of shape (n_modes, G, n_terms, n_states)
+    size : ndarray of shape (n_modes, G, n_terms)
+        Squares of the columns before the regression on the library.
+    """
+
+    gram: Array
+    moment: Array
+    size: Array
+
+    @property
+    def spanned(self) -> NDArray[np.bool_]:
+        """Columns of which the library leaves nothing in any mode, shape (G, n_terms)."""
+        return self._spanned(self.gram.sum(axis=0), self.size.sum(axis=0))
+
+    def solve(self, mode: int | None) -> Solution:
+        """Solution for effects that act in one mode, or in all modes alike (None).
+
+        A column that the library spans gets the equation coefficient = 0, and no gain.
         """
-        diagonal = np.einsum("gqq->gq", gram)
-        spanned = (diagonal <= COLLINEAR * size) | (size == 0.0)
-        scale = np.sqrt(np.where(spanned, 1.0, diagonal))
-        correlation = gram / (scale[:, :, None] * scale[:, None, :])
-        # a spanned column gets the equation coefficient = 0
-        eye = np.eye(gram.shape[1])
-        free = ~spanned[:, :, None] & ~spanned[:, None, :]
-        correlation = np.where(free, correlation, 0.0) + eye * np.where(
-            spanned[:, :, None], 1.0, _RANK
+        gram, moment, size = (
+            part.sum(axis=0) if mode is None else part[mode]
+            for part in (self.gram, self.moment, self.size)
         )
+        spanned = self._spanned(gram, size)
+        scale = np.sqrt(np.where(spanned, 1.0, np.einsum("gqq->gq", gram)))
+        correlation = gram / (scale[:, :, None] * scale[:, None, :])
+        free = ~spanned[:, :, None] & ~spanned[:, None, :]
+        ridge = np.eye(gram.shape[1]) * np.where(spanned[:, :, None], 1.0, _RANK)
         right = np.where(spanned[:, :, None], 0.0, moment / scale[:, :, None])
-        coef = np.linalg.solve(correlation, right) / scale[:, :, None]
+        coef = np.linalg.solve(np.where(free, correlation, 0.0) + ridge, right)
+        coef = coef / scale[:, :, None]
         return Solution(coef, np.einsum("gqk,gqk->gk", coef, moment))
+
+    @staticmethod
+    def _spanned(gram: Array, size: Array) -> NDArray[np.bool_]:
+        return (np.einsum("gqq->gq", gram) <= _COLLINEAR * size) | (size == 0.0)
 
 
 class Background:
@@ -117,12 +124,10 @@ class Background:
     def __init__(self, problem: Regression, train: NDArray[np.intp]):
         self.problem, self.train = problem, train
         self._modes = problem.modes[train]
-        self._solvers = [self._solver(train[self._modes == mode]) for mode in self._all_modes]
+        self._solvers = [
+            self._solver(train[self._modes == mode]) for mode in range(problem.n_modes)
+        ]
         self.left_over = self.residuals(problem.targets, train)
-
-    @property
-    def _all_modes(self) -> range:
-        return range(self.problem.n_modes)
 
     def _solver(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
         """Rows of a mode and the matrix that takes their targets to coefficients."""
@@ -140,45 +145,38 @@ class Background:
         return [solver @ values[rows] for rows, solver in self._solvers]
 
     def residuals(self, values: Array, rows: NDArray[np.intp]) -> Array:
-        """Residuals of some rows; the coefficients are from the training rows."""
+        """Residuals of some rows of columns (n_samples, ...); coefficients are of training rows."""
+        flat = values.reshape(len(values), -1)
         features, modes = self.problem.features[rows], self.problem.modes[rows]
-        left = values[rows].copy()
-        for mode, coef in enumerate(self.coefficients(values)):
+        left = flat[rows]
+        for mode, coef in enumerate(self.coefficients(flat)):
             chosen = np.flatnonzero(modes == mode)
             left[chosen] -= features[chosen] @ coef
-        return left
+        return left.reshape(len(rows), *values.shape[1:])
 
-    def normal_equations(self, columns: Array) -> tuple[Array, Array, Array, Array]:
-        """Grams, moments and sizes by mode, for columns of shape (n_samples, G, n_terms).
-
-        Returns
-        -------
-        gram : ndarray of shape (n_modes, G, n_terms, n_terms)
-        moment : ndarray of shape (n_modes, G, n_terms, n_states)
-        size : ndarray of shape (n_modes, G, n_terms)
-        residuals : ndarray of shape (n_train, G, n_terms)
-        """
-        n_samples, n_candidates, n_terms = columns.shape
-        flat = columns.reshape(n_samples, -1)
-        shape = (len(self.train), n_candidates, n_terms)
-        residuals = self.residuals(flat, self.train).reshape(shape)
+    def normal_equations(self, columns: Array) -> NormalEquations:
+        """Of columns (n_samples, G, n_terms)."""
+        residuals = self.residuals(columns, self.train)
         grams, moments, sizes = [], [], []
-        for mode in self._all_modes:
+        for mode in range(self.problem.n_modes):
             chosen = np.flatnonzero(self._modes == mode)
             weight = self.problem.weight[self.train[chosen]]
             part = residuals[chosen]
             weighted = weight[:, None, None] * part
             grams.append(_grams(weighted, part))
-            stacked = weighted.reshape(len(chosen), n_candidates * n_terms)
-            moment = stacked.T @ self.left_over[chosen]
-            moments.append(moment.reshape(n_candidates, n_terms, moment.shape[1]))
+            flat = weighted.reshape(len(chosen), columns.shape[1] * columns.shape[2])
+            moment = flat.T @ self.left_over[chosen]
+            moments.append(moment.reshape(*columns.shape[1:], -1))
             raw = columns[self.train[chosen]]
             sizes.append(np.einsum("i,igq,igq->gq", weight, raw, raw))
-        return np.stack(grams), np.stack(moments), np.stack(sizes), residuals
+        return NormalEquations(np.stack(grams), np.stack(moments), np.stack(sizes))
 
 
 def _grams(weighted: Array, part: Array) -> Array:
-    """Gram matrices of the candidates, (G, n_terms, n_terms)."""
+    """Gram matrices of the candidates, (G, n_terms, n_terms).
+
+    One product at a time: the columns are few and the candidates many.
+    """
     n_terms = part.shape[2]
     gram = np.empty((part.shape[1], n_terms, n_terms))
     for row in range(n_terms):
@@ -186,17 +184,3 @@ def _grams(weighted: Array, part: Array) -> Array:
             value = np.einsum("ig,ig->g", weighted[:, :, row], part[:, :, column])
             gram[:, row, column] = gram[:, column, row] = value
     return gram
-
-
-def solutions(
-    gram: Array, moment: Array, size: Array, modes: Sequence[int | None]
-) -> dict[int | None, Solution]:
-    """Solutions for effects that act in all modes alike (None) and in one mode."""
-    return {
-        mode: Solution.of(
-            gram.sum(axis=0) if mode is None else gram[mode],
-            moment.sum(axis=0) if mode is None else moment[mode],
-            size.sum(axis=0) if mode is None else size[mode],
-        )
-        for mode in modes
-    }

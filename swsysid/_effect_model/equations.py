@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from swsysid._search.joint_fit import JointFit
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._pipelines import steps_before
+from swsysid.effects import MeasurementEffect
+from swsysid.effects._types import WithoutColumns
 
 __all__ = ["guards_with_effects", "laws_with_effects"]
 
@@ -23,50 +26,50 @@ def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style
 
     def added(mode: int, state: int) -> Iterator[tuple[float, str, float]]:
         for term, coef in zip(fit.terms, fit.coef, strict=True):
-            if term.target == state and term.effect.terms:
-                label = term.effect.label(term.place, names)
-                columns = term.effect.column_names(label, *term.theta)
-                values = term.in_mode(coef, mode, fit.n_modes).tolist()
-                yield from (
-                    (value, name, 1.0) for value, name in zip(values, columns, strict=False)
-                )
+            if term.target == state:
+                columns = term.effect.column_names(term.label(names), *term.theta)
+                own = term.in_mode(coef, mode, fit.n_modes).tolist()
+                yield from ((value, name, 1.0) for value, name in zip(own, columns, strict=False))
 
-    laws = fit.switching.switching_model.equations(
+    laws = fit.model.equations(
         precision, style, states=names, columns=_columns(fit, names), added=added
     )
-    return laws + _statements(fit, names, style, guards=False)
+    return laws + _statements(fit, names, style, of_measurements=True)
 
 
 def guards_with_effects(
     fit: JointFit, names: Sequence[str], precision: int, style: str
 ) -> list[str]:
     """The surfaces, or the guard with memory in their place; then what happens at them."""
-    told = _statements(fit, names, style, guards=True)
-    if any(term.effect.remembers for term in fit.terms):
-        return told
+    statements = _statements(fit, names, style, of_measurements=False)
+    if fit.guard is not None:
+        return statements
     columns = _columns(fit, names)
-    return fit.switching.switching_model.surface_equations(precision, style, columns) + told
+    return fit.model.surface_equations(precision, style, columns) + statements
 
 
 def _columns(fit: JointFit, names: Sequence[str]) -> list[str] | None:
     """Names of what the switching regressor sees; None where a pipeline does not name them."""
-    n_columns = fit.switching.n_features_in_
-    steps = getattr(fit.estimator, "steps", ())
-    if len(steps) < 2:
-        return list(names[:n_columns])
+    before = steps_before(fit.estimator)
+    if before is None:
+        return list(names[: fit.switching.n_features_in_])
     try:
-        before = fit.estimator[:-1]
         return list(before.get_feature_names_out(list(names[: before.n_features_in_])))
     except (AttributeError, ValueError):
         return None
 
 
-def _statements(fit: JointFit, names: Sequence[str], style: str, *, guards: bool) -> list[str]:
-    """Effects without columns, those of the guards or the others."""
-    listed = [
+def _statements(
+    fit: JointFit, names: Sequence[str], style: str, *, of_measurements: bool
+) -> list[str]:
+    """Effects without columns: those of the measurement, or those of guards and modes."""
+    texts = [
         term.effect.statement(term.place, names, term.target, *term.theta)
         for term in fit.terms
-        if term.effect.acts_at_guards == guards
+        if isinstance(term.effect, WithoutColumns)
+        and isinstance(term.effect, MeasurementEffect) == of_measurements
     ]
-    told = [text for text in listed if text]
-    return [rf"\text{{{text}}}".replace("_", r"\_") for text in told] if style == "latex" else told
+    texts = [text for text in texts if text]
+    if style == "latex":
+        return [rf"\text{{{text}}}".replace("_", r"\_") for text in texts]
+    return texts

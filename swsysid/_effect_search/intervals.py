@@ -14,65 +14,57 @@ that a residual changes its own weight: with w in its place, intervals are a qua
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._data.records import Records
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.candidates import candidate_context
+from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.regression import Regression
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import STUDENT
 from swsysid._results import Array
-from swsysid._search.bench import bench_of
-from swsysid._search.folds import Folds
-from swsysid._search.joint_fit import JointFit, corrected
+from swsysid.effects._placed import corrected
 
 __all__ = ["linearised", "parameter_intervals", "term_covariances"]
 
-_STEP = 0.05  # of the distance to the neighbouring value of the scan
 
-
-def parameter_intervals(
-    fit: JointFit,
-    records: Records,
-    rows: NDArray[np.intp],
-    targets: Array,
-    folds: Folds,
-    level: float = 0.95,
-) -> list[dict[str, tuple[float, float]]]:
+def parameter_intervals(fit: JointFit, data: SearchData) -> list[dict[str, tuple[float, float]]]:
     """Intervals of the physical parameters of every term with columns; empty for the others."""
-    seen = corrected(fit.terms, records)
-    quantile = float(stats.t.ppf(0.5 + level / 2, max(len(rows) - 1, 1)))
-    covariances = term_covariances(fit, records, rows, targets, folds)
+    seen = corrected(fit.terms, data.records)
+    level = 0.5 + 0.5 * data.settings.level
+    quantile = float(stats.t.ppf(level, max(len(data.rows) - 1, 1)))
     return [
         _physical_intervals(fit, place, seen, own, quantile) if len(own) else {}
-        for place, own in enumerate(covariances)
+        for place, own in enumerate(term_covariances(fit, data))
     ]
 
 
-def term_covariances(
-    fit: JointFit, records: Records, rows: NDArray[np.intp], targets: Array, folds: Folds
-) -> list[Array]:
+def term_covariances(fit: JointFit, data: SearchData) -> list[Array]:
     """Covariance of the coefficients and then theta of every term; empty without columns."""
-    bench = bench_of(fit, records, rows, targets, folds)
-    modes = fit.predict_modes(records)
-    modes[rows] = fit.modes
-    errors = targets - fit.predict(records, modes)[rows]
-    seen = corrected(fit.terms, records)
+    regression = candidate_context(fit, data).regression
+    errors = fit.residuals(data.records, data.rows, data.targets)
+    seen = corrected(fit.terms, data.records)
+    features = fit.features(seen)[data.rows]
     answers = [np.empty((0, 0)) for _ in fit.terms]
-    for target in {term.target for term in fit.terms if term.effect.terms}:
+    for target in range(data.targets.shape[1]):
         places = [
             place
             for place, term in enumerate(fit.terms)
             if term.target == target and term.effect.terms
         ]
-        columns = [linearised(fit, place, seen, rows, fit.modes) for place in places]
-        covariance = _covariance(
-            bench.regression, fit.features(seen)[rows], np.column_stack(columns), errors[:, target]
-        )
+        if not places:
+            continue
+        columns = [linearised(fit, place, seen, data.rows, fit.modes) for place in places]
+        covariance = _covariance(regression, features, np.column_stack(columns), errors[:, target])
         start = 0
         for place, part in zip(places, columns, strict=True):
-            width = part.shape[1]
-            answers[place] = covariance[start : start + width, start : start + width]
-            start += width
+            own = slice(start, start + part.shape[1])
+            answers[place], start = covariance[own, own], own.stop
     return answers
 
 
@@ -86,14 +78,14 @@ def linearised(
     """Columns of a term and the derivatives of its contribution, (n_rows, n_terms + n_theta)."""
     term, coef = fit.terms[place], fit.coef[place]
 
-    def columns(theta):
-        values = term.effect.columns(records, term.place, *theta)[rows]
+    def columns(theta: tuple[float, ...]) -> Array:
+        values = replace(term, theta=theta).columns(records)[rows]
         return term.design(values, modes, fit.n_modes)
 
     parts = [columns(term.theta)]
     ranges = term.effect.parameters(records, term.place)
     for number, (value, parameter) in enumerate(zip(term.theta, ranges, strict=True)):
-        step = _STEP * _spacing(parameter.values, value) or 1e-6
+        step = SETTINGS.step * _spacing(parameter.values, value) or 1e-6
         ends = [
             columns((*term.theta[:number], value + sign * step, *term.theta[number + 1 :])) @ coef
             for sign in (1.0, -1.0)
@@ -110,7 +102,7 @@ def _spacing(values: Array, value: float) -> float:
     return float(values[above] - values[above - 1])
 
 
-def _covariance(regression, features: Array, columns: Array, errors: Array) -> Array:
+def _covariance(regression: Regression, features: Array, columns: Array, errors: Array) -> Array:
     """Sandwich covariance of the columns' coefficients beside the library in each mode."""
     blocks = [features * (regression.modes == mode)[:, None] for mode in range(regression.n_modes)]
     design = np.column_stack([*blocks, columns])
@@ -120,7 +112,7 @@ def _covariance(regression, features: Array, columns: Array, errors: Array) -> A
     scaled, (weight, slope) = design / size, STUDENT.influence(errors)
     weight *= used
     # the mean of the slopes: single ones are negative where outliers are
-    slope_here = weight * (used @ slope / max(used @ weight, 1e-300))
+    slope_here = weight * (used @ slope / max(float(used @ weight), 1e-300))
     inverse = np.linalg.pinv((scaled * slope_here[:, None]).T @ scaled, rcond=1e-12, hermitian=True)
     spread = scaled * (weight * errors)[:, None]
     n_used, n_columns = int(np.sum(weight > 0)), design.shape[1]
@@ -130,22 +122,21 @@ def _covariance(regression, features: Array, columns: Array, errors: Array) -> A
 
 
 def _physical_intervals(
-    fit, place, records, covariance, quantile
+    fit: JointFit, place: int, records: Records, covariance: Array, quantile: float
 ) -> dict[str, tuple[float, float]]:
     """Intervals of what a physicist calls the parameters, by the delta method."""
-    term = fit.terms[place]
+    term, n_coef = fit.terms[place], len(fit.coef[place])
     values = np.concatenate([fit.coef[place], term.theta])
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
-    def physical(vector):
-        count = len(fit.coef[place])
-        return term.physical(records, vector[:count], vector[count:])
+    def physical(vector: Array) -> dict[str, float]:
+        return term.physical(records, vector[:n_coef], vector[n_coef:])
 
     here = physical(values)
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     slopes = []
     for number, one in enumerate(deviation):
-        step = max(1e-3 * one, 1e-9 * abs(values[number]), 1e-300)
         moved = values.copy()
+        step = max(1e-3 * one, 1e-9 * abs(values[number]), 1e-300)
         moved[number] += step
         changed = physical(moved)
         slopes.append([(changed[name] - here[name]) / step for name in here])

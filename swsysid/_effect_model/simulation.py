@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from swsysid._checks.parameters import one_of
-from swsysid._pipelines import switching_step
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._pipelines import steps_before, switching_step
 from swsysid._results import Array, Status, Trajectory
-from swsysid._search.joint_fit import JointFit, corrected
 from swsysid._simulation.effect_system import ActingTerm, EffectSystem, Memory
 from swsysid._simulation.inputs import Options, checked_inputs, checked_options, checked_times
 from swsysid._simulation.signals import Given, refined_grid, trajectory_records
 from swsysid._simulation.simulate import follow, iterate
 from swsysid._simulation.stepping import step_along
+from swsysid.effects import PlacedEffect, ResetEffect
+from swsysid.effects._base import Place
+from swsysid.effects._placed import corrected
 
 __all__ = ["simulate_with_effects"]
 
@@ -69,8 +71,8 @@ class _Sorted:
 
     acting: list[ActingTerm]
     breaks: list[tuple[int, float]]
-    tabulated: list[Any]
-    guards: list[Memory]
+    tabulated: list[PlacedEffect]
+    guard: Memory | None
     resets: list[tuple[tuple[int, int], int, float]]
 
     def without_breaks(self) -> _Sorted:
@@ -97,14 +99,14 @@ class _Rollout:
         if self.is_discrete:  # a map steps over every level: its columns are those of the state
             self.sorted = self.sorted.without_breaks()
         sizes = (self.n_states, self.inputs.shape[1], self.signals.shape[1])
-        before = transform if hasattr(fit.estimator, "steps") else None
+        before = None if steps_before(fit.estimator) is None else transform
         self.system = EffectSystem(
-            switching.switching_model,
+            fit.model,
             before,
             self.sorted.acting,
             self.sorted.breaks,
             sizes,
-            guard=self.sorted.guards[0] if self.sorted.guards else None,
+            guard=self.sorted.guard,
             resets=self.sorted.resets,
         )
         self.given = Given(
@@ -176,7 +178,7 @@ class _Rollout:
         X = np.column_stack([done.x, inputs])
         records = trajectory_records(X, self.n_states, done.t, signals)
         for term in reversed(self.terms):
-            records = term.effect.recorded(records, term.place, *term.theta)
+            records = term.recorded(records)
         asked = np.isin(done.t, self.t)
         x = records.X[asked, : self.n_states]
         return replace(done, t=done.t[asked], x=x, modes=done.modes[asked])
@@ -185,30 +187,28 @@ class _Rollout:
 # -- what a fit needs ------------------------------------------------------------------------------
 
 
-def _channels(place: Any) -> tuple[int, ...] | None:
+def _channels(place: Place) -> tuple[int, ...] | None:
     """Channels that a place names, None if it is something else."""
     listed = place if isinstance(place, tuple) else (place,)
     numbers = [number for number in listed if isinstance(number, (int, np.integer))]
     return tuple(map(int, numbers)) if len(numbers) == len(listed) else None
 
 
-def _n_signals(terms: Sequence[Any], n_columns: int) -> int:
+def _n_signals(terms: Sequence[PlacedEffect], n_columns: int) -> int:
     """Number of logged signals that the effects use."""
     used = [channel for term in terms for channel in _channels(term.place) or ()]
     return max([channel + 1 - n_columns for channel in used if channel >= n_columns], default=0)
 
 
 def _sorted(fit: JointFit, n_columns: int, n_states: int, n_signals: int) -> _Sorted:
-    done = _Sorted([], [], [], [], [])
+    guard = None if fit.guard is None else Memory(fit.guard)
+    done = _Sorted([], [], [], guard, [])
     # among the given channels, tabulated columns follow the inputs, the time and the signals
     place = n_columns - n_states + 1 + n_signals
     for term, coef in zip(fit.terms, fit.coef, strict=True):
         effect = term.effect
-        if effect.remembers:
-            done.guards.append(Memory(term))
-        jump = effect.jump(term.place, *term.theta)
-        if jump is not None:
-            done.resets.append((jump[0], term.target, jump[1]))
+        if isinstance(effect, ResetEffect):
+            done.resets.append((term.place, term.target, effect.factor(*term.theta)))
         gains = _gains(term, coef, fit.n_modes)
         if not gains.size:
             continue
@@ -226,16 +226,14 @@ def _sorted(fit: JointFit, n_columns: int, n_states: int, n_signals: int) -> _So
     return done
 
 
-def _gains(term: Any, coef: Array, n_modes: int) -> Array:
+def _gains(term: PlacedEffect, coef: Array, n_modes: int) -> Array:
     """Coefficients of the columns in each mode, (n_modes, n_columns)."""
-    apart = term.mode is None and term.replaced is not None
-    columns = np.eye(len(coef) // n_modes if apart else len(coef))
-    return np.array(
-        [term.design(columns, np.full(len(columns), m), n_modes) @ coef for m in range(n_modes)]
-    )
+    each = [term.in_mode(coef, mode, n_modes) for mode in range(n_modes)]
+    width = max(map(len, each))
+    return np.array([own if len(own) else np.zeros(width) for own in each])
 
 
-def _only_given(place: Any, n_states: int) -> bool:
+def _only_given(place: Place, n_states: int) -> bool:
     """True if an effect is a function of inputs and signals alone."""
     channels = _channels(place)
     return channels is not None and min(channels) >= n_states

@@ -1,0 +1,1 @@
+"""A declared switching model with effects beside it: its fit, its equations, its rollouts."""

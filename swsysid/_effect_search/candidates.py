@@ -1,0 +1,284 @@
+"""What a candidate is tried beside: a fit, its rows and modes, and regressions on its library.
+
+A trial fits everything on training folds, nonlinear parameters included, and predicts the rows it
+has not seen. What it is worth is measured there only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from swsysid._data.records import Records
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.regression import Background, Regression
+from swsysid._noise import STUDENT, robust_weights
+from swsysid._results import Array
+from swsysid.effects import Effect, PlacedEffect
+from swsysid.effects._base import Place
+from swsysid.effects._placed import corrected
+
+__all__ = ["CandidateContext", "Trial", "candidate_context"]
+
+Columns = dict[tuple[int, Place], Array]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate and how it predicts rows that it has not seen.
+
+    Attributes
+    ----------
+    candidate : PlacedEffect
+        With the nonlinear parameters that suit all rows of the search.
+    change : ndarray of shape (n_samples,)
+        What the candidate adds to the prediction of the target on held-out rows.
+    grid : ndarray of shape (n_values, n_theta)
+        Values that were scanned.
+    by_fold : tuple of int
+        Value of the scan that suits each fold, and all rows at the end.
+    """
+
+    candidate: PlacedEffect
+    change: Array
+    grid: Array
+    by_fold: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class CandidateContext:
+    """A fit beside which candidates are tried.
+
+    Attributes
+    ----------
+    fit : JointFit
+    data : SearchData
+        With the record as the sensors of the fit would have it.
+    regression : Regression
+        Of the library and the columns of the effects found so far.
+    linear : dict
+        Which channel (key) is which feature.
+    replaced : set of (target, feature)
+        Features whose place another effect has.
+    kept : dict
+        Columns that were computed before.
+    """
+
+    fit: JointFit
+    data: SearchData
+    regression: Regression
+    linear: dict[int, int]
+    replaced: set[tuple[int, int]]
+    kept: Columns = field(repr=False)
+    _backgrounds: dict[int | None, list[Background]] = field(default_factory=dict, repr=False)
+
+    @property
+    def records(self) -> Records:
+        """The record."""
+        return self.data.records
+
+    # -- regressions -----------------------------------------------------------------------------
+
+    def backgrounds(self, without: int | None = None) -> list[Background]:
+        """Regressions of each fold, and of all rows at the end; perhaps without one feature."""
+        if without not in self._backgrounds:
+            problem = self.regression if without is None else self.regression.without(without)
+            folds = [*range(len(problem.folds.parts)), None]
+            self._backgrounds[without] = [problem.background(fold) for fold in folds]
+        return self._backgrounds[without]
+
+    @property
+    def tests(self) -> list[NDArray[np.intp] | None]:
+        """Rows on which the background of each fold is tested; None for that of all rows."""
+        return [*(test for _, test in self.regression.folds.parts), None]
+
+    @cached_property
+    def held_out(self) -> Array:
+        """Residuals of the fit on rows that its regressions have not seen."""
+        residuals = np.empty_like(self.regression.targets)
+        for background, test in zip(self.backgrounds(), self.tests, strict=True):
+            if test is not None:
+                residuals[test] = background.residuals(self.regression.targets, test)
+        return residuals
+
+    @cached_property
+    def loss(self) -> Array:
+        """Weighted sum of squares of `held_out` in each block, (n_blocks, n_states)."""
+        return self.regression.block_sums(self.held_out**2)
+
+    # -- columns ---------------------------------------------------------------------------------
+
+    def columns(self, effect: Effect, place: Place, grid: Array) -> Array:
+        """Columns for every row of a grid of parameters, (n_samples, n_values, n_terms).
+
+        Those with a memory are computed along whole trajectories and cut to the rows afterwards.
+        """
+        rows = self.data.rows
+        listed = [effect.columns(self.records, place, *theta)[rows] for theta in grid]
+        return np.stack(listed, axis=1)
+
+    def scanned_columns(self, effect: Effect, place: Place, grid: Array) -> Array:
+        """As `columns`, and kept: the next scan of the same record asks for them again."""
+        key = (id(effect), place)
+        if key not in self.kept:
+            self.kept[key] = self.columns(effect, place, grid)
+        return self.kept[key]
+
+    def is_spanned(self, effect: Effect, place: Place) -> bool:
+        """True if the library leaves nothing of an effect's columns, which have no parameters."""
+        if not effect.terms or effect.parameters(self.records, place):
+            return False
+        columns = self.columns(effect, place, np.empty((1, 0)))
+        return bool(self.backgrounds()[-1].normal_equations(columns).spanned.all())
+
+    # -- what the data say beside the laws -------------------------------------------------------
+
+    @cached_property
+    def velocities(self) -> Array:
+        """Measured velocities on the rows of the search, modelled ones elsewhere."""
+        velocities = self.fit.predict(self.records)
+        velocities[self.data.rows] = self.regression.targets
+        return velocities
+
+    @cached_property
+    def surface_modes(self) -> NDArray[np.intp]:
+        """Modes of the whole record according to the surface or guard."""
+        return self.fit.predict_modes(self.records)
+
+    @cached_property
+    def known_modes(self) -> NDArray[np.intp]:
+        """Modes of the whole record from the data, -1 where there are none."""
+        known = np.full(len(self.records), -1)
+        known[self.data.rows] = self.regression.modes
+        return known
+
+    @property
+    def most_switched_state(self) -> int:
+        """State whose laws differ most between the modes."""
+        coef = self.fit.switching.coef_
+        sizes = np.abs(self.regression.features[:, : coef.shape[2]]).mean(axis=0)
+        apart = (np.ptp(coef, axis=0) * sizes).sum(axis=1)
+        return int(np.argmax(apart / self.regression.targets.std(axis=0)))
+
+    def misfit(self, records: Records) -> float:
+        """Negative log likelihood of what the laws leave over on other records."""
+        problem, floor = self.regression, self.data.exact
+        features = self.fit.features(records)[self.data.rows]
+        known = problem.features[:, features.shape[1] :]
+        other = replace(problem, features=np.column_stack([features, known]))
+        again = replace(other, weight=robust_weights(other.background(None).left_over, floor))
+        left = again.background(None).left_over
+        return float(STUDENT.cost(left, STUDENT.scale(left, floor)).sum())
+
+    # -- what a trial is worth -------------------------------------------------------------------
+
+    def gains(self, trials: list[Trial]) -> Array:
+        """Gain in log likelihood of each trial in each block, (n_trials, n_blocks).
+
+        The unit of the squares in each state is what the best of the trials leaves over there.
+        """
+        losses = np.array([self._loss_with(trial) for trial in trials])
+        targets = np.array([trial.candidate.target for trial in trials])
+        least = np.array(
+            [
+                min(losses[targets == state].sum(axis=1).min(initial=np.inf), total)
+                for state, total in enumerate(self.loss.sum(axis=0))
+            ]
+        )
+        per_row = least / max(self.regression.weight.sum(), 1.0)
+        variance = np.maximum(per_row, self.data.exact**2)
+        return (self.loss[:, targets].T - losses) / (2.0 * variance[targets])[:, None]
+
+    def _loss_with(self, trial: Trial) -> Array:
+        """Weighted sum of squares in each block with the effect added."""
+        error = self.held_out[:, trial.candidate.target] - trial.change
+        return self.regression.block_sums(error**2)
+
+    def level_with(self, best: Trial, trials: list[Trial]) -> dict[int, float]:
+        """Places of the trials within one standard error of one of them, and how far behind."""
+        gains = self.gains([best, *trials])
+        behind = gains[0] - gains[1:]
+        error = behind.std(axis=1) * np.sqrt(behind.shape[1])
+        lost = behind.sum(axis=1)
+        return {place: float(lost[place]) for place in np.flatnonzero(lost <= error).tolist()}
+
+    def p_value(self, trial: Trial) -> float:
+        """Probability of so good a prediction of the residual if there were no effect.
+
+        A one-sided test of the slope of the held-out residuals on the predicted change, its
+        error robust to whatever happens inside a block.
+        """
+        residual = self.held_out[:, trial.candidate.target]
+        moments = self.regression.block_sums(
+            np.column_stack([residual * trial.change, trial.change**2])
+        )
+        size = moments[:, 1].sum()
+        if size <= 0.0:
+            return 1.0
+        slope = moments[:, 0].sum() / size
+        scatter = float(np.sum((moments[:, 0] - slope * moments[:, 1]) ** 2))
+        n_blocks = len(moments)
+        error = np.sqrt(scatter * n_blocks / max(n_blocks - 1, 1)) / size
+        if error == 0.0:
+            return 0.0 if slope > 0 else 1.0
+        return float(stats.t.sf(slope / error, n_blocks - 1))
+
+
+def candidate_context(
+    fit: JointFit, data: SearchData, without: int | None = None, kept: Columns | None = None
+) -> CandidateContext:
+    """Candidates are tried beside the library and the columns of the effects found so far.
+
+    The columns of the term `without` are left out, as if it had not been found.
+    """
+    others = [term for place, term in enumerate(fit.terms) if place != without]
+    records = corrected(others, data.records)
+    features = fit.features(records.take(data.rows))
+    known = [
+        term.design(term.columns(records)[data.rows], fit.modes, fit.n_modes) for term in others
+    ]
+    regression = Regression(
+        features=np.column_stack([features, *known]),
+        targets=data.targets,
+        modes=fit.modes,
+        n_modes=int(fit.modes.max()) + 1,
+        weight=_weight(fit, data),
+        folds=data.folds,
+    )
+    return CandidateContext(
+        fit=fit,
+        data=replace(data, records=records),
+        regression=regression,
+        linear=_linear_features(features, records.X[data.rows]),
+        replaced={(term.target, term.replaced) for term in others if term.replaced is not None},
+        # a corrected record is gone after the context, and so are its columns
+        kept=kept if kept is not None and records is data.records else {},
+    )
+
+
+def _weight(fit: JointFit, data: SearchData) -> Array:
+    """Small for outliers, none where the mode is uncertain or the surface and the data differ."""
+    residuals = fit.residuals(data.records, data.rows, data.targets)
+    weight = robust_weights(residuals, data.exact)
+    searched = data.records.take(data.rows)
+    sure = fit.mode_proba(searched).max(axis=1) >= data.settings.sure
+    sure &= fit.surface_modes(searched) == fit.modes
+    return np.where(sure, weight, 0.0) if np.mean(~sure) <= data.settings.most_unsure else weight
+
+
+def _linear_features(features: Array, X: Array) -> dict[int, int]:
+    """Which feature is a multiple of which channel."""
+    found: dict[int, int] = {}
+    size = np.linalg.norm(features, axis=0)
+    for channel, values in enumerate(X.T):
+        norm = np.linalg.norm(values)
+        cosine = np.abs(values @ features) / np.where(size * norm > 0, size * norm, np.inf)
+        best = int(cosine.argmax())
+        if cosine[best] > 1.0 - 1e-10:
+            found[channel] = best
+    return found

@@ -1,0 +1,157 @@
+"""Honest parts of a record: what is held out to the end, folds for choices, blocks for errors.
+
+Neighbouring rows of a trajectory are alike, so that rows are never shuffled where their order is
+known: parts are whole trajectories if there are several, otherwise contiguous stretches, and rows
+next to the part that is held out are used for nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.records import Records
+from swsysid._effect_search.settings import SETTINGS, SearchSettings
+from swsysid._noise import exact_below
+from swsysid._results import Array
+
+__all__ = ["Folds", "SearchData", "Split", "make_folds", "split_records"]
+
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Split:
+    """Rows for the search, and rows that take no part in any choice."""
+
+    search: Rows
+    held_out: Rows
+    how: str
+
+
+@dataclass(frozen=True)
+class Folds:
+    """Folds for comparing candidates, and blocks on which their errors are compared.
+
+    Attributes
+    ----------
+    parts : list of (train, test)
+        Rows of each fold.
+    blocks : ndarray of shape (n_samples,), int
+        Contiguous block of each row, numbered from 0.
+    """
+
+    parts: list[tuple[Rows, Rows]]
+    blocks: NDArray[np.intp]
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of blocks."""
+        return int(self.blocks.max()) + 1
+
+    def block_sums(self, values: Array) -> Array:
+        """Sums over the blocks, (n_blocks,) or (n_blocks, n_columns)."""
+        if values.ndim == 1:
+            return np.bincount(self.blocks, values, self.n_blocks).astype(float)
+        return np.column_stack([self.block_sums(column) for column in values.T])
+
+
+@dataclass(frozen=True)
+class SearchData:
+    """A record, the rows of it that are fitted, and how they are divided.
+
+    Attributes
+    ----------
+    records : Records
+        The whole record, along which columns with a memory are computed.
+    rows : ndarray of shape (n_rows,)
+    targets : ndarray of shape (n_rows, n_states)
+    folds : Folds
+        Of the rows.
+    settings : SearchSettings
+    """
+
+    records: Records
+    rows: Rows
+    targets: Array
+    folds: Folds
+    settings: SearchSettings = SETTINGS
+
+    @classmethod
+    def whole(cls, records: Records, targets: Array) -> SearchData:
+        """All rows of a record."""
+        folds = make_folds(records, SETTINGS.n_folds, np.random.RandomState(0))
+        return cls(records, np.arange(len(records)), targets, folds)
+
+    @cached_property
+    def exact(self) -> Array:
+        """Errors of each state below which an equation is exact."""
+        return exact_below(self.targets)
+
+
+def split_records(
+    records: Records, rng: np.random.RandomState, settings: SearchSettings = SETTINGS
+) -> Split:
+    """Hold a quarter of the record out: whole trajectories, stretches or rows."""
+    if not records.ordered:
+        order = rng.permutation(len(records))
+        n_held = round(settings.held_out * len(records))
+        return Split(np.sort(order[n_held:]), np.sort(order[:n_held]), "random rows")
+    trajectories = records.trajectories
+    if len(trajectories) < settings.fewest_trajectories:
+        return _stretches_apart(trajectories, settings)
+    order = rng.permutation(len(trajectories))
+    n_held = max(1, round(settings.held_out * len(trajectories)))
+    held = np.concatenate([trajectories[place] for place in order[:n_held]])
+    kept = np.concatenate([trajectories[place] for place in order[n_held:]])
+    return Split(np.sort(kept), np.sort(held), f"{n_held} whole trajectories")
+
+
+def _stretches_apart(trajectories: list[Rows], settings: SearchSettings) -> Split:
+    """Every fourth stretch is held out, with a gap to its neighbours."""
+    per_trajectory = max(4, settings.n_stretches // len(trajectories))
+    kept, held = [], []
+    for rows in trajectories:
+        gap = max(2, int(settings.gap * len(rows)))
+        pieces = np.array_split(rows, per_trajectory)
+        taken = [place % 4 == 2 for place in range(per_trajectory)]
+        for place, piece in enumerate(pieces):
+            if taken[place]:
+                held.append(piece)
+                continue
+            start = gap if place > 0 and taken[place - 1] else 0
+            stop = len(piece) - (gap if place + 1 < len(pieces) and taken[place + 1] else 0)
+            kept.append(piece[start:stop])
+    how = f"{len(held)} stretches of time"
+    return Split(np.sort(np.concatenate(kept)), np.sort(np.concatenate(held)), how)
+
+
+def make_folds(
+    records: Records,
+    n_folds: int,
+    rng: np.random.RandomState,
+    settings: SearchSettings = SETTINGS,
+) -> Folds:
+    """Folds and blocks of the rows for the search."""
+    blocks = np.empty(len(records), dtype=np.intp)
+    fold_of: list[int] = []
+    if records.ordered:
+        trajectories = records.trajectories
+        per_trajectory = -(-settings.n_blocks // len(trajectories))
+        whole = len(trajectories) >= n_folds
+    else:
+        trajectories = [rng.permutation(len(records))]
+        per_trajectory, whole = settings.n_blocks, False
+    for place, rows in enumerate(trajectories):
+        for piece in np.array_split(rows, min(per_trajectory, len(rows))):
+            blocks[piece] = len(fold_of)
+            fold_of.append((place if whole else len(fold_of)) % n_folds)
+    fold = np.array(fold_of)[blocks]
+    parts = [
+        (np.flatnonzero(fold != number), np.flatnonzero(fold == number))
+        for number in range(n_folds)
+    ]
+    return Folds(parts, blocks)

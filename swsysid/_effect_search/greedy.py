@@ -1,0 +1,292 @@
+"""The search: scan, try, add, question, and stop when nothing is left.
+
+The declared model's own modes may be wrong because an effect is missing, and an effect may look
+wrong because the modes are. Each round therefore (i) scans every candidate beside the modes at
+hand, (ii) identifies the modes anew with the best of every kind inside, and (iii) scans again at
+the modes found, until effect and modes agree. Structures are compared by how well they predict
+rows that their regressions have not seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from joblib import Parallel, delayed
+from tqdm import tqdm
+
+from swsysid._effect_search.acceptance import (
+    Finding,
+    confirmed,
+    finding,
+    is_promising,
+    named,
+    preferred,
+    simplest,
+    without_catch_all,
+)
+from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.proposals import proposals
+from swsysid._effect_search.structures import SearchContext, Structure, exchanged
+from swsysid._rendering.progress import progress
+from swsysid.effects import (
+    GuardEffect,
+    MeasurementEffect,
+    PlacedEffect,
+    ResetEffect,
+    StructureEffect,
+)
+
+__all__ = ["Round", "Search"]
+
+
+@dataclass(frozen=True)
+class Round:
+    """One addition: what was found, the structure after it, and how many were tried."""
+
+    finding: Finding
+    structure: Structure
+    n_candidates: int
+
+
+@dataclass(frozen=True)
+class Search:
+    """A greedy search that questions every addition.
+
+    Attributes
+    ----------
+    context : SearchContext
+    max_effects : int
+    n_jobs : int or None
+    verbose : int
+    """
+
+    context: SearchContext
+    max_effects: int = 5
+    n_jobs: int | None = None
+    verbose: int = 0
+
+    def run(self) -> tuple[Structure, tuple[Finding, ...], list[Round]]:
+        """Add effects until nothing significant is left, and keep those that remain significant.
+
+        One more mode bends to whatever the first named effect leaves over. Where it was not the
+        only addition, the named effects have to show what they can do without it.
+
+        Returns
+        -------
+        structure : Structure
+        findings : tuple of Finding
+            One for each term of the structure.
+        rounds : list of Round
+        """
+        structure, rounds = self._climb()
+        has_more_modes = any(isinstance(term.effect, StructureEffect) for term in structure.terms)
+        if len(rounds) > 1 and has_more_modes:
+            effects = [one for one in self.context.effects if not isinstance(one, StructureEffect)]
+            only_named = replace(self, context=replace(self.context, effects=effects))
+            other, other_rounds = only_named._climb()
+            if other.price < structure.price:
+                structure, rounds = other, other_rounds
+        if len(rounds) == 1 and rounds[0].structure is structure:
+            return structure, (rounds[0].finding,), rounds
+        return *confirmed(self.context, structure), rounds
+
+    def _climb(self) -> tuple[Structure, list[Round]]:
+        structure, rounds = self.context.priced(self.context.declared), []
+        with progress(self.max_effects, "rounds of the search", bool(self.verbose)) as bar:
+            while len(structure.terms) < self.max_effects:
+                step = self._addition(structure)
+                bar.update()
+                if step is None:
+                    break
+                structure = self._questioned(step.structure)
+                rounds.append(replace(step, structure=structure))
+        return structure, rounds
+
+    # -- one addition ----------------------------------------------------------------------------
+
+    def _addition(self, current: Structure) -> Round | None:
+        """The effect that explains most of what is left, None if none is significant."""
+        beside = self.context.candidates(current.fit)
+        top, n_candidates = self.context.scanned(beside)
+        options = self._proposed(current, beside)
+        n_candidates += len(options)
+        if top:
+            first = simplest(beside, top)
+            if n_candidates * beside.p_value(first) <= self.context.settings.hopeful:
+                options += self._with_modes(current, first.candidate, top)
+        options = [option for option in options if option.cost < current.cost]
+        options = self._compared_with_named(current, options, n_candidates)
+        while options:
+            best = preferred(self.context, options)
+            found = self._accepted(current, best, n_candidates)
+            if found is not None:
+                return found
+            # what looked best does not bear being questioned: perhaps another kind does
+            options = [
+                option
+                for option in options
+                if option.last.kind != best.last.kind
+                and is_promising(self.context, current, option, n_candidates)
+            ]
+        return None
+
+    def _proposed(self, current: Structure, beside: CandidateContext) -> list[Structure]:
+        """Structures with effects that are more than columns."""
+        context, options = self.context, []
+        found = {term.signature for term in current.terms}
+        for effect in context.usable:
+            for candidate in proposals(effect, beside):
+                if candidate.signature in found:
+                    continue
+                if isinstance(effect, ResetEffect):
+                    gain, _ = effect.gain(
+                        beside.records, beside.velocities, beside.surface_modes, candidate.target
+                    )
+                    options.append(context.with_reset(current, candidate, gain))
+                    continue
+                terms = (*current.terms, candidate)
+                anew = isinstance(effect, StructureEffect)
+                options.append(context.structure(terms, None if anew else current.fit.modes))
+                if isinstance(effect, GuardEffect):
+                    own = candidate.switched(context.data.records)[context.data.rows]
+                    options.append(context.structure(terms, own))
+        return options
+
+    def _with_modes(
+        self, current: Structure, first: PlacedEffect, top: list[Trial]
+    ) -> list[Structure]:
+        """The best candidate with the present modes, and others with modes sought anew."""
+        terms, settings = current.terms, self.context.settings
+        warm = self.context.structure((*terms, first), current.fit.modes)
+        unchanged = np.mean(warm.fit.modes == current.fit.modes)
+        if current.fit.n_modes == 1 or unchanged >= settings.same_modes:
+            return [warm]  # the modes were right without the effect
+        best_of_kind = {first.effect.kind: first}
+        for trial in top:
+            best_of_kind.setdefault(trial.candidate.effect.kind, trial.candidate)
+        restarts = [
+            replace(candidate, mode=None, replaced=None)
+            for candidate in list(best_of_kind.values())[: settings.n_restarts]
+        ]
+        anew = Parallel(n_jobs=self.n_jobs)(
+            delayed(self.context.structure)((*terms, candidate), None, 1)
+            for candidate in tqdm(
+                restarts, desc="modes anew", leave=False, disable=not self.verbose
+            )
+        )
+        return [warm, *anew]
+
+    def _compared_with_named(
+        self, current: Structure, options: list[Structure], n_candidates: int
+    ) -> list[Structure]:
+        """Options among which one more mode has had to compete with the best effect with a name.
+
+        The weights of the first scan are those of a model without the effect, and its parameters
+        are poor where what is missing is large; in a second scan they are found again.
+        """
+        with_name = named(self.context, current, options, n_candidates)
+        if with_name:
+            cheapest = min(options, key=lambda option: option.price)
+            if isinstance(cheapest.last, StructureEffect):
+                again = self._agreed(with_name[0], len(current.terms))
+                options, with_name = [*options, again], [*with_name, again]
+        return without_catch_all(self.context, options, with_name)
+
+    def _accepted(self, current: Structure, best: Structure, n_candidates: int) -> Round | None:
+        """An addition whose effect and modes agree and that is significant, or None."""
+        place = len(current.terms)
+        best = self._agreed(self.context.with_modes_anew(best), place)
+        best = self._or_corrected(best, place)
+        if not is_promising(self.context, current, best, n_candidates):
+            return None
+        found = finding(self.context, best, place, current)
+        significant = found.p_value <= self.context.significance
+        return Round(found, best, n_candidates) if significant else None
+
+    # -- terms in question -----------------------------------------------------------------------
+
+    def _questioned(self, structure: Structure) -> Structure:
+        """Every term in the light of the others, without those that are no longer needed."""
+        if len(structure.terms) == 1:
+            return structure
+        for _ in range(self.context.settings.n_questions):
+            before = [term.signature for term in structure.terms]
+            for place in range(len(structure.terms)):
+                structure = self._agreed(structure, place)
+            if before == [term.signature for term in structure.terms]:
+                break
+        return self._pruned(structure)
+
+    def _pruned(self, structure: Structure) -> Structure:
+        """Without the terms whose loss costs less than chance would give."""
+        needed = np.log(1.0 / self.context.significance)
+        place = 0
+        while place < len(structure.terms) and len(structure.terms) > 1:
+            fewer = self.context.without(structure, place)
+            is_reset = isinstance(structure.terms[place].effect, ResetEffect)
+            if not is_reset and fewer.price < structure.price + needed:
+                structure = fewer
+            else:
+                place += 1
+        return structure
+
+    def _agreed(self, best: Structure, place: int) -> Structure:
+        """Question one term: scan at the modes found until effect and modes agree."""
+        for _ in range(self.context.settings.n_questions):
+            term = best.terms[place]
+            beside = self.context.candidates(best.fit, without=place)
+            top, _ = self.context.scanned(beside)
+            if not term.effect.terms:
+                best, changed = self._or_columns(best, place, top, beside)
+                if not changed:
+                    break
+                continue
+            if not top:
+                break
+            candidate = simplest(beside, top).candidate
+            same = candidate.signature == term.signature
+            tried = self._exchanged(best, place, candidate)
+            if not same and tried.price > best.price + self.context.settings.tie:
+                break  # the scan prefers another one, the whole does not
+            best = tried
+            if same:
+                break
+        return best
+
+    def _exchanged(self, structure: Structure, place: int, candidate: PlacedEffect) -> Structure:
+        """The structure with another effect in the place of one of its terms."""
+        terms = exchanged(structure.terms, place, candidate)
+        return self.context.structure(terms, structure.fit.modes)
+
+    def _or_corrected(self, best: Structure, place: int) -> Structure:
+        """The structure or, where that is cheaper, an effect of a sensor in a term's place.
+
+        With wrong modes no correction of a record lets the laws fit; with those found it may.
+        """
+        if not best.terms[place].effect.terms:
+            return best
+        beside = self.context.candidates(best.fit, without=place)
+        others = self.context.corrections(best, place, beside)
+        cheapest = min(others, key=lambda option: option.price, default=best)
+        return cheapest if cheapest.price < best.price - self.context.settings.tie else best
+
+    def _or_columns(
+        self, best: Structure, place: int, top: list[Trial], beside: CandidateContext
+    ) -> tuple[Structure, bool]:
+        """A term without columns with its parameters found anew, or columns in its place."""
+        effect = best.terms[place].effect
+        if isinstance(effect, (GuardEffect, ResetEffect)):
+            return best, False  # the cycle of a guard that remembers looks like a forcing
+        if isinstance(effect, MeasurementEffect):
+            for candidate in proposals(effect, beside):
+                if candidate.signature == best.terms[place].signature:
+                    tried = self._exchanged(best, place, candidate)
+                    best = min(best, tried, key=lambda option: option.price)
+        if not top:
+            return best, False
+        tried = self._exchanged(best, place, simplest(beside, top).candidate)
+        tried = self.context.with_modes_anew(tried)
+        if tried.price < best.price - self.context.settings.tie:
+            return tried, True
+        return best, False

@@ -1,0 +1,59 @@
+"""The numbers of a search for effects, and the reason behind each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["SETTINGS", "SearchSettings"]
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How effects are looked for, compared and accepted.
+
+    Gains are differences of log likelihoods on held-out rows.
+    """
+
+    # -- parts of the record ---------------------------------------------------------------------
+    held_out: float = 0.25  # share that takes part in no choice
+    n_folds: int = 5
+    n_blocks: int = 32  # of a t-test: its quantiles are those of the normal law to a few per cent
+    fewest_trajectories: int = 6  # with fewer, stretches are held out instead of whole ones
+    n_stretches: int = 16
+    gap: float = 0.01  # of a trajectory, between a held-out stretch and its neighbours
+    rows_a_column: int = 8  # fewer rows than that are too short to hold any out
+    fewest_rows: int = 40
+
+    # -- candidates beside a model ---------------------------------------------------------------
+    sure: float = 0.95  # a row whose mode is less sure than this says nothing about the laws
+    most_unsure: float = 0.4  # share of the rows; where more are unsure all count
+    most_scanned: int = 48  # values of a parameter that get the full regression
+    n_refined: int = 16  # trials whose parameters are refined, besides the best of every kind
+    fine: float = 1e-3  # of the distance between two values of a scan: below every interval
+    correction: float = 5.0  # gain for which the correction of a sensor is worth a fit
+
+    # -- structures ------------------------------------------------------------------------------
+    surprise: float = 0.002  # probability that a surface is wrong where it is sure
+    gross: float = 6.0  # robust standard deviations beyond which an error counts no more
+    tie: float = 3.0  # gain within which structures are as good as each other
+    hopeful: float = 0.5  # p-value up to which a candidate is fitted together with the modes
+    same_modes: float = 0.995  # share of the rows: then an effect has left the modes as they were
+    n_restarts: int = 10  # kinds with which the modes are sought anew
+    n_questions: int = 3  # times that a term is scanned again at the modes found with it
+
+    # -- what may enter --------------------------------------------------------------------------
+    # Every record has an endless rest that is significant and small: 0.05 a row is an error
+    # smaller by five per cent.
+    gain_a_row: float = 0.05
+    share: float = 0.01  # of the squares that the declared model leaves over
+    # One more mode bends to anything and explains whatever the first named effect leaves over.
+    share_of_a_mode: float = 0.1
+    mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
+
+    # -- what is said of the result --------------------------------------------------------------
+    level: float = 0.95  # of confidence intervals
+    step: float = 0.05  # of a derivative, as a share of the distance between values of the scan
+    apart: float = 0.05  # share of the samples on which two rivals differ most
+
+
+SETTINGS = SearchSettings()

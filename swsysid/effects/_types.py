@@ -1,0 +1,118 @@
+"""Four types of effects that are more than columns, by what they change.
+
+In the words of hybrid systems a plain `Effect` changes the flow; these change what was measured,
+the guard, the reset map, and the set of modes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.records import Records
+from swsysid._results import Array
+from swsysid.effects._base import Effect, Place
+
+__all__ = ["GuardEffect", "MeasurementEffect", "ResetEffect", "StructureEffect", "WithoutColumns"]
+
+Modes = NDArray[np.intp]
+
+
+class WithoutColumns(Effect):
+    """An effect that adds nothing to an equation."""
+
+    terms = ()
+
+    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
+        """What it does, in one clause; "" if the equations show it.
+
+        `names` are those of the channels, `target` is the state it acts on.
+        """
+        return ""
+
+
+class MeasurementEffect(WithoutColumns):
+    """A sensor or a clock that changes the record; its one parameter is 0 where it does not."""
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """The states."""
+        return records.states
+
+    def corrected(self, records: Records, place: Place, *theta: float) -> Records:
+        """The records as they would be without the effect."""
+        raise NotImplementedError
+
+    def recorded(self, records: Records, place: Place, *theta: float) -> Records:
+        """What the sensor makes of the true states, the inverse of `corrected`."""
+        raise NotImplementedError
+
+    def is_possible(
+        self, records: Records, place: Place, velocities: Array, discrete: bool
+    ) -> bool:
+        """False if the record itself contradicts the effect.
+
+        `velocities` (n_samples, n_states) are those of the whole record, next states if
+        `discrete`.
+        """
+        return True
+
+
+class GuardEffect(WithoutColumns):
+    """A guard with a memory: which of two modes is active depends on the modes of before."""
+
+    def candidates(
+        self, records: Records, modes: Modes
+    ) -> Iterator[tuple[Place, tuple[float, ...]]]:
+        """Guards and their parameters that could have some modes, -1 where they are not known."""
+        raise NotImplementedError
+
+    def refitted(
+        self, place: Place, records: Records, modes: Modes
+    ) -> tuple[Place, tuple[float, ...]]:
+        """The guard and its parameters for other modes, -1 where they are not known."""
+        raise NotImplementedError
+
+    def switched(self, records: Records, place: Place, *theta: float) -> Modes:
+        """Modes along the trajectories."""
+        raise NotImplementedError
+
+    def place_parameters(self, place: Place) -> int:
+        """How many numbers are fitted in the guard itself."""
+        return 0
+
+
+class ResetEffect(WithoutColumns):
+    """A jump of the state where one mode turns into another; no velocity shows it."""
+
+    def candidate(
+        self, records: Records, velocities: Array, modes: Modes, target: int
+    ) -> tuple[tuple[int, int], tuple[float, ...]] | None:
+        """The modes (before, after) and the parameters that suit the jumps of a state, if any."""
+        raise NotImplementedError
+
+    def gain(
+        self, records: Records, velocities: Array, modes: Modes, target: int
+    ) -> tuple[float, float]:
+        """By how much the log likelihood of the jumps rises, and the p-value of that."""
+        raise NotImplementedError
+
+    def factor(self, *theta: float) -> float:
+        """What the state is multiplied by."""
+        raise NotImplementedError
+
+
+class StructureEffect(WithoutColumns):
+    """Another declared model, fitted in its place."""
+
+    n_more_modes: ClassVar[int] = 0
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """The one place there is."""
+        return ["modes"]
+
+    def extended(self, estimator: Any) -> Any:
+        """The declared estimator with what the effect adds to its structure."""
+        raise NotImplementedError
