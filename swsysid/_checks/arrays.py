@@ -7,7 +7,6 @@ squares and products neither overflow nor vanish.
 from __future__ import annotations
 
 from numbers import Real
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +43,7 @@ _NO_NUMBERS = {
 }
 
 
-def numbers(name: str, values: Any, *, missing: bool = False) -> Array:
+def numbers(name: str, values: object, *, missing: bool = False) -> Array:
     """Values of any shape as finite floats; with `missing` they may be NaN.
 
     Raises
@@ -59,7 +58,7 @@ def numbers(name: str, values: Any, *, missing: bool = False) -> Array:
     return array
 
 
-def names_of(values: Any, n_columns: int, stem: str) -> list[str]:
+def names_of(values: object, n_columns: int, stem: str) -> list[str]:
     """Names of the columns of a data frame, or a stem with numbers where there are none.
 
     Examples
@@ -75,7 +74,7 @@ def names_of(values: Any, n_columns: int, stem: str) -> list[str]:
 
 def table(
     name: str,
-    values: Any,
+    values: object,
     n_rows: int | None = None,
     n_columns: int | None = None,
     *,
@@ -112,7 +111,7 @@ def table(
     return array
 
 
-def column(name: str, values: Any, n_rows: int | None = None) -> Array:
+def column(name: str, values: object, n_rows: int | None = None) -> Array:
     """One value for each row, (n_rows,)."""
     array = numbers(name, values)
     shape = array.shape
@@ -124,7 +123,7 @@ def column(name: str, values: Any, n_rows: int | None = None) -> Array:
     return array
 
 
-def state(name: str, values: Any, n_states: int | None = None) -> Array:
+def state(name: str, values: object, n_states: int | None = None) -> Array:
     """One state, (n_states,)."""
     array = numbers(name, values)
     if array.ndim != 1 or not array.size:
@@ -136,7 +135,7 @@ def state(name: str, values: Any, n_states: int | None = None) -> Array:
     return array
 
 
-def truth_values(name: str, values: Any) -> NDArray[np.bool_]:
+def truth_values(name: str, values: object) -> NDArray[np.bool_]:
     """Values of any shape that are true or false; 0 and 1 will do."""
     array = numbers(name, values)
     if not np.isin(array, (0.0, 1.0)).all():
@@ -144,7 +143,7 @@ def truth_values(name: str, values: Any) -> NDArray[np.bool_]:
     return array.astype(bool)
 
 
-def labels(name: str, values: Any, n_rows: int | None = None) -> NDArray:
+def labels(name: str, values: object, n_rows: int | None = None) -> NDArray:
     """One name for each row, (n_rows,), all of one kind and none missing."""
     array = plain_array(name, values)
     if array.ndim != 1 or not array.size or (n_rows is not None and len(array) != n_rows):
@@ -158,7 +157,7 @@ def labels(name: str, values: Any, n_rows: int | None = None) -> NDArray:
     return array
 
 
-def refuse_unlike_numbers(name: str, values: Any) -> NDArray:
+def refuse_unlike_numbers(name: str, values: object) -> NDArray:
     """The values as an array of real numbers, perhaps NaN; anything else is refused."""
     array = plain_array(name, values)
     kind = array.dtype.kind
@@ -208,7 +207,7 @@ def _out_of_reach(name: str, size: float) -> ValueError:
     )
 
 
-def plain_array(name: str, values: Any) -> NDArray:
+def plain_array(name: str, values: object) -> NDArray:
     """The values as an array of any kind, dense and with nothing masked."""
     if issparse(values):
         raise TypeError(f"{name} is sparse, but dense data is required; give {name}.toarray().")

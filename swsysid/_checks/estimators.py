@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.base import BaseEstimator
 from sklearn.exceptions import NotFittedError
 from sklearn.utils import check_array
 from sklearn.utils.multiclass import check_classification_targets
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 
-def rows_to_fit(estimator: Any, X: Any, y: Any) -> tuple[Array, Array]:
+def rows_to_fit(estimator: BaseEstimator, X: object, y: object) -> tuple[Array, Array]:
     """States and inputs, and measured velocities, to fit a regressor to.
 
     Returns
@@ -48,62 +48,54 @@ def rows_to_fit(estimator: Any, X: Any, y: Any) -> tuple[Array, Array]:
     return _rows_and_velocities(estimator, X, y, reset=True)
 
 
-def column_names(estimator: Any) -> list[str]:
+def column_names(estimator: BaseEstimator) -> list[str]:
     """Names of the columns that an estimator was fitted to, x0, x1, ... where they had none."""
     default = [f"x{column}" for column in range(estimator.n_features_in_)]
     return list(getattr(estimator, "feature_names_in_", default))
 
 
-def known_velocities(estimator: Any, X: Any, y: Any) -> tuple[Array, Array]:
+def known_velocities(estimator: BaseEstimator, X: object, y: object) -> tuple[Array, Array]:
     """The same for an estimator that has been fitted."""
     check_fitted(estimator)
     return _rows_and_velocities(estimator, X, y, reset=False)
 
 
-def classes_to_fit(estimator: Any, X: Any, y: Any) -> tuple[Array, NDArray]:
+def classes_to_fit(estimator: BaseEstimator, X: object, y: object) -> tuple[Array, NDArray]:
     """Rows and their classes, to fit a classifier to."""
     return _rows_and_classes(estimator, X, y, reset=True)
 
 
-def known_classes(estimator: Any, X: Any, y: Any) -> tuple[Array, NDArray]:
+def known_classes(estimator: BaseEstimator, X: object, y: object) -> tuple[Array, NDArray]:
     """The same for a classifier that has been fitted."""
     check_fitted(estimator)
     return _rows_and_classes(estimator, X, y, reset=False)
 
 
-def known_rows(estimator: Any, X: Any) -> Array:
+def known_rows(estimator: BaseEstimator, X: object) -> Array:
     """Rows of which a fitted estimator is asked something, (n_samples, n_features_in)."""
     check_fitted(estimator)
-    refuse_unlike_numbers("X", X)
-    with _in_one_sentence():
-        X = validate_data(estimator, X, reset=False, dtype=np.float64)
-    refuse_overflow("X", X)
-    return X
+    return _rows(estimator, X, reset=False)
 
 
-def rows_of_library(library: Any, X: Any) -> Array:
+def rows_of_library(library: BaseEstimator, X: object) -> Array:
     """Rows to fit a feature library to."""
-    refuse_unlike_numbers("X", X)
-    with _in_one_sentence():
-        X = validate_data(library, X, dtype=np.float64)
-    refuse_overflow("X", X)
-    return X
+    return _rows(library, X, reset=True)
 
 
-def block_of_rows(X: Any, y: Any) -> tuple[Array, Array]:
+def block_of_rows(X: object, y: object) -> tuple[Array, Array]:
     """A block of the rows to fit to; it may be empty."""
     options = {"dtype": np.float64, "ensure_min_samples": 0}
     refuse_unlike_numbers("X", X)
     refuse_unlike_numbers("y", y)
     with _in_one_sentence():
-        X = check_array(X, input_name="X", **options)
-        y = check_array(y, ensure_2d=False, input_name="y", **options)
-    refuse_overflow("X", X)
-    refuse_overflow("y", y)
-    return X, y
+        rows: Array = check_array(X, input_name="X", **options)
+        targets: Array = check_array(y, ensure_2d=False, input_name="y", **options)
+    refuse_overflow("X", rows)
+    refuse_overflow("y", targets)
+    return rows, targets
 
 
-def check_fitted(estimator: Any, attribute: str | None = None) -> None:
+def check_fitted(estimator: BaseEstimator, attribute: str | None = None) -> None:
     """Refuse what is no estimator, and one that has not been fitted."""
     try:
         check_is_fitted(estimator, attribute)
@@ -115,23 +107,35 @@ def check_fitted(estimator: Any, attribute: str | None = None) -> None:
         raise TypeError(f"{shown(estimator)} is not an estimator; give a fitted one.") from None
 
 
-def _rows_and_velocities(estimator, X, y, *, reset: bool) -> tuple[Array, Array]:
+def _rows(estimator: BaseEstimator, X: object, *, reset: bool) -> Array:
+    refuse_unlike_numbers("X", X)
+    with _in_one_sentence():
+        rows: Array = validate_data(estimator, X, reset=reset, dtype=np.float64)
+    refuse_overflow("X", rows)
+    return rows
+
+
+def _rows_and_velocities(
+    estimator: BaseEstimator, X: object, y: object, *, reset: bool
+) -> tuple[Array, Array]:
     plain = refuse_unlike_numbers("X", X)
     if y is not None:
         y = refuse_unlike_numbers("y", y)
         _refuse_other_length(plain, y, "one velocity for each state")
     with _in_one_sentence():
-        X, y = validate_data(
+        rows, targets = validate_data(
             estimator, X, y, reset=reset, multi_output=True, y_numeric=True, dtype=np.float64
         )
-    y = np.asarray(y, dtype=float)
-    for name, values in (("X", X), ("y", y)):
+    targets = np.asarray(targets, dtype=float)
+    for name, values in (("X", rows), ("y", targets)):
         refuse_overflow(name, values)
         refuse_vanishing(name, values)
-    return X, y
+    return rows, targets
 
 
-def _rows_and_classes(estimator, X, y, *, reset: bool) -> tuple[Array, NDArray]:
+def _rows_and_classes(
+    estimator: BaseEstimator, X: object, y: object, *, reset: bool
+) -> tuple[Array, NDArray]:
     plain = refuse_unlike_numbers("X", X)
     if y is not None:
         y = plain_array("y", y)
@@ -139,12 +143,12 @@ def _rows_and_classes(estimator, X, y, *, reset: bool) -> tuple[Array, NDArray]:
         if y.size:
             labels("y", y.reshape(len(y), -1)[:, 0])
     with _in_one_sentence():
-        X, y = validate_data(estimator, X, y, reset=reset, dtype=np.float64)
-        check_classification_targets(y)
-    refuse_overflow("X", X)
+        rows, classes = validate_data(estimator, X, y, reset=reset, dtype=np.float64)
+        check_classification_targets(classes)
+    refuse_overflow("X", rows)
     if reset:
-        refuse_vanishing("X", X)
-    return X, y
+        refuse_vanishing("X", rows)
+    return rows, classes
 
 
 def _refuse_other_length(X: NDArray, y: NDArray, what: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from numbers import Integral, Real
-from typing import Any
+from typing import TypeGuard, TypeVar
 
 import numpy as np
 from sklearn.utils import check_random_state
@@ -27,6 +27,7 @@ __all__ = [
     "whole",
 ]
 
+T = TypeVar("T")
 # Days of work: a number beyond is a slip of the hand.
 MOST_MODES, MOST_STARTS, MOST_RESAMPLES = 32, 10_000, 1_000_000
 # Beyond it a square overflows, or nearly so.
@@ -34,8 +35,8 @@ _LARGEST = 1e150
 
 
 def whole(
-    name: str, value: Any, least: int = 1, most: int | None = None, also: Sequence[Any] = ()
-) -> int:
+    name: str, value: object, least: int = 1, most: int | None = None, also: Sequence[T] = ()
+) -> int | T:
     """A whole number within its limits, or one of the values allowed `also`.
 
     Examples
@@ -50,7 +51,7 @@ def whole(
     """
     if _is_among(value, also):
         return value
-    if not _is_a(value, Integral) or value < least:
+    if not _is_whole(value) or value < least:
         wanted = "a positive integer" if least == 1 else f"an integer, at least {least}"
         raise ValueError(f"{name}={shown(value)} must be {wanted}{_or(also)}.")
     if most is not None and value > most:
@@ -58,7 +59,7 @@ def whole(
     return int(value)
 
 
-_LIMITS: dict[str, tuple[Callable[[Any, Any], bool], str]] = {
+_LIMITS: dict[str, tuple[Callable[[float, float], bool], str]] = {
     "above": (operator.gt, "above"),
     "least": (operator.ge, "at least"),
     "below": (operator.lt, "below"),
@@ -66,7 +67,7 @@ _LIMITS: dict[str, tuple[Callable[[Any, Any], bool], str]] = {
 }
 
 
-def real(name: str, value: Any, also: Sequence[Any] = (), **limits: float) -> float:
+def real(name: str, value: object, also: Sequence[T] = (), **limits: float) -> float | T:
     """A finite number within its limits, or one of the values allowed `also`.
 
     Parameters
@@ -91,13 +92,13 @@ def real(name: str, value: Any, also: Sequence[Any] = (), **limits: float) -> fl
     if _is_among(value, also):
         return value
     tests = [(_LIMITS[limit], bound) for limit, bound in limits.items()]
-    right = _is_a(value, Real) and -_LARGEST <= value <= _LARGEST
-    if not right or not all(holds(value, bound) for (holds, _), bound in tests):
-        raise ValueError(f"{name}={shown(value)} must be {_described(limits)}{_or(also)}.")
-    return float(value)
+    if _is_real(value) and -_LARGEST <= value <= _LARGEST:
+        if all(holds(value, bound) for (holds, _), bound in tests):
+            return float(value)
+    raise ValueError(f"{name}={shown(value)} must be {_described(limits)}{_or(also)}.")
 
 
-def one_of(name: str, value: Any, choices: Iterable[str]) -> str:
+def one_of(name: str, value: object, choices: Iterable[str]) -> str:
     """One of some names."""
     known = list(choices)
     if not isinstance(value, str) or value not in known:
@@ -105,35 +106,37 @@ def one_of(name: str, value: Any, choices: Iterable[str]) -> str:
     return value
 
 
-def flag(name: str, value: Any) -> bool:
+def flag(name: str, value: object) -> bool:
     """True or False."""
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f"{name}={shown(value)} must be True or False.")
     return bool(value)
 
 
-def function(name: str, value: Any, of: str, also: Sequence[Any] = ()) -> Any:
+def function(
+    name: str, value: object, of: str, also: Sequence[T] = ()
+) -> Callable[..., object] | T:
     """Something that can be called."""
-    if not callable(value) and not _is_among(value, also):
-        raise TypeError(f"{name}={shown(value)} must be a function of {of}{_or(also)}.")
-    return value
+    if callable(value) or _is_among(value, also):
+        return value
+    raise TypeError(f"{name}={shown(value)} must be a function of {of}{_or(also)}.")
 
 
-def jobs(value: Any) -> int | None:
+def jobs(value: object) -> int | None:
     """Number of jobs as joblib counts them: None, or a whole number that is not zero."""
-    if value is not None and (not _is_a(value, Integral) or value == 0):
+    if value is not None and (not _is_whole(value) or value == 0):
         raise ValueError(
             f"n_jobs={shown(value)} must be None or a whole number, -1 for all processors."
         )
     return None if value is None else int(value)
 
 
-def verbosity(value: Any) -> int:
+def verbosity(value: object) -> int:
     """How much is said: True, False, or a whole number from 0."""
     return int(value) if isinstance(value, (bool, np.bool_)) else whole("verbose", value, least=0)
 
 
-def solver_name(value: Any) -> str:
+def solver_name(value: object) -> str:
     """The name of a solver; whether it is installed is known where it is called."""
     if not isinstance(value, str) or not value:
         raise ValueError(
@@ -142,11 +145,11 @@ def solver_name(value: Any) -> str:
     return value
 
 
-def names_of_columns(name: str, value: Any, n_columns: int | None = None) -> list[str]:
+def names_of_columns(name: str, value: object, n_columns: int | None = None) -> list[str]:
     """A list of texts, one for each column."""
-    listed = isinstance(value, Iterable) and not isinstance(value, (str, bytes))
-    names = list(value) if listed else []
-    if not listed or not all(isinstance(one, str) for one in names):
+    is_list = isinstance(value, Iterable) and not isinstance(value, (str, bytes))
+    names = list(value) if isinstance(value, Iterable) else []
+    if not is_list or not all(isinstance(one, str) for one in names):
         raise TypeError(f"{name}={shown(value)} must be a list of names, one for each column.")
     if n_columns is not None and len(names) != n_columns:
         raise ValueError(
@@ -155,10 +158,10 @@ def names_of_columns(name: str, value: Any, n_columns: int | None = None) -> lis
     return names
 
 
-def random_numbers(value: Any) -> np.random.RandomState:
+def random_numbers(value: object) -> np.random.RandomState:
     """The source of random numbers that `random_state` stands for."""
     usable = value is None or isinstance(value, np.random.RandomState)
-    if not usable and not (_is_a(value, Integral) and 0 <= value < 2**32):
+    if not usable and not (_is_whole(value) and 0 <= value < 2**32):
         raise ValueError(
             f"random_state={shown(value)} must be None, a whole number from 0 to 2^32 - 1, or a "
             "numpy.random.RandomState."
@@ -166,17 +169,21 @@ def random_numbers(value: Any) -> np.random.RandomState:
     return check_random_state(value)
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """A value on one short line."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _is_a(value: Any, kind: type) -> bool:
-    return isinstance(value, kind) and not isinstance(value, (bool, np.bool_))
+def _is_whole(value: object) -> TypeGuard[int]:
+    return isinstance(value, Integral) and not isinstance(value, (bool, np.bool_))
 
 
-def _is_among(value: Any, also: Sequence[Any]) -> bool:
+def _is_real(value: object) -> TypeGuard[float]:
+    return isinstance(value, Real) and not isinstance(value, (bool, np.bool_))
+
+
+def _is_among(value: object, also: Sequence[T]) -> TypeGuard[T]:
     """Told by identity or as text: an array compared with text is no truth value."""
     return any(
         value is other or (isinstance(value, str) and isinstance(other, str) and value == other)
@@ -193,7 +200,7 @@ def _described(limits: dict[str, float]) -> str:
     return f"a number {words or 'that is finite'}"
 
 
-def _or(also: Sequence[Any]) -> str:
+def _or(also: Sequence[object]) -> str:
     return "".join(f" or {other!r}" for other in also)
 
 
