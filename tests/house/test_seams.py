@@ -1,7 +1,7 @@
 """Types at the seams: what is unknown stands only where foreign objects come in.
 
 `Any`, `hasattr` and `getattr` belong to the border to estimators of users, PySINDy and pandas, and
-a private attribute belongs to its own class. What remains elsewhere is counted, and may only shrink.
+a private attribute belongs to its own class. What remains elsewhere is counted and may only shrink.
 """
 
 import ast
