@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from swsysid._cli.arguments import measurement, modes, parser, units
 from swsysid._cli.progress import is_watched, say
-from swsysid._tables.refusal import TableError
+from swsysid._tables.table import TableError
 
 if TYPE_CHECKING:
     from swsysid._cli.measurement import Measurement
-    from swsysid._tables.tables import Table
+    from swsysid._tables.table import Table
 
 __all__ = ["main"]
 

@@ -269,6 +269,12 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         X = known_rows(self, X)
         return self._basis.of_user(X)
 
+    def surface_feature_names(self, input_features=None):
+        """Names of the columns of `surface_features`, by names of those of `X`."""
+        check_fitted(self)
+        inputs = self._input_names() if input_features is None else list(input_features)
+        return self._basis.names(inputs)
+
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
         return self._fitted_coef @ self._basis.at(point)

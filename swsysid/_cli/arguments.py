@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 from swsysid import __version__
 from swsysid._cli.measurement import Measurement
-from swsysid._tables.refusal import TableError
+from swsysid._tables.table import TableError
 
-__all__ = ["LIBRARIES", "measurement", "modes", "names", "parser", "units"]
+__all__ = ["LIBRARIES", "measurement", "modes", "parser", "units"]
 
 DESCRIPTION = """\
 Identify a switching system from measured trajectories: the differential equation of each mode
@@ -66,6 +67,17 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"swsysid: {message} (python -m swsysid --help lists the options)\n")
 
 
+class _Names(argparse.Action):
+    """Words given one by one, comma-separated, or both, as a tuple."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        words = (word.strip() for value in values for word in value.split(","))
+        setattr(namespace, self.dest, tuple(word for word in words if word))
+
+
+_NAMES: dict = {"nargs": "+", "action": _Names, "default": ()}
+
+
 def parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     parser = _Parser(
@@ -89,14 +101,13 @@ def _add_recording(add: Callable) -> None:
         help="recording with named columns: text of any layout (.csv, .tsv, .txt, .dat; .gz), "
         ".xlsx, .parquet, .npz, .mat (none: an example)",
     )
-    add("--states", nargs="+", default=[], metavar="NAME", help="columns of the measured states")
-    add("--inputs", nargs="+", default=[], metavar="NAME", help="columns of the inputs")
+    add("--states", **_NAMES, metavar="NAME", help="columns of the measured states")
+    add("--inputs", **_NAMES, metavar="NAME", help="columns of the inputs")
     add("--time", metavar="NAME", help="column of the times: numbers, or dates and clock times")
     add("--time-step", type=float, metavar="S", help="seconds between rows, if no column has times")
     add(
         "--derivatives",
-        nargs="+",
-        default=[],
+        **_NAMES,
         metavar="NAME",
         help="columns of measured derivatives, one for each state; else they are computed",
     )
@@ -120,7 +131,7 @@ def _add_recording(add: Callable) -> None:
         action="store_true",
         help="use cells that look like no measurement (9999, isolated spikes) all the same",
     )
-    add("--units", nargs="+", default=[], metavar="NAME=UNIT", help="such as q=m,force=N")
+    add("--units", **_NAMES, metavar="NAME=UNIT", help="such as q=m,force=N")
     add(
         "--method",
         choices=("savitzky_golay", "butterworth", "finite_difference"),
@@ -184,15 +195,13 @@ def _add_diagnosis(add: Callable) -> None:
     )
     add(
         "--signals",
-        nargs="+",
-        default=[],
+        **_NAMES,
         metavar="NAME",
         help="with --diagnose: logged columns that the model does not use",
     )
     add(
         "--effects",
-        nargs="+",
-        default=[],
+        **_NAMES,
         metavar="KIND",
         help="with --diagnose: look for these only, such as coulomb_friction,backlash",
     )
@@ -200,30 +209,12 @@ def _add_diagnosis(add: Callable) -> None:
 
 def measurement(arguments: argparse.Namespace) -> Measurement:
     """Which columns are what."""
-    return Measurement(
-        states=names(arguments.states),
-        inputs=names(arguments.inputs),
-        signals=names(arguments.signals),
-        time=arguments.time,
-        derivatives=names(arguments.derivatives),
-        groups=arguments.groups,
-        order=arguments.order,
-        method=arguments.method,
-        window=arguments.window,
-        cutoff=arguments.cutoff,
-        decimate=arguments.decimate,
-        time_step=arguments.time_step,
-        keep_spikes=arguments.keep_spikes,
-    )
+    return Measurement(**{each.name: vars(arguments)[each.name] for each in fields(Measurement)})
 
 
-def names(words: list[str]) -> tuple[str, ...]:
-    """Column names, given as several words, comma-separated, or both."""
-    return tuple(name.strip() for word in words for name in word.split(",") if name.strip())
-
-
-def units(words: list[str]) -> dict[str, str]:
-    pairs = [name.partition("=") for name in names(words)]
+def units(words: Sequence[str]) -> dict[str, str]:
+    """Units by column."""
+    pairs = [word.partition("=") for word in words]
     wrong = [name for name, equals, unit in pairs if not (equals and unit)]
     if wrong:
         raise TableError(f"--units {wrong[0]!r} is not of the form NAME=UNIT.")
@@ -231,6 +222,7 @@ def units(words: list[str]) -> dict[str, str]:
 
 
 def modes(word: str) -> int | str:
+    """The number of modes, or "auto"."""
     if word == "auto":
         return word
     if not word.isdecimal() or int(word) < 1:

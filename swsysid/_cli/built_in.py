@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from swsysid._cli.measurement import Measurement
-from swsysid._tables.tables import Table
+from swsysid._tables.table import Table
 from swsysid.datasets import make_damped_oscillator, make_undeclared
 
 __all__ = ["oscillator", "oscillator_with_friction"]

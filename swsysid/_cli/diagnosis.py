@@ -5,17 +5,15 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from sklearn.base import clone
 
 from swsysid._cli.job import JobResult
-from swsysid._cli.samples import Samples
-from swsysid._tables.refusal import TableError
+from swsysid._tables.table import TableError
 from swsysid.diagnosis import EffectSearchCV
 from swsysid.effects import Effect, all_effects
 
-__all__ = ["chosen_effects", "diagnose", "page_path", "units_of"]
+__all__ = ["chosen_effects", "diagnose", "page_path"]
 
 PAGE = "swsysid_diagnosis.html"
 
@@ -38,7 +36,7 @@ def diagnose(result: JobResult, effects: Sequence[Effect], verbose: bool = False
     )
     signals = pd.DataFrame(samples.signals, columns=list(samples.signal_names))
     return search.fit(
-        pd.DataFrame(samples.X, columns=list(samples.names)),
+        samples.frame,
         samples.Xdot,
         t=samples.t,
         groups=samples.groups if named.groups else None,
@@ -66,14 +64,3 @@ def page_path(path: Path | None) -> Path:
     if chosen.is_dir() or not chosen.parent.is_dir():
         raise TableError(f"--html {chosen} cannot be written; name a file in a folder that exists.")
     return chosen
-
-
-def units_of(samples: Samples) -> dict[str, Any]:
-    """Units by the names that displays use."""
-    pairs = [
-        *zip(samples.names, samples.units, strict=True),
-        *zip(samples.signal_names, samples.signal_units, strict=True),
-        *((f"d/dt {n}", u) for n, u in zip(samples.names, samples.rate_units, strict=False)),
-        ("time", samples.time_unit),
-    ]
-    return {name: unit for name, unit in pairs if unit}

@@ -4,35 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import median_abs_deviation
 
+from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._cli.samples import Samples
+from swsysid._cli.settings import WORDING, Wording
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
 
 __all__ = ["Inequality", "best_threshold", "inequality", "memory", "regions"]
 
-MOST_ROWS = 20_000  # samples that are looked at
-SAME_SIDE = 0.99  # share of the samples on which fewer terms say the same
-NO_CONSTANT = 0.001  # share of them that a constant has to put right
-SHARP = 0.25  # of the distance of two thresholds: how far switches may lie from either
-FEWEST = 3  # switches to each side that show a memory
-
 
 @dataclass(frozen=True)
 class Inequality:
-    """Where a surface is positive, and where negative.
+    """Where a surface is positive, such as ``"x > 0.02 m"``, and where negative.
 
-    Attributes
-    ----------
-    positive, negative : str
-        Such as ``"x > 0.02 m"`` and ``"x < 0.02 m"``; "everywhere" and "nowhere" if all samples
-        are on one side.
-    share : float
-        Of the samples that the words put on the same side as the surface.
+    They are "everywhere" and "nowhere" if all samples are on one side. `share` is that of the
+    samples which the words put on the same side as the surface.
     """
 
     positive: str
@@ -40,13 +31,12 @@ class Inequality:
     share: float
 
 
-def regions(surface: Any, samples: Samples) -> list[str]:
+def regions(surface: PolynomialSurfaceClassifier, samples: Samples) -> list[str]:
     """One line for each mode: where it is. One more where the words leave something out."""
-    X = samples.X[spread_rows(len(samples.X), MOST_ROWS)]
+    X = samples.X[spread_rows(len(samples.X), WORDING.most_rows)]
     monomials = surface.surface_features(X)
-    names = [str(name) for name in surface._basis.names(samples.names)]
-    known = dict(zip(samples.names, samples.units, strict=True))
-    units = [known.get(name, "") for name in names]
+    names = [str(name) for name in surface.surface_feature_names(samples.names)]
+    units = [samples.unit(name) for name in names]
     told = [inequality(coef, monomials, names, units) for coef in surface.coef_]
     lines = []
     for mode, signs in zip(surface.classes_, surface.mode_book_, strict=True):
@@ -74,18 +64,16 @@ def _together(sides: Sequence[str]) -> str:
 
 
 def inequality(
-    coef: Array, monomials: Array, names: Sequence[str], units: Sequence[str]
+    coef: Array,
+    monomials: Array,
+    names: Sequence[str],
+    units: Sequence[str],
+    settings: Wording = WORDING,
 ) -> Inequality:
     """A surface as an inequality between its largest monomials, the largest of coefficient 1.
 
-    As few terms are kept as put nearly all samples on the same side.
-
-    Parameters
-    ----------
-    coef : ndarray of shape (n_features,)
-    monomials : ndarray of shape (n_samples, n_features)
-    names, units : sequence of str
-        Of the monomials; the constant is called "1".
+    As few terms are kept as put nearly all samples on the same side. The rows of `monomials` are
+    samples; names and units are those of its columns, the constant's is "1".
 
     Examples
     --------
@@ -102,7 +90,7 @@ def inequality(
     lead = order[0]
     scaled = coef / coef[lead]
     above = positive if coef[lead] > 0.0 else ~positive
-    kept, threshold, share = _fewest_terms(scaled, monomials, order, above)
+    kept, threshold, share = _fewest_terms(scaled, monomials, order, above, settings)
     terms = [(float(scaled[place]), names[place]) for place in sorted(kept)]
     left = _sum([term for term in terms if term[0] > 0.0])
     right = _sum([(-value, name) for value, name in terms if value < 0.0])
@@ -112,26 +100,27 @@ def inequality(
 
 
 def _fewest_terms(
-    scaled: Array, monomials: Array, order: list[int], above: NDArray[np.bool_]
+    scaled: Array, monomials: Array, order: list[int], above: NDArray[np.bool_], settings: Wording
 ) -> tuple[list[int], float, float]:
     """The terms to keep, their threshold, and the share of the samples on the same side."""
     for n_terms in range(1, len(order)):
         kept = order[:n_terms]
         values = monomials[:, kept] @ scaled[kept]
-        threshold, share = _with_or_without(best_threshold(values, above)[0], values, above)
-        if share >= SAME_SIDE:
+        threshold = best_threshold(values, above)[0]
+        threshold, share = _with_or_without(threshold, values, above, settings.no_constant)
+        if share >= settings.same_side:
             return kept, threshold, share
     rest = np.setdiff1d(np.arange(len(scaled)), order)
     values, exact = monomials[:, order] @ scaled[order], -float(monomials[0, rest] @ scaled[rest])
-    return (order, *_with_or_without(exact, values, above))
+    return (order, *_with_or_without(exact, values, above, settings.no_constant))
 
 
 def _with_or_without(
-    threshold: float, values: Array, above: NDArray[np.bool_]
+    threshold: float, values: Array, above: NDArray[np.bool_], no_constant: float
 ) -> tuple[float, float]:
     """A threshold, or zero if that is as good, and the share of the samples on the same side."""
     shares = [float(np.mean((values > level) == above)) for level in (0.0, threshold)]
-    return (0.0, shares[0]) if shares[0] >= shares[1] - NO_CONSTANT else (threshold, shares[1])
+    return (0.0, shares[0]) if shares[0] >= shares[1] - no_constant else (threshold, shares[1])
 
 
 def _sum(terms: Sequence[tuple[float, str]]) -> str:
@@ -168,7 +157,7 @@ def best_threshold(values: Array, positive: NDArray[np.bool_]) -> tuple[float, f
     return float(ordered[k : k + 2].mean()), float(share[k])
 
 
-def memory(modes: NDArray[np.intp], samples: Samples) -> str:
+def memory(modes: NDArray[np.intp], samples: Samples, settings: Wording = WORDING) -> str:
     """Where each of two modes begins, if one column says it: below one level, above another.
 
     "" if no column does, or the modes change too seldom to say.
@@ -178,22 +167,19 @@ def memory(modes: NDArray[np.intp], samples: Samples) -> str:
     last = np.flatnonzero((modes[1:] != modes[:-1]) & (groups[1:] == groups[:-1]))
     first = last + 1
     entered = [last[modes[first] == mode] for mode in (0, 1)]
-    if min(map(len, entered)) < FEWEST:
+    if min(map(len, entered)) < settings.fewest_switches:
         return ""
-    levels = [np.median(0.5 * (X[rows] + X[rows + 1]), axis=0) for rows in entered]
-    scatter = np.max(
-        [
-            np.median(np.abs(0.5 * (X[rows] + X[rows + 1]) - level), axis=0)
-            for rows, level in zip(entered, levels, strict=True)
-        ],
-        axis=0,
-    )
+    crossings = [0.5 * (X[rows] + X[rows + 1]) for rows in entered]
+    levels = [np.median(points, axis=0) for points in crossings]
+    scatter = np.max([median_abs_deviation(points) for points in crossings], axis=0)
     gap = np.abs(levels[0] - levels[1])
     sharpness = np.where(gap > 0.0, scatter / np.where(gap > 0.0, gap, 1.0), np.inf)
     column = int(np.argmin(sharpness))
-    if sharpness[column] > SHARP:
+    if sharpness[column] > settings.sharp:
         return ""
     low, high = sorted((0, 1), key=lambda mode: float(levels[mode][column]))
-    name, unit = samples.names[column], samples.units[column]
-    below, above = (f"{levels[mode][column]:.4g} {unit}".rstrip() for mode in (low, high))
+    name = samples.names[column]
+    below, above = (
+        f"{levels[mode][column]:.4g} {samples.unit(name)}".rstrip() for mode in (low, high)
+    )
     return f"mode {low} begins below {name} = {below}, mode {high} above {name} = {above}"

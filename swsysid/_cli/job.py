@@ -14,17 +14,15 @@ from sklearn.base import clone
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._classifier import PolynomialSurfaceClassifier
-from swsysid._cli.held_out import BLOCKS, Split, hold_out
-from swsysid._cli.laws import Terms
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.samples import Samples, measure
-from swsysid._cli.verdict import WORTH, Comparison, Rival, Verdict, count_switches
+from swsysid._cli.settings import JUDGING, Judging
+from swsysid._cli.terms import Terms
+from swsysid._cli.verdict import Comparison, Rival, Split, Verdict, count_switches, hold_out
 from swsysid._regressor import SwitchingSystemRegressor
-from swsysid._tables.tables import Table
+from swsysid._tables.table import Table
 
 __all__ = ["JobOptions", "JobResult", "run_job"]
-
-RARE = 0.005  # a mode with a smaller share of the training rows is absent from them
 
 
 @dataclass(frozen=True)
@@ -48,6 +46,7 @@ class JobOptions:
     n_jobs : int or None
     verbose : bool
         Whether fits show their progress.
+    settings : Judging
     """
 
     measurement: Measurement
@@ -61,6 +60,7 @@ class JobOptions:
     random_state: int = 0
     n_jobs: int | None = None
     verbose: bool = False
+    settings: Judging = JUDGING
 
 
 @dataclass(frozen=True)
@@ -100,13 +100,10 @@ class JobResult:
 def run_job(table: Table, options: JobOptions) -> JobResult:
     """Differentiate, identify, and compare with smooth laws of one mode on held-out rows.
 
-    Raises
-    ------
-    TableError, ValueError
-        With a sentence on what to change.
+    TableError and ValueError say in a sentence what to change.
     """
     samples = measure(table, options.measurement)
-    split = hold_out(samples.groups, options.test_fraction, options.random_state)
+    split = hold_out(samples.groups, options.test_fraction, options.random_state, options.settings)
     terms, position_gain = _terms(samples, split, options)
     model, notes = _fit_with_notes(_regressor(terms, samples, options), samples)
     comparison = _compare(model, terms, samples, split, options)
@@ -115,7 +112,6 @@ def run_job(table: Table, options: JobOptions) -> JobResult:
         given_up, terms = model.n_modes_, comparison.best.terms
         plain = _regressor(terms, samples, replace(options, modes=1)).set_params(sparsity="auto")
         model, notes = _fit_with_notes(plain, samples)
-    _name_columns(model, samples)
     return JobResult(
         model, samples, options, terms, split, comparison, given_up, position_gain, notes
     )
@@ -132,7 +128,7 @@ def _terms(samples: Samples, split: Split, options: JobOptions) -> tuple[Terms, 
         return without, None
     model = _fit_quietly(_regressor(full, samples, options), samples, split.train)
     worth = _worth_of_positions(model, samples, split.train, options)
-    return (full if worth >= WORTH else without), worth
+    return (full if worth >= options.settings.worth else without), worth
 
 
 def _regressor(terms: Terms, samples: Samples, options: JobOptions) -> SwitchingSystemRegressor:
@@ -155,30 +151,32 @@ def _compare(
     options: JobOptions,
 ) -> Comparison:
     """The model's modes, searched for in the training rows alone, against smooth laws."""
+    frame = samples.frame
     shares = np.bincount(model.modes_[split.train], minlength=model.n_modes_) / split.train.sum()
-    seen = np.flatnonzero(shares >= RARE)
-    judged = split.test & np.isin(model.modes_, seen)
+    is_seen = shares >= options.settings.rare_mode
+    judged = split.test & is_seen[model.modes_]
     judged = judged if judged.any() else split.test
 
     def errors(terms: Terms, n_modes: int):
         again = _regressor(terms, samples, replace(options, modes=n_modes))
         fitted = _fit_quietly(again, samples, split.train)
-        residuals = samples.Xdot[judged] - fitted.predict(samples.X[judged])
+        residuals = samples.Xdot[judged] - fitted.predict(frame[judged])
         return residuals[:, samples.n_known :]
 
-    smooth = [terms, *terms.richer(int(split.train.sum()))]
-    predicted = model.predict_modes(samples.X)
+    smooth = [terms, *terms.richer(int(split.train.sum()), options.settings)]
+    predicted = model.predict_modes(frame)
     constant = bool(model.n_modes_ > 1 and (predicted == predicted[0]).all())
-    laws = model.mode_velocities(samples.X[judged])
+    laws = model.mode_velocities(frame[judged])
     told = samples.Xdot[judged] - laws[model.modes_[judged], np.arange(judged.sum())]
     return Comparison(
-        errors=errors(terms, len(seen)),
+        errors=errors(terms, int(is_seen.sum())),
         rivals=tuple(Rival(each, errors(each, 1)) for each in smooth),
         spread=samples.Xdot[judged, samples.n_known :].std(axis=0),
         n_switches=count_switches(predicted, samples.groups),
         constant=constant,
         told_by_rates=None if np.isnan(model.guard_score_) else told[:, samples.n_known :],
-        untested=tuple(int(mode) for mode in np.flatnonzero(shares < RARE)),
+        settings=options.settings,
+        untested=tuple(int(mode) for mode in np.flatnonzero(~is_seen)),
     )
 
 
@@ -188,7 +186,7 @@ def _fit_with_notes(
     """The estimator fitted to all rows, and what that warned about."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        estimator.fit(samples.X, samples.Xdot, groups=samples.groups)
+        estimator.fit(samples.frame, samples.Xdot, groups=samples.groups)
     return estimator, tuple(str(warning.message) for warning in caught)
 
 
@@ -197,15 +195,8 @@ def _fit_quietly(estimator, samples: Samples, rows) -> SwitchingSystemRegressor:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return clone(estimator).fit(
-            samples.X[rows], samples.Xdot[rows], groups=samples.groups[rows]
+            samples.frame[rows], samples.Xdot[rows], groups=samples.groups[rows]
         )
-
-
-def _name_columns(model: SwitchingSystemRegressor, samples: Samples) -> None:
-    """Give a model fitted to arrays the names that a frame would have given it."""
-    model.feature_names_in_ = np.array(samples.names, dtype=object)
-    model._feature_map.names_in = list(samples.names)
-    model.feature_names_out_ = model._feature_map.names_out
 
 
 def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> float:
@@ -215,15 +206,15 @@ def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> 
     least squares, so that the comparison costs nothing.
     """
     X, targets = samples.X[train], samples.Xdot[train, samples.n_known :]
-    modes = model.predict_modes(X)
-    block = np.arange(len(X)) * BLOCKS // len(X)
+    modes, n_blocks = model.predict_modes(samples.frame[train]), options.settings.blocks
+    block = np.arange(len(X)) * n_blocks // len(X)
     everything = list(range(X.shape[1]))
     errors = []
     for columns in (everything[samples.n_known :], everything):
         design = PolynomialFeatures(options.library_degree or 1).fit_transform(X[:, columns])
         residuals = np.full_like(targets, np.nan)
         for mode in np.unique(modes):
-            for held in range(BLOCKS):
+            for held in range(n_blocks):
                 inside = (modes == mode) & (block != held)
                 outside = (modes == mode) & (block == held)
                 if inside.sum() > design.shape[1]:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from swsysid._tables.refusal import TableError
+from swsysid._tables.table import TableError
 
 if TYPE_CHECKING:
-    from swsysid._tables.tables import Table
+    from swsysid._tables.table import Table
 
 __all__ = ["Measurement", "check_roles"]
 

@@ -6,15 +6,15 @@ import argparse
 import sys
 import warnings
 
-from swsysid._cli.arguments import LIBRARIES, modes, names
+from swsysid._cli.arguments import LIBRARIES, modes
 from swsysid._cli.diagnosis import chosen_effects, diagnose, page_path
 from swsysid._cli.job import JobOptions, run_job
-from swsysid._cli.job_text import render, with_effects
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.progress import is_watched, say
 from swsysid._cli.saving import save
+from swsysid._cli.text import render, with_effects
 from swsysid._results import SolverError
-from swsysid._tables.tables import Table
+from swsysid._tables.table import Table
 
 __all__ = ["run"]
 
@@ -24,7 +24,7 @@ def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -
     search, page, effects = None, None, []
     watched = is_watched(arguments.verbose)
     if arguments.diagnose:
-        effects, page = chosen_effects(names(arguments.effects)), page_path(arguments.html)
+        effects, page = chosen_effects(arguments.effects), page_path(arguments.html)
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)

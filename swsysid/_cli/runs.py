@@ -12,31 +12,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._tables.refusal import TableError
+from swsysid._cli.settings import PREPARING, Preparing
+from swsysid._tables.table import TableError
 from swsysid._tables.wording import counted, rows_listed
-from swsysid.differentiation._differentiate import LARGEST_GAP
 
 __all__ = ["Runs", "runs_of"]
 
 Rows = NDArray[np.intp]
 
-LATE = 3  # rows after which a clock that went back has caught up, if a row was merely late
-COARSE = 0.2  # of the rows may repeat a time; more is a clock that is too coarse
-
 
 @dataclass(frozen=True)
 class Runs:
-    """Rows of a table, run by run.
-
-    Attributes
-    ----------
-    rows : ndarray of shape (n_kept,)
-        In order of time within each run.
-    labels : ndarray of shape (n_kept,)
-        The run each of them belongs to.
-    remarks : list of str
-        What was reordered, left out and split.
-    """
+    """Rows in order of time within each run, the run of each, and what was done to them."""
 
     rows: Rows
     labels: NDArray
@@ -45,8 +32,9 @@ class Runs:
 
 @dataclass
 class _Findings:
-    """Rows of the table at which something was found."""
+    """Rows of the table at which something was found; how late a row may be."""
 
+    most_late: int
     reversed: list[Rows] = field(default_factory=list)
     late: list[Rows] = field(default_factory=list)
     repeated: list[Rows] = field(default_factory=list)
@@ -78,31 +66,15 @@ def runs_of(
     rows: Rows,
     in_file: Callable[[int], int],
     name: str,
-    largest_gap: float = LARGEST_GAP,
+    largest_gap: float,
+    settings: Preparing = PREPARING,
 ) -> Runs:
-    """Split rows where the time starts again or skips.
+    """Split rows where the time starts again, or skips more than `largest_gap` usual steps.
 
-    Parameters
-    ----------
-    times : ndarray of shape (n_rows,)
-        Of all rows of the table.
-    labels : ndarray of shape (n_rows,) or None
-        The trajectory each row belongs to, if the user said so.
-    rows : ndarray of shape (n_complete,)
-        The rows to use, in the order of the file.
-    in_file : callable
-        From a row of the table to one of the file.
-    name : str
-        Of the times, for messages.
-    largest_gap : float, default=LARGEST_GAP
-        In usual steps; after a longer one a new run begins.
-
-    Raises
-    ------
-    TableError
-        If the clock is too coarse to order the rows.
+    Times and labels are of all rows of the table, `rows` those to use in the order of the file;
+    `in_file` gives the row of the file. A clock that is too coarse is a TableError.
     """
-    found = _Findings()
+    found = _Findings(settings.late)
     pieces: list[Rows] = []
     names: list[str] = []
     given = np.zeros(len(times), dtype=int) if labels is None else labels
@@ -110,7 +82,13 @@ def runs_of(
         parts = list(_parts(times, rows[members], largest_gap, found))
         pieces += parts
         names += [f"{label}.{k}" if k > 1 else label for k in range(1, len(parts) + 1)]
-    _check_resolution(found, len(rows), name)
+    repeated = sum(map(len, found.repeated))
+    if repeated > settings.coarse * len(rows):
+        raise TableError(
+            f"Column {name!r} repeats its times in {repeated:,} of {len(rows):,} rows, which is "
+            "too coarse a clock; name a finer column, or give the time between two rows with "
+            "--time-step instead."
+        )
     kept = np.concatenate(pieces)
     lengths = list(map(len, pieces))
     if labels is None:
@@ -160,18 +138,8 @@ def _between_restarts(times, rows: Rows, found: _Findings) -> list[Rows]:
     cuts: list[int] = []
     for back in (np.flatnonzero(np.diff(t) < 0) + 1).tolist():
         start = cuts[-1] if cuts else 0
-        if t[back : back + LATE + 1].max() <= t[start:back].max():
+        if t[back : back + found.most_late + 1].max() <= t[start:back].max():
             cuts.append(back)
     if cuts:
         found.restarts.append(rows[cuts])
     return np.split(rows, cuts)
-
-
-def _check_resolution(found: _Findings, n_rows: int, name: str) -> None:
-    repeated = sum(map(len, found.repeated))
-    if repeated > COARSE * n_rows:
-        raise TableError(
-            f"Column {name!r} repeats its times in {repeated:,} of {n_rows:,} rows, which is too "
-            "coarse a clock; name a finer column, or give the time between two rows with "
-            "--time-step instead."
-        )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from swsysid._cli.diagnosis import units_of
 from swsysid._cli.job import JobResult
 from swsysid._cli.samples import Samples
 from swsysid._saving.files import Recording, save_model
@@ -30,7 +29,7 @@ def save(
             drawn += f", {effects.name}"
             where = page
             title = f"Effect search: {result.samples.source}"
-            search.report_.to_html(page, units=units_of(result.samples), title=title)
+            search.report_.to_html(page, units=_units_of_displays(result.samples), title=title)
     except OSError as error:
         print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
         return 2
@@ -43,15 +42,10 @@ def save(
 def recording_of(result: JobResult) -> Recording:
     """What a saved model remembers of its data."""
     samples = result.samples
-    named = [
-        *zip(samples.names, samples.units, strict=True),
-        *zip(samples.rate_names, samples.rate_units, strict=True),
-        *zip(samples.signal_names, samples.signal_units, strict=True),
-    ]
     return Recording(
         source=samples.source,
         names=list(samples.names),
-        units={name: unit for name, unit in named if unit} | {"time": samples.time_unit},
+        units={**samples.units, "time": samples.time_unit},
         smoothing=_smoothing_of(samples),
     )
 
@@ -70,6 +64,14 @@ def _smoothing_of(samples: Samples) -> dict[str, str | int | float | list[float]
     }
 
 
+def _units_of_displays(samples: Samples) -> dict[str, str]:
+    """Units by the names that displays use for rates and times."""
+    rates = zip(samples.names, samples.rate_names, strict=False)
+    named = {f"d/dt {name}": samples.unit(rate) for name, rate in rates}
+    named["time"] = samples.time_unit
+    return {**samples.units, **{name: unit for name, unit in named.items() if unit}}
+
+
 def _draw(result: JobResult, path: Path) -> str:
     """Draw the modes and the surface over the first two columns; says what came of it."""
     samples = result.samples
@@ -86,7 +88,7 @@ def _draw(result: JobResult, path: Path) -> str:
         samples.X,
         modes="fitted",
         names=samples.names,
-        units={name: unit for name, unit in zip(samples.names, samples.units, strict=True) if unit},
+        units=samples.units,
     )
     display.figure_.savefig(path, dpi=150)
     plt.close(display.figure_)

@@ -1,4 +1,4 @@
-"""The one verdict about a switching model: is switching there, and how sure is that."""
+"""Held-out rows, and the one verdict about a switching model: is switching there, how surely."""
 
 from __future__ import annotations
 
@@ -8,17 +8,56 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._cli.held_out import certainty, relative_error
-from swsysid._cli.laws import Terms
+from swsysid._cli.settings import JUDGING, Judging
+from swsysid._cli.terms import Terms
 from swsysid._results import Array
+from swsysid._tables.table import TableError
 
-__all__ = ["Comparison", "Rival", "Verdict", "count_switches"]
+__all__ = [
+    "Comparison",
+    "Rival",
+    "Split",
+    "Verdict",
+    "certainty",
+    "count_switches",
+    "hold_out",
+    "relative_error",
+]
 
-WORTH = 0.05  # a richer model must lower the error by this fraction to be worth having
-CERTAIN = 2.0  # standard errors from which on a gain is called certain
-HALF = 0.5  # of the error of a smooth law: modes that leave less are no imitation of a curve
-FEWEST_ROWS = 50  # held-out rows that allow a verdict
-FEWEST_SWITCHES = 5  # changes of the mode that allow one
+
+@dataclass(frozen=True)
+class Split:
+    """Rows to test on, shape (n_samples,); whole trajectories, or the last stretch of each."""
+
+    test: NDArray[np.bool_]
+    whole_groups: bool
+
+    @property
+    def train(self) -> NDArray[np.bool_]:
+        """Rows to train on."""
+        return ~self.test
+
+
+def hold_out(
+    groups: NDArray, fraction: float, random_state: int, settings: Judging = JUDGING
+) -> Split:
+    """Rows to test on: whole trajectories if there are enough, else the last of each."""
+    if not 0.0 < fraction < 1.0:
+        raise TableError(f"The test fraction {fraction:g} is not between 0 and 1.")
+    names, codes = np.unique(groups, return_inverse=True)
+    whole = len(names) >= settings.whole_groups
+    if whole:
+        n_test = max(1, round(fraction * len(names)))
+        generator = np.random.default_rng(random_state)
+        test = np.isin(codes, generator.permutation(len(names))[:n_test])
+    else:
+        position = np.empty(len(codes))
+        for code, count in enumerate(np.bincount(codes)):
+            position[codes == code] = np.arange(count) / count
+        test = position >= 1.0 - fraction
+    if not test.any() or test.all():
+        raise TableError(f"{len(groups)} samples are too few to hold out {fraction:g} of them.")
+    return Split(test, whole)
 
 
 class Verdict(Enum):
@@ -35,13 +74,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Rival:
-    """A law of a single mode and its errors on the held-out rows.
-
-    Attributes
-    ----------
-    terms : Terms
-    errors : ndarray of shape (n_rows, n_rates)
-    """
+    """A law of a single mode and its errors on the held-out rows, (n_rows, n_rates)."""
 
     terms: Terms
     errors: Array
@@ -77,12 +110,14 @@ class Comparison:
     constant: bool
     told_by_rates: Array | None
     untested: tuple[int, ...]
+    settings: Judging = JUDGING
 
     @property
     def best(self) -> Rival:
         """The rival of the smallest error; of laws that hardly differ the one of fewest terms."""
         least = min(self._size(rival.errors) for rival in self.rivals)
-        return next(r for r in self.rivals if self._size(r.errors) <= (1.0 + WORTH) * least)
+        enough = (1.0 + self.settings.worth) * least
+        return next(rival for rival in self.rivals if self._size(rival.errors) <= enough)
 
     @property
     def improvement(self) -> float:
@@ -93,32 +128,55 @@ class Comparison:
     @property
     def gain(self) -> float:
         """The same in standard errors over contiguous blocks."""
-        return certainty(self.best.errors, self.errors, self.spread)
+        return certainty(self.best.errors, self.errors, self.spread, self.settings)
 
     @property
     def hidden(self) -> bool:
         """True if the rates show modes that no law of one mode imitates, and the columns do not."""
         if not self.constant or self.told_by_rates is None:
             return False
-        return self._size(self.told_by_rates) < HALF * self._size(self.best.errors)
+        return self._size(self.told_by_rates) < self.settings.half * self._size(self.best.errors)
 
     @property
     def verdict(self) -> Verdict:
         """What to say about the model."""
-        if len(self.errors) < FEWEST_ROWS:
+        if len(self.errors) < self.settings.fewest_rows:
             return Verdict.TOO_FEW
         if self.hidden:
             return Verdict.HIDDEN
-        if self.improvement <= WORTH:
+        if self.improvement <= self.settings.worth:
             return Verdict.ONE_MODE if self.best is self.rivals[0] else Verdict.SMOOTH
         if self._size(self.errors) >= 1.0:
             return Verdict.USELESS
-        if self.n_switches < FEWEST_SWITCHES:
+        if self.n_switches < self.settings.fewest_switches:
             return Verdict.TOO_FEW
-        return Verdict.SWITCHES if self.gain > CERTAIN else Verdict.CHANCE
+        return Verdict.SWITCHES if self.gain > self.settings.certain else Verdict.CHANCE
 
     def _size(self, errors: Array) -> float:
         return relative_error(errors, self.spread)
+
+
+def relative_error(errors: Array, spread: Array) -> float:
+    """Root mean square of errors (n_rows, n_rates), each rate in units of its spread."""
+    return float(np.sqrt(np.mean((errors / _scale(spread)) ** 2)))
+
+
+def certainty(simple: Array, rich: Array, spread: Array, settings: Judging = JUDGING) -> float:
+    """Gain of a rich model over a simple one, in standard errors over contiguous blocks.
+
+    The mean log ratio of the squared errors over its standard error, the blocks being
+    independent. Ratios, because the errors of a decaying trajectory differ by decades between
+    its blocks.
+    """
+    scale = _scale(spread)
+    size = np.array([np.sum((error / scale) ** 2, axis=1) for error in (simple, rich)])
+    blocks = np.array_split(size, min(settings.blocks, size.shape[1]), axis=1)
+    if len(blocks) < 2:
+        return 0.0
+    means = np.array([block.mean(axis=1) for block in blocks])
+    ratios = np.diff(np.log(means + settings.exact * means.max()), axis=1)[:, 0]
+    error = ratios.std(ddof=1) / np.sqrt(len(ratios))
+    return float(-ratios.mean() / error) if error > 0 else 0.0
 
 
 def count_switches(modes: NDArray[np.intp], groups: NDArray) -> int:
@@ -130,3 +188,7 @@ def count_switches(modes: NDArray[np.intp], groups: NDArray) -> int:
     2
     """
     return int(np.sum((modes[1:] != modes[:-1]) & (groups[1:] == groups[:-1])))
+
+
+def _scale(spread: Array) -> Array:
+    return np.where(spread > 0, spread, 1.0)

@@ -13,16 +13,29 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from statistics import mode
 
 from swsysid._tables.cells import is_clock, is_missing, is_number
 from swsysid._tables.units import is_unit
 
-__all__ = ["COMMENTS", "WHITE", "Layout", "layout_of", "split_row"]
+__all__ = ["READING", "COMMENTS", "WHITE", "Layout", "ReadingSettings", "layout_of", "split_row"]
 
 WHITE = r"\s+"  # the delimiter of columns that stand apart by blanks
 DELIMITERS = (",", ";", "\t", "|", WHITE)
-SAMPLED = 60  # rows that decide about delimiter and columns
 COMMENTS = ("#", "%", "//")
+
+
+@dataclass(frozen=True)
+class ReadingSettings:
+    """How much of a text decides, and how much of it may be left out."""
+
+    # Rows that decide about delimiter and columns: a few dozen agree, whatever the file's length.
+    sampled: int = 60
+    # Share of damaged rows above which the layout itself was not understood.
+    damaged: float = 0.01
+
+
+READING = ReadingSettings()
 
 
 @dataclass(frozen=True)
@@ -61,22 +74,16 @@ class Layout:
         )
 
 
-def layout_of(lines: Sequence[str]) -> Layout:
-    """The layout of a file from its lines.
-
-    Raises
-    ------
-    ValueError
-        If there is no row of data below a row of names, or a name occurs twice.
-    """
+def layout_of(lines: Sequence[str], settings: ReadingSettings) -> Layout:
+    """The layout of a file; ValueError if no data stand below names, or a name occurs twice."""
     filled = [k for k, line in enumerate(lines) if line.strip()]
     if len(filled) < 2:
         raise ValueError("it holds no row below its header.")
     later = [k for k in filled[len(filled) // 2 :] if not _is_comment(lines[k])] or filled[-1:]
-    sample = [lines[k] for k in later[:: -(-len(later) // SAMPLED)]]
+    sample = [lines[k] for k in later[:: -(-len(later) // settings.sampled)]]
     delimiter, decimal = max(product(DELIMITERS, ".,"), key=lambda way: _sense(sample, *way))
     rows = [split_row(line, delimiter) for line in sample]
-    width = _commonest([len(row) for row in rows])
+    width = mode(map(len, rows))
     numeric = _numeric([row for row in rows if len(row) == width], decimal)
     first = _first_row(lines, filled, delimiter, decimal, numeric)
     header, names, units = _header(lines, [k for k in filled if k < first], delimiter, width)
@@ -118,10 +125,6 @@ def _is_understood(cell: str, decimal: str) -> bool:
 
 def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(COMMENTS)
-
-
-def _commonest(numbers: list[int]) -> int:
-    return max(numbers, key=numbers.count)
 
 
 def _numeric(rows: list[list[str]], decimal: str) -> tuple[bool, ...]:

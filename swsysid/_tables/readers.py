@@ -8,16 +8,13 @@ import difflib
 import gzip
 import lzma
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swsysid._tables.arrays import split_columns
-from swsysid._tables.matlab import matlab_columns
-from swsysid._tables.refusal import TableError
-from swsysid._tables.tables import Table
+from swsysid._tables.arrays import matlab_columns, npz_columns
+from swsysid._tables.table import Table, TableError
 from swsysid._tables.text import decoded, table_of_text
 
 __all__ = ["read_table"]
@@ -30,25 +27,8 @@ def read_table(
 ) -> Table:
     """Read a recording: text of any layout, a spreadsheet, or arrays.
 
-    Arrays with several columns become ``name_0``, ``name_1``, ...; scalars are left out, since
-    they are no recordings.
-
-    Parameters
-    ----------
-    path : str or Path
-    units : mapping of str to str, default=None
-        Units by column, stronger than those in the file.
-    missing : sequence of str, default=()
-        Words for a missing value, beside the usual ones.
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    TableError
-        If the file is missing, of another type, or unreadable.
+    `units` by column are stronger than those in the file; `missing` holds words for a missing
+    value, beside the usual ones. TableError says what is wrong with the file.
     """
     path = Path(path)
     kind = _kind(path)
@@ -63,10 +43,9 @@ def read_table(
         raise TableError(f"There is no file {path}; {_beside(path)}.")
     try:
         table = _READERS[kind](path, missing)
-    except ImportError as error:
-        raise TableError(f"{path.name} cannot be read: {_one_line(error)}") from error
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise TableError(f"{path.name} cannot be read: {_one_line(error)}") from error
+    except (ImportError, OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        told = " ".join(str(error).split()) or type(error).__name__
+        raise TableError(f"{path.name} cannot be read: {told}") from error
     table = dataclasses.replace(table, units={**table.units, **(units or {})})
     for name in units or {}:
         table.resolve(name)
@@ -133,44 +112,17 @@ def _read_parquet(path: Path, missing: Sequence[str]) -> Table:
         if column.dtype.kind in "mM":
             column = (column - column.dropna().iloc[0]).dt.total_seconds()
             units[str(name)] = "s"
-        numeric = pd.api.types.is_numeric_dtype(column)
-        columns[str(name)] = (
-            column.to_numpy(dtype=float, na_value=np.nan)
-            if numeric
-            else (column.to_numpy(dtype=object, na_value=""))
-        )
+        if pd.api.types.is_numeric_dtype(column):
+            columns[str(name)] = column.to_numpy(dtype=float, na_value=np.nan)
+        else:
+            columns[str(name)] = column.to_numpy(dtype=object, na_value="")
     return Table(path.name, columns, units)
-
-
-def _read_npz(path: Path, missing: Sequence[str]) -> Table:
-    with np.load(path, allow_pickle=False) as archive:
-        return Table(path.name, dict(_arrays(archive)), {})
-
-
-def _arrays(archive: Mapping[str, NDArray]) -> Iterator[tuple[str, NDArray]]:
-    for name in archive:
-        try:
-            array = archive[name]
-        except ValueError as error:
-            raise ValueError(
-                f"{name!r} holds Python objects, which are not loaded because that could run "
-                "code; save plain arrays of numbers."
-            ) from error
-        yield from split_columns(name, array)
-
-
-def _read_mat(path: Path, missing: Sequence[str]) -> Table:
-    return Table(path.name, dict(matlab_columns(path)), {})
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 _READERS: dict[str, Callable[[Path, Sequence[str]], Table]] = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".log", ".asc"), _read_text),
     **dict.fromkeys((".xlsx", ".xlsm"), _read_spreadsheet),
     ".parquet": _read_parquet,
-    ".npz": _read_npz,
-    ".mat": _read_mat,
+    ".npz": lambda path, missing: Table(path.name, dict(npz_columns(path)), {}),
+    ".mat": lambda path, missing: Table(path.name, dict(matlab_columns(path)), {}),
 }

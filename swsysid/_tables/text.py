@@ -11,13 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._tables.cells import MISSING, column_of, is_missing
-from swsysid._tables.layout import COMMENTS, WHITE, Layout, layout_of, split_row
-from swsysid._tables.tables import Table
+from swsysid._tables.layout import (
+    COMMENTS,
+    READING,
+    WHITE,
+    Layout,
+    ReadingSettings,
+    layout_of,
+    split_row,
+)
+from swsysid._tables.table import Table
 from swsysid._tables.wording import counted, rows_listed
 
 __all__ = ["decoded", "table_of_text"]
 
-DAMAGED = 0.01  # of the rows may be left out; more are a layout that was not understood
 _MARKS = {  # UTF-32 before UTF-16, whose mark it begins with
     codecs.BOM_UTF8: "utf-8-sig",
     codecs.BOM_UTF32_LE: "utf-32",
@@ -28,13 +35,7 @@ _MARKS = {  # UTF-32 before UTF-16, whose mark it begins with
 
 
 def decoded(content: bytes) -> str:
-    """The text of a file: by its byte-order mark, else UTF-8, else as Windows writes it.
-
-    Raises
-    ------
-    ValueError
-        If the content is not text.
-    """
+    """The text of a file: by its byte-order mark, else UTF-8, else as Windows writes it."""
     for mark, encoding in _MARKS.items():
         if content.startswith(mark):
             return content.decode(encoding)
@@ -50,25 +51,15 @@ def decoded(content: bytes) -> str:
         return content.decode("cp1252", errors="replace")
 
 
-def table_of_text(source: str, text: str, missing: Sequence[str] = ()) -> Table:
+def table_of_text(
+    source: str,
+    text: str,
+    missing: Sequence[str] = (),
+    settings: ReadingSettings = READING,
+) -> Table:
     r"""The table in a text, with the rows of the file and what had to be left out.
 
-    Parameters
-    ----------
-    source : str
-        For messages.
-    text : str
-    missing : sequence of str, default=()
-        Words for a missing value beside the usual ones.
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    ValueError
-        If the layout cannot be made out; a sentence that begins with "it" or "its".
+    A layout that cannot be made out is a ValueError, in a sentence that begins with "it" or "its".
 
     Examples
     --------
@@ -77,8 +68,8 @@ def table_of_text(source: str, text: str, missing: Sequence[str] = ()) -> Table:
     (array([1.5, nan]), 'm/s', 4)
     """
     lines = re.split(r"\r\n|\r|\n", text)
-    layout = layout_of(lines)
-    kept, remarks = _rows_of_data(lines, layout)
+    layout = layout_of(lines, settings)
+    kept, remarks = _rows_of_data(lines, layout, settings.damaged)
     words = {word.strip().lower() for word in missing}
     columns, units = {}, dict(zip(layout.names, layout.units, strict=True))
     frame = _frame([lines[k] for k in kept], layout, words)
@@ -105,18 +96,20 @@ def _told(layout: Layout) -> tuple[str, ...]:
     return (f"{'; '.join(parts).capitalize()}.",) if parts else ()
 
 
-def _rows_of_data(lines: list[str], layout: Layout) -> tuple[list[int], list[str]]:
+def _rows_of_data(
+    lines: list[str], layout: Layout, most_damaged: float
+) -> tuple[list[int], list[str]]:
     """Numbers of the lines that hold data, and sentences on those that do not."""
-    above = {lines[k].strip() for k in range(layout.header, layout.first) if lines[k].strip()}
-    below = [
-        (k, line)
-        for k, line in enumerate(lines)
-        if k >= layout.first and line.strip() and not line.lstrip().startswith(COMMENTS)
+    header = {lines[k].strip() for k in range(layout.header, layout.first)}
+    filled = [
+        k
+        for k in range(layout.first, len(lines))
+        if lines[k].strip() and not lines[k].lstrip().startswith(COMMENTS)
     ]
-    repeated = [k for k, line in below if line.strip() in above]
-    below = [(k, line) for k, line in below if line.strip() not in above] if repeated else below
-    damaged = [k for k, line in below if not _is_whole(line, layout)]
-    if len(damaged) > DAMAGED * len(below):
+    repeated = [k for k in filled if lines[k].strip() in header]
+    below = [k for k in filled if lines[k].strip() not in header] if repeated else filled
+    damaged = [k for k in below if not _is_whole(lines[k], layout)]
+    if len(damaged) > most_damaged * len(below):
         cells = len(split_row(lines[damaged[0]], layout.delimiter))
         raise ValueError(
             f"its row {damaged[0] + 1} has {cells} cells and its header {len(layout.names)} "
@@ -131,7 +124,7 @@ def _rows_of_data(lines: list[str], layout: Layout) -> tuple[list[int], list[str
             f"Left out as damaged: {rows_listed(k + 1 for k in damaged)} "
             f"({counted(len(damaged), 'row')})."
         )
-    return [k for k, _ in below if k not in left_out], sentences
+    return [k for k in below if k not in left_out], sentences
 
 
 def _is_whole(line: str, layout: Layout) -> bool:

@@ -8,13 +8,20 @@ import pytest
 
 from swsysid import load_model, save_model
 from swsysid._cli.guard_words import inequality, memory, regions
-from swsysid._cli.held_out import certainty, hold_out, relative_error
 from swsysid._cli.job import JobOptions, run_job
-from swsysid._cli.job_text import render
-from swsysid._cli.laws import Terms
 from swsysid._cli.measurement import Measurement
-from swsysid._cli.verdict import Comparison, Rival, Verdict, count_switches
-from swsysid._tables.tables import Table
+from swsysid._cli.terms import Terms
+from swsysid._cli.text import render
+from swsysid._cli.verdict import (
+    Comparison,
+    Rival,
+    Verdict,
+    certainty,
+    count_switches,
+    hold_out,
+    relative_error,
+)
+from swsysid._tables.table import Table
 
 SAYINGS = (
     "clearly better than one mode: than",

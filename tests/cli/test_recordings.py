@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from swsysid._cli.masking import sentinels, spikes
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.samples import measure
-from swsysid._cli.samples_text import preparation
-from swsysid._cli.spikes import sentinels, spikes
+from swsysid._cli.text import preparation
 from swsysid._tables.readers import read_table
-from swsysid._tables.refusal import TableError
-from swsysid._tables.tables import Table
+from swsysid._tables.table import Table, TableError
 from swsysid.differentiation._strength import _deciding
 
 STEP = 0.02

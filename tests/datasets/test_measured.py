@@ -9,7 +9,7 @@ import pytest
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.verdict import Verdict
-from swsysid._tables.tables import Table
+from swsysid._tables.table import Table
 from swsysid.datasets import _measured, _sources
 from swsysid.datasets._sources import MeasuredDataError, Source, locate
 from swsysid.differentiation import differentiate

@@ -12,7 +12,7 @@ from swsysid._cli.arguments import LIBRARIES, measurement, parser
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.run import _options as job_options
 from swsysid._cli.samples import measure
-from swsysid._tables.tables import Table
+from swsysid._tables.table import Table
 from swsysid.differentiation import differentiate
 
 PAGE = Path(__file__).parents[2] / "docs" / "command_line.md"

@@ -5,7 +5,7 @@ import pytest
 from scipy.io import savemat
 
 from swsysid._tables.readers import read_table
-from swsysid._tables.refusal import TableError
+from swsysid._tables.table import TableError
 from swsysid._tables.units import rate_unit, unit_of
 
 T = np.linspace(0.0, 1.0, 5)

@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._tables.cells import is_number
-from swsysid._tables.refusal import TableError
 from swsysid._tables.units import unit_of, without_unit
 
-__all__ = ["Table"]
+__all__ = ["Table", "TableError"]
+
+
+class TableError(ValueError):
+    """A file cannot be read or a column cannot be used; one sentence says what to do instead."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +80,21 @@ class Table:
         for name, column in columns.items():
             if column.dtype.kind != "f":
                 raise TableError(self._not_numeric(name, column))
-        self._check_lengths(columns)
+        lengths = {name: len(column) for name, column in columns.items()}
+        if len(set(lengths.values())) > 1:
+            found = ", ".join(f"{name} has {length}" for name, length in lengths.items())
+            raise TableError(
+                f"The columns of {self.source} chosen here differ in length: {found} rows; "
+                "choose columns of one recording."
+            )
         return np.column_stack(list(columns.values())) if columns else np.empty((0, 0))
 
     def _not_numeric(self, name: str, column: NDArray) -> str:
-        odd = [k for k, cell in enumerate(column) if cell != "" and not _is_number(cell)]
+        odd = [
+            k
+            for k, cell in enumerate(map(str, column))
+            if cell and not is_number(cell) and not is_number(cell, ",")
+        ]
         first = odd[0] if odd else 0
         cell = str(column[first])
         rare = len(odd) < len(column) / 2
@@ -100,17 +113,3 @@ class Table:
     def labels(self, name: str) -> NDArray:
         """A column of any type, such as the names of trajectories."""
         return self.columns[self.resolve(name)]
-
-    def _check_lengths(self, columns) -> None:
-        lengths = {name: len(column) for name, column in columns.items()}
-        if len(set(lengths.values())) > 1:
-            found = ", ".join(f"{name} has {length}" for name, length in lengths.items())
-            raise TableError(
-                f"The columns of {self.source} chosen here differ in length: {found} rows; "
-                "choose columns of one recording."
-            )
-
-
-def _is_number(cell: object) -> bool:
-    text = str(cell)
-    return is_number(text) or is_number(text, ",")

@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
-from typing import Any
 
 import numpy as np
+from sklearn.base import TransformerMixin
 from sklearn.compose import ColumnTransformer
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
+from swsysid._cli.settings import Judging
 from swsysid._data.features import FunctionLibrary
 
 __all__ = ["Terms"]
 
 _DEGREES = {0: "linear", 1: "affine", 2: "quadratic", 3: "cubic"}
-_MOST_FEATURES = 200  # of a richer law that is only tried
-_ROWS_A_FEATURE = 5
 
 
 @dataclass(frozen=True)
@@ -39,19 +38,18 @@ class Terms:
     degree: int
     waves: bool = False
 
-    def library(self, n_columns: int) -> Any:
+    def library(self, n_columns: int) -> int | TransformerMixin | None:
         """The feature library of a regressor whose X has so many columns."""
         if len(self.columns) == n_columns and not self.waves:
             return self.degree or None
-        products: Any = PolynomialFeatures(self.degree or 1, include_bias=self.degree > 0)
+        terms = PolynomialFeatures(self.degree or 1, include_bias=self.degree > 0)
         if self.waves:
-            waves = FunctionLibrary([np.sin, np.cos])
-            parts = [("products", products), ("waves", waves)]
-            products = FeatureUnion(parts, verbose_feature_names_out=False)
+            parts = [("products", terms), ("waves", FunctionLibrary([np.sin, np.cos]))]
+            terms = FeatureUnion(parts, verbose_feature_names_out=False)
         chosen = ColumnTransformer(
             [("chosen", "passthrough", list(self.columns))], verbose_feature_names_out=False
         )
-        return make_pipeline(chosen, products)
+        return make_pipeline(chosen, terms)
 
     @property
     def n_features(self) -> int:
@@ -60,7 +58,7 @@ class Terms:
         products = comb(n_columns + self.degree, self.degree) if self.degree else n_columns
         return products + 2 * n_columns * self.waves
 
-    def richer(self, n_rows: int) -> Sequence[Terms]:
+    def richer(self, n_rows: int, settings: Judging) -> Sequence[Terms]:
         """Smooth laws with more terms: one degree more, two more, and sines of the columns."""
         least = max(self.degree, 1)
         more = [
@@ -68,7 +66,7 @@ class Terms:
             Terms(self.columns, least + 2, self.waves),
             Terms(self.columns, least, True),
         ]
-        most = min(_MOST_FEATURES, n_rows / _ROWS_A_FEATURE)
+        most = min(settings.most_features, n_rows / settings.rows_a_feature)
         return [terms for terms in more if terms != self and terms.n_features <= most]
 
     def __str__(self) -> str:

@@ -6,15 +6,13 @@ import numpy as np
 
 from swsysid._cli.guard_words import memory, regions
 from swsysid._cli.job import JobResult
-from swsysid._cli.samples_text import preparation
-from swsysid._cli.verdict import FEWEST_ROWS, FEWEST_SWITCHES, Comparison, Verdict
+from swsysid._cli.samples import Samples
+from swsysid._cli.settings import WORDING
+from swsysid._cli.verdict import Comparison, Verdict
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._rendering.printing import linear_combination
 
-__all__ = ["render", "with_effects"]
-
-PRECISION = 6  # decimals of coefficients
-SENSIBLE = 0.01  # share of the spread of a rate that its input has to move
+__all__ = ["preparation", "render", "with_effects"]
 
 
 def render(result: JobResult) -> str:
@@ -29,14 +27,14 @@ def with_effects(model: EffectRegressor) -> str:
     """The complete laws and guards of a model with effects; "" if it has none."""
     if not model.effects_:
         return ""
-    guards = model.surface_equations(precision=PRECISION)
-    lines = ["model with effects", *model.equations(precision=PRECISION), *guards]
+    guards = model.surface_equations(precision=WORDING.precision)
+    lines = ["model with effects", *model.equations(precision=WORDING.precision), *guards]
     return "\n    ".join(lines)
 
 
 def _data(result: JobResult) -> str:
     samples = result.samples
-    columns = ", ".join(map(_with_unit, samples.names, samples.units))
+    columns = ", ".join(map(samples.with_unit, samples.names))
     n_groups = len(np.unique(samples.groups))
     every = f", every {_ordinal(samples.decimate)} row" if samples.decimate > 1 else ""
     trajectories = "1 trajectory" if n_groups == 1 else f"{n_groups} trajectories"
@@ -50,6 +48,27 @@ def _data(result: JobResult) -> str:
             "(--position yes or no decides otherwise)."
         )
     return "\n".join(lines)
+
+
+def preparation(samples: Samples) -> list[str]:
+    """What was mended, masked and left out; how the states were smoothed, and their noise."""
+    smoothing, t = samples.smoothing, samples.t
+    if smoothing is None or t is None:
+        return list(samples.remarks)
+    if smoothing.window:
+        step = float(np.median(np.diff(t))) / samples.decimate
+        span = f"{smoothing.window * step:.2g} {samples.time_unit}".rstrip()
+        how = f"Smoothed over windows of {smoothing.window} samples ({span})"
+    elif smoothing.cutoff:
+        rate = f" 1/{samples.time_unit}" if samples.time_unit not in ("", "s") else " Hz"
+        how = f"Smoothed by a low-pass of {smoothing.cutoff:.3g}{rate}"
+    else:
+        how = "Not smoothed"
+    sizes = ", ".join(
+        f"{name} {size:.2g} {samples.unit(name)}".rstrip()
+        for name, size in zip(samples.names, smoothing.noise, strict=False)
+    )
+    return [*samples.remarks, f"{how}; noise of one sample: {sizes}."]
 
 
 def _laws(result: JobResult) -> list[str]:
@@ -69,8 +88,7 @@ def _laws(result: JobResult) -> list[str]:
         for state in range(samples.n_known, len(samples.rate_names)):
             row = model.coef_[mode, state]
             rate = samples.rate_names[state]
-            unit = f"   [{samples.rate_units[state]}]" if samples.rate_units[state] else ""
-            lines.append(f"    {rate} = {_sum(row, features)}{unit}")
+            lines.append(f"    {rate} = {_sum(row, features)}{_unit_after(samples.unit(rate))}")
             if _is_driven(row, features, samples, state, model.modes_ == mode):
                 lines.append(_balance(row, features, rate, samples))
         sections.append("\n".join(lines))
@@ -87,7 +105,7 @@ def _is_driven(row, features, samples, state: int, members) -> bool:
     if not samples.n_known or len(inputs) != 1 or inputs[0] not in features or not members.any():
         return False
     moved = abs(row[features.index(inputs[0])]) * samples.X[members, -1].std()
-    return bool(moved > SENSIBLE * samples.Xdot[members, state].std())
+    return bool(moved > WORDING.sensible * samples.Xdot[members, state].std())
 
 
 def _balance(row, features, rate: str, samples) -> str:
@@ -99,13 +117,17 @@ def _balance(row, features, rate: str, samples) -> str:
     scaled = -np.asarray(row) / row[driven]
     scaled[driven] = 0.0
     rest = _sum(scaled, features)
-    unit = f"   [{samples.units[-1]}]" if samples.units[-1] else ""
-    inertia = f"{1.0 / row[driven]:.{PRECISION}g}"
-    return f"    or {inertia} {rate} + ({rest}) = {samples.names[-1]}{unit}"
+    drive = samples.names[-1]
+    inertia = f"{1.0 / row[driven]:.{WORDING.precision}g}"
+    return f"    or {inertia} {rate} + ({rest}) = {drive}{_unit_after(samples.unit(drive))}"
+
+
+def _unit_after(unit: str) -> str:
+    return f"   [{unit}]" if unit else ""
 
 
 def _sum(row, features) -> str:
-    return linear_combination(row, features, precision=PRECISION)
+    return linear_combination(row, features, precision=WORDING.precision)
 
 
 def _guards(result: JobResult) -> str:
@@ -115,7 +137,7 @@ def _guards(result: JobResult) -> str:
     if result.comparison.constant:
         return _no_guard(result)
     lines = regions(model.surface_, samples)
-    equations = model.surface_equations(precision=PRECISION)
+    equations = model.surface_equations(precision=WORDING.precision)
     return "\n    ".join(["switching surface", *lines, *equations])
 
 
@@ -146,12 +168,11 @@ def _errors(result: JobResult) -> str:
     what = (
         "whole trajectories" if result.split.whole_groups else "the last stretch of each trajectory"
     )
-    names = [
-        _with_unit(name, unit)
-        for name, unit in zip(samples.rate_names, samples.rate_units, strict=True)
-    ][samples.n_known :]
+    names = [samples.with_unit(name) for name in samples.rate_names[samples.n_known :]]
     columns = [("spread", comparison.spread)]
-    columns += [(f"one mode, {rival.terms}", _rms(rival.errors)) for rival in _shown(comparison)]
+    # the law of one mode with the same terms, and the best one if it is another
+    shown = {rival.terms: rival for rival in (comparison.rivals[0], comparison.best)}
+    columns += [(f"one mode, {terms}", _rms(rival.errors)) for terms, rival in shown.items()]
     n_modes = _n_compared(result)
     if n_modes > 1:
         columns.append((f"{n_modes} modes, {comparison.rivals[0].terms}", _rms(comparison.errors)))
@@ -169,12 +190,6 @@ def _errors(result: JobResult) -> str:
         )
         lines.append(f"    {name:{width}}  {row}")
     return "\n".join(lines + _untested(comparison))
-
-
-def _shown(comparison: Comparison):
-    """The law of one mode with the same terms, and the best one if it is another."""
-    plain, best = comparison.rivals[0], comparison.best
-    return [plain] if best is plain else [plain, best]
 
 
 def _n_compared(result: JobResult) -> int:
@@ -214,15 +229,11 @@ def _of_one_mode(comparison: Comparison) -> str:
     best = comparison.best
     if best is comparison.rivals[0]:
         return "No switching: the model has one mode, and no smooth law with more terms is better."
+    lower = 1.0 - 1.0 / (1.0 - comparison.improvement)  # the best law's error, than the model's
     return (
         f"No switching: the model has one mode. With {best.terms} terms its held-out error is "
-        f"{_percent(_gain_of(comparison))} % lower{_advice(best.terms.option)}."
+        f"{100 * lower:.1f} % lower{_advice(best.terms.option)}."
     )
-
-
-def _gain_of(comparison: Comparison) -> float:
-    """Fraction by which the best law of one mode lowers the error of the model."""
-    return 1.0 - 1.0 / (1.0 - comparison.improvement)
 
 
 def _of_modes(result: JobResult) -> str:
@@ -253,7 +264,8 @@ def _of_modes(result: JobResult) -> str:
         Verdict.TOO_FEW: (
             "These data do not decide whether there is switching: the modes change "
             f"{comparison.n_switches} times and {len(comparison.errors)} samples are held out, "
-            f"where at least {FEWEST_SWITCHES} and {FEWEST_ROWS} are needed. Record more."
+            f"where at least {comparison.settings.fewest_switches} and "
+            f"{comparison.settings.fewest_rows} are needed. Record more."
         ),
         Verdict.USELESS: (
             f"The held-out error of the {n_modes} modes is no smaller than the spread of the "
@@ -272,11 +284,7 @@ def _change(comparison: Comparison) -> str:
     share = comparison.improvement
     if share < -1.0:
         return f"{1.0 - share:.3g} times as large"
-    return f"{_percent(abs(share))} % {'lower' if share >= 0.0 else 'higher'}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f}"
+    return f"{100 * abs(share):.1f} % {'lower' if share >= 0.0 else 'higher'}"
 
 
 def _advice(option: str) -> str:
@@ -285,10 +293,6 @@ def _advice(option: str) -> str:
 
 def _rms(errors):
     return np.sqrt(np.mean(errors**2, axis=0))
-
-
-def _with_unit(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
 
 
 def _ordinal(number: int) -> str:

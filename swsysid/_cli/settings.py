@@ -1,0 +1,77 @@
+"""The numbers that the command line decides by, each with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["JUDGING", "PREPARING", "WORDING", "Judging", "Preparing", "Wording"]
+
+
+@dataclass(frozen=True)
+class Preparing:
+    """From cells to runs: what is no measurement, and where a run ends."""
+
+    # Ranges of the other values beyond which a value is far away: no signal has such a crest.
+    far: float = 5.0
+    # Percentiles that a state's range lies between, so that spikes do not widen it.
+    middle: tuple[float, float] = (10.0, 90.0)
+    # Samples of a spike: two that differ, or some more that are all the same (a lost signal).
+    longest_spike: int = 2
+    longest_stuck: int = 5
+    # Share of spikes above which they are the signal.
+    most_spikes: float = 0.05
+    # Rows after which a clock that went back has caught up, if a row was merely written late.
+    late: int = 3
+    # Share of rows with a time that was there before; more is a clock that is too coarse.
+    coarse: float = 0.2
+    # Steps after which a filter that needs even times starts again: one row is missing.
+    even_gap: float = 1.5
+
+
+@dataclass(frozen=True)
+class Judging:
+    """From errors on held-out rows to a verdict."""
+
+    # From so many trajectories on whole ones are held out; fewer would make a lottery of the rest.
+    whole_groups: int = 5
+    # Contiguous stretches on which two models are compared, taken as independent.
+    blocks: int = 10
+    # Squared errors below this fraction of the largest are round-off.
+    exact: float = 1e-12
+    # Share of the error by which a richer model must be better to be worth having.
+    worth: float = 0.05
+    # Standard errors from which on a gain is called certain: two-sided 5 %.
+    certain: float = 2.0
+    # Share of a smooth law's error: modes that leave less are no imitation of a curve.
+    half: float = 0.5
+    # Held-out rows, and changes of the mode, that allow a verdict.
+    fewest_rows: int = 50
+    fewest_switches: int = 5
+    # Share of the training rows below which a mode is absent from them.
+    rare_mode: float = 0.005
+    # Features of a richer law that is only tried, and rows that each of them needs.
+    most_features: int = 200
+    rows_a_feature: int = 5
+
+
+@dataclass(frozen=True)
+class Wording:
+    """From a model to text."""
+
+    # Decimals of coefficients.
+    precision: int = 6
+    # Share of the spread of a rate that an input has to move to be called its drive.
+    sensible: float = 0.01
+    # Samples that decide where the modes are, in words.
+    most_rows: int = 20_000
+    # Share of the samples on which fewer terms must say the same as all.
+    same_side: float = 0.99
+    # Share of the samples that a constant has to put right to be told.
+    no_constant: float = 0.001
+    # Scatter of switches in distances of two thresholds, and switches to each side, that still
+    # show a memory.
+    sharp: float = 0.25
+    fewest_switches: int = 3
+
+
+PREPARING, JUDGING, WORDING = Preparing(), Judging(), Wording()
