@@ -272,7 +272,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def surface_feature_names(self, input_features=None):
         """Names of the columns of `surface_features`, by names of those of `X`."""
         check_fitted(self)
-        inputs = self._input_names() if input_features is None else list(input_features)
+        inputs = column_names(self) if input_features is None else list(input_features)
         return self._basis.names(inputs)
 
     def surface_values_at(self, point):
