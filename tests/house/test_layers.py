@@ -132,7 +132,8 @@ def test_importing_the_package_is_light():
 
 def test_the_rules_catch_what_they_forbid():
     tree = ast.parse(
-        "if TYPE_CHECKING:\n    import dask\nclass A:\n    import pandas\ndef f():\n    import cvxpy\n    from swsysid import results\n"
+        "if TYPE_CHECKING:\n    import dask\n"
+        "class A:\n    import pandas\ndef f():\n    import cvxpy\n    from swsysid import results\n"
     )
     assert set(_top_packages(_module_level(tree))) == {"pandas"}
     assert list(_imported_files(tree)) == ["results"]
