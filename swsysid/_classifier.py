@@ -269,10 +269,6 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         X = known_rows(self, X)
         return self._basis.of_user(X)
 
-    def surface_feature_names(self, input_features):
-        """Names of the columns of `surface_features`, from names of those of `X`."""
-        return list(self._basis.names(input_features))
-
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
         return self._fitted_coef @ self._basis.at(point)
@@ -362,7 +358,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         arguments = ", ".join(symbol(name, format) for name in inputs)
         head = "f_{{{}}}({}) = {}" if format == "latex" else "f{}({}) = {}"
         options = {"precision": precision, "style": format, "sizes": self._basis.sizes}
-        names = self.surface_feature_names(inputs)
+        names = list(self._basis.names(inputs))
         sums = (linear_combination(row, names, **options) for row in self.coef_)
         return [head.format(k, arguments, terms) for k, terms in enumerate(sums)]
 

@@ -18,12 +18,9 @@ from swsysid._rendering.series import draw_series, frame_of, names_or_numbers, s
 
 __all__ = [
     "Assignment",
-    "FitCertificate",
     "GuardWarning",
     "IdentificationWarning",
     "IterationRecord",
-    "MarginCertificate",
-    "MipResult",
     "MisfitWarning",
     "SolverError",
     "Status",
@@ -159,99 +156,6 @@ class IterationRecord:
     tightness: float
     seconds: float
     modes: NDArray[np.int8]
-
-
-@dataclass(frozen=True)
-class MarginCertificate:
-    """What the margin LP's theorem really certifies (see docs/mathematics.md).
-
-    Attributes
-    ----------
-    margin : ndarray of shape (n_surfaces,)
-        t*, the largest margin that a surface inside the coefficient box can have on the data;
-        not positive where the classes cannot be separated at all.
-    coef : ndarray of shape (n_surfaces, n_surface_features)
-        The surfaces that reach it.
-    nonzero_interval : ndarray of shape (n_surfaces, 2)
-        Margins strictly above the first entry and at most the second certify that this surface
-        is nonzero at every optimum; where the first is the larger one nothing is certified. They
-        do *not* certify zero slack.
-    zero_slack : ndarray of shape (n_surfaces,), bool
-        True where some optimum of the margin LP at the classifier's own margin has no slack,
-        which needs a margin of at most t*. Other optima of the same value may have some.
-    status : Status
-    """
-
-    margin: Array
-    coef: Array
-    nonzero_interval: Array
-    zero_slack: NDArray[np.bool_]
-    status: Status
-
-    @property
-    def separable(self) -> bool:
-        """True if every surface separates its classes with a positive margin."""
-        return bool((self.margin > 0).all())
-
-
-@dataclass(frozen=True)
-class FitCertificate:
-    """How far a fitted model can be from optimal, block by block.
-
-    Attributes
-    ----------
-    objective : float
-        Sum of the losses at the best hard assignment, for the fitted vector fields.
-    lower_bound : float
-        Value of the simplex relaxation for the same vector fields: a bound over all memberships.
-    gap : float
-        `objective` - `lower_bound`.
-    tightness : float
-        Fraction of samples whose relaxed assignment is one-hot.
-    dual_certified : ndarray of shape (n_samples,), bool
-        Samples for which a dual vector proves that the one-hot assignment is the unique
-        minimiser over the whole simplex (paper, one-hot optimality theorem).
-    rounding_bound : ndarray of shape (n_samples,)
-        Bound on what hardening the relaxed membership costs each sample (paper, rounding
-        proposition).
-    dynamics_gap : float
-        Duality gap of the dynamics program for the final labels.
-    status : Status
-    """
-
-    objective: float
-    lower_bound: float
-    gap: float
-    tightness: float
-    dual_certified: NDArray[np.bool_]
-    rounding_bound: Array
-    dynamics_gap: float
-    status: Status
-
-
-@dataclass(frozen=True)
-class MipResult:
-    """Answer of the exact mixed-integer program, `solve_mip`.
-
-    Attributes
-    ----------
-    objective : float
-        Sum of absolute residuals of the best solution found.
-    bound : float
-        Proved lower bound on the optimum.
-    gap : float
-        `objective` - `bound`.
-    coef : ndarray of shape (n_modes, n_states, n_features_out)
-    modes : ndarray of shape (n_samples,), int
-    status : Status
-    """
-
-    objective: float
-    bound: float
-    gap: float
-    coef: Array
-    modes: NDArray[np.intp]
-    status: Status
 
 
 @dataclass(frozen=True)

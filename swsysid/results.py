@@ -12,14 +12,14 @@ from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._results import (
     Assignment,
-    FitCertificate,
     IterationRecord,
-    MarginCertificate,
-    MipResult,
     Status,
     SwitchEvent,
     Trajectory,
 )
+from swsysid._surfaces.margins import MarginCertificate
+from swsysid.relaxations._certificates import FitCertificate
+from swsysid.relaxations._mixed_integer import MipResult
 
 __all__ = [
     "Assignment",

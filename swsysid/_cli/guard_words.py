@@ -35,7 +35,7 @@ def regions(surface: PolynomialSurfaceClassifier, samples: Samples) -> list[str]
     """One line for each mode: where it is. One more where the words leave something out."""
     X = samples.X[spread_rows(len(samples.X), WORDING.most_rows)]
     monomials = surface.surface_features(X)
-    names = [str(name) for name in surface.surface_feature_names(samples.names)]
+    names = [str(name) for name in surface.fitted_surfaces.basis.names(samples.names)]
     units = [samples.unit(name) for name in names]
     told = [inequality(coef, monomials, names, units) for coef in surface.coef_]
     lines = []

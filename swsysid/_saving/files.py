@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from swsysid._pipelines import switching_step
@@ -67,7 +68,9 @@ class Recording:
     smoothing: Mapping[str, Any] = field(default_factory=dict)
 
 
-def save_model(model: Any, path: Any, *, recording: Recording | None = None) -> None:
+def save_model(
+    model: BaseEstimator, path: str | Path, *, recording: Recording | None = None
+) -> None:
     """Write a fitted model to a file that holds no code.
 
     The file is JSON, in UTF-8: the versions that wrote it, what was recorded, the laws and the
@@ -136,7 +139,7 @@ def save_model(model: Any, path: Any, *, recording: Recording | None = None) -> 
     Path(path).write_text(_text(content), encoding="utf-8")
 
 
-def load_model(path: Any) -> Any:
+def load_model(path: str | Path) -> BaseEstimator:
     """The model of a file that `save_model` wrote; no code of the file is run.
 
     It predicts the same numbers to the last bit, simulates, prints its equations and is plotted
@@ -228,7 +231,7 @@ def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no JSON")
 
 
-def _lines(model: Any, method: str) -> list[str]:
+def _lines(model: BaseEstimator, method: str) -> list[str]:
     """Equations for a reader of the file; none from a model or a surface that has no text."""
     try:
         return list(getattr(switching_step(model)[1], method)(precision=_DIGITS))
@@ -236,18 +239,18 @@ def _lines(model: Any, method: str) -> list[str]:
         return []
 
 
-def _probe(model: Any) -> list[Any] | None:
+def _probe(model: BaseEstimator) -> list[float | str] | None:
     """What the model predicts for a few states; None where it needs more than states."""
     X = np.random.default_rng(0).uniform(-1.0, 1.0, (_N_PROBES, model.n_features_in_))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            return list(np.asarray(model.predict(X)).ravel().tolist())
+            return np.asarray(model.predict(X)).ravel().tolist()
         except ValueError:  # a logarithm of a negative number, or an effect that needs the times
             return None
 
 
-def _finds_again(model: Any, told: list[Any] | None) -> bool:
+def _finds_again(model: BaseEstimator, told: list[float | str] | None) -> bool:
     """Whether the model predicts what it predicted where it was written."""
     if told is None:
         return True

@@ -7,8 +7,7 @@ shared is written once and nothing can refer to itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import singledispatch
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,28 +19,23 @@ from swsysid._saving.classes import class_named, made, name_of, state_of
 __all__ = ["read_objects", "write_objects"]
 
 
-def write_objects(model: object) -> list[dict[str, Any]]:
+def write_objects(model: object) -> list[dict[str, object]]:
     """The table of objects of which a model consists, the model itself at its end.
 
-    Raises
-    ------
-    TypeError
-        If a part cannot be written without code; the message names the part.
+    A part that cannot be written without code is a TypeError, whose message names the part.
     """
     writer = _Writer()
     writer.write(model, "the model")
     return writer.table
 
 
-def read_objects(table: list[dict[str, Any]]) -> Any:
+def read_objects(table: Sequence[Mapping[str, Any]]) -> Any:
     """The last object of a table.
 
-    Raises
-    ------
-    ValueError, TypeError, KeyError, IndexError, AttributeError
-        If the table is not one that `write_objects` writes.
+    A table that `write_objects` did not write is a ValueError, TypeError, KeyError, IndexError or
+    AttributeError.
     """
-    reader = _Reader([])
+    reader = _Reader()
     for entry in table:
         state = {str(name): reader.read(value) for name, value in entry["state"].items()}
         reader.known.append(made(class_named(entry["class"]), state))
@@ -52,14 +46,45 @@ class _Writer:
     """Writes values; remembers which objects it has written."""
 
     def __init__(self) -> None:
-        self.table: list[dict[str, Any]] = []
+        self.table: list[dict[str, object]] = []
         self.places: dict[int, int] = {}
 
-    def write(self, value: Any, where: str) -> Any:
+    def write(self, value: object, where: str) -> object:
         """A value as JSON; `where` names it in a refusal."""
-        return _written(value, self, where)
+        match value:
+            case None | bool() | int() | str():
+                return value
+            case np.generic():
+                return self.write(np.asarray(value), where)
+            case float():
+                return json_of_float(float(value))
+            case list():
+                return [self.write(part, f"{where}[{place}]") for place, part in enumerate(value)]
+            case tuple():
+                return {"tuple": self.write(list(value), where)}
+            case dict():
+                return {
+                    "dict": [
+                        [self.write(key, where), self.write(part, f"{where}[{key!r}]")]
+                        for key, part in value.items()
+                    ]
+                }
+            case slice():
+                return {"slice": self.write([value.start, value.stop, value.step], where)}
+            case np.ndarray():
+                try:
+                    return json_of_array(value)
+                except TypeError as error:
+                    raise TypeError(_refusal(where, str(error))) from None
+            case np.ufunc() if _is_named_by_numpy(value):
+                return {"ufunc": value.__name__}
+            case np.random.RandomState():
+                return {"random_state": self.write(value.get_state(legacy=False), where)}
+            case Status():
+                return {"status": value.name}
+        return self._write_object(value, where)
 
-    def write_object(self, value: Any, where: str) -> dict[str, int]:
+    def _write_object(self, value: object, where: str) -> dict[str, int]:
         """An object of a class that a file may name, as its place in the table."""
         if id(value) not in self.places:
             name = name_of(type(value))
@@ -72,7 +97,11 @@ class _Writer:
         return {"object": self.places[id(value)]}
 
 
-def _described(value: Any) -> str:
+def _is_named_by_numpy(function: np.ufunc) -> bool:
+    return vars(np).get(function.__name__) is function
+
+
+def _described(value: object) -> str:
     name = getattr(value, "__name__", None)
     return f"the function {name}" if name else f"an object of the class {type(value).__name__}"
 
@@ -85,94 +114,11 @@ def _refusal(where: str, what: str) -> str:
     )
 
 
-@singledispatch
-def _written(value: Any, writer: _Writer, where: str) -> Any:
-    return writer.write_object(value, where)
-
-
-@_written.register(type(None))
-@_written.register(bool)
-@_written.register(int)
-@_written.register(str)
-def _(value: Any, writer: _Writer, where: str) -> Any:
-    return value
-
-
-@_written.register
-def _(value: float, writer: _Writer, where: str) -> Any:
-    return json_of_float(float(value))
-
-
-@_written.register
-def _(value: np.generic, writer: _Writer, where: str) -> Any:
-    return writer.write(np.asarray(value), where)
-
-
-@_written.register
-def _(value: list, writer: _Writer, where: str) -> Any:
-    return [writer.write(part, f"{where}[{place}]") for place, part in enumerate(value)]
-
-
-@_written.register
-def _(value: tuple, writer: _Writer, where: str) -> Any:
-    return {"tuple": writer.write(list(value), where)}
-
-
-@_written.register
-def _(value: dict, writer: _Writer, where: str) -> Any:
-    return {
-        "dict": [
-            [writer.write(key, where), writer.write(part, f"{where}[{key!r}]")]
-            for key, part in value.items()
-        ]
-    }
-
-
-@_written.register
-def _(value: slice, writer: _Writer, where: str) -> Any:
-    return {"slice": writer.write([value.start, value.stop, value.step], where)}
-
-
-@_written.register
-def _(value: np.ndarray, writer: _Writer, where: str) -> Any:
-    try:
-        return json_of_array(value)
-    except TypeError as error:
-        raise TypeError(_refusal(where, str(error))) from None
-
-
-@_written.register
-def _(value: np.ufunc, writer: _Writer, where: str) -> Any:
-    if getattr(np, value.__name__, None) is not value:
-        raise TypeError(_refusal(where, _described(value)))
-    return {"ufunc": value.__name__}
-
-
-@_written.register
-def _(value: np.random.RandomState, writer: _Writer, where: str) -> Any:
-    return {"random_state": writer.write(value.get_state(legacy=False), where)}
-
-
-@_written.register
-def _(value: Status, writer: _Writer, where: str) -> Any:
-    return {"status": value.name}
-
-
 class _Reader:
     """Reads values; `known` are the objects that the table has had so far."""
 
-    def __init__(self, known: list[object]) -> None:
-        self.known = known
-        self.kinds: dict[str, Callable[[Any], Any]] = {
-            "object": self._object,
-            "tuple": lambda told: tuple(self.read(told)),
-            "dict": lambda told: {self.read(key): self.read(part) for key, part in told},
-            "slice": lambda told: slice(*self.read(told)),
-            "float": float,
-            "ufunc": _ufunc_named,
-            "random_state": lambda told: _random_state(self.read(told)),
-            "status": lambda told: Status[told],
-        }
+    def __init__(self) -> None:
+        self.known: list[object] = []
 
     def read(self, told: Any) -> Any:
         """The value of some JSON."""
@@ -184,22 +130,23 @@ class _Reader:
             values = array_of(told)
             return values if values.shape else values[()]
         ((kind, inner),) = told.items()
-        return self.kinds[kind](inner)
-
-    def _object(self, place: int) -> object:
-        if type(place) is not int or place < 0:
-            raise ValueError(f"{place!r} is no place of an object")
-        return self.known[place]
-
-
-def _ufunc_named(name: str) -> np.ufunc:
-    function = getattr(np, name, None)
-    if not isinstance(function, np.ufunc):
-        raise ValueError(f"numpy has no function of arrays called {name}")
-    return function
-
-
-def _random_state(state: dict[str, Any]) -> np.random.RandomState:
-    random_state = np.random.RandomState()
-    random_state.set_state(state)
-    return random_state
+        match kind:
+            case "object" if type(inner) is int and inner >= 0:
+                return self.known[inner]
+            case "tuple":
+                return tuple(self.read(inner))
+            case "dict":
+                return {self.read(key): self.read(part) for key, part in inner}
+            case "slice":
+                return slice(*self.read(inner))
+            case "float":
+                return float(inner)
+            case "ufunc" if isinstance(getattr(np, inner, None), np.ufunc):
+                return getattr(np, inner)
+            case "random_state":
+                random_state = np.random.RandomState()
+                random_state.set_state(self.read(inner))
+                return random_state
+            case "status":
+                return Status[inner]
+        raise ValueError(f"{told!r} stands for nothing")

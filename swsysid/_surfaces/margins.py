@@ -3,20 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from swsysid._results import Array, MarginCertificate, Status
+from swsysid._results import Array, Status
 from swsysid._solvers.conic import linear_program, require_solution
 from swsysid._surfaces.hinge import least_squares
 from swsysid._surfaces.margin_program import SurfaceFit, fit_surface, worst_status
 
-__all__ = ["certify_margin", "max_margin", "nonzero_margin"]
+__all__ = ["MarginCertificate", "certify_margin", "max_margin", "nonzero_margin"]
 
 _MAX_ROUNDS = 100
 # Relative duality gaps: below the first nothing is left to do, above the second is a warning.
 _TIGHT = 1e-9
 _ACCEPTED = 1e-6
+
+
+@dataclass(frozen=True)
+class MarginCertificate:
+    """What the margin LP's theorem really certifies (see docs/mathematics.md).
+
+    Attributes
+    ----------
+    margin : ndarray of shape (n_surfaces,)
+        t*, the largest margin that a surface inside the coefficient box can have on the data;
+        not positive where the classes cannot be separated at all.
+    coef : ndarray of shape (n_surfaces, n_surface_features)
+        The surfaces that reach it.
+    nonzero_interval : ndarray of shape (n_surfaces, 2)
+        Margins strictly above the first entry and at most the second certify that this surface
+        is nonzero at every optimum; where the first is the larger one nothing is certified. They
+        do *not* certify zero slack.
+    zero_slack : ndarray of shape (n_surfaces,), bool
+        True where some optimum of the margin LP at the classifier's own margin has no slack,
+        which needs a margin of at most t*. Other optima of the same value may have some.
+    status : Status
+    """
+
+    margin: Array
+    coef: Array
+    nonzero_interval: Array
+    zero_slack: NDArray[np.bool_]
+    status: Status
+
+    @property
+    def separable(self) -> bool:
+        """True if every surface separates its classes with a positive margin."""
+        return bool((self.margin > 0).all())
 
 
 def max_margin(

@@ -6,15 +6,18 @@ problem, which is not convex (`solve_mip` does, on few samples).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import bsr_array
 
 from swsysid._losses import get_loss
-from swsysid._results import FitCertificate, Status
+from swsysid._results import Array, Status
 from swsysid._solvers.conic import linear_program
 from swsysid.relaxations import get_relaxation
 
-__all__ = ["certify"]
+__all__ = ["FitCertificate", "certify"]
 
 # Relative to the velocities of the sample: a residual below is rounding and counts as zero, and
 # a dual margin must exceed it to count as strict.
@@ -25,6 +28,41 @@ CHUNK = 500
 # The norm whose certificates hold for a loss. The minimisers of a sample's squared norm are
 # those of its norm, while only the norm is homogeneous, as the paper's theorems ask.
 _NORMS = {"l1": "l1", "l2": "l2", "squared": "l2"}
+
+
+@dataclass(frozen=True)
+class FitCertificate:
+    """How far a fitted model can be from optimal, block by block.
+
+    Attributes
+    ----------
+    objective : float
+        Sum of the losses at the best hard assignment, for the fitted vector fields.
+    lower_bound : float
+        Value of the simplex relaxation for the same vector fields: a bound over all memberships.
+    gap : float
+        `objective` - `lower_bound`.
+    tightness : float
+        Fraction of samples whose relaxed assignment is one-hot.
+    dual_certified : ndarray of shape (n_samples,), bool
+        Samples for which a dual vector proves that the one-hot assignment is the unique
+        minimiser over the whole simplex (paper, one-hot optimality theorem).
+    rounding_bound : ndarray of shape (n_samples,)
+        Bound on what hardening the relaxed membership costs each sample (paper, rounding
+        proposition).
+    dynamics_gap : float
+        Duality gap of the dynamics program for the final labels.
+    status : Status
+    """
+
+    objective: float
+    lower_bound: float
+    gap: float
+    tightness: float
+    dual_certified: NDArray[np.bool_]
+    rounding_bound: Array
+    dynamics_gap: float
+    status: Status
 
 
 def certify(

@@ -9,18 +9,44 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, eye_array, hstack, kron, vstack
 
 from swsysid._checks.arrays import refuse_vanishing, table
 from swsysid._checks.parameters import MOST_MODES, real, whole
 from swsysid._data.features import FeatureMap
-from swsysid._results import Array, MipResult, Status
+from swsysid._results import Array, Status
 from swsysid._solvers.conic import mixed_integer_program, require_solution
 
-__all__ = ["solve_mip"]
+__all__ = ["MipResult", "solve_mip"]
 
 # Gap, relative to the sizes of residuals and targets, that the tolerances of HiGHS may leave.
 _PROVED = 1e-6
+
+
+@dataclass(frozen=True)
+class MipResult:
+    """Answer of the exact mixed-integer program, `solve_mip`.
+
+    Attributes
+    ----------
+    objective : float
+        Sum of absolute residuals of the best solution found.
+    bound : float
+        Proved lower bound on the optimum.
+    gap : float
+        `objective` - `bound`.
+    coef : ndarray of shape (n_modes, n_states, n_features_out)
+    modes : ndarray of shape (n_samples,), int
+    status : Status
+    """
+
+    objective: float
+    bound: float
+    gap: float
+    coef: Array
+    modes: NDArray[np.intp]
+    status: Status
 
 
 def solve_mip(
