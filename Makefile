@@ -89,6 +89,7 @@ $(PARC):
 figures: $(VENV)/.installed-plot
 	$(BIN)/python docs/readme_figure.py
 	$(BIN)/python docs/choice_chart.py
+	$(BIN)/python docs/architecture.py
 	$(BIN)/python docs/printed_runs.py --write
 
 # One stamp for each extra: it is made again when pyproject.toml changes.
