@@ -16,6 +16,7 @@ from swsysid._checks.parameters import whole
 from swsysid._displays.style import (
     Display,
     axis_label,
+    bins_along,
     legend_above,
     mode_colour,
     mode_marker,
@@ -156,7 +157,8 @@ class ResidualDisplay(Display):
         coordinate, residual = self.coordinate[rows], self.residual[rows]
         colour = mode_colour(position)
         ax.scatter(coordinate, residual, color=colour, marker=mode_marker(position), **style)
-        medians = _binned_median(coordinate, residual)
+        bins = bins_along(coordinate)
+        medians = [[np.median(one[rows]) for rows in bins] for one in (coordinate, residual)]
         # a white edge keeps the line apart from the points of its own colour
         ax.plot(*medians, color="white", linewidth=5.0)
         ax.plot(*medians, color=colour, linewidth=2.6, label=label)
@@ -178,13 +180,3 @@ def _coordinate(against, X, names, units):
         return column("against", against, len(X)), (units or {}).get("against", "coordinate")
     place = resolve_column(against, names)
     return X[:, place], axis_label(names[place], units)
-
-
-def _binned_median(coordinate, residual, samples_a_bin=40, max_bins=30):
-    """Medians in bins of equally many samples along the coordinate."""
-    n_bins = int(np.clip(len(coordinate) // samples_a_bin, 1, max_bins))
-    bins = np.array_split(np.argsort(coordinate, kind="stable"), n_bins)
-    return (
-        [np.median(coordinate[rows]) for rows in bins],
-        [np.median(residual[rows]) for rows in bins],
-    )

@@ -18,6 +18,7 @@ __all__ = [
     "STYLE",
     "Display",
     "axis_label",
+    "bins_along",
     "canvas",
     "frame_most",
     "legend_above",
@@ -153,6 +154,12 @@ def trajectories(groups, n_samples: int, limit: int):
 def thinned(n_points: int, most: int) -> slice:
     """At most so many points, evenly spaced in their order."""
     return slice(None, None, max(1, -(-n_points // most)))
+
+
+def bins_along(coordinate, fewest: int = 1, most: int = 30, rows_a_bin: int = 40):
+    """Rows of bins of equally many samples along the coordinate."""
+    n_bins = int(np.clip(len(coordinate) // rows_a_bin, fewest, most))
+    return np.array_split(np.argsort(coordinate, kind="stable"), n_bins)
 
 
 def frame_most(ax, values, room: float, whole=None) -> None:

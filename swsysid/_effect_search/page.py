@@ -14,6 +14,7 @@ from swsysid._displays.style import canvas
 from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.data import EffectData
 from swsysid._effect_search.panels import Panels
+from swsysid._effect_search.report_settings import REPORT
 from swsysid._effect_search.wording import (
     NOT_LOOKED_FOR,
     SPANNED,
@@ -44,11 +45,6 @@ from swsysid._residual_report.display import ResidualReportDisplay
 from swsysid.effects import FoundEffect
 
 __all__ = ["effect_page"]
-
-_MOST_ROWS = 40
-_MOST_NAMED = 30
-_EXACT = 1e-9  # of the spread of a velocity: a smaller error is rounding
-_WORTH_TELLING = 0.01  # share of an error
 
 Units = Mapping[str, str] | None
 
@@ -136,11 +132,11 @@ def _errors(told: _Told) -> Iterable[str]:
     rows = [[row["model"], *row["held_out"]] for row in report.errors]
     yield table(["model", *told.rates], rows, kind="ladder")
     first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
-    known = first > _EXACT * told.data.measured.std(axis=0)
+    known = first > REPORT.exact * told.data.measured.std(axis=0)
     shares = 1.0 - np.divide(last, first, out=np.ones_like(first), where=known)
     lower = [
         f"{told.rate(state)}: {shares[state]:.0%} lower"
-        for state in np.flatnonzero(shares > _WORTH_TELLING).tolist()
+        for state in np.flatnonzero(shares > REPORT.worth_telling).tolist()
     ]
     if lower:
         yield paragraph(f"Error with all effects: {', '.join(lower)}.", "note")
@@ -232,11 +228,11 @@ def _trajectories(told: _Told) -> Iterable[str]:
         ["trajectory", "rows", *_before_and_after(told.rates)],
         [
             [one.trajectory, one.n_samples, *_alternating(one.before, one.after)]
-            for one in listed[:_MOST_ROWS]
+            for one in listed[: REPORT.most_rows]
         ],
     )
-    if len(listed) > _MOST_ROWS:
-        yield paragraph(f"The worst {_MOST_ROWS} of {len(listed)}.", "note")
+    if len(listed) > REPORT.most_rows:
+        yield paragraph(f"The worst {REPORT.most_rows} of {len(listed)}.", "note")
 
 
 def _rollouts(told: _Told) -> Iterable[str]:
@@ -288,7 +284,7 @@ def _search(told: _Told) -> Iterable[str]:
         yield listing(skipped(report))
     if report.not_identifiable:
         yield paragraph(f"{SPANNED}:")
-        yield paragraph(", ".join(first_of(report.not_identifiable, _MOST_NAMED)), "note")
+        yield paragraph(", ".join(first_of(report.not_identifiable, REPORT.names_on_page)), "note")
 
 
 _SECTIONS: tuple[tuple[str, Callable[[_Told], Iterable[str]]], ...] = (

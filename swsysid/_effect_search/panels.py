@@ -18,6 +18,7 @@ from swsysid._displays.style import (
     thinned,
 )
 from swsysid._effect_search.data import EffectData
+from swsysid._effect_search.report_settings import REPORT
 from swsysid._effect_search.shapes import Shape
 from swsysid._results import Array
 
@@ -25,10 +26,6 @@ __all__ = ["Panels"]
 
 # The two models that are compared: name and colour.
 _MODELS = (("declared model", PALETTE[1]), ("with effects", PALETTE[0]))
-_MOST_BARS = 24
-_MOST_DOTS = 3000
-_LONG = 34  # letters of a label that has one line
-_DECADES = 30.0  # errors that differ by more than this factor stand on a logarithmic axis
 _SPACES = {"columnspacing": 1.2, "handletextpad": 0.5}
 _DOTS = {"s": 7, "linewidths": 0}
 
@@ -45,7 +42,7 @@ class Panels:
         before, after = (one[:, state] for one in self.data.residuals)
         x, edges, label = self._held_out_axis()
         shown = np.flatnonzero(np.isfinite(x))
-        shown = shown[thinned(len(shown), _MOST_DOTS)]
+        shown = shown[thinned(len(shown), REPORT.most_dots)]
         for values, (name, colour) in zip((before, after), _MODELS, strict=True):
             ax.scatter(x[shown], values[shown], color=colour, alpha=0.7, label=name, **_DOTS)
         ax.axhline(0.0, color="0.2", linewidth=1.0)
@@ -58,14 +55,14 @@ class Panels:
     def trajectory_errors(self, ax: Any, state: int) -> None:
         """Root mean square error of each held-out trajectory, the largest first."""
         listed = sorted(self.data.by_trajectory, key=lambda one: -one.before[state])
-        left_out = len(listed) > _MOST_BARS
-        listed = listed[:_MOST_BARS]
+        left_out = len(listed) > REPORT.most_bars
+        listed = listed[: REPORT.most_bars]
         places = np.arange(len(listed))
         sizes = np.array([[one.before[state], one.after[state]] for one in listed]).T
         for values, shift, (name, colour) in zip(sizes, (-0.2, 0.2), _MODELS, strict=True):
             ax.bar(places + shift, values, 0.4, color=colour, label=name)
         positive = sizes[sizes > 0]
-        if len(positive) and sizes.max() > _DECADES * positive.min():
+        if len(positive) and sizes.max() > REPORT.decades * positive.min():
             ax.set_yscale("log")
         names = [one.trajectory for one in listed]
         many = len(names) > 6 or max(map(len, names)) > 8
@@ -73,7 +70,7 @@ class Panels:
         if many:
             ax.tick_params(axis="x", labelsize=10)
         ax.set(
-            xlabel="trajectory" + (f" (the worst {_MOST_BARS})" if left_out else ""),
+            xlabel="trajectory" + (f" (the worst {REPORT.most_bars})" if left_out else ""),
             ylabel=_wrapped(f"RMS error of {self._rate(state)}"),
         )
         room = max(0.7, 0.5 * (5 - len(listed)))
@@ -83,7 +80,7 @@ class Panels:
     def shape(self, ax: Any, place: int) -> None:
         """Contribution of an effect along its channel, its band, and what the data ask for."""
         shape = self.data.shapes[place]
-        shown = thinned(len(shape.values), _MOST_DOTS)
+        shown = thinned(len(shape.values), REPORT.most_dots)
         values, wanted = shape.values[shown], shape.wanted[shown]
         many, label = len(values) > 1000, "wanted by the data"
         ax.scatter(values, wanted, color="0.6", alpha=0.5, label=label, rasterized=many, **_DOTS)
@@ -176,4 +173,4 @@ def _draw_contribution(
 
 def _wrapped(label: str) -> str:
     """A long axis label on two lines."""
-    return label.replace(" of ", " of\n", 1) if len(label) > _LONG else label
+    return label.replace(" of ", " of\n", 1) if len(label) > REPORT.longest_label else label

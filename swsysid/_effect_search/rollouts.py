@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
+from swsysid._effect_search.report_settings import REPORT
 from swsysid._results import Array
 
 __all__ = ["Rollout", "compare_rollouts", "stretches"]
-
-_MOST_ROLLOUTS = 4
-_MOST_SAMPLES = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +115,8 @@ def compare_rollouts(
     if records.X.shape[1] < records.n_states:
         return (), "the columns of X are not the states"
     done = tuple(
-        _rollout(models, records, name, rows[:_MOST_SAMPLES], discrete)
-        for name, rows in parts[:_MOST_ROLLOUTS]
+        _rollout(models, records, name, rows[: REPORT.most_samples], discrete)
+        for name, rows in parts[: REPORT.most_rollouts]
         if len(rows) > 1
     )
     return done, ""

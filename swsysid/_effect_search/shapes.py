@@ -11,16 +11,14 @@ from scipy import stats
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.intervals import linearised
+from swsysid._effect_search.report_settings import REPORT
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect, ResetEffect
 from swsysid.effects._placed import corrected
 
 __all__ = ["Shape", "effect_shape"]
 
-_LEVEL = 0.95
-_FUNCTION = 0.02  # neighbours of a function differ by less than this share of its range
 _TIME, _ROW = "time", "row"
-_STRETCH = 300  # samples of one trajectory that are shown where time is the axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +77,7 @@ def effect_shape(
         contribution = slopes[:, : len(fit.coef[place])] @ fit.coef[place]
         if len(covariance):
             variance = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
-            quantile = stats.norm.ppf(0.5 + _LEVEL / 2)
+            quantile = stats.norm.ppf(0.5 + REPORT.confidence / 2)
             half_width = quantile * np.sqrt(np.maximum(variance, 0.0))
     else:
         change = predicted - declared.predict(records)
@@ -120,7 +118,7 @@ def _axis(term: PlacedEffect, records: Records) -> tuple[str, Array, NDArray[np.
         return term.label(records.names), values, everything
     if records.t is None:
         return _ROW, everything.astype(float), everything
-    longest = max(records.trajectories, key=len)[:_STRETCH]
+    longest = max(records.trajectories, key=len)[: REPORT.stretch]
     return (_TIME if records.timed else _ROW), records.t, longest
 
 
@@ -133,6 +131,6 @@ def _is_function(contribution: Array) -> bool:
     if len(contribution) < 3:
         return True
     return bool(
-        np.median(np.abs(np.diff(contribution))) <= _FUNCTION * np.ptp(contribution)
+        np.median(np.abs(np.diff(contribution))) <= REPORT.jump * np.ptp(contribution)
         or np.ptp(contribution) == 0.0
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from swsysid._effect_search.contents import EffectContents
+from swsysid._effect_search.report_settings import REPORT
 from swsysid._effect_search.wording import (
     NOT_LOOKED_FOR,
     SPANNED,
@@ -24,8 +25,6 @@ from swsysid._rendering.columns import text_table
 from swsysid.effects import FoundEffect
 
 __all__ = ["report_text"]
-
-_MOST_NAMED = 12
 
 
 def report_text(report: EffectContents) -> str:
@@ -61,7 +60,7 @@ def _lines(report: EffectContents) -> Iterator[str]:
     ):
         if entries:
             yield f"{heading}:"
-            yield from (f"  {entry}" for entry in first_of(entries, _MOST_NAMED))
+            yield from (f"  {entry}" for entry in first_of(entries, REPORT.names_in_text))
 
 
 def _errors(report: EffectContents) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from swsysid._effect_search.contents import EffectContents
+from swsysid._effect_search.report_settings import REPORT
 from swsysid._effect_search.rollouts import Rollout
 from swsysid._residual_report.report import ResidualReport
 from swsysid.effects import FoundEffect, Rival, StructureEffect
@@ -33,8 +34,6 @@ __all__ = [
 
 NOT_LOOKED_FOR = "Not looked for"
 SPANNED = f"{NOT_LOOKED_FOR}, since the declared model can take their shape"
-_SMALLEST = 1e-16  # p-values below it are rounding
-_WORTH_TELLING = 0.01  # share of an error
 _DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
 
 
@@ -68,7 +67,8 @@ def sentence(text: str, names: Sequence[str]) -> str:
 
 def probability(value: float) -> str:
     """A p-value, no smaller than means anything."""
-    return f"p = {value:.1g}" if value >= _SMALLEST else f"p < {_SMALLEST:g}"
+    least = REPORT.smallest_p_value
+    return f"p = {value:.1g}" if value >= least else f"p < {least:g}"
 
 
 def interval(effect: FoundEffect, name: str) -> str:
@@ -90,7 +90,7 @@ def summary(report: EffectContents) -> str:
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
     name = effect_title(report.effects[0], report)
     name = f"{name[:1].upper()}{name[1:]}{more}"
-    if after > (1.0 - _WORTH_TELLING) * before:
+    if after > (1.0 - REPORT.worth_telling) * before:
         return f"{name}: it does not lower the held-out error of any velocity."
     return (
         f"{name}: with it the held-out error of {rate(report.targets[target], report.discrete)} "

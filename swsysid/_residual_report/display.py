@@ -11,7 +11,15 @@ from typing import Self
 import numpy as np
 
 from swsysid._checks.parameters import shown, whole
-from swsysid._displays.style import PALETTE, STYLE, Display, axis_label, frame_most, thinned
+from swsysid._displays.style import (
+    PALETTE,
+    STYLE,
+    Display,
+    axis_label,
+    bins_along,
+    frame_most,
+    thinned,
+)
 from swsysid._residual_report.contents import ResidualContents
 from swsysid._residual_report.findings import Finding
 from swsysid._results import Array
@@ -310,17 +318,10 @@ def _told(test: Finding) -> str:
     return f"{what}, told by others" if test.significant else f"not significant: {what}"
 
 
-def _binned(coordinate, residual, samples_a_bin=40, max_bins=25):
-    """Middles, means and standard deviations of bins of equally many samples."""
-    n_bins = int(np.clip(len(coordinate) // samples_a_bin, 2, max_bins))
-    distinct = np.unique(coordinate)
-    order = np.argsort(coordinate, kind="stable")
-    bins = (
-        [np.flatnonzero(coordinate == value) for value in distinct]
-        if len(distinct) <= n_bins
-        else np.array_split(order, n_bins)
-    )
-    return tuple(
-        np.array([summary(values[rows]) for rows in bins])
-        for summary, values in ((np.mean, coordinate), (np.mean, residual), (np.std, residual))
-    )
+def _binned(coordinate: Array, residual: Array) -> tuple[Array, Array, Array]:
+    """Middles, means and deviations in bins; a channel of few values has a bin for each."""
+    bins, distinct = bins_along(coordinate, fewest=2, most=25), np.unique(coordinate)
+    if len(distinct) <= len(bins):
+        bins = [np.flatnonzero(coordinate == value) for value in distinct]
+    middle, mean = (np.array([one[rows].mean() for rows in bins]) for one in (coordinate, residual))
+    return middle, mean, np.array([residual[rows].std() for rows in bins])

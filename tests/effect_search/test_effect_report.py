@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from swsysid import EffectRegressor, EffectSearchCV
+from swsysid import EffectRegressor, EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid._effect_search.intervals import linearised
 from swsysid._effect_search.rollouts import stretches
@@ -378,6 +378,15 @@ def test_the_page_of_a_complete_model_says_so(data):
     page = _Page(report.to_html())
     assert "Effects" not in page.headings and "Error by trajectory" in page.headings
     assert len(report.plot().ax_) == 3  # no shape
+
+
+def test_the_page_of_an_exact_model_has_no_picture_of_nothing():
+    X = np.random.default_rng(0).uniform(-1, 1, (300, 2))
+    Xdot = (X[:, 1] - X[:, 0]).reshape(-1, 1)
+    declared = SwitchingSystemRegressor(n_modes=1, feature_library=1)
+    report = EffectSearchCV(declared, effects=[CoulombFriction()]).fit(X, Xdot).report_
+    page = _Page(report.to_html())
+    assert report.clean and any("zero to rounding" in words for words in page.words)
 
 
 # --- the documentation ------------------------------------------------------------------------
