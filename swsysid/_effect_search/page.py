@@ -11,26 +11,11 @@ import numpy as np
 
 from swsysid._checks.parameters import shown
 from swsysid._displays.style import canvas
+from swsysid._effect_search import wording
 from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.data import EffectData
 from swsysid._effect_search.panels import Panels
 from swsysid._effect_search.report_settings import REPORT
-from swsysid._effect_search.wording import (
-    NOT_LOOKED_FOR,
-    SPANNED,
-    effect_title,
-    ends,
-    first_of,
-    interval,
-    leftovers,
-    moved,
-    probability,
-    rate,
-    sentence,
-    skipped,
-    summary,
-    verdicts,
-)
 from swsysid._rendering.markup import (
     code,
     figure,
@@ -70,7 +55,7 @@ def effect_page(
         raise TypeError(f"report={shown(report)} is none; give report_ of an EffectSearchCV.")
     if not isinstance(title, str):
         raise TypeError(f"title={shown(title)} must be text.")
-    parts = [paragraph(summary(report), "verdict"), paragraph(_rows(report), "note")]
+    parts = [paragraph(wording.summary(report), "verdict"), paragraph(_rows(report), "note")]
     if report.data is not None:
         told = _Told(report, report.data, units, find_spec("matplotlib") is not None)
         if not told.drawing:
@@ -105,7 +90,7 @@ class _Told:
         """The velocity of a state, with its unit."""
         name, discrete = self.report.targets[state], self.report.discrete
         unit = (self.units or {}).get(name if discrete else f"d/dt {name}")
-        return f"{rate(name, discrete)} [{unit}]" if unit else rate(name, discrete)
+        return f"{wording.rate(name, discrete)} [{unit}]" if unit else wording.rate(name, discrete)
 
     @property
     def rates(self) -> list[str]:
@@ -144,23 +129,23 @@ def _errors(told: _Told) -> Iterable[str]:
 
 def _effects(told: _Told) -> Iterable[str]:
     for number, effect in enumerate(told.report.effects):
-        heading = f"{number + 1}. {effect_title(effect, told.report)}"
+        heading = f"{number + 1}. {wording.effect_title(effect, told.report)}"
         yield section(heading, _effect(told, number, effect), level=3)
 
 
 def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
     target = told.rate(effect.target)
-    yield paragraph(sentence(effect.meaning, told.data.records.names))
+    yield paragraph(wording.sentence(effect.meaning, told.data.records.names))
     if effect.placed.effect.terms:
         yield paragraph(f"Term: {effect.formula}")
     yield paragraph(
         f"Held-out error of {target}: {effect.error_before:.4g} before, "
-        f"{effect.error_after:.4g} with it; {probability(effect.p_value)}, corrected for the "
-        "number of candidates."
+        f"{effect.error_after:.4g} with it; {wording.probability(effect.p_value)}, corrected for "
+        "the number of candidates."
     )
     if effect.parameters:
         rows: list[list[Any]] = [
-            [name.replace("_", " "), value, interval(effect, name)]
+            [name.replace("_", " "), value, wording.interval(effect, name)]
             for name, value in effect.parameters.items()
         ]
         yield table(["parameter", "value", "95 % interval"], rows)
@@ -177,7 +162,7 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
     yield paragraph("As good on these data:")
     head = ["rival", f"held-out error of {target}", "what would tell the two apart"]
     rows = [
-        [effect_title(rival, told.report), f"{rival.error:.4g}", rival.advice]
+        [wording.effect_title(rival, told.report), f"{rival.error:.4g}", rival.advice]
         for rival in effect.rivals
     ]
     yield table(head, rows, kind="words")
@@ -203,15 +188,17 @@ def _model(told: _Told) -> Iterable[str]:
 def _residuals(told: _Told) -> Iterable[str]:
     caption = "Residual on the held-out rows, before and after."
     yield from told.picture(Panels.residuals, told.state, caption=caption)
-    for model, leftover in leftovers(told.report):
-        body = [listing(f"{name}: {said}" for name, said in verdicts(leftover, told.report))]
+    for model, leftover in wording.leftovers(told.report):
+        body = [
+            listing(f"{name}: {said}" for name, said in wording.verdicts(leftover, told.report))
+        ]
         name, size = leftover.equations[told.state], leftover.size[told.state]
         if told.drawing and not size.exact:
             display = ResidualReportDisplay.from_report(
                 leftover, equation=name, n_channels=1, units=told.units
             )
             display.figure_.suptitle("")  # the verdict stands above the picture
-            whose = f"Residual of {rate(name, told.report.discrete)} of the {model}"
+            whose = f"Residual of {wording.rate(name, told.report.discrete)} of the {model}"
             caption = f"{whose}, against what tells most about it."
             body.append(figure(display.figure_, caption))
         body.append(preformatted("all tests", str(leftover)))
@@ -250,7 +237,7 @@ def _rollouts(told: _Told) -> Iterable[str]:
         ["trajectory", "compared over", *_before_and_after(told.report.targets)],
         [[one.name, one.compared, *_alternating(*one.errors)] for one in rollouts],
     )
-    ended = [f"{one.name}, {model}: {why}" for one in rollouts for model, why in ends(one)]
+    ended = [f"{one.name}, {model}: {why}" for one in rollouts for model, why in wording.ends(one)]
     if ended:
         yield paragraph("Ended early:")
         yield listing(ended)
@@ -267,7 +254,7 @@ def _search(told: _Told) -> Iterable[str]:
             [
                 number,
                 one["added"],
-                probability(one["p_value"]),
+                wording.probability(one["p_value"]),
                 one["n_candidates"],
                 "; ".join(one["effects"]),
             ]
@@ -278,13 +265,15 @@ def _search(told: _Told) -> Iterable[str]:
         dropped = "; ".join(report.dropped)
         yield paragraph(f"Dropped at the end, since chance explains it as well: {dropped}.", "note")
     if report.effects:
-        yield paragraph(moved(report))
+        yield paragraph(wording.moved(report))
     if report.skipped:
-        yield paragraph(f"{NOT_LOOKED_FOR}:")
-        yield listing(skipped(report))
+        yield paragraph(f"{wording.NOT_LOOKED_FOR}:")
+        yield listing(wording.skipped(report))
     if report.not_identifiable:
-        yield paragraph(f"{SPANNED}:")
-        yield paragraph(", ".join(first_of(report.not_identifiable, REPORT.names_on_page)), "note")
+        yield paragraph(f"{wording.SPANNED}:")
+        yield paragraph(
+            ", ".join(wording.first_of(report.not_identifiable, REPORT.names_on_page)), "note"
+        )
 
 
 _SECTIONS: tuple[tuple[str, Callable[[_Told], Iterable[str]]], ...] = (

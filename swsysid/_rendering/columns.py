@@ -27,11 +27,5 @@ def text_table(columns: Iterable[tuple[str, str, Sequence[str]]], gap: str = " "
 
 
 def number(value: float | None, style: str) -> str:
-    """A number in a format, or a dash where there is none.
-
-    Examples
-    --------
-    >>> number(None, ".3g"), number(0.25, ".0%")
-    ('-', '25%')
-    """
+    """A number in a format, or a dash where there is none."""
     return "-" if value is None else format(value, style)

@@ -14,24 +14,12 @@ Array = NDArray[np.float64]
 
 
 def names_or_numbers(names: Sequence[str], n_columns: int) -> list[str]:
-    """The names, or x0, x1, ... where there are none.
-
-    Examples
-    --------
-    >>> names_or_numbers((), 2)
-    ['x0', 'x1']
-    """
+    """The names, or x0, x1, ... where there are none."""
     return list(names) if names else [f"x{column}" for column in range(n_columns)]
 
 
 def span(t: Array) -> str:
-    """How many times there are, and from where to where.
-
-    Examples
-    --------
-    >>> span(np.linspace(0.0, 4.0, 401))
-    '401 times from 0 to 4'
-    """
+    """How many times there are, and from where to where: 401 times from 0 to 4."""
     counted = f"{len(t)} time{'' if len(t) == 1 else 's'}"
     return f"{counted} from {t.min():g} to {t.max():g}" if len(t) else counted
 
@@ -52,18 +40,10 @@ def frame_of(t: Array, columns: Mapping[str, Array], further: Mapping[str, NDArr
 def draw_series(
     ax: Any, pieces: Iterable[tuple[Array, Array]], names: Sequence[str], changes: Iterable[float]
 ) -> Any:
-    """Draw signals over time on one axes, and return it.
+    """Draw signals over time on one axes (of a new figure if None), and return it.
 
-    Parameters
-    ----------
-    ax : matplotlib.axes.Axes or None
-        None draws on a new figure.
-    pieces : iterable of (t, values)
-        Stretches that are not joined by a line; values have shape (n_times, n_signals).
-    names : sequence of str
-        One for each signal.
-    changes : iterable of float
-        Times that are marked by a thin line.
+    `pieces` (t, values), of shapes (n_times,) and (n_times, n_signals), are not joined by a line;
+    times of `changes` are marked by a thin one.
     """
     from swsysid._rendering.canvas import PALETTE, canvas
 

@@ -24,26 +24,13 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Channel:
-    """One column that a residual may depend on.
-
-    Attributes
-    ----------
-    name : str
-    values : ndarray of shape (n_rows,)
-        NaN where it is not known, as before the first row of a trajectory.
-    kind : str
-        As in `Finding`.
-    bins : ndarray of shape (n_rows,), int
-        Bin of each row, -1 where the value is not known.
-    parts : tuple of two Channel or None
-        The columns of a pair.
-    """
+    """One column that a residual may depend on, or a pair of them."""
 
     name: str
-    values: Array
-    kind: str
-    bins: NDArray[np.intp]
-    parts: tuple[Channel, Channel] | None = None
+    values: Array  # (n_rows,), NaN where it is not known, as before the start of a trajectory
+    kind: str  # as in `Finding`
+    bins: NDArray[np.intp]  # of the rows, -1 where the value is not known
+    parts: tuple[Channel, Channel] | None = None  # of a pair
     settings: Settings = SETTINGS
 
     @property

@@ -22,28 +22,15 @@ __all__ = ["ResidualSamples", "collect"]
 
 @dataclass(frozen=True)
 class ResidualSamples:
-    """Rows sorted by trajectory, and by time within it; without trajectories by value.
-
-    Attributes
-    ----------
-    records : Records
-    target, residual : ndarray of shape (n_rows, n_equations)
-    modes : ndarray of shape (n_rows,) or None
-    nearness : ndarray of shape (n_rows,) or None
-        Distance from the switching surface, in the units of its function.
-    why_no_nearness : str
-        Empty if there is one.
-    trajectories : list
-        Their names, in the order of the codes.
-    """
+    """Rows sorted by trajectory, and by time within it; without trajectories by value."""
 
     records: Records
-    target: Array
+    target: Array  # (n_rows, n_equations)
     residual: Array
-    modes: NDArray | None
-    nearness: Array | None
-    why_no_nearness: str
-    trajectories: list
+    modes: NDArray | None  # (n_rows,)
+    nearness: Array | None  # (n_rows,): distance from the surface, in the units of its function
+    why_no_nearness: str  # empty if there is one
+    trajectories: list  # their names, by the codes of the rows
 
     @classmethod
     def of(
