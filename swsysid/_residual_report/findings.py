@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import combinations
+from functools import partial
+from itertools import combinations, islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._residual_report.channels import Channel, lagged, make_channel, make_pair
 from swsysid._residual_report.dependence import Rounds, Test, examine
@@ -104,18 +105,13 @@ def examine_all(
     settings: Settings,
 ) -> list[Case]:
     """Examine some equations, each in all rows first and then in those of each mode."""
-    channels = _channels(samples, settings)
-    modes = _mode_channel(samples, settings)
-    surface = _surface_channel(samples, settings)
-    columns = channels[: samples.records.X.shape[1]]
-    later = _later(samples, columns, n_lags, settings)
-    whole = Rounds(channels + modes, clock, later, channels + modes + surface)
+    whole = _rounds(samples, clock, n_lags, settings)
     base = _linear_in_each_mode(samples)
     everything = np.arange(len(samples.residual))
-    parts = [(None, everything, whole)] + [
-        (mode, rows, Rounds([channel.on(rows) for channel in channels]))
-        for mode, rows in samples.rows_of_modes(settings)
-    ]
+    parts: list[tuple[object, NDArray[np.intp], Rounds]] = [(None, everything, whole)]
+    for mode, rows in samples.rows_of_modes(settings):
+        others = [channel.on(rows) for channel in whole.channels if channel.kind != "mode"]
+        parts.append((mode, rows, Rounds(others)))
     cases = []
     for i in equations:
         for mode, rows, rounds in parts:
@@ -137,47 +133,34 @@ def examine_all(
     return cases
 
 
-def _channels(samples: ResidualSamples, settings: Settings) -> list[Channel]:
-    records = samples.records
-    kinds = [
-        *((number, "state") for number in records.states),
-        *((number, "input") for number in records.inputs),
-        *((number, "signal") for number in records.signal_channels),
-    ]
-    channels = [
-        make_channel(records.names[number], records.channel(number), kind, settings=settings)
-        for number, kind in kinds
-    ]
-    if records.timed and records.t is not None:
-        time = make_channel("t", records.t, "time", settings=settings)
-        channels.insert(records.X.shape[1], time)
-    return channels
+def _rounds(
+    samples: ResidualSamples, clock: Clock | None, n_lags: int, settings: Settings
+) -> Rounds:
+    """Everything that the residual in all rows may depend on."""
+    records, make = samples.records, partial(make_channel, settings=settings)
 
+    def column(number: int, kind: str) -> Channel:
+        return make(records.names[number], records.channel(number), kind)
 
-def _mode_channel(samples: ResidualSamples, settings: Settings) -> list[Channel]:
-    if samples.modes is None:
-        return []
-    numbers = np.unique(samples.modes, return_inverse=True)[1].astype(float)
-    return [make_channel("mode", numbers, "mode", settings=settings)]
+    columns = [column(number, "state") for number in records.states]
+    columns += [column(number, "input") for number in records.inputs]
+    signals = [column(number, "signal") for number in records.signal_channels]
+    t = records.t if records.timed else None
+    time = [] if t is None else [make("t", t, "time")]
+    channels, spread = columns + time + signals, []
+    if samples.modes is not None:
+        numbers = np.unique(samples.modes, return_inverse=True)[1]
+        channels.append(make("mode", numbers.astype(float), "mode"))
+    if samples.nearness is not None:
+        quantiles = np.array(settings.near_surface)
+        spread = [make("the switching surface", samples.nearness, "surface", quantiles)]
 
+    pairs = [make_pair(*both) for both in islice(combinations(columns, 2), settings.most_pairs)]
+    codes, longest = samples.codes, int(np.bincount(samples.codes).max())
+    lags = range(1, min(n_lags, longest // 4) + 1) if records.ordered else range(0)
 
-def _surface_channel(samples: ResidualSamples, settings: Settings) -> list[Channel]:
-    if samples.nearness is None:
-        return []
-    quantiles, name = np.array(settings.near_surface), "the switching surface"
-    return [make_channel(name, samples.nearness, "surface", quantiles, settings)]
-
-
-def _later(
-    samples: ResidualSamples, columns: list[Channel], n_lags: int, settings: Settings
-) -> Callable[[Array], list[Channel]]:
-    """Makes pairs of columns and lagged channels, given what is left of the residual."""
-    codes = samples.codes
-    longest = int(np.bincount(codes).max())
-    lags = range(1, min(n_lags, longest // 4) + 1) if samples.records.ordered else range(0)
-    pairs = [make_pair(*both) for both in list(combinations(columns, 2))[: settings.most_pairs]]
-
-    def make(left: Array) -> list[Channel]:
+    def later(left: Array) -> list[Channel]:
+        """Pairs of columns, and what came before: the columns, and what is left."""
         past = [
             (f"{column.name} {_ago(lag)}", lagged(column.values, codes, lag), "lag")
             for column in columns
@@ -187,9 +170,9 @@ def _later(
             (f"the residual {_ago(lag)}", lagged(left, codes, lag, beyond=False), "residual lag")
             for lag in lags
         ]
-        return pairs + [make_channel(*one, settings=settings) for one in past + own]
+        return pairs + [make(*one) for one in past + own]
 
-    return make
+    return Rounds(channels, clock, later, channels + spread)
 
 
 def _ago(lag: int) -> str:

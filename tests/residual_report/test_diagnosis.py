@@ -19,6 +19,7 @@ from statsmodels.stats.multitest import multipletests
 from swsysid import EffectRegressor, SwitchingSystemRegressor
 from swsysid._residual_report.channels import between_shares, make_channel
 from swsysid._residual_report.rearrangement import holm, max_statistic, rearrangements
+from swsysid._residual_report.settings import Settings
 from swsysid._residual_report.shapes import describe, rounded
 from swsysid._residual_report.spectrum import Clock
 from swsysid._residual_report.whiteness import normal_scores
@@ -145,6 +146,14 @@ def test_spectrum_is_that_of_lomb_and_scargle():
     frequency = 2 * np.pi * clock.frequency
     powers = [lombscargle(t[rows], values[rows], frequency) for rows in (slice(50), slice(50, 80))]
     assert np.allclose(ours, 2.0 * sum(powers) / np.square(values).sum(), rtol=1e-6)
+
+
+def test_long_trajectories_are_cut_for_the_spectrum():
+    codes = np.repeat([0, 1, 2], [100, 30, 5])
+    settings = Settings(longest_piece=25, fewest_rows_of_a_piece=10)
+    clock = Clock.of(np.arange(135.0), codes, settings)
+    assert [len(rows) for rows in clock.pieces] == [25, 25, 25, 25, 15, 15]
+    assert Clock.of(np.arange(5.0), np.zeros(5, int)) is None
 
 
 def test_shares_are_those_of_an_analysis_of_variance():
