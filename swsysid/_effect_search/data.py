@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
+from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.rollouts import Rollout, compare_rollouts, stretches
 from swsysid._effect_search.shapes import Shape, effect_shape
 from swsysid._results import Array
@@ -51,8 +51,8 @@ class EffectData:
     records: Records
     rows: NDArray[np.intp]
     targets: Array
-    models: tuple[Any, Any]
-    final: Any
+    models: tuple[EffectRegressor, EffectRegressor]
+    final: EffectRegressor
     covariances: tuple[Array, ...]
     trajectory_names: NDArray | None = None
 

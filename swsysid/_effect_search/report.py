@@ -27,7 +27,6 @@ from swsysid._rendering.parts import plain
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
-from swsysid._results import Array
 from swsysid.effects import FoundEffect, PlacedEffect
 
 __all__ = ["EffectReport"]
@@ -124,7 +123,6 @@ class EffectReport(EffectContents):
             )
         ]
         first, last = ladder.fits[0], ladder.fits[-1]
-        names = trajectory_names
         before, after = first.predict_modes(records), last.predict_modes(records)
         return cls(
             targets=tuple(records.names[: records.n_states]),
@@ -140,8 +138,8 @@ class EffectReport(EffectContents):
                 if (reason := effect.missing(records)) is not None
             },
             not_identifiable=tuple(named(*one) for one in ladder.context.spanned()),
-            residual_before=_leftover(first, records, ladder.targets, split.held_out, names),
-            residual_after=_leftover(last, records, ladder.targets, split.held_out, names),
+            residual_before=_leftover(first, ladder, trajectory_names),
+            residual_after=_leftover(last, ladder, trajectory_names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
             history=_history(rounds, records),
             dropped=_dropped(rounds, last.terms, records),
@@ -242,18 +240,17 @@ def _data(
     )
 
 
-def _leftover(
-    fit: JointFit, records: Records, targets: Array, rows: NDArray[np.intp], trajectories: Any
-) -> ResidualReport | None:
+def _leftover(fit: JointFit, ladder: Ladder, names: NDArray | None) -> ResidualReport | None:
     """The residual report of a fit on the held-out rows, None if these are too few for one."""
+    records, rows = ladder.records, ladder.split.held_out
     if len(rows) < SETTINGS.fewest_rows:
         return None
     samples = ResidualSamples.of(
         fit.estimator,
         records.take(rows),
-        targets[rows],
+        ladder.targets[rows],
         fit.predict(records)[rows],  # whose memory has seen the rows before
         fit.predict_modes(records)[rows],
-        [None] if trajectories is None else trajectories.tolist(),
+        [None] if names is None else names.tolist(),
     )
     return report_on(samples, random_state=0)

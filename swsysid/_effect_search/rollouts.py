@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
+from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.report_settings import REPORT
-from swsysid._results import Array
+from swsysid._results import Array, Trajectory
 
 __all__ = ["Rollout", "compare_rollouts", "stretches"]
+
+Models = tuple[EffectRegressor, EffectRegressor]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +103,9 @@ def _name(label: Any) -> str:
 
 
 def compare_rollouts(
-    models: tuple[Any, Any], records: Records, parts: Sequence[tuple[str, NDArray[np.intp]]]
+    models: Models,
+    records: Records,
+    parts: Sequence[tuple[str, NDArray[np.intp]]],
 ) -> tuple[tuple[Rollout, ...], str]:
     """Rollouts of two models along some stretches, and why there are none.
 
@@ -122,34 +127,35 @@ def compare_rollouts(
     return done, ""
 
 
-def _rollout(models, records: Records, name: str, rows, discrete: bool) -> Rollout:
+def _rollout(
+    models: Models,
+    records: Records,
+    name: str,
+    rows: NDArray[np.intp],
+    discrete: bool,
+) -> Rollout:
     assert records.t is not None
     t, X = records.t[rows], records.X[rows]
     if discrete and not records.timed:
         t = np.arange(len(rows), dtype=float)
-    inputs = X[:, records.n_states :] if records.n_inputs else None
+    measured, inputs = X[:, : records.n_states], X[:, records.n_states :]
     signals = records.signals[rows] if records.signals.shape[1] else None
-    measured = X[:, : records.n_states]
-    done = [
+    before, after = (
         model.simulate(
             measured[0],
             t,
-            inputs,
+            inputs if records.n_inputs else None,
             signals=signals,
             input_hold="zero" if discrete else "linear",
         )
         for model in models
-    ]
-    return Rollout(
-        name=name,
-        t=t,
-        measured=measured,
-        before=done[0].x,
-        after=done[1].x,
-        ended=tuple("" if one.status.ok else _why(one) for one in done),  # type: ignore[arg-type]
     )
+    return Rollout(name, t, measured, before.x, after.x, (_why(before), _why(after)))
 
 
-def _why(trajectory) -> str:
+def _why(trajectory: Trajectory) -> str:
+    """Why a simulation ended early; "" if it did not."""
+    if trajectory.status.ok:
+        return ""
     end = f"at {trajectory.t[-1]:.4g}" if len(trajectory.t) else "at the start"
     return f"{trajectory.status.value} {end}: {trajectory.status.advice}"
