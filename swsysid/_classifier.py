@@ -207,10 +207,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         data, starts = (features, labels, rows.weight), () if start is None else start._fitted_coef
         book, fits = fit_mode_book(*data, [self._book(*data)], *self._program(), starts=starts)
         if self.margin == "auto":
-            self.margin_ = (
-                nonzero_margin(features, book[labels], rows.weight, fits, *self._program()[1:])
-                or _DEFAULT_MARGIN
-            )
+            found = nonzero_margin(features, book[labels], rows.weight, fits, *self._program()[1:])
+            self.margin_ = found or _DEFAULT_MARGIN
             book, fits = fit_mode_book(*data, [book], *self._program())
         self._store(features, labels, rows, book, fits)
         return self
@@ -240,13 +238,15 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
         `class_posterior`; for two classes its mean at the same decision, so that both rank alike.
         """
+        features = self._features(X)
         if len(self.classes_) != 2:
-            return self.class_posterior(X)
-        return self._posterior.of_decisions(self._features(X), self._basis(self._places))
+            return self._posterior(features)
+        return self._posterior.of_decisions(features, self._basis(self._places))
 
     def class_posterior(self, X):
         """Probability of every class from all surfaces that the data allow and training errors."""
-        return self._posterior(self._features(X))
+        features = self._features(X)
+        return self._posterior(features)
 
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
@@ -261,8 +261,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def surface_values(self, X):
         """Values f_l(x) of all surfaces, not normalised, shape (n_samples, n_surfaces)."""
-        # In fitting coordinates: the user's monomials of data far from zero cancel.
-        return self._features(X) @ self._fitted_coef.T
+        return self._features(X) @ self._fitted_coef.T  # the user's own may cancel far from zero
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
@@ -279,7 +278,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         ``sum_l max(0, margin - s_jl f_l(x))`` over the surfaces of the class: with weights and
         `complexity_` this is the objective of the linear program for any labels.
         """
-        return self.fitted_surfaces.penalty(self.surface_values(X))
+        values = self.surface_values(X)
+        return self.fitted_surfaces.penalty(values)
 
     @property
     def fitted_surfaces(self):
@@ -378,11 +378,10 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         self._fitted_coef = np.array([fit.coef for fit in fits]).reshape(-1, features.shape[1])
         values = features @ self._fitted_coef.T
         self._surface_scale = surface_scale(values, rows.weight)
-        self.mode_book_ = book
+        self.mode_book_, self._places = book, places_between(rows.arrays[0])
         self._posterior = ModePosterior.of_labels(
             features, labels, rows.weight, self._fitted_coef, book, self._surface_scale
         )
-        self._places = places_between(rows.arrays[0])
         self.coef_ = self._basis.to_user(self._fitted_coef)
         self.feature_names_out_ = self._basis.names(column_names(self))
         slack = np.maximum(0.0, self.margin_ - book[labels] * values)

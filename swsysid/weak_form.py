@@ -23,7 +23,6 @@ is linear in the laws of all modes together. `weak_refit` solves this by least s
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,14 +30,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from swsysid._checks.arrays import column, refuse_vanishing, table
-from swsysid._checks.arrays import labels as labels_of_rows
 from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
+from swsysid._data.trajectories import trajectories
 from swsysid._results import Array
 from swsysid._simulation.model import fitted_system
 from swsysid._surfaces.surface import decisions_of
 from swsysid.differentiation import estimate_noise
+from swsysid.differentiation._differentiate import measured_rows
 
 __all__ = ["WeakForm", "weak_form", "weak_refit"]
 
@@ -115,7 +114,8 @@ def weak_form(
     >>> (coef.T.round(3) + 0.0).tolist()
     [[0.0, 1.0], [-1.0, 0.0]]
     """
-    states, times, labels, X = _checked(x, t, groups, inputs)
+    states, times, labels, signals = measured_rows(x, t, groups, inputs)
+    X = np.hstack([states, signals])
     names = [f"x{k}" for k in range(X.shape[1])]
     features = FeatureMap(feature_library, X, names)(X)
     chosen = whole("window", window, least=5, also=(None,)) or _automatic_window(
@@ -123,7 +123,7 @@ def weak_form(
     )
     _check_window(chosen, labels)
     pieces = []
-    for label, rows in _trajectories(labels):
+    for label, rows in trajectories(labels):
         values, slopes, centres = _bumps(times[rows], chosen)
         pieces.append(
             (
@@ -165,7 +165,8 @@ def weak_refit(
     system = fitted_system(model)
     if system.discrete_time:
         raise ValueError("the model gives next states, not velocities; it needs no weak form.")
-    states, times, labels, X = _checked(x, t, groups, inputs)
+    states, times, labels, signals = measured_rows(x, t, groups, inputs)
+    X = np.hstack([states, signals])
     n_modes, n_states, n_features = system.coef.shape
     if X.shape[1] != len(system.feature_map.names_in) or states.shape[1] != n_states:
         raise ValueError(
@@ -177,7 +178,7 @@ def weak_refit(
     )
     _check_window(chosen, labels)
     features, design, targets = system.feature_map(X), [], []
-    for _, rows in _trajectories(labels):
+    for _, rows in trajectories(labels):
         values, slopes, _ = _bumps(times[rows], chosen)
         shares = _mode_shares(system.surface, X[rows], times[rows], n_modes)
         blocks = [values @ (share[:, None] * features[rows]) for share in shares]
@@ -275,13 +276,13 @@ def _switch_fractions(surface: Any, X: Array, modes: NDArray) -> Array:
 
 def _automatic_window(states: Array, times: Array, labels: NDArray) -> int:
     """The shortest window in whose targets noise is small, or that in which it is smallest."""
-    trajectories = [rows for _, rows in _trajectories(labels)]
-    shortest = min(len(rows) for rows in trajectories)
+    each = [rows for _, rows in trajectories(labels)]
+    shortest = min(len(rows) for rows in each)
     windows = [w for w in WINDOWS if w <= max(shortest // 3, WINDOWS[0])]
     noise, shares = estimate_noise(states, labels), []
     for window in windows:
         spread, gain = np.zeros(states.shape[1]), 0.0
-        for rows in trajectories:
+        for rows in each:
             if len(rows) >= window:
                 slopes = _bumps(times[rows], window)[1]
                 spread = np.maximum(spread, np.std(slopes @ states[rows], axis=0))
@@ -297,35 +298,9 @@ def _automatic_window(states: Array, times: Array, labels: NDArray) -> int:
 def _check_window(window: int, labels: NDArray) -> None:
     if window % 2 == 0:
         raise ValueError(f"window={window!r} must be odd and at least 5.")
-    for label, rows in _trajectories(labels):
+    for label, rows in trajectories(labels):
         if len(rows) < window:
             raise ValueError(
                 f"Trajectory {label} has {len(rows)} samples and the window {window}; use a "
                 "smaller window, or leave it out."
             )
-
-
-def _trajectories(labels: NDArray) -> Iterator[tuple[Any, NDArray[np.intp]]]:
-    """Label and rows of each trajectory, in order of appearance."""
-    names, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    for k in np.argsort(first):
-        yield names[k], np.flatnonzero(inverse == k)
-
-
-def _checked(x, t, groups, inputs):
-    states = table("x", x)
-    n_rows = len(states)
-    times = column("t", t, n_rows)
-    signals = np.empty((n_rows, 0)) if inputs is None else table("inputs", inputs, n_rows)
-    for name, values in (("x", states), ("t", times)):
-        refuse_vanishing(name, values)
-    labels = np.zeros(n_rows, dtype=int)
-    if groups is not None:
-        labels = labels_of_rows("groups", groups, n_rows)
-    for label, rows in _trajectories(labels):
-        if (np.diff(times[rows]) <= 0).any():
-            raise ValueError(
-                f"times of trajectory {label} do not increase; sort its rows by time, and name "
-                "separate trajectories by groups."
-            )
-    return states, times, labels, np.concatenate([states, signals], axis=1)

@@ -18,7 +18,7 @@ from swsysid._tables.table import Table
 from swsysid._tables.units import rate_unit
 from swsysid._tables.wording import counted
 from swsysid.differentiation import Smoothing, choose_smoothing, differentiate
-from swsysid.differentiation._differentiate import LARGEST_GAP
+from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,7 +93,7 @@ def measure(table: Table, what: Measurement) -> Samples:
     numbers, labels, remarks = complete_cells(table, what)
     rows = np.flatnonzero(np.isfinite(numbers).all(axis=1))
     if what.timed:
-        gap = PREPARING.even_gap if what.method == "butterworth" else LARGEST_GAP
+        gap = PREPARING.even_gap if what.method == "butterworth" else DIFFERENTIATION.largest_gap
         runs = runs_of(numbers[:, -1], labels, rows, table.row, what.time or "time", gap)
     else:
         runs = Runs(rows, np.zeros(len(rows), dtype=int) if labels is None else labels[rows], [])

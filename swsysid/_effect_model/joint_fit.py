@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import check_random_state
 
 from swsysid._checks.parameters import shown
 from swsysid._data.features import FeatureMap
+from swsysid._data.matching import best_matching, contingency
 from swsysid._data.records import Records
 from swsysid._data.rows import CanonicalRows, canonical_rows
 from swsysid._identification.identify import identify
@@ -370,7 +370,4 @@ def _restore(laws: Array, offset: Array, order: Modes) -> None:
 
 def _matching(before: Modes, after: Modes) -> Modes:
     """New number of every old mode."""
-    n_modes = int(max(before.max(), after.max())) + 1
-    shared = np.zeros((n_modes, n_modes))
-    np.add.at(shared, (before, after), 1.0)
-    return linear_sum_assignment(-shared)[1]
+    return best_matching(contingency(before, after))[1]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
+from swsysid._data.matching import best_matching, contingency
 from swsysid._noise import weighted_quantile
 from swsysid._results import Array
 from swsysid._seeding.experts import (
@@ -172,10 +172,8 @@ def same_partition(
     first: NDArray[np.intp], second: NDArray[np.intp], weights: Array, tolerance: float = _SAME
 ) -> bool:
     """True if two labellings differ, up to names, on at most a share of the weight."""
-    n_modes = int(max(first.max(), second.max())) + 1
-    joint = np.bincount(first * n_modes + second, weights, n_modes**2).reshape(n_modes, n_modes)
-    names = linear_sum_assignment(joint, maximize=True)
-    return bool(joint[names].sum() >= (1 - tolerance) * weights.sum())
+    joint = contingency(first, second, weights)
+    return bool(joint[best_matching(joint)].sum() >= (1 - tolerance) * weights.sum())
 
 
 def _limit(n_starts, most_starts, n_samples) -> int:

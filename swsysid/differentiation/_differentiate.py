@@ -15,7 +15,6 @@ one that decimation needs against aliasing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -23,19 +22,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import comb
 
 from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
-from swsysid._checks.arrays import labels as labels_of_rows
 from swsysid._checks.parameters import flag, one_of, real, whole
+from swsysid._data.trajectories import group_labels, trajectories
 from swsysid._noise import robust_scale
 from swsysid.differentiation._derivatives import Derivatives, rates_appended
+from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array, TooShortError
 from swsysid.differentiation._strength import Strength, strengths, strongest
 
 __all__ = ["Derivatives", "Smoothing", "choose_smoothing", "differentiate", "estimate_noise"]
-
-_MOST_DEGREE = 20  # polynomials beyond are lost to rounding
-_MOST_DECIMATED = 1_000_000
-LARGEST_GAP = 20.0  # a longer gap, in median steps, is not one trajectory any more
-NOISE_ORDER = 6  # differences of this order leave noise and hardly any of a smooth signal
 
 
 class Smoothing(NamedTuple):
@@ -131,17 +126,17 @@ def differentiate(
     >>> bool(abs(Xdot[:, 0] - np.cos(t_kept)).max() < 1e-6)
     True
     """
-    states, times, labels, signals = _checked(x, t, groups, inputs)
+    states, times, labels, signals = measured_rows(x, t, groups, inputs)
     flag("filter_inputs", filter_inputs)
     _check_options(order, window, degree, cutoff, decimate)
     own = names_of(x, states.shape[1], "x")
     names = rates_appended(own, names_of(inputs, signals.shape[1], "u"), order)
-    rows = dict(_trajectories(labels))
-    noise = estimate_noise(states, labels)
-    parts = [(states[index], times[index]) for index in rows.values()]
+    rows = dict(trajectories(labels))
+    for label, index in rows.items():
+        _refuse_gaps(times[index], label)
     may_drop = _may_drop(too_short)
-    options = (method, window, degree, cutoff, decimate, may_drop)
-    smoother = _strength(parts, order, options).smoother
+    parts = [(states[index], times[index]) for index in rows.values()]
+    smoother = _strength(parts, order, method, window, degree, cutoff, decimate, may_drop).smoother
     # An object of PySINDy's is not a filter that could be applied to the inputs too.
     filter_inputs = filter_inputs and isinstance(method, str) and signals.shape[1] > 0
     pieces = []
@@ -153,10 +148,11 @@ def differentiate(
                 continue
             raise ValueError(f"Trajectory {label!r} {error}") from None
         kept = index[trim : len(index) - trim]
-        extra = smoother(signals[index], times[index], None)[0][0] if filter_inputs else None
-        extra = signals[kept] if extra is None else extra
-        piece = (_side_by_side([*jets[:order], extra]), _side_by_side(jets[1 : order + 1]))
-        pieces.append([part[::decimate] for part in (*piece, times[kept], labels[kept])])
+        extra = signals[kept]
+        if filter_inputs:
+            extra = smoother(signals[index], times[index], None)[0][0]
+        X, Xdot = np.hstack([*jets[:order], extra]), np.hstack([*jets[1 : order + 1]])
+        pieces.append([part[::decimate] for part in (X, Xdot, times[kept], labels[kept])])
     if not pieces:
         longest = max(map(len, rows.values()))
         raise ValueError(
@@ -164,7 +160,7 @@ def differentiate(
             f"{longest} samples; use a smaller window or record longer ones."
         )
     X, Xdot, t, groups = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    return Derivatives(X, Xdot, t, groups, noise, names)
+    return Derivatives(X, Xdot, t, groups, estimate_noise(states, labels), names)
 
 
 def choose_smoothing(
@@ -205,27 +201,24 @@ def choose_smoothing(
     >>> choose_smoothing(np.sin(t) + noise, t).window
     115
     """
-    states, times, labels, _ = _checked(x, t, groups, None)
+    states, times, labels, _ = measured_rows(x, t, groups, None)
     _check_options(order, window, degree, cutoff, decimate)
-    noise = estimate_noise(states, labels)
-    parts = [(states[index], times[index]) for _, index in _trajectories(labels)]
-    options = (method, window, degree, cutoff, decimate, _may_drop(too_short))
-    chosen = _strength(parts, order, options)
-    return Smoothing(method, chosen.window, chosen.cutoff, noise)
+    rows = trajectories(labels)
+    for label, index in rows:
+        _refuse_gaps(times[index], label)
+    parts = [(states[index], times[index]) for _, index in rows]
+    may_drop = _may_drop(too_short)
+    chosen = _strength(parts, order, method, window, degree, cutoff, decimate, may_drop)
+    return Smoothing(method, chosen.window, chosen.cutoff, estimate_noise(states, labels))
 
 
-def _strength(parts, order, options) -> Strength:
-    method, *rest = options
+def _strength(parts, order, method, *options) -> Strength:
     noises = [estimate_noise(x) for x, _ in parts]
-    return strongest(strengths(method, [t for _, t in parts], *rest), parts, noises, order)
+    return strongest(strengths(method, [t for _, t in parts], *options), parts, noises, order)
 
 
 def _may_drop(too_short: str) -> bool:
     return one_of("too_short", too_short, ("raise", "drop")) == "drop"
-
-
-def _side_by_side(blocks) -> Array:
-    return np.concatenate(list(blocks), axis=1)
 
 
 def estimate_noise(x: ArrayLike, groups: ArrayLike | None = None) -> Array:
@@ -244,70 +237,55 @@ def estimate_noise(x: ArrayLike, groups: ArrayLike | None = None) -> Array:
     -------
     ndarray of shape (n_columns,)
     """
-    columns = table("x", x)
-    labels = _labels(groups, len(columns))
+    columns, order = table("x", x), SETTINGS.noise_order
+    labels = group_labels(groups, len(columns))
     differences = np.vstack(
-        [np.diff(columns[index], NOISE_ORDER, axis=0) for _, index in _trajectories(labels)]
+        [np.diff(columns[index], order, axis=0) for _, index in trajectories(labels)]
     )
     if not len(differences):
         return np.zeros(columns.shape[1])
-    gain = np.sqrt(comb(2 * NOISE_ORDER, NOISE_ORDER))
-    usual = robust_scale(differences)
-    # Coarsely quantised signals mostly repeat themselves: their median is zero, their mean is not.
+    median = robust_scale(differences)
+    # Coarsely quantised signals mostly repeat themselves: their median is zero, their mean not.
     mean = np.sqrt(np.mean(differences**2, axis=0))
-    return np.where(usual > 0, usual, mean) / gain
+    return np.where(median > 0, median, mean) / np.sqrt(comb(2 * order, order))
 
 
 # --- checks ---------------------------------------------------------------------------------
 
 
-def _trajectories(labels) -> Iterator[tuple[object, NDArray[np.intp]]]:
-    """Label and row numbers of each trajectory, in order of appearance."""
-    names, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    for k in np.argsort(first):
-        yield names.tolist()[k], np.flatnonzero(inverse == k)
-
-
-def _checked(x, t, groups, inputs):
+def measured_rows(x, t, groups, inputs) -> tuple[Array, Array, NDArray, Array]:
+    """States, times that increase along each trajectory, trajectories and inputs, checked."""
     states = table("x", x)
     n_rows = len(states)
     times = column("t", t, n_rows)
     for name, values in (("x", states), ("t", times)):
         refuse_vanishing(name, values)
     signals = np.empty((n_rows, 0)) if inputs is None else table("inputs", inputs, n_rows)
-    labels = _labels(groups, n_rows)
-    for label, index in _trajectories(labels):
-        _check_times(times[index], label)
+    labels = group_labels(groups, n_rows)
+    for label, index in trajectories(labels):
+        steps = np.diff(times[index])
+        if len(steps) and steps.min() <= 0:
+            kind = "repeats a time" if steps.min() == 0 else "goes back in time"
+            raise ValueError(
+                f"Trajectory {label!r} {kind} at its sample {np.argmin(steps) + 1}; sort the rows "
+                "by time, remove repeated ones, and name separate trajectories by groups."
+            )
     return states, times, labels, signals
-
-
-def _labels(groups, n_rows: int) -> NDArray:
-    """The trajectory of each row."""
-    if groups is None:
-        return np.zeros(n_rows, dtype=int)
-    return labels_of_rows("groups", groups, n_rows)
 
 
 def _check_options(order, window, degree, cutoff, decimate) -> None:
     whole("order", order, most=2)
-    whole("degree", degree, least=2, most=_MOST_DEGREE)
+    whole("degree", degree, least=2, most=SETTINGS.most_degree)
     whole("window", window, least=3, also=(None,))
     if window is not None and (window % 2 == 0 or window <= degree):
         raise ValueError(f"window={window!r} must be odd and larger than degree={degree!r}.")
     real("cutoff", cutoff, above=0, also=(None,))
-    whole("decimate", decimate, most=_MOST_DECIMATED)
+    whole("decimate", decimate, most=SETTINGS.most_decimated)
 
 
-def _check_times(t, label) -> None:
+def _refuse_gaps(t: Array, label: object) -> None:
     steps = np.diff(t)
-    if len(steps) and steps.min() <= 0:
-        kind = "repeats a time" if steps.min() == 0 else "goes back in time"
-        row = int(np.argmin(steps)) + 1
-        raise ValueError(
-            f"Trajectory {label!r} {kind} at its sample {row}; sort the rows by time, remove "
-            "repeated ones, and name separate trajectories by groups."
-        )
-    if len(steps) > 2 and steps.max() > LARGEST_GAP * np.median(steps):
+    if len(steps) > 2 and steps.max() > SETTINGS.largest_gap * np.median(steps):
         raise ValueError(
             f"Trajectory {label!r} has a gap of {steps.max():g} where samples are usually "
             f"{np.median(steps):g} apart; give the parts before and after it different groups."

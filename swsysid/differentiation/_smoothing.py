@@ -17,6 +17,7 @@ from scipy.signal import butter, oaconvolve, sosfiltfilt
 from scipy.special import comb
 
 from swsysid._checks.parameters import shown
+from swsysid.differentiation._settings import SETTINGS
 
 __all__ = ["Smoother", "TooShortError", "external", "inner", "local_polynomial", "low_pass"]
 
@@ -24,9 +25,7 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Smoother = Callable[[Array, Array, Rows | None], tuple[Array, int]]
 
-EVEN_TOLERANCE = 1e-3  # relative deviation of the steps up to which sampling counts as even
-FACTORIALS = np.array([1.0, 1.0, 2.0])
-STRETCH = 20_000  # rows smoothed at a time, which bounds the memory
+_FACTORIALS = np.array([1.0, 1.0, 2.0])
 
 
 class TooShortError(ValueError):
@@ -75,7 +74,8 @@ def local_polynomial(window: int, degree: int) -> Smoother:
 
 def _stretches(rows: Rows, even: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     """Parts of `rows` that follow each other and are all even or all uneven, of bounded length."""
-    new = (np.diff(rows) != 1) | (np.diff(even) != 0) | (np.arange(1, len(rows)) % STRETCH == 0)
+    full = np.arange(1, len(rows)) % SETTINGS.rows_at_a_time == 0
+    new = (np.diff(rows) != 1) | (np.diff(even) != 0) | full
     cuts = [0, *(np.flatnonzero(new) + 1).tolist(), len(rows)]
     yield from ((start, stop) for start, stop in pairwise(cuts) if stop > start)
 
@@ -86,7 +86,7 @@ def _even_windows(steps: Array, window: int) -> tuple[NDArray[np.bool_], float]:
     A sample that is missing makes the windows around it uneven, not the whole trajectory.
     """
     usual = np.median(steps)
-    odd = np.abs(steps - usual) > EVEN_TOLERANCE * usual
+    odd = np.abs(steps - usual) > SETTINGS.even * usual
     count = np.concatenate([[0], np.cumsum(odd)])
     even = count[window - 1 :] == count[: len(count) - window + 1]
     return even, float(steps[~odd].mean()) if even.any() else float(usual)
@@ -99,7 +99,7 @@ def _even_weights(window: int, degree: int) -> Array:
     """
     offsets = np.linspace(-1.0, 1.0, window)
     powers = offsets[:, None] ** np.arange(degree + 1)
-    return FACTORIALS[:, None] * np.linalg.pinv(powers)[:3]
+    return _FACTORIALS[:, None] * np.linalg.pinv(powers)[:3]
 
 
 def _filtered(x: Array, weights: Array) -> Array:
@@ -136,7 +136,7 @@ def _fitted(x: Array, t: Array, first: int, last: int, window: int, degree: int)
     right = _moved(_window_sums(products, window), centres)
     hankel = moments[..., np.add.outer(np.arange(degree + 1), np.arange(degree + 1))]
     coefficients = np.linalg.solve(hankel, right)[..., :3, :]
-    factors = FACTORIALS / scale ** np.arange(3)
+    factors = _FACTORIALS / scale ** np.arange(3)
     jets = coefficients * factors[:, None, :, None]
     jets[..., 0, :] += level
     found = np.empty((last - first, *jets.shape[2:]))
@@ -218,4 +218,4 @@ def external(differentiator) -> Smoother:
 
 def _is_even(t) -> bool:
     steps = np.diff(t)
-    return bool(np.ptp(steps) <= EVEN_TOLERANCE * steps.mean())
+    return bool(np.ptp(steps) <= SETTINGS.even * steps.mean())

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.parameters import shown
+from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import (
     Array,
     Smoother,
@@ -24,20 +25,7 @@ from swsysid.differentiation._smoothing import (
     low_pass,
 )
 
-__all__ = ["Strength", "strengths", "strongest"]
-
-# Each about 1.4 times the one before it.
-WINDOWS = (
-    *(7, 9, 11, 15, 21, 29, 41, 57, 81, 115, 163, 231, 327, 463, 655, 927, 1311, 1855, 2623),
-    *(3711, 5247, 7419, 10493),
-)
-CUTOFFS = (0.4, 0.28, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125)  # of the rate
-ROWS = 50_000  # that decide; more of them would say the same
-STRETCH = 1_000  # rows of one trajectory that decide side by side
-# Noise explains a departure up to this over the root of the number of rows, relative to it: the
-# estimated variance of the noise and the departure itself are uncertain by about five.
-DOUBT = 10.0
-LOST = 0.25  # of the rows, which the ends of a window may cost
+__all__ = ["Strength", "deciding_rows", "strengths", "strongest"]
 
 Part = tuple[Array, Array]  # measured columns and times of one trajectory
 
@@ -93,15 +81,15 @@ def strengths(
     lengths = np.array([len(t) for t in times])
     if isinstance(method, str) and method == "savitzky_golay":
         least = max(degree + 2, 2 * decimate + 1)
-        windows = [w for w in WINDOWS if w >= least and _is_affordable(w, lengths, may_drop)]
-        smallest = min((w for w in WINDOWS if w >= least), default=least + 1 - least % 2)
+        wide = [w for w in SETTINGS.windows if w >= least]
+        windows = [w for w in wide if _is_affordable(w, lengths, may_drop)]
+        smallest = min(wide, default=least + 1 - least % 2)
         chosen = [window] if window else windows or [smallest]
         return [Strength(local_polynomial(w, degree), window=w) for w in chosen]
     if isinstance(method, str) and method == "butterworth":
         rate = 1.0 / _usual_step(times)
-        affordable = [
-            c for c in CUTOFFS if c <= 0.5 / decimate and _is_affordable(8.0 / c, lengths, may_drop)
-        ]
+        fine = [c for c in SETTINGS.cutoffs if c <= 0.5 / decimate]
+        affordable = [c for c in fine if _is_affordable(8.0 / c, lengths, may_drop)]
         cutoffs = [c * rate for c in affordable] or [0.4 * rate / decimate]
         return [Strength(low_pass(c), cutoff=c) for c in ([cutoff] if cutoff else cutoffs)]
     raise ValueError(
@@ -113,8 +101,8 @@ def strengths(
 def _is_affordable(window: float, lengths: NDArray[np.intp], may_drop: bool) -> bool:
     """Whether the ends of a window cost few enough rows, of short trajectories all of them."""
     if not may_drop:
-        return bool(window <= LOST * lengths.min())
-    return bool(np.minimum(lengths, window).sum() <= LOST * lengths.sum())
+        return bool(window <= SETTINGS.lost * lengths.min())
+    return bool(np.minimum(lengths, window).sum() <= SETTINGS.lost * lengths.sum())
 
 
 def _usual_step(times: Sequence[Array]) -> float:
@@ -136,17 +124,17 @@ def strongest(
         return candidates[0]
     smoothers = [candidate.smoother for candidate in candidates]
     totals = _Totals.empty(len(smoothers), parts[0][0].shape[1])
-    for (x, t, rows), noise in zip(_deciding(parts), noises, strict=True):
+    for (x, t, rows), noise in zip(deciding_rows(parts), noises, strict=True):
         totals.add(smoothers, x, t, rows, noise**2, order)
     risks = totals.risks()
     return candidates[int(np.nanargmin(risks))] if np.isfinite(risks).any() else candidates[0]
 
 
-def _deciding(parts: Sequence[Part]) -> Iterator[tuple[Array, Array, NDArray[np.intp]]]:
+def deciding_rows(parts: Sequence[Part]) -> Iterator[tuple[Array, Array, NDArray[np.intp]]]:
     """Each trajectory with the rows of it that decide: all, or stretches spread over it."""
-    share = min(1.0, ROWS / sum(len(t) for _, t in parts))
+    share = min(1.0, SETTINGS.rows / sum(len(t) for _, t in parts))
     for x, t in parts:
-        n_stretches = int(np.ceil(share * len(t) / STRETCH))
+        n_stretches = int(np.ceil(share * len(t) / SETTINGS.stretch))
         stretches = np.array_split(np.arange(len(t)), n_stretches)
         yield x, t, np.concatenate([_middle(rows, share) for rows in stretches])
 
@@ -227,7 +215,7 @@ class _Totals:
         for k in np.flatnonzero(counts):
             bias = np.zeros_like(size)
             for j in range(k):
-                allowed = 1.0 + DOUBT / np.sqrt(self.rows[k, j])
+                allowed = 1.0 + SETTINGS.doubt / np.sqrt(self.rows[k, j])
                 excess = self.departures[k, j] - allowed * self.explained[k, j]
                 bias = np.maximum(bias, excess / self.rows[k, j])
             risks[k] = weight @ (bias + self.variances[k] / counts[k])

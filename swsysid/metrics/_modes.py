@@ -2,17 +2,16 @@
 
 Modes carry arbitrary names, so every metric first matches the predicted modes to the true ones.
 Each finds the matching that is best *for itself*, as an assignment problem on the contingency
-table (`scipy.optimize.linear_sum_assignment`); the numbers of modes may differ.
+table; the numbers of modes may differ.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from swsysid._checks.arrays import labels
+from swsysid._data.matching import best_matching, contingency
 from swsysid._data.rows import check_sample_weight
-from swsysid._results import Array
 
 __all__ = ["balanced_mode_accuracy", "match_modes", "mode_accuracy", "mode_iou"]
 
@@ -43,7 +42,7 @@ def mode_accuracy(modes_true, modes_pred, sample_weight=None) -> float:
     0.75
     """
     table = _contingency(modes_true, modes_pred, sample_weight)[0]
-    return float(_matched(table).sum() / table.sum())
+    return float(table[best_matching(table)].sum() / table.sum())
 
 
 def balanced_mode_accuracy(modes_true, modes_pred, sample_weight=None) -> float:
@@ -70,7 +69,7 @@ def balanced_mode_accuracy(modes_true, modes_pred, sample_weight=None) -> float:
     """
     table = _contingency(modes_true, modes_pred, sample_weight)[0]
     recalls = table / table.sum(axis=1, keepdims=True)
-    return float(_matched(recalls).sum() / len(table))
+    return float(recalls[best_matching(recalls)].sum() / len(table))
 
 
 def mode_iou(modes_true, modes_pred, sample_weight=None) -> float:
@@ -97,13 +96,12 @@ def mode_iou(modes_true, modes_pred, sample_weight=None) -> float:
     """
     table = _contingency(modes_true, modes_pred, sample_weight)[0]
     unions = table.sum(axis=1, keepdims=True) + table.sum(axis=0, keepdims=True) - table
-    return float(_matched(table / unions).sum() / max(table.shape))
+    shares = table / unions
+    return float(shares[best_matching(shares)].sum() / max(table.shape))
 
 
 def match_modes(modes_true, modes_pred, sample_weight=None) -> dict:
     """Name of the true mode of each predicted mode, in the matching with the most agreement.
-
-    The matching is found by `scipy.optimize.linear_sum_assignment`.
 
     Parameters
     ----------
@@ -123,7 +121,7 @@ def match_modes(modes_true, modes_pred, sample_weight=None) -> dict:
     {0: 'slow', 1: 'fast'}
     """
     table, names_true, names_pred = _contingency(modes_true, modes_pred, sample_weight)
-    pairs = zip(*linear_sum_assignment(table, maximize=True), strict=True)
+    pairs = zip(*best_matching(table), strict=True)
     matched = {names_pred[column].item(): names_true[row].item() for row, column in pairs}
     return {name: matched[name] for name in names_pred.tolist() if name in matched}
 
@@ -136,11 +134,5 @@ def _contingency(modes_true, modes_pred, sample_weight):
     present = weights > 0
     names_true, rows = np.unique(modes_true[present], return_inverse=True)
     names_pred, columns = np.unique(modes_pred[present], return_inverse=True)
-    table = np.zeros((len(names_true), len(names_pred)))
-    np.add.at(table, (rows, columns), weights[present])
-    return table, names_true, names_pred
-
-
-def _matched(gains: Array) -> Array:
-    """Gains of the matched pairs in the one-to-one matching with the largest sum."""
-    return gains[linear_sum_assignment(gains, maximize=True)]
+    shape = len(names_true), len(names_pred)
+    return contingency(rows, columns, weights[present], shape), names_true, names_pred

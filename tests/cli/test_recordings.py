@@ -13,7 +13,7 @@ from swsysid._cli.samples import measure
 from swsysid._cli.text import preparation
 from swsysid._tables.readers import read_table
 from swsysid._tables.table import Table, TableError
-from swsysid.differentiation._strength import _deciding
+from swsysid.differentiation._strength import deciding_rows
 
 STEP = 0.02
 T = STEP * np.arange(300)
@@ -409,7 +409,7 @@ def test_many_rows_are_smoothed_and_kept():
 def test_the_rows_that_choose_the_window_of_a_long_record_are_not_those_that_it_trims():
     """A decay is largest where it begins, which long windows never see: they would look exact."""
     t = np.arange(600_000.0)
-    ((_, _, rows),) = _deciding([(np.zeros((len(t), 1)), t)])
+    ((_, _, rows),) = deciding_rows([(np.zeros((len(t), 1)), t)])
     assert len(rows) == pytest.approx(50_000, rel=0.01)
     edge = min(rows[0], len(t) - 1 - rows[-1])
     assert edge > 5_000 and np.diff(rows).max() < 20_000  # spread over the record

@@ -124,7 +124,7 @@ def test_wrong_arguments_are_refused_in_a_sentence():
         weak_form(x, t, groups, window=8)
     with pytest.raises(ValueError, match="has 30 samples and the window 31; use a smaller window"):
         weak_form(x, t, groups, window=31)
-    with pytest.raises(ValueError, match="times of trajectory 0 do not increase"):
+    with pytest.raises(ValueError, match="Trajectory 0 goes back in time at its sample"):
         weak_form(x, t)
     with pytest.raises(ValueError, match="groups has shape .3,.; give one name for each of the 60"):
         weak_form(x, t, [0, 1, 2])
