@@ -27,35 +27,15 @@ __all__ = ["JobOptions", "JobResult", "run_job"]
 
 @dataclass(frozen=True)
 class JobOptions:
-    """What to identify.
-
-    Attributes
-    ----------
-    measurement : Measurement
-    modes : int or "auto"
-    library_degree : int
-        Degree of the law of each mode; 0 means linear without a constant.
-    waves : bool
-        The law may have sines and cosines of the columns.
-    surface_degree : int
-    loss : {"l1", "l2", "squared"}
-    position : {"auto", "yes", "no"}
-        Whether the law may depend on the positions, with ``order=2``.
-    test_fraction : float
-    random_state : int
-    n_jobs : int or None
-    verbose : bool
-        Whether fits show their progress.
-    settings : Judging
-    """
+    """What to identify."""
 
     measurement: Measurement
-    modes: int | str = 2
-    library_degree: int = 1
-    waves: bool = False
+    modes: int | str = 2  # or "auto"
+    library_degree: int = 1  # of the law of each mode; 0 is linear without a constant
+    waves: bool = False  # the law may have sines and cosines of the columns
     surface_degree: int = 1
     loss: str = "l1"
-    position: str = "auto"
+    position: str = "auto"  # with order 2: "yes" and "no" let the law use the positions or not
     test_fraction: float = 0.3
     random_state: int = 0
     n_jobs: int | None = None
@@ -65,36 +45,17 @@ class JobOptions:
 
 @dataclass(frozen=True)
 class JobResult:
-    """What was identified and how well such models predict rows that they never saw.
+    """What was identified and how well such models predict rows that they never saw."""
 
-    Attributes
-    ----------
-    model : SwitchingSystemRegressor
-        Searched for on all rows; its columns have names.
-    samples : Samples
-    options : JobOptions
-    terms : Terms
-        Of the laws of `model`.
-    split : Split
-    comparison : Comparison
-        Of the modes that were found with smooth laws of one mode.
-    given_up : int or None
-        Number of modes that ``modes="auto"`` found before a smooth law proved as good.
-    position_gain : float or None
-        Fraction by which positions lower the error, where that decided about them.
-    notes : tuple of str
-        What the fit of `model` warned about.
-    """
-
-    model: SwitchingSystemRegressor
+    model: SwitchingSystemRegressor  # searched for on all rows; its columns have names
     samples: Samples
     options: JobOptions
-    terms: Terms
+    terms: Terms  # of the laws of the model
     split: Split
-    comparison: Comparison
-    given_up: int | None
-    position_gain: float | None
-    notes: tuple[str, ...]
+    comparison: Comparison  # of the modes that were found with smooth laws of one mode
+    given_up: int | None  # modes that "auto" found before a smooth law proved as good
+    position_gain: float | None  # by which positions lower the error, where that decided
+    notes: tuple[str, ...]  # what the fit of the model warned about
 
 
 def run_job(table: Table, options: JobOptions) -> JobResult:

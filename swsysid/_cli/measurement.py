@@ -16,42 +16,22 @@ __all__ = ["Measurement", "check_roles"]
 
 @dataclass(frozen=True)
 class Measurement:
-    """Which columns of a table are what, and how to differentiate them.
+    """Which columns of a table are what, and how to differentiate them (`differentiate`)."""
 
-    Attributes
-    ----------
-    states, inputs, signals : tuple of str
-        Columns of the states (positions with ``order=2``), of the inputs, and of logged signals
-        that the model does not use.
-    time : str or None
-    derivatives : tuple of str
-        Columns of measured derivatives, one for each state; with ``order=2`` the velocities,
-        then the accelerations. Empty to differentiate the states.
-    groups : str or None
-        Column that names the trajectory of each row.
-    order : {1, 2}
-        2 means that the states are positions whose second derivative obeys the law.
-    method, window, cutoff, decimate
-        Of `differentiate`.
-    time_step : float or None
-        Seconds between two rows, where no column holds the times.
-    keep_spikes : bool
-        Whether cells that look like no measurement are used all the same.
-    """
-
-    states: tuple[str, ...]
+    states: tuple[str, ...]  # with order 2 positions
     inputs: tuple[str, ...] = ()
-    signals: tuple[str, ...] = ()
+    signals: tuple[str, ...] = ()  # logged, but not used by the model
     time: str | None = None
+    # One for each state; with order 2 the velocities, then the accelerations; empty: not measured.
     derivatives: tuple[str, ...] = ()
-    groups: str | None = None
-    order: int = 1
+    groups: str | None = None  # the trajectory of each row
+    order: int = 1  # 2: the second derivatives of the states obey the law
     method: str = "savitzky_golay"
     window: int | None = None
     cutoff: float | None = None
     decimate: int = 1
-    time_step: float | None = None
-    keep_spikes: bool = False
+    time_step: float | None = None  # seconds between two rows, where no column holds the times
+    keep_spikes: bool = False  # use cells that look like no measurement all the same
 
     @property
     def timed(self) -> bool:
@@ -65,12 +45,7 @@ class Measurement:
 
 
 def check_roles(table: Table, what: Measurement) -> None:
-    """Refuse roles that are missing, doubled, or played by a column that does not exist.
-
-    Raises
-    ------
-    TableError
-    """
+    """Refuse roles that are missing, doubled, or played by a column that does not exist."""
     if not what.states:
         raise TableError(f"Name the states with --states; the columns are: {table.listing()}.")
     times = [what.time] if what.time else []

@@ -28,48 +28,25 @@ __all__ = ["Samples", "measure"]
 
 @dataclass(frozen=True)
 class Samples:
-    """Rows (X, Xdot) of trajectories.
+    """Rows of trajectories, with the names and units of their columns."""
 
-    Attributes
-    ----------
-    X : ndarray of shape (n_samples, n_states + n_inputs)
-    Xdot : ndarray of shape (n_samples, n_states)
-    signals : ndarray of shape (n_samples, n_signals)
-    t : ndarray of shape (n_samples,) or None
-    groups : ndarray of shape (n_samples,)
-    names, rate_names, signal_names : tuple of str
-        Of the columns of `X`, `Xdot` and `signals`.
-    units : mapping of str to str
-        By these names; a name without a known unit is left out.
-    time_unit : str
-    n_known : int
-        The first `n_known` columns of `Xdot` follow a law that is known: they are velocities,
-        which are columns of `X` too.
-    source : str
-        What the samples were read from.
-    decimate : int
-    smoothing : Smoothing or None
-        How the states were smoothed, with the noise found in them; None where derivatives were
-        measured.
-    remarks : tuple of str
-        What reading had to mend, to mask and to leave out, in sentences.
-    """
-
-    X: Array
+    X: Array  # states, then inputs
     Xdot: Array
     signals: Array
     t: Array | None
     groups: NDArray
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the columns of X
     rate_names: tuple[str, ...]
     signal_names: tuple[str, ...]
-    units: Mapping[str, str]
+    units: Mapping[str, str]  # by these names, where they are known
     time_unit: str
+    # So many columns of Xdot, the first, follow a law that is known: they are velocities, which
+    # are columns of X too.
     n_known: int
     source: str
     decimate: int
-    smoothing: Smoothing | None
-    remarks: tuple[str, ...]
+    smoothing: Smoothing | None  # with the noise found in the states; None for measured rates
+    remarks: tuple[str, ...]  # what reading had to mend, to mask and to leave out
 
     @property
     def frame(self) -> pd.DataFrame:

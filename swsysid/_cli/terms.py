@@ -22,20 +22,10 @@ _DEGREES = {0: "linear", 1: "affine", 2: "quadratic", 3: "cubic"}
 
 @dataclass(frozen=True)
 class Terms:
-    """Terms of a law: products of columns, and their sines and cosines.
-
-    Attributes
-    ----------
-    columns : tuple of int
-        Columns of X that the law may use.
-    degree : int
-        Of the products; 0 means the columns themselves, without a constant.
-    waves : bool
-        Sines and cosines of the columns as well.
-    """
+    """Terms of a law: products of columns of X, and their sines and cosines."""
 
     columns: tuple[int, ...]
-    degree: int
+    degree: int  # of the products; 0 means the columns themselves, without a constant
     waves: bool = False
 
     def library(self, n_columns: int) -> int | TransformerMixin | None:

@@ -82,33 +82,16 @@ class Rival:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A model of several modes against laws of one mode, on rows that none of them has seen.
+    """A model of several modes against laws of one mode, on rows that none of them has seen."""
 
-    Attributes
-    ----------
-    errors : ndarray of shape (n_rows, n_rates)
-        Of the model of several modes.
-    rivals : tuple of Rival
-        Laws of one mode: with the same terms first, then with more of them.
-    spread : ndarray of shape (n_rates,)
-        Standard deviation of the held-out rates.
-    n_switches : int
-        Changes of the mode along the trajectories.
-    constant : bool
-        The surface gives one mode to all samples.
-    told_by_rates : ndarray of shape (n_rows, n_rates), or None
-        Errors where each sample has the mode that its own rates tell; None if they do not tell.
-    untested : tuple of int
-        Modes that are (nearly) absent from the training part; the held-out rows of these are left
-        out.
-    """
-
-    errors: Array
-    rivals: tuple[Rival, ...]
-    spread: Array
-    n_switches: int
-    constant: bool
+    errors: Array  # of the model of several modes, (n_rows, n_rates)
+    rivals: tuple[Rival, ...]  # with the same terms first, then with more of them
+    spread: Array  # standard deviations of the held-out rates
+    n_switches: int  # changes of the mode along the trajectories
+    constant: bool  # the surface gives one mode to all samples
+    # Errors where each sample has the mode that its own rates tell; None if they do not tell.
     told_by_rates: Array | None
+    # Modes that are nearly absent from the training part; their held-out rows are left out.
     untested: tuple[int, ...]
     settings: Judging = JUDGING
 

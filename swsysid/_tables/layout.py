@@ -40,30 +40,15 @@ READING = ReadingSettings()
 
 @dataclass(frozen=True)
 class Layout:
-    """How a text file is laid out; lines are counted from 0.
+    """How a text file is laid out; lines are counted from 0."""
 
-    Attributes
-    ----------
-    delimiter : str
-        A character, or ``WHITE``.
-    decimal : {".", ","}
-    names, units : tuple of str
-        Of the columns; a unit is "" where none is given.
-    header : int
-        The line that holds the names.
-    first : int
-        The first line of data.
-    numeric : tuple of bool
-        Whether the column holds numbers or times in most rows.
-    """
-
-    delimiter: str
+    delimiter: str  # a character, or WHITE
     decimal: str
     names: tuple[str, ...]
-    units: tuple[str, ...]
-    header: int
-    first: int
-    numeric: tuple[bool, ...]
+    units: tuple[str, ...]  # "" where none is given
+    header: int  # the line that holds the names
+    first: int  # the first line of data
+    numeric: tuple[bool, ...]  # whether most cells of a column are numbers or times
 
     def is_data(self, cells: Sequence[str]) -> bool:
         """True if the cells that should be numbers are, or are missing."""

@@ -21,28 +21,15 @@ class TableError(ValueError):
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a file, which may differ in length.
+    """Columns of a file, which may differ in length."""
 
-    Attributes
-    ----------
-    source : str
-        What the table was read from, for messages.
-    columns : mapping of str to ndarray of shape (n_rows,)
-        Floats, NaN where a value is missing, or text where a cell is not a number.
-    units : mapping of str to str
-        Units by column, from the user or a row of units; the others are read from the names.
-    rows : ndarray of shape (n_rows,) or None
-        The row of the file that each row of the table stands in, counted from 1; None where
-        that is 1, 2, 3, ...
-    remarks : tuple of str
-        What reading had to do or to leave out, in sentences.
-    """
-
-    source: str
+    source: str  # what the table was read from, for messages
+    # Floats, NaN where a value is missing; text where a cell is not a number.
     columns: Mapping[str, NDArray]
-    units: Mapping[str, str]
+    units: Mapping[str, str]  # of the user or a row of units; others are read from the names
+    # The row of the file in which each row stands, counted from 1; None where that is 1, 2, 3, ...
     rows: NDArray[np.intp] | None = None
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # what reading had to do or to leave out
 
     def resolve(self, name: str) -> str:
         """The column called `name`, with or without its bracketed unit and its struct."""

@@ -15,8 +15,13 @@ TREES = {
     for path in sorted(PACKAGE.rglob("*.py"))
 }
 # What may remain; to be lowered with every place that is mended.
-MOST_UNTYPED = 450
-MOST_PRIVATE = 39
+MOST_UNTYPED = 297
+REMAINING_PRIVATE = {
+    "_adopt", "_climb", "_feature_map", "_fit", "_fitted_coef", "_n_targets", "_one_target",
+    "_store",
+}  # fmt: skip
+# Rooms that know the types of all that they hold.
+TYPED = {"_cli", "_tables", "_losses", "_noise", "_search"}
 OWN = {"self", "cls"}
 
 
@@ -50,9 +55,14 @@ def test_open_types_and_lookups_by_name_only_shrink():
     assert len(found) <= MOST_UNTYPED, "\n".join(found)
 
 
+def test_rooms_without_open_types_stay_so():
+    assert not [place for place in _found(_untyped) if place.split("/")[0] in TYPED]
+
+
 def test_private_attributes_of_others_only_shrink():
     found = _found(_private)
-    assert len(found) <= MOST_PRIVATE, "\n".join(found)
+    assert len(found) <= len(REMAINING_PRIVATE), "\n".join(found)
+    assert {place.split()[1] for place in found} <= REMAINING_PRIVATE
 
 
 def test_the_rules_catch_what_they_forbid():
