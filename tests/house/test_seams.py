@@ -21,7 +21,7 @@ REMAINING_PRIVATE = {
     "_store",
 }  # fmt: skip
 # Rooms that know the types of all that they hold.
-TYPED = {"_cli", "_tables", "_losses", "_noise", "_search"}
+TYPED = {"_cli", "_losses", "_tables"}
 OWN = {"self", "cls"}
 
 
