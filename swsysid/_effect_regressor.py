@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
 from swsysid._checks.arrays import column
-from swsysid._checks.estimators import check_fitted, known_rows, rows_to_fit
+from swsysid._checks.estimators import check_fitted, column_names, known_rows, rows_to_fit
 from swsysid._checks.parameters import MOST_MODES, shown
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import ScoredByR2
@@ -207,9 +207,8 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         return records
 
     def _records(self, X, t, groups, signals) -> Records:
-        names = getattr(self, "feature_names_in_", [f"x{i}" for i in range(X.shape[1])])
         return make_records(
-            X, self._n_targets, t=t, groups=groups, signals=signals, names=list(names)
+            X, self._n_targets, t=t, groups=groups, signals=signals, names=column_names(self)
         )
 
 

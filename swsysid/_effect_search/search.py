@@ -12,7 +12,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
 from sklearn.model_selection import check_cv
 
-from swsysid._checks.estimators import check_fitted, known_velocities, rows_to_fit
+from swsysid._checks.estimators import check_fitted, column_names, known_velocities, rows_to_fit
 from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import explained
@@ -144,7 +144,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         X, y = rows_to_fit(self, X, y)
         targets = y.reshape(len(y), -1)
         self._one_target = y.ndim == 1
-        names = list(getattr(self, "feature_names_in_", [f"x{i}" for i in range(X.shape[1])]))
+        names = column_names(self)
         records = make_records(X, targets.shape[1], t=t, groups=groups, signals=frame, names=names)
         self._trajectory_names = None if groups is None else np.unique(groups)
         seed = 0 if self.random_state is None else self.random_state

@@ -7,11 +7,9 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Parameter, Place, figure, quantile_levels, spread
+from swsysid.effects._settings import SETTINGS
 
 __all__ = ["DeadZone", "GainChange", "Overflow", "PowerLaw", "Saturation"]
-
-_N_LEVELS = 24
-_NARROW = 0.03
 
 
 def _sides(records: Records, place: Place) -> list[Array]:
@@ -33,8 +31,8 @@ def _widths(records: Records, place: Place) -> Array:
         return np.empty(0)
     highest = min(np.quantile(side, 0.95) for side in used)
     # narrower than that is friction, or nothing the samples could show
-    lowest = max(np.quantile(np.abs(values), 0.03), _NARROW * spread(values))
-    return np.linspace(lowest, highest, _N_LEVELS) if lowest < highest else np.empty(0)
+    lowest = max(np.quantile(np.abs(values), 0.03), SETTINGS.narrow * spread(values))
+    return np.linspace(lowest, highest, SETTINGS.n_levels) if lowest < highest else np.empty(0)
 
 
 class _TwoSided(Effect):
@@ -127,7 +125,7 @@ class Overflow(Effect):
         return records.states
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        levels = quantile_levels(records.channel(place), 0.04, 0.96, _N_LEVELS)
+        levels = quantile_levels(records.channel(place), 0.04, 0.96, SETTINGS.n_levels)
         return (Parameter("level", levels, "{channel}"),)
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:

@@ -7,18 +7,18 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Parameter, Place, figure, quantile_levels
+from swsysid.effects._settings import SETTINGS
 
 __all__ = ["AsymmetricFriction", "CoulombFriction", "QuadraticDrag", "StribeckFriction"]
-
-
-_FEWEST = 0.03  # share of the samples with each sign
 
 
 class _OfAState(Effect):
     def places(self, records: Records) -> list[int]:
         """States that take both signs."""
         shares = np.mean(np.sign(records.X) > 0, axis=0), np.mean(np.sign(records.X) < 0, axis=0)
-        return [state for state in records.states if min(s[state] for s in shares) >= _FEWEST]
+        return [
+            state for state in records.states if min(s[state] for s in shares) >= SETTINGS.rare_sign
+        ]
 
 
 class _Dry(_OfAState):

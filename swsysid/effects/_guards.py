@@ -14,6 +14,7 @@ from swsysid._data.records import Records
 from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
 from swsysid.effects._base import Place, figure, products
+from swsysid.effects._settings import SETTINGS
 from swsysid.effects._types import GuardEffect
 
 __all__ = ["Guard", "GuardHysteresis", "best_band", "guards_of"]
@@ -21,26 +22,6 @@ __all__ = ["Guard", "GuardHysteresis", "best_band", "guards_of"]
 Modes = NDArray[np.intp]
 Terms = tuple[tuple[int, ...], ...]
 Band = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class _Settings:
-    """How guards are looked for.
-
-    Agreements are shares of the rows. A term of a margin classifier that is a tenth of the
-    largest is its margin, not the plant's; one more term or a band must win a few rows in
-    thousands, which is what the modes themselves are wrong by next to a guard.
-    """
-
-    n_thresholds: int = 32  # scanned as ends of a band; refined by halves afterwards
-    n_refinements: int = 5  # a 32nd of the distance between two of them
-    worth_a_term: float = 0.0005
-    worth_a_band: float = 0.002
-    most_guards: int = 3
-    slight: float = 0.1
-
-
-_SETTINGS = _Settings()
 
 
 @dataclass(frozen=True)
@@ -196,7 +177,7 @@ def _guard_with_memory(records: Records, modes: Modes, terms: Terms, turns: bool
 def _main_terms(guard: Guard, records: Records) -> Terms:
     """Terms of a guard that matter."""
     sizes = np.abs(guard.weights) * _monomials(records.X, guard.terms).std(axis=0)
-    kept = sizes >= _SETTINGS.slight * sizes.max()
+    kept = sizes >= SETTINGS.slight * sizes.max()
     return tuple(term for term, keep in zip(guard.terms, kept, strict=True) if keep)
 
 
@@ -206,10 +187,10 @@ def _worthwhile(options: list[_Banded]) -> list[_Banded]:
     for option in sorted(options, key=lambda one: (len(one.guard.terms), -one.agreement)):
         if chosen:
             more = len(option.guard.terms) - len(chosen[-1].guard.terms)
-            if option.agreement <= chosen[-1].agreement + _SETTINGS.worth_a_term * more:
+            if option.agreement <= chosen[-1].agreement + SETTINGS.worth_a_term * more:
                 continue
         chosen.append(option)
-    return chosen[-_SETTINGS.most_guards :]
+    return chosen[-SETTINGS.most_guards :]
 
 
 def _monomials(X: Array, terms: Terms) -> Array:
@@ -223,12 +204,12 @@ def _with_band(guard: Guard, records: Records, modes: Modes) -> _Banded:
     """The band of a guard that agrees best with the modes."""
     values, known = guard(records.X), modes >= 0
     sides = np.where(known, np.where(modes == guard.upper_mode, 1.0, -1.0), 0.0)
-    shares = np.linspace(0.02, 0.98, _SETTINGS.n_thresholds)
+    shares = np.linspace(0.02, 0.98, SETTINGS.n_thresholds)
     levels = np.unique(np.quantile(values[known], shares))
     pairs = [(low, high) for place, low in enumerate(levels) for high in levels[place:]]
     excess, band = best_band(pairs, records, values, sides)
     step = 0.5 * float(np.max(np.diff(levels), initial=0.0))
-    for _ in range(_SETTINGS.n_refinements):
+    for _ in range(SETTINGS.n_halvings):
         lows, highs = ((edge - step, edge, edge + step) for edge in band)
         ordered = [pair for pair in product(lows, highs) if pair[0] <= pair[1]]
         excess, band = best_band(ordered, records, values, sides)
@@ -265,7 +246,7 @@ def _needs_its_band(one: _Banded, records: Records, modes: Modes) -> bool:
     above = np.where(modes[known] == guard.upper_mode, 1.0, -1.0)[np.argsort(values)]
     single = 0.5 + 0.5 * np.abs(2.0 * np.cumsum(above) - above.sum()).max() / len(above)
     agreement = np.mean(guard.modes(records, *one.band)[known] == modes[known])
-    return bool(agreement > single + _SETTINGS.worth_a_band)
+    return bool(agreement > single + SETTINGS.worth_a_band)
 
 
 def _remembered(records: Records, values: Array, low: float, high: float) -> Array:

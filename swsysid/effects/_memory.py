@@ -13,10 +13,9 @@ from scipy.signal import lfilter
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Parameter, Place, figure, spread
+from swsysid.effects._settings import SETTINGS
 
 __all__ = ["Backlash", "Delay", "Lag", "play"]
-
-_LONGEST = 40  # samples
 
 
 def _usual_duration(records: Records) -> float:
@@ -70,7 +69,7 @@ class Delay(_Remembering):
         return "either" if place in records.inputs else "instead"
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        longest = min(_LONGEST * records.step, 0.25 * _usual_duration(records))
+        longest = min(SETTINGS.longest_delay * records.step, 0.25 * _usual_duration(records))
         count = max(int(2 * longest / records.step), 2)
         return (Parameter("delay", np.linspace(0.5 * records.step, longest, count), "{time}"),)
 

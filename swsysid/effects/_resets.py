@@ -12,14 +12,12 @@ from scipy import stats
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Place, figure
+from swsysid.effects._settings import SETTINGS
 from swsysid.effects._types import ResetEffect
 
 __all__ = ["Reset"]
 
 Modes = NDArray[np.intp]
-
-_FEWEST_JUMPS = 5
-_SAME_CROSSING = 0.7  # share of the jumps; the others are gaps of the record
 
 
 class Reset(ResetEffect):
@@ -98,6 +96,6 @@ def _jumps(records: Records, velocity: Array, modes: Modes, target: int) -> _Jum
         return None
     crossing = max(set(crossings), key=crossings.count)
     kept = np.array([one == crossing for one in crossings])
-    if kept.mean() < _SAME_CROSSING or kept.sum() < _FEWEST_JUMPS:
+    if kept.mean() < SETTINGS.same_crossing or kept.sum() < SETTINGS.fewest_jumps:
         return None
     return _Jumps(np.array(before)[kept], np.array(after)[kept], crossing)

@@ -9,13 +9,10 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Parameter, Place, figure, spread
+from swsysid.effects._settings import SETTINGS
 from swsysid.effects._types import MeasurementEffect
 
 __all__ = ["ClockLag", "SensorOffset"]
-
-_OFFSETS = np.geomspace(0.005, 0.5, 8)  # of the range of the state
-_DELAYS = np.arange(0.0, 16.0)  # steps of the record
-_MISMATCH = 0.6  # of the squares of state and velocity that a late sensor leaves
 
 
 class SensorOffset(MeasurementEffect):
@@ -25,7 +22,8 @@ class SensorOffset(MeasurementEffect):
     meaning = "the sensor of {channel} has an offset"
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        sizes = _OFFSETS * (spread(records.channel(place)) or 1.0)
+        shares = np.geomspace(SETTINGS.smallest_offset, SETTINGS.largest_offset, SETTINGS.n_offsets)
+        sizes = shares * (spread(records.channel(place)) or 1.0)
         return (Parameter("offset", np.concatenate([-sizes[::-1], [0.0], sizes]), "{channel}"),)
 
     def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
@@ -47,7 +45,7 @@ class ClockLag(MeasurementEffect):
     needs = frozenset({"order"})
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        return (Parameter("delay", _DELAYS * records.step, "{time}"),)
+        return (Parameter("delay", _delays(records), "{time}"),)
 
     def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
         return f"{names[place]} is recorded late, by {figure(theta[0])}; the laws have it on time"
@@ -64,9 +62,9 @@ class ClockLag(MeasurementEffect):
             return False
         errors = [
             _mismatch(self.corrected(records, place, delay), place, velocities[:, place], discrete)
-            for delay in _DELAYS * records.step
+            for delay in _delays(records)
         ]
-        return min(errors) < _MISMATCH * errors[0]
+        return min(errors) < SETTINGS.mismatch * errors[0]
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
         return _read_later(records, place, theta[0])
@@ -76,6 +74,10 @@ class ClockLag(MeasurementEffect):
 
     def instants(self, t: Array, *theta: float) -> Array:
         return t - theta[0]
+
+
+def _delays(records: Records) -> Array:
+    return np.arange(float(SETTINGS.latest)) * records.step
 
 
 def _read_later(records: Records, channel: int, later: float) -> Records:

@@ -9,10 +9,9 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Place, products
+from swsysid.effects._settings import SETTINGS
 
 __all__ = ["Bias", "Drift", "InputCoupling", "Polynomial"]
-
-_MOST_MONOMIALS = 60
 
 
 class Bias(Effect):
@@ -59,7 +58,7 @@ class Polynomial(Effect):
             for power in range(self.degree + 1, self.power + 1)
             for channel in channels
         ]
-        return (listed + powers)[: _MOST_MONOMIALS + len(powers)]
+        return (listed + powers)[: SETTINGS.most_monomials + len(powers)]
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return (label,)

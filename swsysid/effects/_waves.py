@@ -9,13 +9,9 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Parameter, Place, figure, spread
+from swsysid.effects._settings import SETTINGS
 
 __all__ = ["PeriodicForcing", "Trigonometric"]
-
-_MOST_FREQUENCIES = 4000
-_PER_PEAK = 2.5  # frequencies scanned in the width of a peak, one over the duration
-_FASTEST = 0.25  # of the sampling rate
-_FEWEST_PERIODS = 5.0  # of all trajectories together: fewer are a drift or a slow feedback
 
 
 class _Wave(Effect):
@@ -80,10 +76,12 @@ class PeriodicForcing(_Wave):
         """Frequencies from one period in a trajectory, five in all, to a quarter of the rate."""
         assert records.t is not None
         duration = float(np.ptp(records.t)) or 1.0
-        fastest = _FASTEST / records.step
-        count = int(np.clip(_PER_PEAK * fastest * duration, 2, _MOST_FREQUENCIES))
+        fastest = SETTINGS.fastest / records.step
+        count = int(
+            np.clip(SETTINGS.frequencies_a_peak * fastest * duration, 2, SETTINGS.most_frequencies)
+        )
         lengths = [float(np.ptp(records.t[rows])) for rows in records.trajectories]
-        slowest = max(0.7 / (max(lengths) or 1.0), _FEWEST_PERIODS / (sum(lengths) or 1.0))
+        slowest = max(0.7 / (max(lengths) or 1.0), SETTINGS.fewest_periods / (sum(lengths) or 1.0))
         if slowest >= fastest:
             return (Parameter("frequency", np.empty(0), "1/{time}"),)
         return (Parameter("frequency", np.linspace(slowest, fastest, count), "1/{time}"),)

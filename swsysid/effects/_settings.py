@@ -1,0 +1,48 @@
+"""Where the effects of the library are looked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["SETTINGS", "EffectSettings"]
+
+
+@dataclass(frozen=True)
+class EffectSettings:
+    """Ranges and resolutions of scans; the best value is refined between its neighbours."""
+
+    # -- static characteristics ------------------------------------------------------------------
+    n_levels: int = 24  # of a threshold
+    narrow: float = 0.03  # of a channel's range: narrower than that, a dead zone is friction
+    rare_sign: float = 0.03  # share of the samples: a velocity with fewer of one sign has one sign
+    most_monomials: int = 60  # in several channels
+
+    # -- time and memory -------------------------------------------------------------------------
+    most_frequencies: int = 4000
+    frequencies_a_peak: float = 2.5  # scanned in the width of a peak, one over the duration
+    fastest: float = 0.25  # of the sampling rate
+    fewest_periods: float = 5.0  # in all trajectories: fewer are a drift or a slow feedback
+    longest_delay: int = 40  # steps of the record
+
+    # -- sensors ---------------------------------------------------------------------------------
+    smallest_offset: float = 0.005  # of the range of the state
+    largest_offset: float = 0.5
+    n_offsets: int = 8  # of each sign
+    latest: int = 16  # steps of the record, for a late sensor
+    mismatch: float = 0.6  # of the squares of state and velocity that a late sensor leaves
+
+    # -- resets ----------------------------------------------------------------------------------
+    fewest_jumps: int = 5
+    same_crossing: float = 0.7  # share of the jumps; the others are gaps of the record
+
+    # -- guards with memory, agreements as shares of the rows ------------------------------------
+    n_thresholds: int = 32  # scanned as ends of a band
+    n_halvings: int = 5  # of the distance between two of them, to refine the band
+    # Modes are wrong on a few rows in thousands next to a guard.
+    worth_a_term: float = 0.0005
+    worth_a_band: float = 0.002
+    most_guards: int = 3
+    slight: float = 0.1  # of the largest term: less is the classifier's margin, not the plant's
+
+
+SETTINGS = EffectSettings()
