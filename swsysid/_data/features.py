@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from itertools import combinations
-from math import comb
+from math import comb, prod
 
 import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin, clone
@@ -19,7 +19,6 @@ __all__ = [
     "FunctionLibrary",
     "Monomials",
     "check_degree",
-    "monomials_at",
     "refuse_many_features",
 ]
 
@@ -153,11 +152,6 @@ def _default_formats(functions) -> list[str]:
     ]
 
 
-def monomials_at(point: np.ndarray, powers: np.ndarray) -> np.ndarray:
-    """Monomials with exponents `powers` (n_monomials, n_columns) at one point."""
-    return np.multiply.reduce(point**powers, axis=1)
-
-
 class Monomials:
     """Monomials with exponents `powers` (n_monomials, n_columns), column by column.
 
@@ -166,12 +160,14 @@ class Monomials:
 
     Examples
     --------
-    >>> Monomials(np.array([[0, 0], [1, 0], [1, 2]]))(np.array([[2.0, 3.0]]))
-    array([[ 1.,  2., 18.]])
+    >>> monomials = Monomials(np.array([[0, 0], [1, 0], [1, 2]]))
+    >>> monomials(np.array([[2.0, 3.0]])), monomials.at(np.array([2.0, 3.0]))
+    (array([[ 1.,  2., 18.]]), array([ 1.,  2., 18.]))
     """
 
     def __init__(self, powers: np.ndarray):
-        self.factors = [np.repeat(np.arange(powers.shape[1]), row) for row in powers]
+        columns = np.arange(powers.shape[1])
+        self.factors = [np.repeat(columns, row).tolist() for row in powers]
         places = {tuple(factors): place for place, factors in enumerate(self.factors)}
         # the monomial without its first factor, if it comes earlier
         rest = [places.get(tuple(factors[1:])) for factors in self.factors]
@@ -179,6 +175,11 @@ class Monomials:
             earlier if earlier is not None and earlier < place else None
             for place, earlier in enumerate(rest)
         ]
+
+    @classmethod
+    def up_to(cls, degree: int, n_columns: int) -> Monomials:
+        """All monomials up to a degree, in the order of scikit-learn."""
+        return cls(PolynomialFeatures(degree).fit(np.zeros((1, n_columns))).powers_)
 
     def __call__(self, X: np.ndarray) -> np.ndarray:
         """Values at the rows of `X`, shape (n_samples, n_monomials)."""
@@ -190,6 +191,16 @@ class Monomials:
             else:
                 np.multiply(columns[factors[0]], values[rest], out=out)
         return values.T
+
+    def at(self, point: np.ndarray) -> np.ndarray:
+        """Values at one point, (n_columns,) -> (n_monomials,): the same numbers, much sooner."""
+        columns, values = point.tolist(), []
+        for factors, rest in zip(self.factors, self.rest, strict=True):
+            if rest is None:
+                values.append(prod(columns[factor] for factor in factors[::-1]))
+            else:
+                values.append(columns[factors[0]] * values[rest])
+        return np.array(values, dtype=float)
 
 
 class FeatureMap:
@@ -217,23 +228,16 @@ class FeatureMap:
         self.n_features_out = features.shape[1]
         self.sizes = np.abs(features).max(axis=0)  # what a coefficient of each can amount to
         self._refuse_out_of_reach()
-        self._powers = getattr(self.library, "powers_", None)  # of a polynomial library
 
     def at(self, point: np.ndarray) -> np.ndarray:
         """Phi at one point, (n_features_in,) -> (n_features_out,), without checks.
 
         A simulation asks for one point at a time, where a transformer's checks cost more than
-        its work; monomials are evaluated from their exponents.
+        its work.
         """
-        if self._powers is not None:
-            return monomials_at(point, self._powers)
+        if self._monomials is not None:
+            return self._monomials.at(point)
         return np.asarray(self.library.transform(point[None, :]), dtype=float)[0]
-
-    def at_rows(self, X: np.ndarray) -> np.ndarray:
-        """Phi at rows without checks of the values of monomials, which may overflow."""
-        if self._powers is None:
-            return self(X)
-        return (self._monomials or Monomials(self._powers))(X)
 
     @property
     def names_out(self) -> np.ndarray:
@@ -249,12 +253,7 @@ class FeatureMap:
 
     def __call__(self, X) -> np.ndarray:
         """Phi(X), shape (n_samples, n_features_out), a plain array of finite floats."""
-        # What overflows, or has no value, is refused below.
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            if self._monomials is not None and isinstance(X, np.ndarray):
-                features = self._monomials(X)
-            else:
-                features = np.asarray(self.library.transform(X), dtype=float)
+        features = self.at_rows(X)
         if features.ndim != 2 or len(features) != len(X):
             raise ValueError(
                 f"feature_library returned an array of shape {features.shape} for {len(X)} "
@@ -266,6 +265,13 @@ class FeatureMap:
                 "range of the data."
             )
         return features
+
+    def at_rows(self, X) -> np.ndarray:
+        """Phi(X) as it comes, also where it overflows or has no value."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            if self._monomials is not None and isinstance(X, np.ndarray):
+                return self._monomials(X)
+            return np.asarray(self.library.transform(X), dtype=float)
 
     def _refuse_out_of_reach(self) -> None:
         sizes = self.sizes
@@ -297,8 +303,12 @@ def refuse_many_features(name: str, n_features: int) -> None:
 
 
 def _monomials_of(library) -> Monomials | None:
-    """All monomials up to a degree, if that is what a library is."""
-    return Monomials(library.powers_) if type(library) is PolynomialFeatures else None
+    """Monomials, if that is what a library of scikit-learn or PySINDy makes."""
+    kind = type(library)
+    known = kind is PolynomialFeatures or (
+        kind.__name__ == "PolynomialLibrary" and kind.__module__.startswith("pysindy.")
+    )
+    return Monomials(library.powers_) if known else None
 
 
 def _as_transformer(library, n_columns: int):

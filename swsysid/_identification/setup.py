@@ -168,8 +168,10 @@ def checked_rows(
     blocks = row_blocks(X, y, sample_weight, groups)
     first, target = (X, y) if hasattr(X, "shape") else (X[0], y[0])
     names = first[:1] if hasattr(first, "columns") else np.zeros((1, np.shape(first)[1]))
+    one_target = len(np.shape(target)) == 1
+    del first, target  # they may be blocks, of which one at a time is in memory
     validate_data(estimator, names)
-    return TrainingRows.of(blocks, settings), len(np.shape(target)) == 1
+    return TrainingRows.of(blocks, settings), one_target
 
 
 def _resolve_coupling(coupling: float | str, surface: Any) -> float:

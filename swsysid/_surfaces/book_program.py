@@ -11,15 +11,11 @@ from sklearn.exceptions import ConvergenceWarning
 
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array, IdentificationWarning, Status
-from swsysid._surfaces.hinge import MarginProgram, least_squares
+from swsysid._surfaces.hinge import SETTINGS, MarginProgram, least_squares
 from swsysid._surfaces.margin_program import SurfaceFit, fit_programs
 from swsysid._surfaces.mode_books import candidate_books, decisions, disagreement, pairwise_book
 
 __all__ = ["choose_mode_book", "fit_mode_book", "surface_scale", "warn_if_doubtful"]
-
-# Rows that decide about the mode-book, and the accuracy that many surfaces must gain over few.
-_DECIDING = 1000
-_WORTH = 0.02
 
 
 def fit_mode_book(
@@ -39,21 +35,7 @@ def fit_mode_book(
     Books share surfaces (a column of signs), and each is fitted once, to the rows of the modes
     that it separates.
 
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_surface_features)
-    labels : ndarray of shape (n_samples,), int in 0 .. n_modes - 1
-    weight : ndarray of shape (n_samples,)
-    books : sequence of ndarray of shape (n_modes, n_surfaces)
-    margin, beta, bound, solver
-        As in `fit_surface`.
-    starts : sequence of ndarray of shape (n_surface_features,)
-        As in `fit_programs`.
-
-    Returns
-    -------
-    book : ndarray of shape (n_modes, n_surfaces)
-    fits : list of SurfaceFit
+    `labels` are 0 .. n_modes - 1, `starts` as in `fit_programs`, the rest as in `fit_surface`.
     """
     if len(starts) and np.shape(starts)[1] != features.shape[1]:
         raise ValueError(
@@ -104,18 +86,18 @@ def choose_mode_book(
     some = features[rows], labels[rows], weight[rows] * share
     few, fits = fit_mode_book(*some, books, *program)
     accuracy = _merit(*some, few, fits)[0]
-    if accuracy > 1.0 - _WORTH:
+    if accuracy > 1.0 - SETTINGS.worth:
         return few
     many, fits = fit_mode_book(*some, [pairwise_book(n_modes)], *program)
-    return many if _merit(*some, many, fits)[0] > accuracy + _WORTH else few
+    return many if _merit(*some, many, fits)[0] > accuracy + SETTINGS.worth else few
 
 
 def _some_of_each(labels: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
     """Rows spread over every mode, and the number of rows that each stands for."""
     members = [np.flatnonzero(labels == mode) for mode in np.unique(labels)]
-    if len(labels) <= _DECIDING:
+    if len(labels) <= SETTINGS.deciding:
         return np.arange(len(labels)), np.ones(len(labels))
-    quota = _DECIDING // len(members)
+    quota = SETTINGS.deciding // len(members)
     chosen = [rows[spread_rows(len(rows), min(quota, len(rows)))] for rows in members]
     share = [
         np.full(len(some), len(rows) / len(some))

@@ -19,30 +19,19 @@ from numpy.typing import NDArray
 
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
+from swsysid._surfaces.settings import MarginSettings
 
 __all__ = ["MarginProgram", "approach", "best_multiple", "least_squares"]
 
-_LARGE, _COARSENING = 10_000, 8
-# A smoothing width is done when Newton promises less than this share of the value.
-_SETTLED = 1e-4
-_MAX_NEWTON = 10
-_MAX_SECANTS = 15
+SETTINGS = MarginSettings()
 
 
 @dataclass(frozen=True)
 class MarginProgram:
-    """The margin LP of one surface.
+    """The margin LP of one surface."""
 
-    Attributes
-    ----------
-    signed : ndarray of shape (n_samples, n_surface_features)
-        Features of every row times the row's sign.
-    weight : ndarray of shape (n_samples,), positive
-    margin, beta, bound : float
-    """
-
-    signed: Array
-    weight: Array
+    signed: Array  # (n_samples, n_surface_features), features of every row times the row's sign
+    weight: Array  # (n_samples,), positive
     margin: float
     beta: float
     bound: float
@@ -94,30 +83,32 @@ def least_squares(features: Array, targets: Array, weight: Array) -> Array:
     return np.asarray(np.linalg.solve(gram, moments), dtype=float)
 
 
-def approach(program: MarginProgram, start: Array | None = None) -> Array:
+def approach(
+    program: MarginProgram, start: Array | None = None, settings: MarginSettings = SETTINGS
+) -> Array:
     """Coefficients in the box near the optimum, from `start` or from least squares.
 
     Large programs without a start take one from an eighth of their rows. Where it is good, most
     rows stay on their side of the kink from then on, and a program of the nearest ones will do.
     """
     n_samples = len(program.weight)
-    if n_samples <= _LARGE:
+    if n_samples <= settings.large:
         if start is not None:
-            return _descend(program, start, n_samples // 16)
+            return _descend(program, start, n_samples // 16, settings)
         start = least_squares(program.signed, np.ones(n_samples), program.weight)[:, 0]
-        return _descend(program, start, n_samples // 4)
-    n_some = n_samples // _COARSENING
+        return _descend(program, start, n_samples // 4, settings)
+    n_some = n_samples // settings.coarsening
     if start is None:
-        start = approach(program.subset(spread_rows(n_samples, n_some)))
+        start = approach(program.subset(spread_rows(n_samples, n_some)), settings=settings)
     near = program.near(start, n_some)
-    coef = _descend(near, start, n_some // 16)
+    coef = _descend(near, start, n_some // 16, settings)
     value = program.objective(coef, program.signed @ coef)
-    if value - near.objective(coef, near.signed @ coef) <= _SETTLED * value:
+    if value - near.objective(coef, near.signed @ coef) <= settings.descended * value:
         return coef
-    return _descend(program, start, n_samples // 16)
+    return _descend(program, start, n_samples // 16, settings)
 
 
-def _descend(program: MarginProgram, start: Array, n_near: int) -> Array:
+def _descend(program: MarginProgram, start: Array, n_near: int, settings: MarginSettings) -> Array:
     """Newton's method on smoothed programs.
 
     The width of the smoothing is the distance of the n-th nearest row from its kink, and shrinks
@@ -130,7 +121,7 @@ def _descend(program: MarginProgram, start: Array, n_near: int) -> Array:
     while True:
         distance = np.abs(program.margin - program.signed @ coef)
         width = max(np.partition(distance, n_near)[n_near], 1e-9 * program.margin)
-        coef = _settle(program, coef, width)
+        coef = _minimise_smoothed(program, coef, width, settings)
         if n_near <= fewest:
             return coef
         n_near = max(n_near // 4, fewest)
@@ -153,11 +144,13 @@ def best_multiple(program: MarginProgram, direction: Array) -> Array:
     return direction * (program.margin / margins[ahead[turn]])
 
 
-def _settle(program: MarginProgram, coef: Array, width: float) -> Array:
+def _minimise_smoothed(
+    program: MarginProgram, coef: Array, width: float, settings: MarginSettings
+) -> Array:
     """Newton's method on F smoothed over `width`, from `coef`."""
     roundness = max(1e-2 * width / program.margin * np.abs(coef).max(), 1e-9)
     shortfall = program.margin - program.signed @ coef
-    for _ in range(_MAX_NEWTON):
+    for _ in range(settings.newton_steps):
         gradient, hessian = _derivatives(program, coef, shortfall, width, roundness)
         # A coefficient at the box stays there while F falls outwards.
         free = np.flatnonzero((np.abs(coef) < program.bound) | (gradient * coef > 0.0))
@@ -172,10 +165,13 @@ def _settle(program: MarginProgram, coef: Array, width: float) -> Array:
             bend = moved / np.sqrt(moved**2 + roundness**2)
             return float(program.beta * (bend @ step) - pull @ closing)
 
-        length = _line_minimum(slope_at, slope, _room(coef, step, program.bound))
+        longest = _room(coef, step, program.bound)
+        length = _line_minimum(slope_at, slope, longest, settings.secant_steps)
         coef = np.clip(coef + length * step, -program.bound, program.bound)
         shortfall = program.margin - program.signed @ coef
-        if -length * slope <= _SETTLED * program.objective(coef, program.margin - shortfall):
+        if -length * slope <= settings.descended * program.objective(
+            coef, program.margin - shortfall
+        ):
             break
     return coef
 
@@ -211,7 +207,9 @@ def _room(coef: Array, step: Array, bound: float) -> float:
     return float(min(1.0, room.min(initial=1.0)))
 
 
-def _line_minimum(slope_at: Callable[[float], float], slope: float, longest: float) -> float:
+def _line_minimum(
+    slope_at: Callable[[float], float], slope: float, longest: float, most_steps: int
+) -> float:
     """Where a convex function on [0, longest] has about its minimum: secants on its slope.
 
     Few rows near their kinks leave directions without curvature, in which Newton's step is far
@@ -221,7 +219,7 @@ def _line_minimum(slope_at: Callable[[float], float], slope: float, longest: flo
     if slope_high <= 0.0:
         return longest
     length = longest
-    for _ in range(_MAX_SECANTS):
+    for _ in range(most_steps):
         length = low - slope_low * (high - low) / (slope_high - slope_low)
         found = slope_at(length)
         if abs(found) <= 0.1 * abs(slope):

@@ -20,7 +20,8 @@ from scipy.sparse import block_diag
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array, Status
 from swsysid._solvers.conic import linear_program, require_solution
-from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
+from swsysid._surfaces.hinge import SETTINGS, MarginProgram, approach, best_multiple
+from swsysid._surfaces.settings import MarginSettings
 
 __all__ = [
     "SurfaceFit",
@@ -28,16 +29,6 @@ __all__ = [
     "fit_surface",
     "worst_status",
 ]
-
-# Programs up to this many rows are solved whole: HiGHS then needs less time than a start.
-_SMALL = 200
-_MAX_ROUNDS = 100
-# Small programs that are solved together, and rows that decide which start is the best.
-_TOGETHER = 50
-_DECIDING = 500
-# Relative duality gaps: below the first nothing is left to do, above the second is a warning.
-_TIGHT = 1e-9
-_ACCEPTED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -146,26 +137,8 @@ def fit_surface(
     restricted value is a lower bound, and the answer is optimal for the *whole* program once
     all rows agree with the side they were given. `lower_bound` proves it.
 
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_surface_features)
-    signs : ndarray of shape (n_samples,), -1 or +1
-    weight : ndarray of shape (n_samples,), positive
-    margin, beta, bound : float
-        The paper's epsilon > 0, beta >= 0 and eta > 0.
-    solver : str
-    start : ndarray of shape (n_surface_features,), optional
-        Coefficients near the optimum, such as those of an earlier fit to similar signs. It
-        changes the time only.
-
-    Returns
-    -------
-    SurfaceFit
-
-    Raises
-    ------
-    SolverError
-        If the solver is missing or returns nothing.
+    `features` are (n_samples, n_surface_features), `signs` -1 or +1; `margin`, `beta` and `bound`
+    are the paper's epsilon, beta and eta. A `start` near the optimum changes the time only.
 
     Examples
     --------
@@ -182,26 +155,22 @@ def fit_surface(
 
 
 def fit_programs(
-    programs: Iterable[MarginProgram], solver: str = "auto", starts: Sequence[Array] | Array = ()
+    programs: Iterable[MarginProgram],
+    solver: str = "auto",
+    starts: Sequence[Array] | Array = (),
+    settings: MarginSettings = SETTINGS,
 ) -> list[SurfaceFit]:
     """Solve independent margin LPs exactly, the small ones together.
 
-    Parameters
-    ----------
-    programs : iterable of MarginProgram
-    solver : str
-    starts : sequence of ndarray of shape (n_surface_features,)
-        Surfaces one of which, or its negative, may be near a wanted one.
-
-    Returns
-    -------
-    list of SurfaceFit
+    `starts` are surfaces one of which, or its negative, may be near a wanted one.
     """
-    growing = [_WorkingSet(program, _nearest(program, starts)) for program in programs]
+    growing = [
+        _WorkingSet(program, _nearest(program, starts, settings), settings) for program in programs
+    ]
     pending = growing
-    for _ in range(_MAX_ROUNDS):
-        for first in range(0, len(pending), _TOGETHER):
-            some = pending[first : first + _TOGETHER]
+    for _ in range(settings.max_rounds):
+        for first in range(0, len(pending), settings.together):
+            some = pending[first : first + settings.together]
             answers = _solve_together([one.restricted() for one in some], solver)
             for one, answer in zip(some, answers, strict=True):
                 one.grow(*answer)
@@ -211,16 +180,18 @@ def fit_programs(
     return [one.fit() for one in growing]
 
 
-def _nearest(program: MarginProgram, starts: Sequence[Array] | Array) -> Array | None:
+def _nearest(
+    program: MarginProgram, starts: Sequence[Array] | Array, settings: MarginSettings
+) -> Array | None:
     """The best of some surfaces and their negatives.
 
     None if the zero surface is better, and for small programs, which need no start.
     """
     n_samples = len(program.weight)
-    if n_samples <= _SMALL or len(starts) == 0:
+    if n_samples <= settings.small or len(starts) == 0:
         return None
-    if n_samples > _DECIDING:
-        program = program.subset(spread_rows(n_samples, _DECIDING))
+    if n_samples > settings.deciding:
+        program = program.subset(spread_rows(n_samples, settings.deciding))
     both = np.concatenate([starts, np.negative(starts)])
     slack = np.maximum(0.0, program.margin - program.signed @ both.T)
     values = program.weight @ slack + program.beta * np.abs(both).sum(axis=1)
@@ -231,17 +202,14 @@ def _nearest(program: MarginProgram, starts: Sequence[Array] | Array) -> Array |
 class _WorkingSet:
     """Restricted programs on a growing working set, until the duality gap closes."""
 
-    def __init__(self, program: MarginProgram, start: Array | None):
+    def __init__(self, program: MarginProgram, start: Array | None, settings: MarginSettings):
         n_samples, n_features = program.signed.shape
-        self.program, self.finished = program, False
-        self.is_free = np.zeros(n_samples, dtype=bool)
-        if n_samples <= _SMALL:
-            self.coef = np.zeros(n_features)
-            self.is_free[:] = True
-        else:
-            self.coef = approach(program, start)
+        self.program, self.settings, self.finished = program, settings, False
+        is_small = n_samples <= settings.small
+        self.is_free = np.full(n_samples, is_small)
+        self.coef = np.zeros(n_features) if is_small else approach(program, start, settings)
         margins = program.signed @ self.coef
-        if n_samples > _SMALL:
+        if not is_small:
             size = min(n_samples, 6 * n_features + 30)
             self.is_free[np.argpartition(np.abs(margins - program.margin), size - 1)[:size]] = True
         self.multipliers = np.where(margins < program.margin, program.weight, 0.0)
@@ -253,7 +221,9 @@ class _WorkingSet:
     def is_tight(self) -> bool:
         """True if there is nothing left to do."""
         negligible = 1e-12 * self.program.margin * self.largest
-        return self.objective - self.lower_bound <= _TIGHT * self.objective + negligible
+        return (
+            self.objective - self.lower_bound <= self.settings.tight * self.objective + negligible
+        )
 
     def restricted(self) -> _Restricted:
         rows = np.flatnonzero(self.is_free)
@@ -277,18 +247,18 @@ class _WorkingSet:
         self.scale = finer
 
     def fit(self) -> SurfaceFit:
-        """The surface found."""
         coef, objective = self.coef, self.objective
         if not self.is_tight:
-            coef, objective = _polished(self.program, coef, objective)
+            coef, objective = _at_best_multiple(self.program, coef, objective)
         gap = objective - self.lower_bound
         # Where the optimum is 0 there is no relative gap: a billionth of a margin is none.
-        accepted = gap <= _ACCEPTED * objective + 1e-9 * self.program.margin * self.largest
+        floor = 1e-9 * self.program.margin * self.largest
+        accepted = gap <= self.settings.accepted * objective + floor
         status = Status.OPTIMAL if accepted else Status.INACCURATE
         return SurfaceFit(coef, objective, self.lower_bound, self.multipliers, status)
 
 
-def _polished(program: MarginProgram, coef: Array, objective: float) -> tuple[Array, float]:
+def _at_best_multiple(program: MarginProgram, coef: Array, objective: float) -> tuple[Array, float]:
     """A multiple of the coefficients without the solver's last tiny violations, if it is better."""
     scaled = np.clip(best_multiple(program, coef), -program.bound, program.bound)
     value = program.objective(scaled, program.signed @ scaled)

@@ -10,15 +10,10 @@ from numpy.typing import NDArray
 
 from swsysid._results import Array, Status
 from swsysid._solvers.conic import linear_program, require_solution
-from swsysid._surfaces.hinge import least_squares
+from swsysid._surfaces.hinge import SETTINGS, least_squares
 from swsysid._surfaces.margin_program import SurfaceFit, fit_surface, worst_status
 
 __all__ = ["MarginCertificate", "certify_margin", "max_margin", "nonzero_margin"]
-
-_MAX_ROUNDS = 100
-# Relative duality gaps: below the first nothing is left to do, above the second is a warning.
-_TIGHT = 1e-9
-_ACCEPTED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -87,16 +82,16 @@ def max_margin(
     negligible = 1e-12 * bound * float(np.abs(signed).max(initial=0.0))
     margins, working = signed @ start, np.zeros(n_samples, dtype=bool)
     upper = np.inf
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(SETTINGS.max_rounds):
         candidates = np.flatnonzero(~working & (margins < upper))
         size = max(6 * n_features + 30, int(working.sum()))
         working[candidates[np.argsort(margins[candidates])[:size]]] = True
         upper, coef = _max_margin_of(signed[working], bound, solver)
         margins = signed @ coef
         gap = upper - margins.min()
-        if gap <= _TIGHT * upper + negligible or working[margins < upper].all():
+        if gap <= SETTINGS.tight * upper + negligible or working[margins < upper].all():
             break
-    status = Status.OPTIMAL if gap <= _ACCEPTED * upper + negligible else Status.INACCURATE
+    status = Status.OPTIMAL if gap <= SETTINGS.accepted * upper + negligible else Status.INACCURATE
     attained = float(margins.min())
     return (attained if attained > negligible else 0.0), coef, status
 
@@ -145,17 +140,8 @@ def certify_margin(
     V(1) <= S + beta |a|_1 <= 2 S + beta |a|_1 = V(2) = V(1), so S = 0 and a is optimal for
     c = 1. Slack zero is optimal exactly if V(2) = V(1).
 
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_surface_features)
-    signs : ndarray of shape (n_samples, n_surfaces)
-        0 for rows of which a surface says nothing.
-    weight, margin, beta, bound, solver
-        As in `fit_surface`.
-
-    Returns
-    -------
-    MarginCertificate
+    `signs`, (n_samples, n_surfaces), are 0 for rows of which a surface says nothing; the rest is
+    as in `fit_surface`.
     """
     n_surfaces, n_features = signs.shape[1], features.shape[1]
     margins, coef, interval = np.zeros(n_surfaces), np.zeros((n_surfaces, n_features)), []

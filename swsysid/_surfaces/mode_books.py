@@ -19,25 +19,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks import arrays
 from swsysid._results import Array
+from swsysid._surfaces.settings import MarginSettings
 
 __all__ = ["candidate_books", "check_book", "decisions", "disagreement", "pairwise_book"]
 
 Book = NDArray[np.int64]
 
-# Up to this many modes all books are tried (three of them); beyond, the best few of a screening.
-_ALL_TRIED = 4
-_N_SCREENED = 4
-_N_STARTS = 10
+SETTINGS = MarginSettings()
 
 
 def check_book(book: ArrayLike, n_modes: int) -> Book:
-    """A user's mode-book as an integer array of shape (n_modes, n_surfaces).
-
-    Raises
-    ------
-    ValueError
-        If its shape or entries are wrong, or two modes share a code.
-    """
+    """A user's mode-book as an integer array of shape (n_modes, n_surfaces), checked."""
     given = arrays.numbers("mode_book", book)
     if given.ndim != 2 or len(given) != n_modes:
         raise ValueError(
@@ -80,14 +72,14 @@ def candidate_books(n_modes: int, misfit: Array, rng: np.random.RandomState) -> 
     All of them for up to four modes. Beyond, those of smallest least-squares misfit
     ``sum_l s_l' misfit s_l`` that exchanges of codes reach from random starts.
     """
-    if n_modes <= _ALL_TRIED:
+    if n_modes <= SETTINGS.all_books:
         return _all_books(n_modes)
     found: dict[tuple, tuple[float, Book]] = {}
-    for _ in range(_N_STARTS):
+    for _ in range(SETTINGS.book_starts):
         book = _canonical(_exchange(_codes(n_modes), n_modes, misfit, rng))
         found[tuple(book.ravel())] = (_cost(book, misfit), book)
     ranked = sorted(found.items(), key=lambda item: (item[1][0], item[0]))
-    return [book for _, (_, book) in ranked[:_N_SCREENED]]
+    return [book for _, (_, book) in ranked[: SETTINGS.screened_books]]
 
 
 def pairwise_book(n_modes: int) -> Book:

@@ -1,12 +1,13 @@
 r"""The features of a surface, in the coordinates in which it is fitted and in the user's.
 
 A surface :math:`f(x) = a^\top \phi(x)` is one function; its coefficients depend on the
-coordinates. The bases of this file evaluate features in fitting coordinates, in which the
+coordinates. The bases of this file at_rows features in fitting coordinates, in which the
 margin LP is well scaled, and convert coefficients into the user's units exactly.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,24 +15,60 @@ from numpy.typing import NDArray
 from scipy.special import comb
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._data.features import FeatureMap, Monomials, check_degree, monomials_at
+from swsysid._data.features import FeatureMap, Monomials, check_degree
 from swsysid._results import Array
 from swsysid._surfaces.parameters import check_relevance
 
-__all__ = ["LibraryBasis", "PolynomialBasis", "RelevantBasis", "shifted_monomials", "surface_basis"]
+__all__ = [
+    "Basis",
+    "LibraryBasis",
+    "PolynomialBasis",
+    "RelevantBasis",
+    "shifted_monomials",
+    "surface_basis",
+]
 
 
-class PolynomialBasis:
-    """All monomials up to a degree of (x - centre) / scale.
+class Basis(ABC):
+    """Features of surfaces, in the coordinates in which they are fitted."""
 
-    Parameters
-    ----------
-    degree : int
-    X : ndarray of shape (n_samples, n_features_in)
-    weight : ndarray of shape (n_samples,)
-    standardize : bool
-        If False, centre is 0 and scale 1: the user's own monomials.
-    """
+    def __call__(self, X: Array) -> Array:
+        """Features in fitting coordinates, shape (n_samples, n_features_out)."""
+        features = self.at_rows(X)
+        if not np.isfinite(features).all():
+            raise ValueError(
+                "the monomials of X overflow; rescale X to order one or lower the degree."
+            )
+        return features
+
+    @abstractmethod
+    def at_rows(self, X: Array) -> Array:
+        """The same, also where features overflow."""
+
+    @abstractmethod
+    def at(self, point: Array) -> Array:
+        """Features at one point, shape (n_features_out,), without checks."""
+
+    @abstractmethod
+    def of_user(self, X: Array) -> Array:
+        """Features in the user's own coordinates, those left out included."""
+
+    @abstractmethod
+    def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
+        """Names of the user's features, for given names of the columns of X."""
+
+    @property
+    @abstractmethod
+    def sizes(self) -> Array:
+        """How large the user's features are on the data at most, shape (n_user_features,)."""
+
+    @abstractmethod
+    def to_user(self, coef: Array) -> Array:
+        """Coefficients of the user's features, from those in fitting coordinates."""
+
+
+class PolynomialBasis(Basis):
+    """All monomials up to a degree of (x - centre) / scale; of x, if these are not standardised."""
 
     def __init__(self, degree: int, X: Array, weight: Array, standardize: bool):
         self.centre, self.scale = np.zeros(X.shape[1]), np.ones(X.shape[1])
@@ -43,52 +80,29 @@ class PolynomialBasis:
         self.values = Monomials(self.powers)
         self.reach = np.abs(X).max(axis=0)
 
-    def __call__(self, X: Array) -> Array:
-        """Features in fitting coordinates, shape (n_samples, n_features_out)."""
+    def at_rows(self, X):
         with np.errstate(over="ignore", invalid="ignore"):
-            features = self.at_rows(X)
-        if not np.isfinite(features).all():
-            raise ValueError(
-                "the monomials of X overflow; rescale X to order one or lower the degree."
-            )
-        return features
+            return self.values((X - self.centre) / self.scale)
 
-    def of_user(self, X: Array) -> Array:
-        """The user's own monomials, shape (n_samples, n_features_out)."""
+    def at(self, point):
+        return self.values.at((point - self.centre) / self.scale)
+
+    def of_user(self, X):
         return self.values(X)
 
-    def at_rows(self, X: Array) -> Array:
-        """Features in fitting coordinates without checks, shape (n_samples, n_features_out)."""
-        return self.values((X - self.centre) / self.scale)
-
-    def at(self, point: Array) -> Array:
-        """Features at one point, shape (n_features_out,), without checks."""
-        return monomials_at((point - self.centre) / self.scale, self.powers)
-
-    def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
-        """Names of the user's monomials, for given names of the columns of X."""
+    def names(self, inputs):
         return self.monomials.get_feature_names_out(np.asarray(inputs, dtype=object))
 
     @property
-    def sizes(self) -> Array:
-        """How large the user's monomials are on the data at most, shape (n_features_out,)."""
-        with np.errstate(over="ignore"):
-            return monomials_at(self.reach, self.powers)
+    def sizes(self):
+        return self.values.at(self.reach)
 
-    def to_user(self, coef: Array) -> Array:
-        """Coefficients of the user's monomials, from those in fitting coordinates."""
+    def to_user(self, coef):
         return coef @ shifted_monomials(self.powers, self.centre, self.scale).T
 
 
-class LibraryBasis:
-    """The columns of a feature library, scaled, and centred if one of them is constant.
-
-    Parameters
-    ----------
-    library : transformer, PySINDy library or int
-    X, weight, standardize
-        As in `PolynomialBasis`.
-    """
+class LibraryBasis(Basis):
+    """The columns of a feature library, scaled, and centred if one of them is constant."""
 
     def __init__(self, library, X: Array, weight: Array, standardize: bool):
         self.map = FeatureMap(library, X, [f"x{column}" for column in range(X.shape[1])])
@@ -99,33 +113,26 @@ class LibraryBasis:
         if standardize:
             self._standardize(features, weight)
 
-    def __call__(self, X: Array) -> Array:
-        """Features in fitting coordinates, shape (n_samples, n_features_out)."""
+    def __call__(self, X):
         return (self.map(X) - self.centre) / self.scale
 
-    def of_user(self, X: Array) -> Array:
-        """The library's own columns, shape (n_samples, n_features_out)."""
-        return self.map(X)
-
-    def at_rows(self, X: Array) -> Array:
-        """Features in fitting coordinates without checks, shape (n_samples, n_features_out)."""
+    def at_rows(self, X):
         return (self.map.at_rows(X) - self.centre) / self.scale
 
-    def at(self, point: Array) -> Array:
-        """Features at one point, shape (n_features_out,), without checks."""
+    def at(self, point):
         return (self.map.at(point) - self.centre) / self.scale
 
-    def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
-        """Names of the library's columns, for given names of the columns of X."""
+    def of_user(self, X):
+        return self.map(X)
+
+    def names(self, inputs):
         return self.map.names(inputs)
 
     @property
-    def sizes(self) -> Array:
-        """How large the library's columns are on the data at most, shape (n_features_out,)."""
+    def sizes(self):
         return self.map.sizes
 
-    def to_user(self, coef: Array) -> Array:
-        """Coefficients of the library's own columns."""
+    def to_user(self, coef):
         # sum_k b_k (phi_k - m_k) / s_k: the constant column absorbs -sum_k b_k m_k / s_k.
         user = coef / self.scale
         if self.constant is not None:
@@ -146,17 +153,10 @@ class LibraryBasis:
         self.scale = np.where(size > 0.0, size, 1.0)
 
 
-class RelevantBasis:
+class RelevantBasis(Basis):
     """Some columns of another basis in the user's units, scaled by their relevance.
 
-    Parameters
-    ----------
-    basis : PolynomialBasis or LibraryBasis
-        Not standardised.
-    relevance : ndarray of shape (n_features_out,)
-        Root mean square that each column gets; columns of relevance 0 are left out.
-    X, weight
-        As in `PolynomialBasis`.
+    That is the root mean square that each column gets; columns of relevance 0 are left out.
     """
 
     def __init__(self, basis, relevance: Array, X: Array, weight: Array):
@@ -165,33 +165,26 @@ class RelevantBasis:
         size = np.sqrt(np.average(basis(X)[:, self.kept] ** 2, axis=0, weights=weight))
         self.scale = relevance[self.kept] / np.where(size > 0.0, size, 1.0)
 
-    def __call__(self, X: Array) -> Array:
-        """Features in fitting coordinates, shape (n_samples, n_kept)."""
-        return self.basis(X)[:, self.kept] * self.scale
-
-    def of_user(self, X: Array) -> Array:
-        """All columns of the other basis, shape (n_samples, n_features_out)."""
-        return self.basis.of_user(X)
-
-    def at_rows(self, X: Array) -> Array:
-        """Features in fitting coordinates without checks, shape (n_samples, n_kept)."""
+    def at_rows(self, X):
         return self.basis.at_rows(X)[:, self.kept] * self.scale
 
-    def at(self, point: Array) -> Array:
-        """Features at one point, shape (n_kept,), without checks."""
+    def __call__(self, X):
+        return self.basis(X)[:, self.kept] * self.scale
+
+    def at(self, point):
         return self.basis.at(point)[self.kept] * self.scale
 
-    def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
-        """Names of all columns, those left out included."""
+    def of_user(self, X):
+        return self.basis.of_user(X)
+
+    def names(self, inputs):
         return self.basis.names(inputs)
 
     @property
-    def sizes(self) -> Array:
-        """How large the columns are on the data at most, shape (n_features_out,)."""
+    def sizes(self):
         return self.basis.sizes
 
-    def to_user(self, coef: Array) -> Array:
-        """Coefficients of all columns, 0 for those left out."""
+    def to_user(self, coef):
         user = np.zeros((*coef.shape[:-1], self.n_columns))
         user[..., self.kept] = coef * self.scale
         return user
@@ -199,12 +192,16 @@ class RelevantBasis:
 
 def surface_basis(
     degree: int, library, X: Array, weight: Array, *, standardize: bool, relevance=None
-) -> PolynomialBasis | LibraryBasis | RelevantBasis:
+) -> Basis:
     """The basis of a surface: monomials unless there is a library, all columns or relevant ones."""
-    kind, features = (PolynomialBasis, degree) if library is None else (LibraryBasis, library)
+    standardize = standardize and relevance is None
+    basis: Basis = (
+        PolynomialBasis(degree, X, weight, standardize)
+        if library is None
+        else LibraryBasis(library, X, weight, standardize)
+    )
     if relevance is None:
-        return kind(features, X, weight, standardize)
-    basis = kind(features, X, weight, standardize=False)
+        return basis
     return RelevantBasis(basis, check_relevance(relevance, len(basis.sizes)), X, weight)
 
 
@@ -216,15 +213,8 @@ def shifted_monomials(powers: Array, centre: Array, scale: Array) -> Array:
     .. math:: \Big(\frac{x - c}{s}\Big)^k = \sum_{m \le k} \binom{k}{m}
               \frac{(-c)^{k - m}}{s^k} \, x^m .
 
-    Parameters
-    ----------
-    powers : ndarray of shape (n_features_out, n_features_in), int
-        Exponents of every monomial; with each monomial the set holds all that divide it.
-    centre, scale : ndarray of shape (n_features_in,)
-
-    Returns
-    -------
-    ndarray of shape (n_features_out, n_features_out)
+    `powers` (n_features_out, n_features_in) are the exponents of every monomial; with each
+    monomial the set holds all that divide it.
 
     Examples
     --------

@@ -23,26 +23,11 @@ from scipy.special import log_expit
 
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
+from swsysid._surfaces.settings import PosteriorSettings
 
 __all__ = ["SurfaceEvidence", "sample_surface"]
 
-# Two halves of this many chains, each of which takes its directions from the other one.
-_N_CHAINS = 24
-_BURN_IN, _BURN_IN_A_COEFFICIENT = 10, 6
-_N_KEPT, _EVERY = 4, 5
-# Steps along fresh directions only, until the chains have spread.
-_FIRST_STEPS = 10
-# Rows that can stop a surface: most of them near it, the others anywhere.
-_N_NEAR, _N_ANYWHERE = 400, 200
-# Of these, the ones that a step looks at; and how far it goes, in standard deviations, if none
-# stops it.
-_N_MET, _REACH = 64, 30.0
-# Surfaces whose coefficients are this many times as large as the fitted ones are not drawn: a few
-# rows do not stop a chain in every direction.
-_FARTHEST = 1e3
-# Rows whose odds are less than exp(4) to 1 are no errors.
-_CERTAIN = 4.0
-_MOST_ROWS = 20_000
+SETTINGS = PosteriorSettings()
 
 
 @dataclass(frozen=True)
@@ -68,15 +53,23 @@ class SurfaceEvidence:
     error_rate: float
 
     @classmethod
-    def of(cls, features: Array, odds: Array, weight: Array, coef: Array) -> SurfaceEvidence:
+    def of(
+        cls,
+        features: Array,
+        odds: Array,
+        weight: Array,
+        coef: Array,
+        settings: PosteriorSettings = SETTINGS,
+    ) -> SurfaceEvidence:
         """Evidence with the error rate that the fitted surface shows, half an error added."""
-        wrong = ((features @ coef) * np.sign(odds) < 0.0) & (np.abs(odds) > _CERTAIN)
+        wrong = ((features @ coef) * np.sign(odds) < 0.0) & (np.abs(odds) > settings.certain)
         rows = np.flatnonzero(odds)
         rate = (weight[wrong].sum() + 0.5) / (weight[rows].sum() + 1.0)
-        if len(rows) > _MOST_ROWS:  # those far away do not stop a surface
+        most = settings.most_rows
+        if len(rows) > most:
             some = features[rows]
             distance = np.abs(some @ coef) / np.linalg.norm(some, axis=1)
-            rows = rows[np.sort(np.argpartition(distance, _MOST_ROWS - 1)[:_MOST_ROWS])]
+            rows = rows[np.sort(np.argpartition(distance, most - 1)[:most])]
         return cls(features[rows], odds[rows], weight[rows], coef, float(min(rate, 0.5)))
 
     @property
@@ -88,7 +81,11 @@ class SurfaceEvidence:
         return self.weight * np.subtract(*sides)
 
 
-def sample_surface(evidence: SurfaceEvidence, random_state: np.random.RandomState) -> Array:
+def sample_surface(
+    evidence: SurfaceEvidence,
+    random_state: np.random.RandomState,
+    settings: PosteriorSettings = SETTINGS,
+) -> Array:
     """Coefficients drawn from the posterior, shape (n_draws, n_surface_features).
 
     Hit-and-run: from where a chain is, a random direction is taken, and the posterior along it,
@@ -102,18 +99,18 @@ def sample_surface(evidence: SurfaceEvidence, random_state: np.random.RandomStat
     informed = np.minimum(np.abs(odds), evidence.weight)
     gauge = (np.sign(odds) * informed) @ features
     if not gauge @ coef > 0.0:  # the surface vanished, or the labels say nothing
-        return np.repeat(evidence.coef[None, :], _N_CHAINS * _N_KEPT, axis=0)
+        return np.repeat(evidence.coef[None, :], settings.chains * settings.kept, axis=0)
     root = _ellipsoid(features, informed, coef)
-    rows = _stopping_rows(features, informed, coef, root)
-    line = _Line(features[rows], odds[rows])
+    rows = _stopping_rows(features, informed, coef, root, settings)
+    line = _Line(features[rows], odds[rows], settings)
 
-    chains, kept = np.repeat(coef[None, :], _N_CHAINS, axis=0), []
-    halves = np.arange(_N_CHAINS).reshape(2, -1)
-    farthest = _FARTHEST * np.linalg.norm(coef)
-    burn_in = _BURN_IN + _BURN_IN_A_COEFFICIENT * len(coef)
-    for step in range(burn_in + _N_KEPT * _EVERY):
+    chains, kept = np.repeat(coef[None, :], settings.chains, axis=0), []
+    halves = np.arange(settings.chains).reshape(2, -1)
+    farthest = settings.farthest * np.linalg.norm(coef)
+    burn_in = settings.burn_in + settings.burn_in_a_coefficient * len(coef)
+    for step in range(burn_in + settings.kept * settings.every):
         for half, other in (halves, halves[::-1]):
-            if step >= _FIRST_STEPS and random_state.random_sample() < 0.5:
+            if step >= settings.first_steps and random_state.random_sample() < 0.5:
                 spread = chains[other] - chains[other].mean(axis=0)
                 moves = random_state.standard_normal((len(half), len(other))) @ spread
                 moves /= np.sqrt(len(other))
@@ -123,7 +120,7 @@ def sample_surface(evidence: SurfaceEvidence, random_state: np.random.RandomStat
             moved = chains[half] + line.draw(chains[half], moves, random_state)[:, None] * moves
             inside = np.linalg.norm(moved, axis=1) <= farthest
             chains[half[inside]] = moved[inside]
-        if step >= burn_in and (step - burn_in) % _EVERY == _EVERY - 1:
+        if step >= burn_in and (step - burn_in + 1) % settings.every == 0:
             kept.append(chains / columns)
     return np.concatenate(kept)
 
@@ -134,6 +131,7 @@ class _Line:
 
     features: Array
     odds: Array
+    settings: PosteriorSettings
 
     def draw(self, chains: Array, moves: Array, random_state) -> Array:
         """How far every chain goes along its move, drawn from the posterior on that line.
@@ -141,14 +139,15 @@ class _Line:
         f passes row i at t_i = -f_i / (change of f_i), where the log posterior jumps by the log
         odds if f becomes positive, by their negative if it becomes negative.
         """
+        longest, n_met = self.settings.longest, self.settings.met
         values, change = chains @ self.features.T, moves @ self.features.T
         with np.errstate(divide="ignore", invalid="ignore"):
-            passing = np.clip(np.nan_to_num(-values / change, nan=_REACH), -_REACH, _REACH)
+            passing = np.nan_to_num(-values / change, nan=longest).clip(-longest, longest)
         jump = np.where(change > 0.0, self.odds, -self.odds)
         chain = np.arange(len(chains))[:, None]
-        end = np.full((len(chains), 1), _REACH)
-        if passing.shape[1] > _N_MET:
-            met = np.argpartition(np.abs(passing), _N_MET - 1, axis=1)[:, :_N_MET]
+        end = np.full((len(chains), 1), longest)
+        if passing.shape[1] > n_met:
+            met = np.argpartition(np.abs(passing), n_met - 1, axis=1)[:, :n_met]
             passing, jump = passing[chain, met], jump[chain, met]
             end = np.abs(passing).max(axis=1, keepdims=True)
         order = passing.argsort(axis=1, kind="stable")
@@ -182,13 +181,13 @@ def _ellipsoid(features: Array, informed: Array, coef: Array) -> Array:
     return root
 
 
-def _stopping_rows(features: Array, informed: Array, coef: Array, root: Array) -> NDArray[np.intp]:
+def _stopping_rows(features, informed, coef, root, settings) -> NDArray[np.intp]:
     """Rows that a surface meets first, and some of all others that stop it far away."""
     rows = np.flatnonzero(informed > 0.0)
-    if len(rows) <= _N_NEAR + _N_ANYWHERE:
+    if len(rows) <= settings.near + settings.anywhere:
         return rows
     some = features[rows]
     deviation = np.linalg.norm(some @ root.T, axis=1)
     steps = np.abs(some @ coef) / (deviation * np.maximum(informed[rows], 1e-3))
-    near = np.argpartition(steps, _N_NEAR - 1)[:_N_NEAR]
-    return rows[np.union1d(near, spread_rows(len(rows), _N_ANYWHERE))]
+    near = np.argpartition(steps, settings.near - 1)[: settings.near]
+    return rows[np.union1d(near, spread_rows(len(rows), settings.anywhere))]

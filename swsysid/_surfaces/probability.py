@@ -13,12 +13,9 @@ from sklearn.isotonic import IsotonicRegression
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
 from swsysid._surfaces.mode_books import Book, decisions
-from swsysid._surfaces.posterior import SurfaceEvidence, sample_surface
+from swsysid._surfaces.posterior import SETTINGS, SurfaceEvidence, sample_surface
 
 __all__ = ["ModePosterior"]
-
-# Rows that decide about the share of errors at a distance, and rows that are voted on at once.
-_DECIDING, _AT_ONCE = 2000, 2000
 
 
 @dataclass(frozen=True)
@@ -67,7 +64,7 @@ class ModePosterior:
     ) -> ModePosterior:
         """What certain labels say about fitted surfaces `coef`, (n_surfaces, n_features)."""
         values = features @ coef.T
-        some = spread_rows(len(values), _DECIDING)
+        some = spread_rows(len(values), SETTINGS.misfits)
         decided = decisions(values[some] / scale, book)
         wrong = decided.argmax(axis=1) != labels[some]
         odds = np.choose(book[labels] + 1, [-np.inf, 0.0, np.inf])
@@ -98,8 +95,8 @@ class ModePosterior:
             return np.ones((len(features), 1))
         votes = np.concatenate(
             [
-                self._votes(features[start : start + _AT_ONCE])
-                for start in range(0, len(features), _AT_ONCE)
+                self._votes(features[start : start + SETTINGS.at_once])
+                for start in range(0, len(features), SETTINGS.at_once)
             ]
         )
         decided = decisions(features @ self._coef.T / self.scale, self.book)

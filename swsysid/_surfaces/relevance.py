@@ -29,26 +29,13 @@ from scipy.special import expit
 
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
+from swsysid._surfaces.settings import RelevanceSettings
 
 __all__ = ["Relevance", "feature_relevance"]
 
 Subset = tuple[int, ...]
 
-# Prior deviation of a coefficient: gates from no trend to a jump within a hundredth of the spread.
-_PRIOR = 100.0
-# Log ratios beyond this are certain.
-_CERTAIN = 60.0
-# Subsets that go on to the next size, and additions tried for each of them from the third on.
-_BEAM, _ADDITIONS, _FIRST_ADDITIONS = 8, 6, 20
-_LARGEST = 12
-# The search stops after this many sizes without a better subset.
-_PATIENCE = 2
-# Features less probable than this are left out.
-_NEGLIGIBLE = 0.05
-# Rows next to the surface, and rows spread over the others, where there are more.
-_NEAR, _FAR = 4000, 1000
-_NEWTON_STEPS, _HALVINGS = 30, 12
-_TOLERANCE = 1e-3
+SETTINGS = RelevanceSettings()
 
 
 @dataclass(frozen=True)
@@ -82,16 +69,7 @@ class _Gate:
 def feature_relevance(features: Array, log_ratio: Array, weight: Array) -> Relevance:
     """Search subsets of features, the best first, and sum up their evidence.
 
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_features)
-    log_ratio : ndarray of shape (n_samples,)
-        What the velocity of each sample says for the positive side, in nats.
-    weight : ndarray of shape (n_samples,)
-
-    Returns
-    -------
-    Relevance
+    `log_ratio` is what the velocity of each sample says for the positive side, in nats.
 
     Examples
     --------
@@ -104,7 +82,9 @@ def feature_relevance(features: Array, log_ratio: Array, weight: Array) -> Relev
     """
     size = np.sqrt(np.average(features**2, axis=0, weights=weight))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
-    subsets = _Subsets(features * scale, np.clip(log_ratio, -_CERTAIN, _CERTAIN), weight)
+    subsets = _Subsets(
+        features * scale, np.clip(log_ratio, -SETTINGS.certain, SETTINGS.certain), weight
+    )
     everything = subsets.everything()
     subsets.grow()
     best = max(gate.evidence for gate in subsets.found.values())
@@ -114,7 +94,7 @@ def feature_relevance(features: Array, log_ratio: Array, weight: Array) -> Relev
         probability = np.exp(gate.evidence - best) / total
         share[list(subset)] += probability
         mean[list(subset)] += probability * gate.coef
-    share[share < _NEGLIGIBLE] = 0.0
+    share[share < SETTINGS.negligible] = 0.0
     return Relevance(np.minimum(share, 1.0), float(best - everything.evidence), mean * scale)
 
 
@@ -130,8 +110,8 @@ class _Subsets:
         """The gate on all features; where there are many rows, those near it are kept."""
         full = tuple(range(self.n_features))
         n_rows = len(self.features)
-        if n_rows > _NEAR + _FAR:
-            self._thin(spread_rows(n_rows, _NEAR + _FAR), full)
+        if n_rows > SETTINGS.near + SETTINGS.far:
+            self._thin(spread_rows(n_rows, SETTINGS.near + SETTINGS.far), full)
         self._fit([full], [np.zeros(self.n_features)])
         return self.found[full]
 
@@ -140,10 +120,12 @@ class _Subsets:
         front: list[Subset] = [()]
         self.found[()] = self._empty()
         best, stall = self.found[()].evidence, 0
-        while stall < _PATIENCE and len(front[0]) < min(_LARGEST, self.n_features - 1):
+        while stall < SETTINGS.patience and len(front[0]) < min(
+            SETTINGS.largest, self.n_features - 1
+        ):
             starts = {child: start for parent in front for child, start in self._children(parent)}
             self._fit(list(starts), list(starts.values()))
-            front = sorted(starts, key=lambda subset: -self.found[subset].evidence)[:_BEAM]
+            front = sorted(starts, key=lambda subset: -self.found[subset].evidence)[: SETTINGS.beam]
             top = self.found[front[0]].evidence
             stall = 0 if top > best else stall + 1
             best = max(best, top)
@@ -158,8 +140,8 @@ class _Subsets:
         sample = _Subsets(*(part[some] for part in rows))
         sample._fit([full], [np.zeros(self.n_features)])
         order = np.argsort(np.abs(self.features @ sample.found[full].coef), kind="stable")
-        far = order[_NEAR:][spread_rows(len(order) - _NEAR, _FAR)]
-        kept = np.concatenate([order[:_NEAR], far])
+        far = order[SETTINGS.near :][spread_rows(len(order) - SETTINGS.near, SETTINGS.far)]
+        kept = np.concatenate([order[: SETTINGS.near], far])
         self.features, self.log_ratio, self.weight = (part[kept] for part in rows)
 
     def _empty(self) -> _Gate:
@@ -172,9 +154,9 @@ class _Subsets:
         gate = self.found[parent]
         slope, curvature = _derivatives(gate.values, self.log_ratio, self.weight)
         gradient = self.features.T @ slope
-        score = gradient**2 / (np.square(self.features).T @ curvature + _PRIOR**-2)
+        score = gradient**2 / (np.square(self.features).T @ curvature + SETTINGS.prior**-2)
         score[list(parent)] = -1.0
-        n_tried = _FIRST_ADDITIONS if len(parent) < 3 else _ADDITIONS
+        n_tried = SETTINGS.first_additions if len(parent) < 3 else SETTINGS.additions
         for feature in np.argsort(-score, kind="stable")[:n_tried]:
             if score[feature] >= 0.0:
                 child = (*parent, int(feature))
@@ -225,36 +207,25 @@ def _derivatives(values: Array, log_ratio: Array, weight: Array) -> tuple[Array,
 def _fit_gates(
     features: Array, log_ratio: Array, weight: Array, coef: Array
 ) -> tuple[Array, Array, Array]:
-    """Newton's method with step halving, for a batch of gates.
+    """Newton's method with step halving, for a batch of gates, from `coef` (n_gates, size).
 
-    Parameters
-    ----------
-    features : ndarray of shape (n_gates, n_samples, size)
-    log_ratio, weight : ndarray of shape (n_samples,)
-    coef : ndarray of shape (n_gates, size)
-        Where to start.
-
-    Returns
-    -------
-    coef : ndarray of shape (n_gates, size)
-    values : ndarray of shape (n_gates, n_samples)
-    evidence : ndarray of shape (n_gates,)
-        Without the prior of the subset.
+    `features` are (n_gates, n_samples, size). Returns coefficients, values (n_gates, n_samples)
+    and evidence (n_gates,), without the prior of the subset.
     """
     transposed = np.ascontiguousarray(features.transpose(0, 2, 1))
-    precision = _PRIOR**-2 * np.eye(features.shape[2])
+    precision = SETTINGS.prior**-2 * np.eye(features.shape[2])
 
     def objective(values, coef):
-        penalty = 0.5 * _PRIOR**-2 * np.square(coef).sum(axis=1)
+        penalty = 0.5 * SETTINGS.prior**-2 * np.square(coef).sum(axis=1)
         return _loss(values, log_ratio, weight) + penalty
 
     values = _product(features, coef)
     objectives = objective(values, coef)
     active = np.arange(len(coef))
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(SETTINGS.newton_steps):
         now, at = values[active], coef[active]
         slope, curvature = _derivatives(now, log_ratio, weight)
-        gradient = _PRIOR**-2 * at - _product(transposed[active], slope)
+        gradient = SETTINGS.prior**-2 * at - _product(transposed[active], slope)
         hessian = np.matmul(transposed[active] * curvature[:, None, :], features[active])
         step = -np.linalg.solve(hessian + precision, gradient[..., None])[..., 0]
         change = _product(features[active], step)
@@ -262,7 +233,7 @@ def _fit_gates(
         before = objectives[active]
         length, after = np.ones(len(active)), before.copy()
         waiting = np.arange(len(active))
-        for _ in range(_HALVINGS):
+        for _ in range(SETTINGS.halvings):
             moved = length[waiting, None]
             tried = objective(
                 now[waiting] + moved * change[waiting], at[waiting] + moved * step[waiting]
@@ -275,7 +246,7 @@ def _fit_gates(
         coef[active] = at + length[:, None] * step
         values[active] = now + length[:, None] * change
         objectives[active] = after
-        active = active[before - after > _TOLERANCE]
+        active = active[before - after > SETTINGS.tolerance]
         if not active.size:
             break
     return coef, values, -objectives - _occam(features, transposed, values, log_ratio, weight)
@@ -286,8 +257,8 @@ def _occam(features, transposed, values, log_ratio, weight) -> Array:
     prior, posterior = expit(values), expit(values + log_ratio)
     curvature = weight * (prior * (1.0 - prior) - posterior * (1.0 - posterior))
     hessian = np.matmul(transposed * curvature[:, None, :], features)
-    bends = np.maximum(np.linalg.eigvalsh(hessian) + _PRIOR**-2, _PRIOR**-2)
-    return features.shape[2] * np.log(_PRIOR) + 0.5 * np.log(bends).sum(axis=1)
+    bends = np.maximum(np.linalg.eigvalsh(hessian) + SETTINGS.prior**-2, SETTINGS.prior**-2)
+    return features.shape[2] * np.log(SETTINGS.prior) + 0.5 * np.log(bends).sum(axis=1)
 
 
 def _product(matrices: Array, vectors: Array) -> Array:

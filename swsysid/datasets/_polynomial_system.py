@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.features import Monomials
 from swsysid._results import Array, Trajectory
 from swsysid._simulation.simulate import simulate
 from swsysid._simulation.system import SwitchingSystem
@@ -97,18 +97,7 @@ class PolynomialSwitchingSystem(SwitchingSystem):
 
 
 def monomials(X: Array, degree: int) -> Array:
-    """All monomials up to a degree, in the order of scikit-learn's `PolynomialFeatures`.
-
-    Each is the product of an earlier one and a variable: a hundred times faster on one sample.
-
-    Parameters
-    ----------
-    X : ndarray of shape (..., n_states)
-    degree : int
-
-    Returns
-    -------
-    ndarray of shape (..., n_features)
+    """All monomials up to a degree, (..., n_states) -> (..., n_features).
 
     Examples
     --------
@@ -117,19 +106,10 @@ def monomials(X: Array, degree: int) -> Array:
     >>> monomials(np.array([2.0, 3.0]), 2)
     array([1., 2., 3., 4., 6., 9.])
     """
-    columns = [np.ones(X.shape[:-1])]
-    for parent, variable in _products(X.shape[-1], degree):
-        columns.append(columns[parent] * X[..., variable])
-    return np.stack(columns, axis=-1)
+    every = _monomials_up_to(degree, X.shape[-1])
+    if X.ndim == 1:
+        return every.at(X)
+    return every(X.reshape(-1, X.shape[-1])).reshape(*X.shape[:-1], -1)
 
 
-@cache
-def _products(n_states: int, degree: int) -> list[tuple[int, int]]:
-    """Each monomial but the first as (earlier monomial, variable)."""
-    terms = [
-        term
-        for total in range(degree + 1)
-        for term in combinations_with_replacement(range(n_states), total)
-    ]
-    position = {term: index for index, term in enumerate(terms)}
-    return [(position[term[:-1]], term[-1]) for term in terms[1:]]
+_monomials_up_to = cache(Monomials.up_to)

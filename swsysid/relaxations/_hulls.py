@@ -12,7 +12,8 @@ sample leaves when it is done. Arrays have the samples last.
 
 from __future__ import annotations
 
-from itertools import combinations
+from dataclasses import dataclass
+from itertools import chain, combinations
 
 import numpy as np
 from scipy.sparse import bsr_array
@@ -20,22 +21,26 @@ from scipy.sparse import bsr_array
 from swsysid._results import Array, Status
 from swsysid._solvers.conic import linear_program, require_solution
 
-__all__ = ["nearest_euclidean", "nearest_l1", "on_simplex"]
+__all__ = ["HullSettings", "nearest_euclidean", "nearest_l1", "on_simplex"]
 
-# Rounding, in units of the longest residual of a sample, and the gap that counts as none.
-ROUNDING, PROVED = 1e-13, 1e-10
-# The gap that counts as none where HiGHS, with its tolerances, or rounding has the last word.
-ACCEPTED = 1e-7
-# Smallest gain that is worth a pivot, and smallest pivot.
-GAIN, PIVOT = 1e-12, 1e-11
-# Pivots for each corner and state after which a sample is left to HiGHS; a few do, as a rule.
-PATIENCE = 8
-# Accuracy, relative to the longest residual, at which a projection counts as found, and the
-# negative weight that still counts as none.
-ACCURACY, INSIDE = 1e-10, 1e-12
-# Samples solved together: as many as the cache holds; one block-diagonal program of more samples
-# costs HiGHS more than linearly.
-TOGETHER, CHUNK = 4000, 500
+
+@dataclass(frozen=True)
+class HullSettings:
+    """How nearest points are found; a bound is proved whatever these are."""
+
+    rounding: float = 1e-13  # in units of the longest residual of a sample
+    proved: float = 1e-10  # relative gap that counts as none
+    accepted: float = 1e-7  # the same where HiGHS, with its tolerances, or rounding decides
+    gain: float = 1e-12  # smallest gain that is worth a pivot
+    pivot: float = 1e-11  # smallest pivot
+    patience: int = 8  # pivots a corner and state after which HiGHS takes over; a few are usual
+    accuracy: float = 1e-10  # of a projection, in units of the longest residual
+    inside: float = 1e-12  # negative weight that counts as none
+    together: int = 4000  # samples solved side by side: as many as the cache holds
+    chunk: int = 500  # samples in one program of HiGHS, whose time grows faster than their number
+
+
+SETTINGS = HullSettings()
 
 
 def on_simplex(membership: Array) -> Array:
@@ -44,7 +49,7 @@ def on_simplex(membership: Array) -> Array:
     return membership / membership.sum(axis=1, keepdims=True)
 
 
-def nearest_l1(residuals: Array) -> tuple[Array, Array, Status]:
+def nearest_l1(residuals: Array, settings: HullSettings = SETTINGS) -> tuple[Array, Array, Status]:
     r"""Memberships of minimal l1 norm, every one proved by a dual vector.
 
     Any u with all :math:`|u_k| \le 1` bounds the norm from below by min_j <u, r_j>. Samples for
@@ -60,12 +65,7 @@ def nearest_l1(residuals: Array) -> tuple[Array, Array, Status]:
     lower_bound : ndarray of shape (n_samples,)
         What is proved: no membership has a smaller norm.
     status : Status
-        `INACCURATE` if one of these bounds is not the norm that was found.
-
-    Raises
-    ------
-    SolverError
-        If HiGHS fails on the samples that are left to it.
+        `OPTIMAL` only if every bound is the norm that was found.
 
     Examples
     --------
@@ -87,20 +87,21 @@ def nearest_l1(residuals: Array) -> tuple[Array, Array, Status]:
     scaled = np.take_along_axis(scaled, order[:, None], axis=0)
     membership, bound = np.empty((n_samples, len(residuals))), np.empty(n_samples)
     proved = np.empty(n_samples, dtype=bool)
-    for first in range(0, n_samples, TOGETHER):
-        some = slice(first, first + TOGETHER)
-        weights, bound[some], proved[some] = _Programs(scaled[:, :, some]).solved()
+    for first in range(0, n_samples, settings.together):
+        some = slice(first, first + settings.together)
+        programs = _Programs(scaled[:, :, some], settings)
+        weights, bound[some], proved[some] = programs.solved()
         np.put_along_axis(membership[some], order[:, some].T, weights.T, axis=1)
-    status = Status.OPTIMAL
-    for rows in np.array_split(np.flatnonzero(~proved), -(-np.sum(~proved) // CHUNK) or 1):
-        if rows.size:
-            some = residuals[:, rows] / scale[rows, None]
-            posed, posed_bound = _posed_l1(some)
-            better = _l1_norms(some, posed) < _l1_norms(some, membership[rows])
-            membership[rows[better]] = posed[better]
-            bound[rows] = np.maximum(bound[rows], posed_bound)
-            if (_l1_norms(some, membership[rows]) - bound[rows] > ACCEPTED).any():
-                status = Status.INACCURATE
+    status, unproved = Status.OPTIMAL, np.flatnonzero(~proved)
+    for first in range(0, len(unproved), settings.chunk):
+        rows = unproved[first : first + settings.chunk]
+        chunk = residuals[:, rows] / scale[rows, None]
+        posed, posed_bound = _posed_l1(chunk)
+        better = _l1_norms(chunk, posed) < _l1_norms(chunk, membership[rows])
+        membership[rows[better]] = posed[better]
+        bound[rows] = np.maximum(bound[rows], posed_bound)
+        if (_l1_norms(chunk, membership[rows]) - bound[rows] > settings.accepted).any():
+            status = Status.INACCURATE
     return membership, bound * scale, status
 
 
@@ -124,7 +125,8 @@ class _Programs:
     lambda_j: j, p_k: M + k, q_k: M + K + k.
     """
 
-    def __init__(self, residuals: Array):
+    def __init__(self, residuals: Array, settings: HullSettings):
+        self.settings = settings
         n_corners, n_states, n_samples = residuals.shape
         self.residuals, self.n_corners = residuals, n_corners
         self.first_q = n_corners + n_states
@@ -146,13 +148,13 @@ class _Programs:
 
     def solved(self) -> tuple[Array, Array, Array]:
         """Weights (n_corners, n_samples), lower bounds of the norms, and where these are met."""
-        for _ in range(PATIENCE * self.first_q):
+        for _ in range(self.settings.patience * self.first_q):
             gains = self.table[-1, 1:]
             opposite = np.where(self.free >= self.n_corners, -2.0 - gains, -1.0)
             gains = np.maximum(gains, opposite)
             entering = gains.argmax(axis=0)
             most = np.take_along_axis(gains, entering[None], axis=0)[0]
-            going = most > GAIN
+            going = most > self.settings.gain
             if not going.all():
                 self._leave(going)
                 entering, opposite, most = entering[going], opposite[:, going], most[going]
@@ -186,7 +188,8 @@ class _Programs:
         # Among rows that reach zero together the excess prefers the largest pivot.
         speed = column[:-1]
         times = np.full_like(speed, np.inf)
-        np.divide(table[:-1, 0] + ROUNDING, speed, out=times, where=speed > PIVOT)
+        ahead = speed > self.settings.pivot
+        np.divide(table[:-1, 0] + self.settings.rounding, speed, out=times, where=ahead)
         leaving = times.argmin(axis=0)
         pivot = column[leaving, here]
         row = np.take_along_axis(table, leaving[None, None], axis=0)[0] / pivot
@@ -206,8 +209,8 @@ class _Programs:
         weights = weights / weights.sum(axis=0)
         objective = np.abs((weights[:, None] * self.residuals).sum(axis=0)).sum(axis=0)
         lower_bound = (dual * self.residuals).sum(axis=1).min(axis=0)
-        met = objective - lower_bound <= PROVED * objective + ROUNDING
-        return weights, np.minimum(lower_bound, objective), met
+        tolerance = self.settings.proved * objective + self.settings.rounding
+        return weights, np.minimum(lower_bound, objective), objective - lower_bound <= tolerance
 
 
 def _posed_l1(residuals):
@@ -233,7 +236,9 @@ def _posed_l1(residuals):
     return on_simplex(solution.x.reshape(n_samples, -1)[:, :n_corners]), bound
 
 
-def nearest_euclidean(residuals: Array) -> tuple[Array, Array, Status]:
+def nearest_euclidean(
+    residuals: Array, settings: HullSettings = SETTINGS
+) -> tuple[Array, Array, Status]:
     """Memberships of the projection of the origin onto the hulls, face by face.
 
     The projection lies inside a simplex spanned by at most n_states + 1 of the corners
@@ -241,60 +246,49 @@ def nearest_euclidean(residuals: Array) -> tuple[Array, Array, Status]:
     the order of their size; a sample leaves as soon as its point p proves itself optimal: no
     point of the hull is nearer if <p, r_j> >= <p, p> for all j.
 
-    Rounding can hide the proof of a nearly degenerate face; then the nearest point found is kept,
-    with the bound min_j <p, r_j> / |p| that it does prove.
-
-    Parameters
-    ----------
-    residuals : ndarray of shape (n_corners, n_samples, n_states)
-
-    Returns
-    -------
-    membership : ndarray of shape (n_samples, n_corners)
-    lower_bound : ndarray of shape (n_samples,)
-        What is proved: no point of the hull is nearer.
-    status : Status
-        `INACCURATE` if one of these bounds is not the distance that was found.
+    Rounding can hide the proof of a nearly degenerate face; then the nearest point found is kept.
+    In any case the lower bound is what the points prove, min_j <p, r_j> / |p|, and the status is
+    `OPTIMAL` only if it is the distance of every one of them. Arguments and answers are those of
+    `nearest_l1`.
     """
     n_corners, n_samples, n_states = residuals.shape
     scale = np.abs(residuals).max(axis=(0, 2))
     membership = np.zeros((n_samples, n_corners))
     nearest = np.full(n_samples, np.inf)
     pending = np.arange(n_samples)
-    for size in range(1, min(n_corners, n_states + 1) + 1):
-        for face in combinations(range(n_corners), size):
-            weights, points = _project(residuals[list(face)][:, pending])
-            distance = np.linalg.norm(points, axis=1)
-            better = (weights >= -INSIDE).all(axis=1) & (distance < nearest[pending])
-            found = pending[better]
-            nearest[found] = distance[better]
-            membership[found] = 0.0
-            membership[np.ix_(found, face)] = weights[better]
-            reach = np.einsum("ik,mik->mi", points, residuals[:, pending])
-            excess = (np.square(distance) - reach).max(axis=0)
-            tolerance = ACCURACY * scale[pending]
-            proved = (excess <= tolerance * distance) | (distance <= tolerance)
-            pending = pending[~(better & proved)]
-            if not pending.size:
-                return on_simplex(membership), nearest, Status.OPTIMAL
+    sizes = range(1, min(n_corners, n_states + 1) + 1)
+    for face in chain.from_iterable(combinations(range(n_corners), size) for size in sizes):
+        if not pending.size:
+            break
+        corners = residuals[:, pending]
+        weights, points = _project(corners[list(face)], settings.accuracy)
+        distance = np.linalg.norm(points, axis=1)
+        inside = (weights >= -settings.inside).all(axis=1)
+        better = inside & (distance < nearest[pending])
+        found = pending[better]
+        nearest[found] = distance[better]
+        membership[found] = 0.0
+        membership[np.ix_(found, face)] = weights[better]
+        reach = np.einsum("ik,mik->mi", points, corners).min(axis=0)
+        tolerance = settings.accuracy * scale[pending]
+        proved = np.square(distance) - reach <= tolerance * distance
+        pending = pending[~(better & (proved | (distance <= tolerance)))]
     membership = on_simplex(membership)
-    bound = _euclidean_bound(residuals[:, pending], membership[pending])
-    unproved = nearest[pending] - bound > ACCEPTED * scale[pending]
-    nearest[pending] = np.minimum(bound, nearest[pending])
-    return membership, nearest, Status.INACCURATE if unproved.any() else Status.OPTIMAL
-
-
-def _euclidean_bound(residuals: Array, membership: Array) -> Array:
-    """Distance of the hulls from the origin that their points p prove: min_j <p, r_j> / |p|."""
     points = np.einsum("ij,jik->ik", membership, residuals)
-    length = np.linalg.norm(points, axis=1)
     reach = np.einsum("ik,jik->ij", points, residuals).min(axis=1)
-    return np.divide(reach, length, out=np.zeros_like(length), where=length > 0.0).clip(0.0)
+    length = np.linalg.norm(points, axis=1)
+    bound = np.divide(reach, length, out=np.zeros_like(length), where=length > 0.0).clip(0.0)
+    proved = length - bound <= settings.accepted * scale
+    return (
+        membership,
+        np.minimum(bound, length),
+        (Status.OPTIMAL if proved.all() else Status.INACCURATE),
+    )
 
 
-def _project(corners):
+def _project(corners, accuracy):
     """Affine weights (n_samples, n_corners) of the projections of the origin, and these."""
     edges = (corners[0] - corners[1:]).transpose(1, 2, 0)
-    inner = np.einsum("ijk,ik->ij", np.linalg.pinv(edges, rcond=ACCURACY), corners[0])
+    inner = np.einsum("ijk,ik->ij", np.linalg.pinv(edges, rcond=accuracy), corners[0])
     weights = np.column_stack([1.0 - inner.sum(axis=1), inner])
     return weights, corners[0] - np.einsum("ikj,ij->ik", edges, inner)

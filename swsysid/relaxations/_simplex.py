@@ -22,7 +22,7 @@ from swsysid._losses import get_loss
 from swsysid._results import Array, Assignment, Status
 from swsysid._solvers.conic import modelling, require_solution, solve
 from swsysid.relaxations._base import Relaxation, first_least, hardened, one_hot
-from swsysid.relaxations._hulls import nearest_euclidean, nearest_l1, on_simplex
+from swsysid.relaxations._hulls import HullSettings, nearest_euclidean, nearest_l1, on_simplex
 
 __all__ = ["SimplexRelaxation"]
 
@@ -61,6 +61,8 @@ class SimplexRelaxation(Relaxation):
     >>> assignment.lower_bound, assignment.objective, assignment.tightness
     (0.0, 0.25, array([False]))
     """
+
+    settings = HullSettings()
 
     def assign(self, candidates: Array, targets: Array) -> Assignment:
         """Assign every sample to the modes; see `Relaxation.assign`.
@@ -108,7 +110,7 @@ class SimplexRelaxation(Relaxation):
         pending = np.flatnonzero(~_vertex_is_optimal(residuals, best, geometry))
         if pending.size:
             residuals = residuals[:, pending]
-            weights, least, status = geometry.hull(residuals)
+            weights, least, status = geometry.hull(residuals, self.settings)
             mixed = (weights.T[..., None] * residuals).sum(axis=0)
             found = get_loss(self.loss).values(mixed)
             # Of several minimisers keep the one-hot one, if there is one.

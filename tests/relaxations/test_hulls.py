@@ -10,7 +10,7 @@ from swsysid._results import SolverError, Status
 from swsysid._solvers.conic import LinearSolution
 from swsysid.relaxations import SimplexRelaxation
 from swsysid.relaxations import _hulls as hulls
-from swsysid.relaxations._hulls import nearest_l1
+from swsysid.relaxations._hulls import HullSettings, nearest_l1
 
 
 def random(rng, candidates, targets):
@@ -189,23 +189,22 @@ def test_tableaus_prove_every_sample_themselves(monkeypatch, n_modes, kind):
     np.testing.assert_allclose(membership.sum(axis=1), 1.0, atol=1e-14)
 
 
-def test_samples_without_a_proof_are_solved_by_highs(monkeypatch):
+def test_samples_without_a_proof_are_solved_by_highs():
     candidates, targets = problem(random, 4, 3, seed=4)
     residuals = in_units(candidates, targets)
     reference = values(residuals, nearest_l1(residuals)[0])
-    monkeypatch.setattr(hulls, "PATIENCE", 0)
-    monkeypatch.setattr(hulls, "CHUNK", 7)
-    posed = values(residuals, nearest_l1(residuals)[0])
+    posed = values(residuals, nearest_l1(residuals, HullSettings(patience=0, chunk=7))[0])
     np.testing.assert_allclose(posed, reference, rtol=1e-9, atol=1e-14)
 
 
 @pytest.mark.parametrize("status", [Status.INFEASIBLE, Status.UNBOUNDED, Status.FAILED])
 def test_where_highs_fails_too_there_is_no_assignment(monkeypatch, status):
     nothing = LinearSolution(np.empty(0), np.nan, np.empty(0), np.empty(0), status)
-    monkeypatch.setattr(hulls, "PATIENCE", 0)
     monkeypatch.setattr(hulls, "linear_program", lambda *_, **__: nothing)
+    relaxation = SimplexRelaxation()
+    relaxation.settings = HullSettings(patience=0)
     with pytest.raises(SolverError, match="choose another solver"):
-        SimplexRelaxation().assign(*problem(random, 3, 2))
+        relaxation.assign(*problem(random, 3, 2))
 
 
 def test_without_a_proof_nothing_is_called_optimal(monkeypatch):
@@ -215,7 +214,7 @@ def test_without_a_proof_nothing_is_called_optimal(monkeypatch):
     right = relaxation.assign(candidates, targets)
     assert right.status is Status.OPTIMAL
 
-    def corners_only(corners):  # a projection that finds no point but the first corner
+    def corners_only(corners, accuracy):  # a projection that finds no point but the first corner
         weights = np.eye(len(corners))[[0] * corners.shape[1]]
         return weights, corners[0]
 
@@ -239,12 +238,13 @@ def test_the_proof_of_a_projection_is_checked_by_its_bound():
 
 
 @pytest.mark.parametrize("n_modes", [2, 3, 5])
-def test_a_sample_has_its_membership_whatever_its_company(monkeypatch, n_modes):
+def test_a_sample_has_its_membership_whatever_its_company(n_modes):
     candidates, targets = problem(random, n_modes, 3, n_samples=100, seed=5)
     together = SimplexRelaxation().assign(candidates, targets).membership
     rows = np.random.default_rng(0).integers(100, size=250)
-    monkeypatch.setattr(hulls, "TOGETHER", 30)
-    apart = SimplexRelaxation().assign(candidates[:, rows], targets[rows]).membership
+    relaxation = SimplexRelaxation()
+    relaxation.settings = HullSettings(together=30)
+    apart = relaxation.assign(candidates[:, rows], targets[rows]).membership
     np.testing.assert_array_equal(apart, together[rows])
 
 

@@ -15,6 +15,7 @@ from swsysid.relaxations import (
     SimplexRelaxation,
     get_relaxation,
 )
+from swsysid.relaxations._hulls import HullSettings
 
 LOSSES = ["l1", "l2", "squared"]
 # How a loss grows when velocities are multiplied by a number.
@@ -281,10 +282,11 @@ def test_degenerate_hulls_are_solved(loss):
     assert prepared("simplex", loss).assign(same, targets).objective == 0.0
 
 
-def test_the_nearest_face_is_kept_where_rounding_hides_its_proof(monkeypatch):
-    monkeypatch.setattr("swsysid.relaxations._hulls.ACCURACY", 1e-30)
+def test_the_nearest_face_is_kept_where_rounding_hides_its_proof():
     candidates, targets, _ = problem(5, 60, 2, 0.5, seed=1)
-    value = prepared("simplex", "l2").assign(candidates, targets).lower_bound
+    relaxation = prepared("simplex", "l2")
+    relaxation.settings = HullSettings(accuracy=1e-30)
+    value = relaxation.assign(candidates, targets).lower_bound
     assert value == pytest.approx(simplex_reference(candidates, targets, "l2"), rel=1e-8)
 
 
