@@ -206,14 +206,8 @@ class Monomials:
 class FeatureMap:
     """A fitted copy of a feature library, with plain arrays and names at its boundary.
 
-    Parameters
-    ----------
-    library : None, int, transformer or PySINDy library
-        None is the identity; an int d is all monomials up to degree d, constant included;
-        anything else is cloned and fitted.
-    X : ndarray of shape (n_samples, n_features_in)
-    names : sequence of str
-        Names of the columns of `X`.
+    None is the identity; an int d is all monomials up to degree d, constant included; anything
+    else is cloned and fitted to `X`, whose columns have the `names`.
     """
 
     def __init__(self, library, X, names: Sequence[str]):

@@ -60,24 +60,9 @@ class CanonicalRows:
 def canonical_rows(*arrays: ArrayLike, sample_weight: ArrayLike | None = None) -> CanonicalRows:
     """Sort rows lexicographically over all arrays, merge equal ones and drop weight zero.
 
-    The answer is the same, bit for bit, for any order of the rows and for any way to express
-    the same repetitions by integer weights.
-
-    Parameters
-    ----------
-    *arrays : array-like of shape (n_samples,) or (n_samples, n_columns)
-        Parallel arrays, sorted by the first column of the first one, then by the next.
-    sample_weight : array-like of shape (n_samples,), default=None
-        Non-negative weights; None is one each.
-
-    Returns
-    -------
-    CanonicalRows
-
-    Raises
-    ------
-    ValueError
-        If the weights are negative, not finite, all zero, or not one for each row.
+    The arrays are parallel, (n_samples,) or (n_samples, n_columns). The answer is the same, bit
+    for bit, for any order of the rows and for any way to express the same repetitions by integer
+    weights.
 
     Examples
     --------
@@ -128,13 +113,7 @@ def places_between(X: Array, n_chosen: int = 2000) -> Array:
 
 
 def check_sample_weight(sample_weight: ArrayLike | None, n_samples: int) -> Array:
-    """Weights as floats, one for each sample; ones for None.
-
-    Raises
-    ------
-    ValueError
-        If they are negative, not finite, all zero, or of another shape.
-    """
+    """Weights as floats, one for each sample; ones for None; unusable ones are refused."""
     if sample_weight is None:
         return np.ones(n_samples)
     weight = numbers("sample_weight", sample_weight)
@@ -163,7 +142,9 @@ def _lexicographic(
     weight comes last, so that equal rows are summed in an order of their own.
     """
     order = np.argsort(columns[0], kind="stable")
-    is_first = _changes(columns[0][order])
+    ordered = columns[0][order]
+    is_first = np.ones(len(order), dtype=bool)
+    is_first[1:] = ordered[1:] != ordered[:-1]
     for column in columns[1:]:
         tied = _tied(is_first)
         if not tied.size:
@@ -176,12 +157,6 @@ def _lexicographic(
     if tied.size:
         _sort_within_runs(order, tied, is_first, weight)
     return order, is_first
-
-
-def _changes(ordered: NDArray) -> NDArray[np.bool_]:
-    is_first = np.ones(len(ordered), dtype=bool)
-    is_first[1:] = ordered[1:] != ordered[:-1]
-    return is_first
 
 
 def _tied(is_first: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -8,7 +8,7 @@ smallest of all blocks are among the smallest of each: a sample of samples is th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,21 +28,11 @@ _SLACK = 2
 
 @dataclass(frozen=True)
 class Sample:
-    """Rows drawn from all rows.
+    """Rows drawn from all rows."""
 
-    Attributes
-    ----------
-    rows : Rows
-        In the order of their numbers, or all rows in their own order.
-    place : ndarray of shape (n_sampled,), int
-        Where each of them is among all rows; the first place of equal rows.
-    n_rows : int
-        Number of all rows.
-    """
-
-    rows: Rows
-    place: NDArray[np.intp]
-    n_rows: int
+    rows: Rows  # in the order of their numbers, or all rows in their own order
+    place: NDArray[np.intp]  # of each among all rows; the first place of equal rows
+    n_rows: int  # number of all rows
 
     @property
     def is_everything(self) -> bool:
@@ -65,11 +55,7 @@ class _Drawn:
         np.add.at(weight, inverse, self.rows.weight)
         first = first[:n_rows]
         rows = self.rows.take(first)
-        return _Drawn(
-            numbers[:n_rows],
-            self.place[first],
-            Rows(rows.X, rows.targets, weight[:n_rows], rows.groups),
-        )
+        return _Drawn(numbers[:n_rows], self.place[first], replace(rows, weight=weight[:n_rows]))
 
 
 def draw_sample(blocks: RowBlocks, n_rows: int, most_rows: int) -> Sample:
@@ -82,7 +68,7 @@ def draw_sample(blocks: RowBlocks, n_rows: int, most_rows: int) -> Sample:
     parts: list[_Drawn] = []
     total = 0
     for n_block, drawn in blocks.map(_Draw(n_rows)):
-        parts.append(_moved(drawn, total))
+        parts.append(replace(drawn, place=drawn.place + total))
         total += n_block
         if sum(len(part.numbers) for part in parts) > _SLACK * n_rows:
             parts = [_joined(parts).smallest(n_rows)]
@@ -118,7 +104,8 @@ class _Draw:
     n_rows: int
 
     def __call__(self, block: Rows) -> tuple[int, _Drawn]:
-        found = [_Drawn(_empty(np.uint64), _empty(np.intp), block.take(slice(0)))]
+        nothing = np.empty(0, dtype=np.uint64), np.empty(0, dtype=np.intp)
+        found = [_Drawn(*nothing, block.take(slice(0)))]
         limit, start = None, 0
         for piece in block.pieces():
             numbers = row_numbers(np.column_stack([piece.X, piece.targets]))
@@ -177,10 +164,6 @@ def row_numbers(values: Array) -> NDArray[np.uint64]:
     return numbers
 
 
-def _moved(drawn: _Drawn, start: int) -> _Drawn:
-    return _Drawn(drawn.numbers, drawn.place + start, drawn.rows)
-
-
 def _joined(parts: list[_Drawn]) -> _Drawn:
     return _Drawn(
         np.concatenate([part.numbers for part in parts]),
@@ -199,7 +182,3 @@ def _joined_rows(parts: list[Rows]) -> Rows:
         np.concatenate([part.weight for part in parts]),
         groups,
     )
-
-
-def _empty(dtype) -> NDArray:
-    return np.empty(0, dtype=dtype)

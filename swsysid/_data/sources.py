@@ -30,21 +30,12 @@ _READ_AT_ONCE = 1 << 18
 
 @dataclass(frozen=True)
 class Rows:
-    """Consecutive rows of the data.
+    """Consecutive rows of the data."""
 
-    Attributes
-    ----------
-    X : ndarray of shape (n_rows, n_features_in)
-    targets : ndarray of shape (n_rows, n_states)
-    weight : ndarray of shape (n_rows,)
-    groups : ndarray of shape (n_rows,) or None
-        Names of the trajectories.
-    """
-
-    X: Array
-    targets: Array
-    weight: Array
-    groups: NDArray | None
+    X: Array  # (n_rows, n_features_in)
+    targets: Array  # (n_rows, n_states)
+    weight: Array  # (n_rows,)
+    groups: NDArray | None  # (n_rows,), names of the trajectories
 
     def __len__(self) -> int:
         return len(self.targets)
@@ -61,15 +52,9 @@ class Rows:
 
 
 class RowBlocks(ABC):
-    """Rows in blocks, and the map over them.
+    """Rows in blocks, and the map over them."""
 
-    Attributes
-    ----------
-    n_rows : int or None
-        Number of rows, None if only a pass over them tells.
-    """
-
-    n_rows: int | None = None
+    n_rows: int | None = None  # None if only a pass over them tells
 
     @abstractmethod
     def map(self, function: Callable[..., Any], carried: NDArray | None = None) -> Iterator[Any]:
@@ -190,17 +175,9 @@ def holds_blocks(X: Any) -> bool:
 
 
 def over_blocks(function: Callable[[Any], NDArray], X: Any, dtype: Any, *columns: int) -> Any:
-    r"""`function` of `X`; of every block, if it has blocks.
+    """`function` of `X`; of every block, if it has blocks: an array, a Dask array, or a list.
 
-    Parameters
-    ----------
-    function : callable
-        Rows to an ndarray (n_rows, \*columns) of the type `dtype`.
-    X : array-like, Dask array or sequence of blocks
-
-    Returns
-    -------
-    ndarray, Dask array (not computed yet) or list of ndarray
+    The function makes an array (n_rows, ``*columns``) of the type `dtype` of rows.
     """
     if _is_dask(X):
         X = X.rechunk({1: -1})
@@ -210,20 +187,11 @@ def over_blocks(function: Callable[[Any], NDArray], X: Any, dtype: Any, *columns
 
 
 def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) -> RowBlocks:
-    """A source of rows.
+    """A source of rows: of arrays in memory or on disk, Dask arrays, or sequences of blocks.
 
-    Parameters
-    ----------
-    X, y : ndarray, array on disk, Dask array, or sequence of blocks
-        Both of the same kind. An array on disk is a memory map, or anything with a shape that
-        gives an array when it is sliced (of HDF5, of Zarr); the blocks of a sequence are arrays,
-        or data frames, which may be read when the sequence is asked for them.
-    sample_weight, groups : of the kind of `y`, or ndarray of shape (n_samples,), default=None
-
-    Raises
-    ------
-    ValueError, TypeError
-        If they are not of the same length or kind.
+    All are of the same kind and length. An array on disk is a memory map, or anything with a
+    shape that gives an array when it is sliced (of HDF5, of Zarr); the blocks of a sequence are
+    arrays, or data frames, which may be read when the sequence is asked for them.
     """
     for name, values in {"X": X, "y": y}.items():
         if hasattr(values, "to_dask_array"):

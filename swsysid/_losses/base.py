@@ -17,7 +17,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,7 @@ class Loss(ABC):
     """A convex loss of a residual vector, summed over samples."""
 
     name: str
+    norm: str  # name of the norm that has the same minimisers
     separable = True  # a sum over outputs
     summary: type[Summary]  # what many rows say about coefficients
     additive = False  # rows can be added to a summary, and taken away, at any coefficients
@@ -90,6 +91,10 @@ class Loss(ABC):
     @abstractmethod
     def subgradient(self, residuals: Array) -> Array:
         """An element of the subdifferential at each residual, of the same shape."""
+
+    @abstractmethod
+    def expression(self, cp: Any, residuals: Any) -> Any:
+        """Loss of each row of a matrix of the modelling language `cp`."""
 
     @abstractmethod
     def dual_norm(self, vectors: Array) -> Array:
@@ -213,14 +218,8 @@ class Loss(ABC):
             value += float((slope * coef - program.bound * np.abs(slope)).sum())
         return value
 
-    @abstractmethod
     def _posed(self, program: DynamicsProgram, solver: str) -> tuple[Array, Array]:
         """Coefficients and dual U of the program posed to a solver."""
-
-    def _posed_conic(
-        self, program: DynamicsProgram, solver: str, expression
-    ) -> tuple[Array, Array]:
-        """The program in the modelling language; `expression` values a matrix of residuals."""
         cp = modelling()
         coef = cp.Variable(program.support.shape)
         residuals = cp.Variable(program.targets.shape)
@@ -230,7 +229,7 @@ class Loss(ABC):
             constraints += [coef <= program.bound, coef >= -program.bound]
         if not program.support.all():
             constraints += [coef[np.nonzero(~program.support)] == 0]
-        losses = program.weight @ expression(cp, residuals)
+        losses = program.weight @ self.expression(cp, residuals)
         problem = cp.Problem(cp.Minimize(losses), constraints)
         require_solution(solve(problem, solver), f"{self.name} dynamics program")
         return np.where(program.support, coef.value, 0.0), -definition.dual_value

@@ -88,7 +88,7 @@ class SignSummary:
 class L1Loss(NormLoss):
     """Sum of absolute residuals: sum_k |r_k| (the paper's p = 1)."""
 
-    name = "l1"
+    name = norm = "l1"
     summary = SignSummary
 
     def values(self, residuals):
@@ -97,6 +97,9 @@ class L1Loss(NormLoss):
 
     def subgradient(self, residuals):
         return np.sign(residuals)
+
+    def expression(self, cp, residuals):
+        return cp.norm(residuals, 1, axis=1)
 
     def dual_norm(self, vectors):
         return np.abs(vectors).max(axis=-1)

@@ -143,7 +143,7 @@ def _derivatives(design, residuals, length, weight) -> tuple[Array, Array]:
 class L2Loss(NormLoss):
     """Euclidean norm of the residual: (sum_k r_k^2)^(1/2) (the paper's p = 2)."""
 
-    name = "l2"
+    name = norm = "l2"
     summary = NormSummary
     separable = False
 
@@ -153,6 +153,9 @@ class L2Loss(NormLoss):
     def subgradient(self, residuals):
         lengths = np.linalg.norm(residuals, axis=-1, keepdims=True)
         return residuals / np.where(lengths > 0, lengths, 1.0)
+
+    def expression(self, cp, residuals):
+        return cp.norm(residuals, 2, axis=1)
 
     def dual_norm(self, vectors):
         return np.linalg.norm(vectors, axis=-1)
@@ -180,6 +183,3 @@ class L2Loss(NormLoss):
         if np.abs(coef).max(initial=0.0) > program.bound:
             return self._minimise(program, "clarabel")
         return coef, fit.lower_bound
-
-    def _posed(self, program, solver):
-        return self._posed_conic(program, solver, lambda cp, rows: cp.norm(rows, 2, axis=1))

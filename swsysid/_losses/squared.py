@@ -73,7 +73,7 @@ class GramSummary:
 class SquaredLoss(Loss):
     """Sum of squared residuals: sum_k r_k^2."""
 
-    name = "squared"
+    name, norm = "squared", "l2"
     summary, additive = GramSummary, True
 
     def values(self, residuals):
@@ -81,6 +81,9 @@ class SquaredLoss(Loss):
 
     def subgradient(self, residuals):
         return 2.0 * residuals
+
+    def expression(self, cp, residuals):
+        return cp.sum(cp.square(residuals), axis=1)
 
     def dual_norm(self, vectors):
         return np.linalg.norm(vectors, axis=-1)
@@ -100,6 +103,3 @@ class SquaredLoss(Loss):
 
     def _feasible(self, dual, weight):
         return dual, float((np.square(dual).sum(axis=1) / (4.0 * weight)).sum())
-
-    def _posed(self, program, solver):
-        return self._posed_conic(program, solver, lambda cp, rows: cp.sum(cp.square(rows), axis=1))

@@ -25,10 +25,6 @@ ROUNDING = 1e-9
 # Samples in one block-diagonal linear program.
 CHUNK = 500
 
-# The norm whose certificates hold for a loss. The minimisers of a sample's squared norm are
-# those of its norm, while only the norm is homogeneous, as the paper's theorems ask.
-_NORMS = {"l1": "l1", "l2": "l2", "squared": "l2"}
-
 
 @dataclass(frozen=True)
 class FitCertificate:
@@ -91,30 +87,9 @@ def certify(
     * The *dynamics gap* compares the coefficients with a dual bound of the dynamics program of
       each mode at the labels.
 
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_features_out)
-    targets : ndarray of shape (n_samples, n_states)
-    coef : ndarray of shape (n_modes, n_states, n_features_out)
-    loss : {"l1", "l2", "squared"}
-    solver : str, default="auto"
-    sample_weight : ndarray of shape (n_samples,), default=None
-        Weights of the samples in objective, bounds and dynamics; None is one for each.
-    coef_bound : float, default=None
-        Bound on the coefficients under which the dynamics gap is meant.
-    labels : ndarray of shape (n_samples,), default=None
-        Labels for the dynamics gap. By default the best mode of each sample.
-
-    Returns
-    -------
-    FitCertificate
-
-    Raises
-    ------
-    ValueError
-        If shapes do not match, an entry is not finite, or the loss is unknown.
-    SolverError
-        If the solver is not installed.
+    `features` are (n_samples, n_features_out), `coef` (n_modes, n_states, n_features_out).
+    `coef_bound` and `labels` are those under which the dynamics gap is meant; by default there is
+    no bound, and every sample is in its best mode.
 
     Examples
     --------
@@ -155,7 +130,7 @@ def certify(
         lower_bound=lower_bound,
         gap=objective - lower_bound,
         tightness=float(relaxed.tightness.mean()),
-        dual_certified=_dual_certified(candidates, targets, modes, _NORMS[loss]),
+        dual_certified=_dual_certified(candidates, targets, modes, get_loss(loss).norm),
         rounding_bound=_rounding_bound(candidates, targets, relaxed, loss),
         dynamics_gap=dynamics_gap,
         status=next((s for s in (relaxed.status, *statuses) if not s.ok), Status.OPTIMAL),
@@ -233,10 +208,12 @@ def _dual_margins_chunk(advantages, fixed, free, modes):
 
 
 def _rounding_bound(candidates, targets, relaxed, loss):
-    norm = get_loss(_NORMS[loss])
+    # The minimisers of a sample's squared norm are those of its norm, while only the norm is
+    # homogeneous, as the paper's theorems ask.
+    norm = get_loss(get_loss(loss).norm)
     chosen = candidates[relaxed.modes, np.arange(len(targets))]
     dispersion = np.einsum("im,mi->i", relaxed.membership, norm.values(candidates - chosen))
-    if loss == _NORMS[loss]:
+    if loss == norm.name:
         return dispersion
     mixed = np.einsum("im,mik->ik", relaxed.membership, candidates)
     return 2.0 * norm.values(targets - mixed) * dispersion + np.square(dispersion)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swsysid._checks.parameters import whole
+from swsysid._losses import get_loss
 from swsysid._results import Array, Assignment, Status
 from swsysid._solvers.conic import modelling, require_solution, solve
 from swsysid.relaxations._base import Relaxation
@@ -165,7 +166,7 @@ def _shor(loss, n_modes, n_states, n_samples, order):
     residuals = cp.vstack([cp.sum(cp.multiply(u, membership), axis=1) for u in data])
     # A sample's squared norm and its norm have the same minimisers, and the norm, which does not
     # flatten near zero, lets the solver find them more exactly.
-    norms = cp.norm(residuals, 1 if loss == "l1" else 2, axis=0)
+    norms = get_loss(get_loss(loss).norm).expression(cp, residuals.T)
 
     def set_data(displacements):
         for state, parameter in enumerate(data):

@@ -93,7 +93,7 @@ class SimplexRelaxation(Relaxation):
         place = best.astype(float)
         offset, along = residuals[0], residuals[0] - residuals[1]
         # Of several minimisers the end is kept, if it is one of them.
-        for trial in _GEOMETRIES[self.loss].places(offset, along):
+        for trial in _GEOMETRIES[loss.norm].places(offset, along):
             found = loss.values(offset - trial[:, None] * along)
             place = np.where(found < value * (1.0 - ROUNDING), trial, place)
             value = np.fmin(value, found)
@@ -104,36 +104,32 @@ class SimplexRelaxation(Relaxation):
 
     def _on_hulls(self, residuals, losses):
         """Memberships, bounds on their losses and the status for any number of modes."""
-        geometry = _GEOMETRIES[self.loss]
+        loss = get_loss(self.loss)
+        norm = get_loss(loss.norm)
         best, value = first_least(losses.T)
         membership, status = one_hot(best, len(losses)), Status.OPTIMAL
-        pending = np.flatnonzero(~_vertex_is_optimal(residuals, best, geometry))
+        pending = np.flatnonzero(~_vertex_is_optimal(residuals, best, norm))
         if pending.size:
             residuals = residuals[:, pending]
-            weights, least, status = geometry.hull(residuals, self.settings)
+            weights, least, status = _GEOMETRIES[norm.name].hull(residuals, self.settings)
             mixed = (weights.T[..., None] * residuals).sum(axis=0)
-            found = get_loss(self.loss).values(mixed)
+            found = loss.values(mixed)
             # Of several minimisers keep the one-hot one, if there is one.
             better = found < value[pending] * (1.0 - ROUNDING)
             membership[pending[better]] = weights[better]
             value[pending[better]] = found[better]
             if not status.ok:  # what is proved of the norm is all that is known
-                least = get_loss(self.loss).values(least[:, None])
+                least = loss.values(least[:, None])
                 value[pending] = np.minimum(value[pending], least)
         return membership, value, status
 
 
-def _vertex_is_optimal(residuals, best, geometry):
+def _vertex_is_optimal(residuals, best, norm):
     """Where one subgradient at the best mode's residual proves that mode optimal."""
     chosen = residuals[best, np.arange(len(best))]
-    slack = ((residuals - chosen) * geometry.subgradient(chosen)).sum(axis=2)
+    slack = ((residuals - chosen) * norm.subgradient(chosen)).sum(axis=2)
     scale = np.abs(residuals).max(axis=(0, 2), initial=0.0)
     return (slack >= -ROUNDING * scale).all(axis=0)
-
-
-def _direction(residuals):
-    norms = np.linalg.norm(residuals, axis=-1, keepdims=True)
-    return np.divide(residuals, norms, out=np.zeros_like(residuals), where=norms > 0)
 
 
 def _kinks(offset: Array, along: Array) -> Iterator[Array]:
@@ -152,17 +148,16 @@ def _projections(offset: Array, along: Array) -> Iterator[Array]:
 
 
 class _Geometry(NamedTuple):
-    """What is particular to the norm behind a loss."""
+    """Where a norm can be least on a segment, and how its nearest points of hulls are found."""
 
-    subgradient: Callable
     places: Callable[[Array, Array], Iterator[Array]]
     hull: Callable
 
 
-_L1 = _Geometry(np.sign, _kinks, nearest_l1)
-# The square of a norm has the minimisers of the norm.
-_EUCLIDEAN = _Geometry(_direction, _projections, nearest_euclidean)
-_GEOMETRIES = {"l1": _L1, "l2": _EUCLIDEAN, "squared": _EUCLIDEAN}
+_GEOMETRIES = {
+    "l1": _Geometry(_kinks, nearest_l1),
+    "l2": _Geometry(_projections, nearest_euclidean),
+}
 
 
 def _assign_whole(candidates, targets, loss, solver):
@@ -178,11 +173,7 @@ def _assign_whole(candidates, targets, loss, solver):
             for k in range(n_states)
         ]
     )
-    cost = {
-        "l1": lambda: cp.sum(cp.abs(residuals)),
-        "l2": lambda: cp.sum(cp.norm(residuals, 2, axis=0)),
-        "squared": lambda: cp.sum_squares(residuals),
-    }[loss]()
+    cost = cp.sum(get_loss(loss).expression(cp, residuals.T))
     problem = cp.Problem(cp.Minimize(cost), [cp.sum(membership, axis=1) == 1])
     status = solve(problem, solver)
     require_solution(status, "simplex relaxation")
