@@ -27,7 +27,6 @@ from swsysid._results import Array, GuardWarning, IdentificationWarning, MisfitW
 from swsysid._simulation.model import SwitchingModel
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
 from swsysid.effects._placed import corrected, guard_among
-from swsysid.metrics._modes import renumbering
 
 __all__ = ["JointFit", "check_declared", "fit_jointly", "warn_of_doubts"]
 
