@@ -17,7 +17,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,7 @@ class Loss(ABC):
         """An element of the subdifferential at each residual, of the same shape."""
 
     @abstractmethod
-    def expression(self, cp: Any, residuals: Any) -> Any:
+    def expression(self, cp, residuals):
         """Loss of each row of a matrix of the modelling language `cp`."""
 
     @abstractmethod
