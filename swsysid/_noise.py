@@ -7,7 +7,8 @@ with nu degrees of freedom and scales s_k,
 .. math:: p(r) = (1 - e) \, t_\nu\Big(\sum_k r_k^2 / s_k^2\Big) \prod_k s_k^{-1} + e \, u .
 
 Infinite nu is the normal law. Scales are standard deviations of the normal law with the same
-median size of residuals, or the most likely scales of Student's law.
+median size of residuals, or the most likely scales of Student's law. How heavy the tails are and
+how broad the outliers is for the user of the model to say, with the measurement behind it.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from scipy.special import gammaln, ndtri
 from swsysid._results import Array
 
 __all__ = [
+    "LAPLACE_SCALE",
     "NORMAL",
     "STUDENT",
     "Noise",
     "Outliers",
-    "centre_and_deviation",
     "exact_below",
     "mixed_with_outliers",
     "robust_regression",
@@ -35,12 +36,11 @@ __all__ = [
 
 # Median size of a standard normal variable.
 _NORMAL_MEDIAN = float(ndtri(0.75))
+# Scale of the Laplace law with the median size of the standard normal law.
+LAPLACE_SCALE = _NORMAL_MEDIAN / float(np.log(2.0))
 _SMALLEST = 1e-150  # its square is still a number
 # Errors below this share of the spread of a velocity are roundoff as far as effects go.
 _EXACT = 1e-4
-# Outliers are so many times as broad as the velocities, whose deviation is at least this share of
-# their mean distance from the median.
-_BREADTH, _LEAST_OF_MEAN = 5.0, 0.25
 _REWEIGHTINGS = 8
 
 
@@ -126,26 +126,18 @@ class Outliers:
     deviation: Array
 
     @classmethod
-    def among(cls, targets: Array, weight: Array, least: Array | float = 0.0) -> Outliers:
-        """Outliers of measured velocities (n_samples, n_outputs), at least `least` broad."""
-        centre, typical = centre_and_deviation(targets, weight)
-        return cls(centre, np.maximum(_BREADTH * typical, least))
+    def among(
+        cls, targets: Array, weight: Array, breadth: float, least: Array | float = 0.0
+    ) -> Outliers:
+        """Outliers among velocities (n_samples, n_outputs), so many median distances broad."""
+        centre = weighted_quantile(targets, weight, 0.5, axis=0)
+        typical = weighted_quantile(np.abs(targets - centre), weight, 0.5, axis=0)
+        return cls(centre, np.maximum(breadth * typical, least))
 
     def log_density(self, targets: Array) -> Array:
         """Log density at every row."""
         squares = np.square((targets - self.centre) / self.deviation).sum(axis=1)
         return NORMAL.log_density(squares, np.log(self.deviation).sum(), targets.shape[1])
-
-
-def centre_and_deviation(values: Array, weight: Array) -> tuple[Array, Array]:
-    """Median and robust standard deviation of every column.
-
-    The median deviation alone would vanish for a velocity that is constant on most samples.
-    """
-    centre = weighted_quantile(values, weight, 0.5, axis=0)
-    size = np.abs(values - centre)
-    mean = weight @ size / weight.sum()
-    return centre, np.maximum(robust_scale(size, weight), _LEAST_OF_MEAN * mean)
 
 
 def mixed_with_outliers(inside: Array, outside: Array, share: Array | float) -> tuple[Array, Array]:

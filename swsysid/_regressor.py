@@ -11,8 +11,8 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.scores import ScoredByR2
 from swsysid._data.sources import over_blocks
 from swsysid._identification.answer import Answer, answer_of_all
+from swsysid._identification.calibration import attach_likelihood
 from swsysid._identification.doubts import Doubts, examine, warn_about
-from swsysid._identification.evidence import tell_likelihood
 from swsysid._identification.identify import identify
 from swsysid._identification.many_rows import answer_of_many
 from swsysid._identification.monomials import surface_candidates
@@ -368,7 +368,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         self.stability_ = found.stability
         self.mode_selection_ = list(found.candidates)
         self.guard_score_, self.residual_share_ = doubts.guard.score, doubts.shared.share
-        tell_likelihood(self.surface_, found.problem, best.coef, best.modes)
+        attach_likelihood(self.surface_, found.problem, best.coef, best.modes)
         self.surface_candidates_ = surface_candidates(
             found.problem, found.monomials, self.surface_, best.modes
         )

@@ -18,9 +18,9 @@ from swsysid._checks.estimators import known_rows, known_velocities
 from swsysid._checks.parameters import MOST_RESAMPLES, jobs, random_numbers, real, verbosity, whole
 from swsysid._data.rows import CanonicalRows
 from swsysid._identification.alternation import alternate
+from swsysid._identification.calibration import calibrate
 from swsysid._identification.problem import one_hot
 from swsysid._identification.rows import trajectory_codes
-from swsysid._identification.scale import calibrate
 from swsysid._identification.setup import build_problem
 from swsysid._losses import get_loss
 from swsysid._results import Array

@@ -21,6 +21,7 @@ __all__ = [
     "check_sample_weight",
     "places_between",
     "spread_rows",
+    "thinned_rows",
 ]
 
 
@@ -100,6 +101,21 @@ def spread_rows(n_samples: int, n_chosen: int) -> NDArray[np.intp]:
     """
     golden = (np.sqrt(5.0) - 1.0) / 2.0
     return np.unique((np.arange(1, n_chosen + 1) * golden % 1.0 * n_samples).astype(np.intp))
+
+
+def thinned_rows(weight: Array, limit: int) -> tuple[NDArray[np.intp], Array]:
+    """At most `limit` rows and their weights: all that have weight, or a sample of that size.
+
+    The sample takes equal steps of the weight: every stretch of the rows gives as many as its
+    share of the weight says. Where the rows are in canonical order a stretch is a slice of space.
+    """
+    rows = np.flatnonzero(weight > 0)
+    if len(rows) <= limit:
+        return rows, weight[rows]
+    below = np.cumsum(weight[rows])
+    steps = (np.arange(limit) + 0.5) / limit * below[-1]
+    rows, counts = np.unique(rows[np.searchsorted(below, steps)], return_counts=True)
+    return rows, counts.astype(float)
 
 
 def places_between(X: Array, n_chosen: int = 2000) -> Array:

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from swsysid._data.rows import spread_rows
 from swsysid._identification.alternation import AlternateFrom, Alternation, alternate, relabel
+from swsysid._identification.calibration import calibrate
 from swsysid._identification.monomials import SurfaceChoice, choose_monomials
 from swsysid._identification.number_of_modes import (
     ModeCandidate,
@@ -21,7 +22,6 @@ from swsysid._identification.number_of_modes import (
     smooth_rival,
 )
 from swsysid._identification.problem import Modes, SwitchingProblem, one_hot
-from swsysid._identification.scale import calibrate
 from swsysid._identification.sparsity import choose_terms
 from swsysid._identification.starts import Search, Starts, draw_starts
 from swsysid._seeding.search import same_partition

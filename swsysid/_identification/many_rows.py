@@ -15,12 +15,12 @@ from swsysid._data.sampling import Sample, Thinned, draw_sample
 from swsysid._data.sources import RowBlocks, row_blocks
 from swsysid._identification.all_rows import AllRowsAnswer, descend_over_all_rows
 from swsysid._identification.answer import Answer
+from swsysid._identification.calibration import may_discard
 from swsysid._identification.estimate import Estimate
 from swsysid._identification.identify import Identification
 from swsysid._identification.passes import Pass, PassResult
 from swsysid._identification.problem import Modes, SwitchingProblem, one_hot
 from swsysid._identification.rows import TrainingRows
-from swsysid._identification.scale import may_discard
 from swsysid._identification.starts import Search
 from swsysid._identification.trust_region import Sampled, rows_to_know
 from swsysid._rendering.progress import progress

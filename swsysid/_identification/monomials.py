@@ -15,7 +15,7 @@ import numpy as np
 from sklearn.base import clone
 
 from swsysid._identification.alternation import AlternateFrom, Alternation
-from swsysid._identification.evidence import log_densities
+from swsysid._identification.calibration import log_densities
 from swsysid._identification.problem import (
     Modes,
     SwitchingProblem,

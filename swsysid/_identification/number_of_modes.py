@@ -8,37 +8,67 @@ from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._noise import weighted_quantile
+from swsysid._data.rows import thinned_rows
+from swsysid._noise import mixed_with_outliers, robust_scale
 from swsysid._results import Array
-from swsysid._seeding.designs import centre_and_scale, monomials, whiten
+from swsysid._seeding.designs import centre_and_scale, whiten
 from swsysid._seeding.experts import Samples, single_model
-from swsysid._seeding.seeding import Preparation, Seed, held_out_residuals, seed_modes
-from swsysid._seeding.starts import some_rows, split_labels
+from swsysid._seeding.seeding import Preparation, Seed, seed_modes
+from swsysid._seeding.settings import SeedingSettings
+from swsysid._seeding.starts import split_labels
 
 __all__ = ["ModeCandidate", "compare_mode_counts", "smallest_sufficient", "smooth_rival"]
 
-# Fraction of the samples held out, and how many rows of either part are looked at.
-_HELD_OUT = 0.25
-_MOST_ROWS = 3000
-# Whole trajectories are held out where there are this many.
-_TRAJECTORIES = 4
-# Differences of fewer standard errors than this, and this many nats, are noise.
-_STANDARD_ERRORS, _FREE_NATS = 2.0, 2.0
-# Counts tried beyond the best one before the search gives up.
-_PATIENCE = 2
-# A count is searched with two batches of random starts and these cuts of every smaller mode.
-_STARTS, _SPLITS = 32, 2
-# Residuals below this share of an output's typical deviation are none: on exact data the
-# comparison must not be about rounding errors.
-_FLOOR = 1e-4
-# Median size of a standard normal variable.
-_NORMAL_MEDIAN = 0.6745
-# A sample costs at most this many nats, or one for every output if these are more.
-_MOST_NATS = 3.0
-# One law with all monomials up to these degrees is compared with several modes, as long as there
-# are not too many monomials for the rows.
-_SMOOTH_DEGREES, _MOST_MONOMIALS, _ROWS_A_MONOMIAL = (2, 3, 5, 7), 60, 10
+
+@dataclass(frozen=True)
+class ModeCountSettings:
+    """How numbers of modes are compared.
+
+    Attributes
+    ----------
+    held_out : float
+        Share of the samples held out ...
+    trajectories : int
+        ... as whole trajectories where there are so many.
+    most_rows : int
+        Of either part; more rows say no more.
+    standard_errors, free_nats : float
+        Differences of fewer standard errors than this, and this many nats, are noise.
+    patience : int
+        Counts tried beyond the best one before the search gives up.
+    seeding : SeedingSettings
+        Two batches of random starts suffice beside the cuts of every smaller mode.
+    n_splits : int
+        So many cuts.
+    least_scale : float
+        Residuals below this share of an output's typical deviation are none: on exact data the
+        comparison must not be about rounding errors.
+    most_nats : float
+        A sample costs about this much at most, or a nat for every output if these are more.
+    smooth_degrees : tuple of int
+        One law with all monomials up to these degrees is compared with several modes, ...
+    most_monomials, rows_a_monomial : int
+        ... as long as there are not too many monomials for the rows.
+    """
+
+    held_out: float = 0.25
+    trajectories: int = 4
+    most_rows: int = 3000
+    standard_errors: float = 2.0
+    free_nats: float = 2.0
+    patience: int = 2
+    seeding: SeedingSettings = SeedingSettings(most_starts=32)
+    n_splits: int = 2
+    least_scale: float = 1e-4
+    most_nats: float = 3.0
+    smooth_degrees: tuple[int, ...] = (2, 3, 5, 7)
+    most_monomials: int = 60
+    rows_a_monomial: int = 10
+
+
+_SETTINGS = ModeCountSettings()
 
 
 @dataclass(frozen=True)
@@ -65,7 +95,8 @@ class ModeCandidate:
     @property
     def sufficient(self) -> bool:
         """True if the data do not show that another candidate is better."""
-        return self.excess <= _STANDARD_ERRORS * self.standard_error + _FREE_NATS
+        noise = _SETTINGS.standard_errors * self.standard_error + _SETTINGS.free_nats
+        return self.excess <= noise
 
 
 @dataclass(frozen=True)
@@ -79,21 +110,39 @@ class _Part:
     weight: Array
     trajectory: NDArray[np.intp]
 
+    def seed(self, n_modes: int, gate_degree: int, random_state, first_labels=None) -> Seed:
+        """The most likely partition of these rows."""
+        return seed_modes(
+            self.features,
+            self.targets,
+            self.coordinates,
+            n_modes=n_modes,
+            gate_degree=gate_degree,
+            sample_weight=self.weight,
+            first_labels=first_labels,
+            random_state=random_state,
+            settings=_SETTINGS.seeding,
+        )[0]
+
+    def held_out_residuals(self, seed: Seed) -> Array:
+        """Residuals of these rows under a seed of others."""
+        return seed.held_out_residuals(self.features, self.targets, self.coordinates)
+
 
 def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, ...]:
     r"""Held-out costs of 1, 2, ... modes, until two more neither cost less nor fit better.
 
     A candidate predicts the velocity of a held-out sample from its coordinates alone: they say
     which mode it is in. With residuals :math:`r_{ik}` in units of the noise :math:`s_k`, the
-    smallest median residual of all candidates, the sample costs
+    smallest robust scale of all candidates, the sample costs
 
-    .. math:: c \left(1 - \exp\Big(-\frac{1}{2c} \sum_k (r_{ik} / s_k)^2\Big)\right)
-              \quad\text{nats}, \qquad c = \max(3, n_\text{outputs}) .
+    .. math:: -\log\Big(\exp\big(-\tfrac12 \sum_k (r_{ik} / s_k)^2\big) + e^{-c}\Big)
+              \quad\text{nats}, \qquad c = \max(3, n_\text{outputs}) :
 
-    The likelihood of the mixture would not do: modes that the coordinates cannot tell apart
-    buy likelihood by mending the shape of the noise (uniform, heavy-tailed, uneven), but no
-    better prediction. And the bound keeps a few samples beside a guard, or a few outliers, from
-    deciding.
+    the noise is normal with outliers, of a density that bounds the cost, so that a few samples
+    beside a guard, or a few outliers, do not decide. The likelihood of the mixture would not do:
+    modes that the coordinates cannot tell apart buy likelihood by mending the shape of the noise
+    (uniform, heavy-tailed, uneven), but no better prediction.
 
     Too few modes may all predict badly, and one more be no better: the search for the best
     number goes on while the likelihood still rises by more than its parameters explain.
@@ -105,23 +154,13 @@ def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, .
     train, test = _split(problem, search.trajectory, random_state)
     residuals: list[Array] = []
     criteria: list[float] = []
-    labels = np.zeros(len(train.weight), dtype=np.intp)
+    first_labels = None
     for n_modes in range(1, search.max_modes + 1):
-        seed = seed_modes(
-            train.features,
-            train.targets,
-            train.coordinates,
-            n_modes=n_modes,
-            gate_degree=search.gate_degree,
-            sample_weight=train.weight,
-            most_starts=_STARTS,
-            first_labels=split_labels(labels, train.points, train.weight, _SPLITS, random_state)
-            if n_modes > 1
-            else None,
-            random_state=random_state,
-        )[0]
-        labels = seed.labels
-        residuals.append(held_out_residuals(seed, test.features, test.targets, test.coordinates))
+        seed = train.seed(n_modes, search.gate_degree, random_state, first_labels)
+        first_labels = split_labels(
+            seed.labels, train.points, train.weight, _SETTINGS.n_splits, random_state
+        )
+        residuals.append(test.held_out_residuals(seed))
         criteria.append(_information_criterion(seed, train.weight.sum()))
         totals = [float(test.weight @ cost) for cost in _costs(residuals, test.weight)]
         if _exhausted(totals, criteria):
@@ -140,34 +179,26 @@ def smooth_rival(problem, search, n_modes: int, random_state) -> int | None:
     if n_modes == 1 or len(problem.weight) < 2:
         return None
     train, test = _split(problem, search.trajectory, random_state)
-    switching = seed_modes(
-        train.features,
-        train.targets,
-        train.coordinates,
-        n_modes=n_modes,
-        gate_degree=search.gate_degree,
-        sample_weight=train.weight,
-        most_starts=_STARTS,
-        random_state=random_state,
-    )[0]
-    degrees = [degree for degree in _SMOOTH_DEGREES if _affordable(train, degree)]
-    residuals = [held_out_residuals(switching, test.features, test.targets, test.coordinates)]
+    switching = train.seed(n_modes, search.gate_degree, random_state)
+    degrees = [degree for degree in _SETTINGS.smooth_degrees if _affordable(train, degree)]
+    residuals = [test.held_out_residuals(switching)]
     residuals += [_smooth_residuals(switching.preparation, train, test, d) for d in degrees]
     cost, *smooth = (float(test.weight @ each) for each in _costs(residuals, test.weight))
-    better = (d for d, own in zip(degrees, smooth, strict=True) if own + _FREE_NATS < cost)
-    return next(better, None)
+    limit = cost - _SETTINGS.free_nats
+    return next((d for d, own in zip(degrees, smooth, strict=True) if own < limit), None)
 
 
 def _affordable(train: _Part, degree: int) -> bool:
     n_monomials = comb(train.points.shape[1] + degree, degree)
-    return n_monomials <= min(_MOST_MONOMIALS, train.weight.sum() / _ROWS_A_MONOMIAL)
+    allowed = min(_SETTINGS.most_monomials, train.weight.sum() / _SETTINGS.rows_a_monomial)
+    return n_monomials <= allowed
 
 
 def _smooth_residuals(preparation: Preparation, train: _Part, test: _Part, degree: int) -> Array:
     """Held-out residuals of one robust law of features and monomials, in the units of a seed."""
 
     def design(part: _Part) -> Array:
-        return np.hstack([part.features, monomials(part.points, degree)])
+        return np.hstack([part.features, PolynomialFeatures(degree).fit_transform(part.points)])
 
     def samples(part: _Part) -> Samples:
         return preparation(part.features, part.targets, part.coordinates, part.weight)
@@ -185,7 +216,7 @@ def smallest_sufficient(candidates: tuple[ModeCandidate, ...]) -> int:
 def _exhausted(*criteria: list[float]) -> bool:
     """True if the last counts are worse than an earlier one by each of some criteria."""
     latest_best = max(int(np.argmin(values)) for values in criteria)
-    return len(criteria[0]) - 1 - latest_best >= _PATIENCE
+    return len(criteria[0]) - 1 - latest_best >= _SETTINGS.patience
 
 
 def _information_criterion(seed: Seed, n_samples: float) -> float:
@@ -196,11 +227,11 @@ def _information_criterion(seed: Seed, n_samples: float) -> float:
 
 def _costs(residuals: list[Array], weight: Array) -> list[Array]:
     """Cost of every held-out sample under every candidate."""
-    sizes = np.abs(residuals)
-    median = weighted_quantile(sizes.swapaxes(1, 2), weight, 0.5).min(axis=0)
-    scale = np.maximum(median / _NORMAL_MEDIAN, _FLOOR)
-    most = max(_MOST_NATS, sizes.shape[2])
-    return list(most * -np.expm1(-np.square(sizes / scale).sum(axis=2) / (2.0 * most)))
+    smallest = np.min([robust_scale(each, weight) for each in residuals], axis=0)
+    scaled = np.array(residuals) / np.maximum(smallest, _SETTINGS.least_scale)
+    most = max(_SETTINGS.most_nats, scaled.shape[2])
+    log_density, _ = mixed_with_outliers(-0.5 * np.square(scaled).sum(axis=2), -most, 0.5)
+    return list(np.log(0.5 + 0.5 * np.exp(-most)) - log_density)  # nothing for no residual
 
 
 def _candidates(costs: list[Array], test: _Part) -> Iterator[ModeCandidate]:
@@ -226,19 +257,18 @@ def _standard_error(values: Array, part: _Part) -> float:
 def _split(problem, trajectory: NDArray[np.intp], random_state) -> tuple[_Part, _Part]:
     """Rows to fit and rows to judge on: whole trajectories, or single samples of few."""
     n_trajectories = int(trajectory.max()) + 1
-    blocks = trajectory if n_trajectories >= _TRAJECTORIES else np.arange(len(trajectory))
+    whole = n_trajectories >= _SETTINGS.trajectories
+    blocks = trajectory if whole else np.arange(len(trajectory))
     n_blocks = int(blocks.max()) + 1
     order = random_state.permutation(n_blocks)
     size = np.bincount(blocks, weights=problem.weight, minlength=n_blocks)[order]
-    chosen = order[np.cumsum(size) <= _HELD_OUT * size.sum()]
+    chosen = order[np.cumsum(size) <= _SETTINGS.held_out * size.sum()]
     held_out = np.isin(blocks, chosen if len(chosen) else order[:1])
     centre, scale = centre_and_scale(problem.coordinates, problem.weight)
     points = (problem.coordinates - centre) / scale
 
     def part(kept):
-        rows, weight = some_rows(
-            points, np.where(kept, problem.weight, 0.0), _MOST_ROWS, random_state
-        )
+        rows, weight = thinned_rows(np.where(kept, problem.weight, 0.0), _SETTINGS.most_rows)
         taken = problem.features, problem.targets, problem.coordinates, points
         return _Part(*(values[rows] for values in taken), weight, trajectory[rows])
 

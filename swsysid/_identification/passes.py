@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from swsysid._data.features import FeatureMap
 from swsysid._data.sources import Rows
+from swsysid._identification.calibration import CALIBRATION
 from swsysid._identification.estimate import Estimate
 from swsysid._identification.problem import Costs, Modes, SwitchingProblem
-from swsysid._identification.scale import OUTLYING
 from swsysid._identification.trust_region import TrustRegion
 from swsysid._results import Array
 from swsysid._surfaces.fitted import FittedSurfaces, HingeSummary
@@ -141,7 +141,7 @@ class Pass:
         if not (problem.coupling and self.discards.any()):
             return outlying
         # A loss is at least that of its largest residual.
-        near = np.full(len(problem.scale), _SUSPECTED * OUTLYING)
+        near = np.full(len(problem.scale), _SUSPECTED * CALIBRATION.outlying)
         near[1:] *= not problem.loss.separable
         far = np.flatnonzero(losses.min(axis=0) > problem.loss.values(near))
         some = problem.on_rows(
@@ -152,7 +152,7 @@ class Pass:
         size = np.abs(residuals[own, np.arange(len(far))])
         if not problem.loss.separable:
             size = size.mean(axis=1, keepdims=True)
-        outlying[far] = (size.max(axis=1, initial=0.0) > OUTLYING) & self.discards[own]
+        outlying[far] = (size.max(axis=1, initial=0.0) > CALIBRATION.outlying) & self.discards[own]
         return outlying
 
     def _dynamics(self, problem: SwitchingProblem, labels, before) -> tuple:

@@ -1,4 +1,4 @@
-"""Weighted batched linear algebra: whitened bases, Gram matrices of many weightings, quantiles.
+"""Weighted batched linear algebra: whitened bases, and Gram matrices of many weightings.
 
 Everything here sums over rows with weights, so that a row of weight two is two rows, and works
 on a whole batch of weightings at once: one matrix product serves all starts and all modes.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +15,10 @@ from scipy.linalg import solve_triangular
 
 from swsysid._results import Array
 
-__all__ = [
-    "Basis",
-    "WhitenedRows",
-    "centre_and_scale",
-    "monomials",
-    "whiten",
-]
+__all__ = ["Basis", "WhitenedRows", "centre_and_scale", "whiten"]
 
+# A column whose part outside the earlier ones is below this share of it depends on them.
 _RANK_TOLERANCE = 1e-9
-_MAX_PRODUCTS = 8_000_000
 
 
 @dataclass(frozen=True)
@@ -35,9 +28,12 @@ class WhitenedRows:
     Attributes
     ----------
     values : ndarray of shape (rank, n_samples)
+    most_products : int
+        Size of the table of products of all pairs; larger ones are not made.
     """
 
     values: Array
+    most_products: int = 8_000_000
 
     def gram(self, weights: Array) -> Array:
         """Sum_i w_i q_i q_i' of every weighting: (..., n_samples) -> (..., rank, rank)."""
@@ -77,7 +73,7 @@ class WhitenedRows:
     @cached_property
     def _products(self) -> Array | None:
         first, second = np.triu_indices(len(self.values))
-        if first.size * self.values.shape[1] > _MAX_PRODUCTS:
+        if first.size * self.values.shape[1] > self.most_products:
             return None
         return self.values[first] * self.values[second]
 
@@ -128,16 +124,6 @@ def whiten(design: Array, weights: Array) -> Basis:
     if kept:
         transform[kept] = solve_triangular(units @ factor[:, kept], np.eye(len(kept)))
     return Basis(transform / size[:, None])
-
-
-def monomials(coordinates: Array, degree: int) -> Array:
-    """All monomials of the columns up to a degree, low degrees first: (n_samples, n_monomials)."""
-    n_samples, n_columns = coordinates.shape
-    columns = [np.ones(n_samples)]
-    for order in range(1, degree + 1):
-        for group in combinations_with_replacement(range(n_columns), order):
-            columns.append(coordinates[:, list(group)].prod(axis=1))
-    return np.column_stack(columns)
 
 
 def centre_and_scale(values: Array, weights: Array) -> tuple[Array, Array]:

@@ -6,8 +6,8 @@ The model of one sample, with Phi(x) the dynamics features and q(x) those of the
     xdot = C_m Phi(x) + noise, whose scale s_k in output k is the same in all modes,
     or, with probability e and whatever the mode, an outlier: a broad density without x in it.
 
-The noise is Student-t (the search: outliers have bounded pull) or Gaussian with the outlier
-class (the final fit). Every iteration is made of steps that cannot decrease the penalised
+The noise is Student-t (the search: outliers have bounded pull) or normal with the outlier class
+(the final fit). Every iteration is made of steps that cannot decrease the penalised
 log-likelihood: exact E-step, proximal weighted least squares, variances moved towards their
 optimum, guarded Newton on the gate.
 """
@@ -18,21 +18,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
+from scipy.special import log_softmax
 
-from swsysid._noise import weighted_quantile
+from swsysid._noise import Noise, mixed_with_outliers, weighted_quantile
 from swsysid._results import Array
 from swsysid._seeding.designs import WhitenedRows
-from swsysid._seeding.gate import log_softmax, newton_step, softmax
+from swsysid._seeding.gate import newton_step
+from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 
-__all__ = ["Experts", "Noise", "Posterior", "Samples", "em", "initial_experts", "single_model"]
-
-# Targets are of order one: a residual of 1e-7 is as good as none.
-VARIANCE_FLOOR = 1e-14
-_SHRINK = 0.25
-_PROXIMAL = 1e-10
-_OUTLIER_SHARE = (1e-4, 0.3)
-_SMALL_RESIDUAL = 1e-3
+__all__ = ["Experts", "Posterior", "Samples", "em", "initial_experts", "single_model"]
 
 
 @dataclass(frozen=True)
@@ -69,34 +63,6 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Student-t noise of the output vector; infinite degrees of freedom are Gaussian.
-
-    Attributes
-    ----------
-    dof : float
-    """
-
-    dof: float
-
-    def log_density(self, distance: Array, variance: Array) -> Array:
-        """Log density at squared Mahalanobis distances (R, M, N) for variances (R, K)."""
-        size = variance.shape[-1]
-        half_log_det = 0.5 * np.log(variance).sum(axis=-1)[:, None, None]
-        if np.isinf(self.dof):
-            return -0.5 * distance - (half_log_det + 0.5 * size * np.log(2 * np.pi))
-        half = 0.5 * (self.dof + size)
-        norm = gammaln(half) - gammaln(0.5 * self.dof) - 0.5 * size * np.log(self.dof * np.pi)
-        return (norm - half_log_det) - half * np.log1p(distance / self.dof)
-
-    def pull(self, distance: Array, n_outputs: int) -> Array:
-        """Weight of a sample in the M-step: bounded influence for Student-t, one for Gaussian."""
-        if np.isinf(self.dof):
-            return np.ones_like(distance)
-        return (self.dof + n_outputs) / (self.dof + distance)
-
-
-@dataclass(frozen=True)
 class Posterior:
     """What a batch of mixtures says about the samples.
 
@@ -106,14 +72,14 @@ class Posterior:
         Probability of every mode given that the sample is no outlier.
     inlier : ndarray of shape (R, n_samples)
         Probability that it is none.
-    distance : ndarray of shape (R, n_modes, n_samples)
-        Squared Mahalanobis distance to every mode's velocity.
+    squares : ndarray of shape (R, n_modes, n_samples)
+        Sum of the squared residuals in units of the noise.
     log_density : ndarray of shape (R, n_samples)
     """
 
     modes: Array
     inlier: Array
-    distance: Array
+    squares: Array
     log_density: Array
 
 
@@ -144,30 +110,35 @@ class Experts:
         return replace(
             self,
             residuals=samples.targets - samples.features.evaluate(self.coef),
-            log_gate=log_softmax(samples.gate_features.evaluate(self.gate)),
+            log_gate=log_softmax(samples.gate_features.evaluate(self.gate), axis=1),
         )
 
     def take(self, members) -> Experts:
         """Some members of the batch."""
-        return Experts(*(getattr(self, name)[members] for name in self.__dataclass_fields__))
+        return Experts(*(values[members] for values in vars(self).values()))
 
     @classmethod
     def concatenate(cls, batches: list[Experts]) -> Experts:
         """One batch of several."""
-        names = cls.__dataclass_fields__
-        return cls(*(np.concatenate([getattr(b, name) for b in batches]) for name in names))
+        parts = zip(*(vars(batch).values() for batch in batches), strict=True)
+        return cls(*(np.concatenate(values) for values in parts))
 
     def posterior(self, samples: Samples, noise: Noise) -> Posterior:
         """The E-step."""
-        distance = (np.square(self.residuals) / self.variance[:, None, :, None]).sum(axis=2)
-        modes, inlier = softmax(self.log_gate + noise.log_density(distance, self.variance))
-        inlier = inlier[:, 0]
+        squares = (np.square(self.residuals) / self.variance[:, None, :, None]).sum(axis=2)
+        log_scale = 0.5 * np.log(self.variance).sum(axis=1)[:, None, None]
+        joint = self.log_gate + noise.log_density(squares, log_scale, self.variance.shape[1])
+        top = joint.max(axis=1, keepdims=True)
+        modes = np.exp(joint - top)
+        total = modes.sum(axis=1, keepdims=True)
+        modes /= total
+        density = (top + np.log(total))[:, 0]
         if not self.outlier_share.any():
-            return Posterior(modes, np.ones_like(inlier), distance, inlier)
-        outlier = np.log(self.outlier_share)[:, None] + samples.outlier_log_density
-        inlier = np.log1p(-self.outlier_share)[:, None] + inlier
-        density = np.logaddexp(inlier, outlier)
-        return Posterior(modes, np.exp(inlier - density), distance, density)
+            return Posterior(modes, np.ones_like(density), squares, density)
+        density, inlier = mixed_with_outliers(
+            density, samples.outlier_log_density, self.outlier_share[:, None]
+        )
+        return Posterior(modes, inlier, squares, density)
 
 
 def em(
@@ -178,7 +149,8 @@ def em(
     ridge: float | Array,
     max_iter: int,
     tol: float,
-    floor: float | Array = VARIANCE_FLOOR,
+    floor: float | Array = 0.0,
+    settings: SeedingSettings = DEFAULTS,
 ) -> tuple[Experts, Array]:
     """Run EM until no mixture of the batch gains more than `tol` nats in an iteration.
 
@@ -193,6 +165,7 @@ def em(
     tol : float
     floor : float or ndarray of shape (n_outputs,)
         Variances stay above it.
+    settings : SeedingSettings
 
     Returns
     -------
@@ -201,67 +174,65 @@ def em(
         Penalised log-likelihoods before every iteration and at the end; non-decreasing as long
         as the floor does not lift a variance.
     """
+    floor = np.maximum(floor, settings.exact**2)
+    price = 0.5 * samples.weights.sum() * ridge
     history: list[Array] = []
-    for _ in range(max_iter):
+    while True:
         posterior = experts.posterior(samples, noise)
-        history.append(_penalised(samples, experts, posterior, ridge))
+        penalty = (price * np.square(experts.gate)).sum(axis=(1, 2))
+        history.append(posterior.log_density @ samples.weights - penalty)
+        if len(history) > max_iter:
+            break
         if len(history) > 1 and (history[-1] - history[-2]).max() < tol:
-            return experts, np.array(history)
-        experts = _maximise(samples, experts, posterior, noise, ridge, floor)
-    history.append(_penalised(samples, experts, experts.posterior(samples, noise), ridge))
+            break
+        experts = _maximise(samples, experts, posterior, noise, ridge, floor, settings)
     return experts, np.array(history)
 
 
-def _penalised(samples, experts, posterior, ridge) -> Array:
-    price = 0.5 * samples.weights.sum() * ridge
-    penalty = (price * np.square(experts.gate)).sum(axis=(1, 2))
-    return posterior.log_density @ samples.weights - penalty
-
-
-def _maximise(samples, experts, posterior, noise, ridge, floor) -> Experts:
+def _maximise(samples, experts, posterior, noise, ridge, floor, settings) -> Experts:
     weights, n_outputs = samples.weights, len(samples.targets)
     soft_labels = posterior.modes * posterior.inlier[:, None]
-    pulled = weights * soft_labels * noise.pull(posterior.distance, n_outputs)
-    coef = _weighted_fit(samples, pulled, experts.coef)
+    pulled = weights * soft_labels * noise.weight(posterior.squares, n_outputs)
+    coef = _weighted_fit(samples, pulled, experts.coef, settings)
     residuals = samples.targets - samples.features.evaluate(coef)
     inlier_weight = posterior.inlier @ weights
     spread = (pulled[:, :, None] * np.square(residuals)).sum(axis=(1, 3))
     variance = spread / np.maximum(inlier_weight, 1e-12 * weights.sum())[:, None]
-    # A step towards the optimum, not past it: the likelihood cannot fall, and no start can
-    # collapse onto a handful of samples within one iteration.
-    variance = np.maximum(np.maximum(variance, _SHRINK * experts.variance), floor)
+    # A step towards the optimum, not past it: the likelihood cannot fall.
+    least = np.maximum(settings.least_shrinkage * experts.variance, floor)
     gate, log_gate = newton_step(
-        samples.gate_features, experts.gate, experts.log_gate, soft_labels, weights, ridge
+        samples.gate_features, experts.gate, experts.log_gate, soft_labels, weights, ridge, settings
     )
-    share = np.clip(1.0 - inlier_weight / weights.sum(), *_OUTLIER_SHARE)
+    share = np.clip(1.0 - inlier_weight / weights.sum(), *settings.outlier_limits)
     share = np.where(experts.outlier_share > 0, share, 0.0)
-    return Experts(coef, gate, variance, share, residuals, log_gate)
+    return Experts(coef, gate, np.maximum(variance, least), share, residuals, log_gate)
 
 
-def _weighted_fit(samples, weights, previous) -> Array:
+def _weighted_fit(samples, weights, previous, settings) -> Array:
     """Proximal weighted least squares of every mode: weights (R, M, N) -> coef (R, M, K, P).
 
     Minimises Sum_i w_i |y_i - C q_i|^2 + tau |C - C_previous|^2. The proximal term leaves the
     fixed points of an iteration alone, and keeps a mode without samples where it was.
     """
-    tau = _PROXIMAL * samples.weights.sum()
+    tau = settings.proximal * samples.weights.sum()
     gram = samples.features.gram(weights) + tau * np.eye(len(samples.features.values))
     moment = samples.features.cross(weights[:, :, None] * samples.targets) + tau * previous
     return np.linalg.solve(gram, moment.swapaxes(-1, -2)).swapaxes(-1, -2)
 
 
-def _towards_l1(samples, weights, coef, n_steps) -> tuple[Array, Array]:
+def _towards_l1(samples, weights, coef, n_steps, settings) -> tuple[Array, Array]:
     """Coefficients and residuals after least squares and some reweightings by 1 / |residual|."""
     reweighted = weights
     for _ in range(n_steps + 1):
-        coef = _weighted_fit(samples, reweighted, coef)
+        coef = _weighted_fit(samples, reweighted, coef, settings)
         residuals = samples.targets - samples.features.evaluate(coef)
-        size = np.maximum(np.abs(residuals).sum(axis=2), _SMALL_RESIDUAL)
-        reweighted = weights / size
+        reweighted = weights / np.maximum(np.abs(residuals).sum(axis=2), settings.small)
     return coef, residuals
 
 
-def single_model(samples: Samples) -> tuple[Array, Array, Array]:
+def single_model(
+    samples: Samples, settings: SeedingSettings = DEFAULTS
+) -> tuple[Array, Array, Array]:
     """One model of all samples: least-squares residuals, then robust coefficients and residuals.
 
     Returns
@@ -270,15 +241,19 @@ def single_model(samples: Samples) -> tuple[Array, Array, Array]:
     coef : ndarray of shape (n_outputs, n_features)
     residuals : ndarray of shape (n_outputs, n_samples)
     """
-    shape = (1, 1, len(samples.targets), len(samples.features.values))
     everything = samples.weights[None, None]
-    start, least_squares = _towards_l1(samples, everything, np.zeros(shape), 0)
-    coef, residuals = _towards_l1(samples, everything, start, 5)
+    zero = np.zeros((1, 1, len(samples.targets), len(samples.features.values)))
+    start, least_squares = _towards_l1(samples, everything, zero, 0, settings)
+    coef, residuals = _towards_l1(samples, everything, start, 5, settings)
     return least_squares[0, 0], coef[0, 0], residuals[0, 0]
 
 
 def initial_experts(
-    samples: Samples, soft_labels: Array, coef: Array, ridge: float | Array
+    samples: Samples,
+    soft_labels: Array,
+    coef: Array,
+    ridge: float | Array,
+    settings: SeedingSettings = DEFAULTS,
 ) -> Experts:
     """Mixtures from soft labels (R, M, N): robust experts, then two steps of the gate.
 
@@ -286,13 +261,14 @@ def initial_experts(
     """
     n_batch, n_modes, _ = soft_labels.shape
     start = np.broadcast_to(coef, (n_batch, n_modes, *coef.shape))
-    fitted, residuals = _towards_l1(samples, samples.weights * soft_labels, start, 2)
+    fitted, residuals = _towards_l1(samples, samples.weights * soft_labels, start, 2, settings)
     nearest = np.square(residuals).min(axis=1)
-    variance = np.maximum(2 * weighted_quantile(nearest, samples.weights, 0.5), VARIANCE_FLOOR)
+    variance = 2 * weighted_quantile(nearest, samples.weights, 0.5)
     gate = np.zeros((n_batch, n_modes, len(samples.gate_features.values)))
     log_gate = np.full(soft_labels.shape, -np.log(n_modes))
     for _ in range(2):
         gate, log_gate = newton_step(
-            samples.gate_features, gate, log_gate, soft_labels, samples.weights, ridge
+            samples.gate_features, gate, log_gate, soft_labels, samples.weights, ridge, settings
         )
+    variance = np.maximum(variance, settings.exact**2)
     return Experts(fitted, gate, variance, np.zeros(n_batch), residuals, log_gate)

@@ -7,22 +7,14 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
+from scipy.special import log_softmax
+from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._results import Array
-from swsysid._seeding.designs import Basis, WhitenedRows, centre_and_scale, monomials, whiten
+from swsysid._seeding.designs import Basis, WhitenedRows, centre_and_scale, whiten
+from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 
-__all__ = [
-    "GateFeatures",
-    "fit_gate_features",
-    "gate_degree_within",
-    "log_softmax",
-    "newton_step",
-    "softmax",
-]
-
-_MAX_FEATURES = 50
-_SAMPLES_A_COEFFICIENT = 5
-_MAX_LOGIT_CHANGE = 5.0
+__all__ = ["GateFeatures", "gate_degree_within", "newton_step"]
 
 
 @dataclass(frozen=True)
@@ -41,9 +33,17 @@ class GateFeatures:
     degree: int
     basis: Basis
 
+    @classmethod
+    def of(cls, coordinates: Array, degree: int, weights: Array) -> GateFeatures:
+        """Centre, scale and whiten the monomials of some coordinates."""
+        centre, scale = centre_and_scale(coordinates, weights)
+        design = PolynomialFeatures(degree).fit_transform((coordinates - centre) / scale)
+        return cls(centre, scale, degree, whiten(design, weights))
+
     def __call__(self, coordinates: Array) -> WhitenedRows:
         """The features at the rows of `coordinates`."""
-        return self.basis(monomials((coordinates - self.centre) / self.scale, self.degree))
+        points = (coordinates - self.centre) / self.scale
+        return self.basis(PolynomialFeatures(self.degree).fit_transform(points))
 
     def count(self, degree: int) -> int:
         """How many features span the polynomials up to a degree; they come first."""
@@ -51,37 +51,22 @@ class GateFeatures:
         return self.basis.count_within(comb(n_coordinates + degree, degree))
 
 
-def fit_gate_features(coordinates: Array, degree: int, weights: Array) -> GateFeatures:
-    """Centre, scale and whiten the monomials of the coordinates."""
-    centre, scale = centre_and_scale(coordinates, weights)
-    design = monomials((coordinates - centre) / scale, degree)
-    return GateFeatures(centre, scale, degree, whiten(design, weights))
-
-
-def gate_degree_within(degree: int, n_coordinates: int, total_weight: float, n_modes: int) -> int:
+def gate_degree_within(
+    degree: int,
+    n_coordinates: int,
+    total_weight: float,
+    n_modes: int,
+    settings: SeedingSettings = DEFAULTS,
+) -> int:
     """The largest degree up to `degree` whose monomials the samples can support.
 
-    At most 50 monomials, and at least five samples for each coefficient of the gate; never
-    below one, where the ridge on the gate takes over.
+    Never below one, where the ridge on the gate takes over.
     """
-    allowed = min(_MAX_FEATURES, total_weight / (_SAMPLES_A_COEFFICIENT * max(n_modes - 1, 1)))
+    supported = total_weight / (settings.samples_a_coefficient * max(n_modes - 1, 1))
+    allowed = min(settings.most_gate_features, supported)
     while degree > 1 and comb(n_coordinates + degree, degree) > allowed:
         degree -= 1
     return degree
-
-
-def softmax(scores: Array) -> tuple[Array, Array]:
-    """Softmax over the modes, axis -2 of (..., n_modes, n_samples), and its log normaliser."""
-    top = scores.max(axis=-2, keepdims=True)
-    shares = np.exp(scores - top)
-    total = shares.sum(axis=-2, keepdims=True)
-    shares /= total
-    return shares, top + np.log(total)
-
-
-def log_softmax(scores: Array) -> Array:
-    """Logarithm of `softmax`."""
-    return scores - softmax(scores)[1]
 
 
 def newton_step(
@@ -91,8 +76,9 @@ def newton_step(
     soft_labels: Array,
     weights: Array,
     ridge: float | Array,
+    settings: SeedingSettings = DEFAULTS,
 ) -> tuple[Array, Array]:
-    r"""One guarded Newton step on the gate, for a batch of gates at once.
+    r"""One guarded Newton step on the gate, for a batch of R gates at once.
 
     Increases, or leaves alone,
 
@@ -100,24 +86,9 @@ def newton_step(
               \qquad \pi = \mathrm{softmax}(a_m^\top q(x)), \; W = \sum_i w_i,
 
     over gates with :math:`\sum_m a_m = 0` (the softmax does not see a common shift, and the
-    ridge removes it).
-
-    Parameters
-    ----------
-    features : WhitenedRows
-    coef : ndarray of shape (n_batch, n_modes, n_gate_features)
-        Current gates a, each with sum zero over the modes.
-    log_gate : ndarray of shape (n_batch, n_modes, n_samples)
-        Their log probabilities.
-    soft_labels : ndarray of shape (n_batch, n_modes, n_samples)
-        t; a sample's labels may sum to less than one (the rest belongs to no mode).
-    weights : ndarray of shape (n_samples,)
-    ridge : float or ndarray of shape (n_gate_features,)
-
-    Returns
-    -------
-    coef, log_gate : ndarray
-        The gates after the step.
+    ridge r removes it). `coef` (R, n_modes, n_gate_features) are the gates a and `log_gate`
+    (R, n_modes, n_samples) their log probabilities; both are returned after the step. The soft
+    labels t of a sample may sum to less than one: the rest belongs to no mode.
     """
     if coef.shape[1] == 1 or coef.shape[2] == 0:
         return coef, log_gate
@@ -128,10 +99,10 @@ def newton_step(
     step = _newton_direction(features, gate, share, gradient, penalty)
     change = features.evaluate(step)
     largest = np.maximum(np.abs(change).max(axis=(1, 2), keepdims=True), 1e-300)
-    shorten = np.minimum(1.0, _MAX_LOGIT_CHANGE / largest)
+    shorten = np.minimum(1.0, settings.most_score_change / largest)
     moved = coef + shorten * step
     # log_gate differs from the scores by a shift of each sample, which the softmax removes
-    moved_log = log_softmax(log_gate + shorten * change)
+    moved_log = log_softmax(log_gate + shorten * change, axis=1)
 
     def objective(coef, log_gate):
         fit = (soft_labels * log_gate).sum(axis=1) @ weights
@@ -142,7 +113,7 @@ def newton_step(
         # The softmax's Hessian is at most I/2, so a gradient step of this length never loses.
         bound = 0.5 * np.linalg.eigvalsh(features.gram(weights)).max() + penalty.max()
         moved[worse] = coef[worse] + gradient[worse] / bound
-        moved_log[worse] = log_softmax(features.evaluate(moved[worse]))
+        moved_log[worse] = log_softmax(features.evaluate(moved[worse]), axis=1)
     return moved, moved_log
 
 

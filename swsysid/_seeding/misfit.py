@@ -12,23 +12,54 @@ from swsysid._results import Array
 
 __all__ = ["Misfit", "MissingConstant", "missing_constant", "shared_residual"]
 
-# Mean of |r - r'| / (|r| + |r'|), as a ratio of means, for independent Gaussian residuals.
+# Mean of |r - r'| / (|r| + |r'|), as a ratio of means, for independent normal residuals.
 _INDEPENDENT = np.sqrt(0.5)
-# Of the residuals, neighbours share this much if what is missing is seven times the noise: less is
-# the rule in measured data, whose laws are never quite those of the library.
-# It must also be this share of the spread of the velocity: less is no wrong partition.
-_STRUCTURED, _LARGE = 0.85, 0.05
-# Residuals below this share of the spread of a velocity are rounding errors.
-_ROUNDING = 1e-7
-# Fewer pairs of neighbours allow no judgement, and more rows say no more.
-_LEAST, _MOST_ROWS = 100, 3000
-# Rows of one trajectory this close in time share the errors of differentiation and filters, so they
-# are no neighbours: so many, and this share of the rows if that is more.
-_APART, _APART_SHARE = 50, 0.02
-_NEIGHBOURS = 128
-# A constant is missed if it explains at least this share of the squared residuals of a mode, which
-# has at least so many rows for each coefficient, and this share of the spread of the velocity.
-_WORTH, _ROWS_A_COEFFICIENT, _NOTICED = 0.3, 10, 0.1
+
+
+@dataclass(frozen=True)
+class MisfitSettings:
+    """When residuals are no noise.
+
+    Attributes
+    ----------
+    structured : float
+        Neighbours share this much of the residuals if what is missing is seven times the noise:
+        less is the rule in measured data, whose laws are never quite those of the library.
+    large : float
+        What is shared must also be this share of the spread of the velocity: less is no wrong
+        partition.
+    rounding : float
+        Residuals below this share of the spread of a velocity are rounding errors.
+    fewest_pairs : int
+        Fewer pairs of neighbours allow no judgement,
+    most_rows : int
+        and more rows say no more.
+    apart, apart_share : int, float
+        Rows of one trajectory this close in time share the errors of differentiation and filters,
+        so they are no neighbours: so many, and this share of the rows if that is more.
+    n_neighbours : int
+        Among which one that is far enough in time is looked for.
+    explained, noticed : float
+        A constant is missed if it explains this share of the squared residuals of a mode, and
+        this share of the spread of the velocity,
+    rows_a_coefficient : int
+        where the mode has at least so many rows for each coefficient.
+    """
+
+    structured: float = 0.85
+    large: float = 0.05
+    rounding: float = 1e-7
+    fewest_pairs: int = 100
+    most_rows: int = 3000
+    apart: int = 50
+    apart_share: float = 0.02
+    n_neighbours: int = 128
+    explained: float = 0.3
+    noticed: float = 0.1
+    rows_a_coefficient: int = 10
+
+
+_SETTINGS = MisfitSettings()
 
 
 @dataclass(frozen=True)
@@ -53,7 +84,7 @@ class Misfit:
     @property
     def structured(self) -> bool:
         """True if a part of the vector field that is far above the noise is left over."""
-        return self.share > _STRUCTURED and self.size > _LARGE
+        return self.share > _SETTINGS.structured and self.size > _SETTINGS.large
 
 
 def shared_residual(
@@ -89,11 +120,11 @@ def shared_residual(
     """
     first, second = _pairs(points, modes, trajectory, time)
     best = Misfit(0.0, 0.0, 0)
-    if len(first) < _LEAST:
+    if len(first) < _SETTINGS.fewest_pairs:
         return best
     for output, values in enumerate(residuals.T):
         size = np.abs(values[first]) + np.abs(values[second])
-        if size.mean() <= 2 * _ROUNDING * spread[output]:
+        if size.mean() <= 2 * _SETTINGS.rounding * spread[output]:
             continue
         difference = np.abs(values[first] - values[second])
         share = 1.0 - float(difference.sum() / (_INDEPENDENT * size.sum()))
@@ -121,7 +152,7 @@ class MissingConstant:
     @property
     def helps(self) -> bool:
         """True if a good part of the residual of some mode is a constant."""
-        return self.share > _WORTH
+        return self.share > _SETTINGS.explained
 
 
 def missing_constant(
@@ -129,30 +160,20 @@ def missing_constant(
 ) -> MissingConstant:
     """How much of the least-squares residuals of a mode one more feature, a constant, explains.
 
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_features)
-    targets : ndarray of shape (n_samples, n_states)
-    modes : ndarray of shape (n_samples,), int
-    weight : ndarray of shape (n_samples,)
-        Zero leaves a row out, an outlier for example.
-
-    Returns
-    -------
-    MissingConstant
+    A weight of zero leaves a row out, an outlier for example.
     """
     best = MissingConstant(0.0, 0, 0)
     spread = targets.std(axis=0)
     for mode in np.unique(modes):
         rows = np.flatnonzero((modes == mode) & (weight > 0))
-        if len(rows) < _ROWS_A_COEFFICIENT * (features.shape[1] + 1):
+        if len(rows) < _SETTINGS.rows_a_coefficient * (features.shape[1] + 1):
             continue
         rooted = np.sqrt(weight[rows])[:, None]
         design = rooted * features[rows]
         with_constant = np.hstack([design, rooted])
         target = rooted * targets[rows]
         before, after = (_squared_residuals(each, target) for each in (design, with_constant))
-        noticed = before - after > np.square(_NOTICED * spread) * weight[rows].sum()
+        noticed = before - after > np.square(_SETTINGS.noticed * spread) * weight[rows].sum()
         share = np.where(noticed, 1.0 - after / np.where(noticed, before, 1.0), 0.0)
         if share.max() > best.share:
             best = MissingConstant(float(share.max()), int(mode), int(share.argmax()))
@@ -166,22 +187,22 @@ def _squared_residuals(design: Array, targets: Array) -> Array:
 
 def _pairs(points, modes, trajectory, time) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows, and the nearest neighbour of each; rows without one among the nearest are left out."""
-    n_apart = max(_APART, int(_APART_SHARE * len(points)))
-    step = max(1, len(points) // _MOST_ROWS)
+    n_apart = max(_SETTINGS.apart, int(_SETTINGS.apart_share * len(points)))
+    step = max(1, len(points) // _SETTINGS.most_rows)
     firsts, seconds = [], []
     for mode in np.unique(modes):
         members = np.flatnonzero(modes == mode)
         if len(members) < 2:
             continue
-        asked = members[::step]
-        count = min(2 if time is None else _NEIGHBOURS, len(members))
-        found = members[cKDTree(points[members]).query(points[asked], count)[1]]
-        allowed = found != asked[:, None]
+        chosen = members[::step]
+        count = min(2 if time is None else _SETTINGS.n_neighbours, len(members))
+        found = members[cKDTree(points[members]).query(points[chosen], count)[1]]
+        allowed = found != chosen[:, None]
         if time is not None:
-            other = trajectory[found] != trajectory[asked, None]
-            allowed &= other | (np.abs(time[found] - time[asked, None]) > n_apart)
+            other = trajectory[found] != trajectory[chosen, None]
+            allowed &= other | (np.abs(time[found] - time[chosen, None]) > n_apart)
         has_one = allowed.any(axis=1)
-        firsts.append(asked[has_one])
+        firsts.append(chosen[has_one])
         seconds.append(found[has_one, allowed[has_one].argmax(axis=1)])
     nothing = np.empty(0, dtype=np.intp)
     return np.concatenate([nothing, *firsts]), np.concatenate([nothing, *seconds])

@@ -9,55 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.matching import best_matching, contingency
-from swsysid._noise import weighted_quantile
+from swsysid._data.rows import thinned_rows
+from swsysid._noise import NORMAL, Noise, weighted_quantile
 from swsysid._results import Array
-from swsysid._seeding.experts import (
-    VARIANCE_FLOOR,
-    Experts,
-    Noise,
-    Samples,
-    em,
-    initial_experts,
-    single_model,
-)
-from swsysid._seeding.laws import law_labels
+from swsysid._seeding.experts import Experts, Samples, em, initial_experts, single_model
 from swsysid._seeding.misfit import shared_residual
-from swsysid._seeding.starts import Scene, draw_labels, some_rows
+from swsysid._seeding.settings import DEFAULTS, SeedingSettings
+from swsysid._seeding.starts import Scene, draw_labels, law_labels
 
-__all__ = ["GAUSSIAN", "MOST_STARTS", "Pool", "refine", "same_partition", "search"]
-
-STUDENT = Noise(3.0)
-GAUSSIAN = Noise(np.inf)
-
-_BATCH = 16
-# Starts from laws of neighbourhoods that go with every batch.
-_LAWS, _LAW_ITERATIONS = 3, 10
-# How often more of them are drawn where the answer leaves over more than noise.
-_SECOND_LOOKS = 4
-MOST_STARTS = 6 * _BATCH
-_SAMPLES_A_BATCH = 100  # small problems are searched with fewer batches
-_HALVING = ((10, 10), (20, 6))  # iterations, and how many starts are kept after them
-_LAST_ITERATIONS = 40
-_MAX_ROWS = 3000
-_KEPT = 3
-_HITS_AT_ONCE, _HITS = 4, 3
-
-_SOFT = 0.98
-_RIDGE = 1e-2
-_FINAL_RIDGES = (1e-2, 1e-3, 1e-4)
-_FINAL_ITERATIONS = 25
-# Ridge on what polynomials of degree two cannot say: noisy labels do not determine it, and a
-# gate that is free to is fitted to them.
-_FINE_RIDGE = 0.1
-# Noise assumed by the first stages, as a share of the single model's residual. With less, a
-# start on exact data freezes with a few per cent of the samples written off as outliers.
-_COARSE_NOISE = 0.1
-_OUTLIER_START = 0.02
-_TOLERANCE = 5e-3
-
-# Two partitions are the same if they differ on at most this share of the weight; or, where
-# noise makes labels fuzzy, on the larger share if their likelihoods agree within _NATS.
-_SAME, _SAME_IF_TIED, _NATS = 0.005, 0.03, 2.0
+__all__ = ["Pool", "refine", "same_partition", "search"]
 
 
 @dataclass(frozen=True)
@@ -74,6 +34,10 @@ class Pool:
     experts: Experts
     hits: NDArray[np.intp]
 
+    def best(self, count: int) -> Pool:
+        """The first of them."""
+        return Pool(self.experts.take(slice(count)), self.hits[:count])
+
 
 def search(
     samples: Samples,
@@ -81,12 +45,12 @@ def search(
     *,
     n_modes: int,
     n_starts: int | str,
-    most_starts: int,
     first_labels: NDArray[np.intp],
     n_coarse: int,
     random_state,
+    settings: SeedingSettings = DEFAULTS,
 ) -> tuple[Pool, int]:
-    """Search with Student-t noise, on at most 3000 rows.
+    """Search with Student-t noise, on a part of the rows.
 
     Parameters
     ----------
@@ -95,189 +59,229 @@ def search(
         Standardised coordinates.
     n_modes : int
     n_starts : int or "auto"
-        An int is that many starts. ``"auto"`` draws batches of sixteen until the best partition
-        was found four times in the first or three times in several.
-    most_starts : int
-        Limit of ``"auto"``.
+        An int is that many starts. ``"auto"`` draws batches until the best partition was found
+        often enough.
     first_labels : ndarray of shape (n_given, n_samples), int
         Starts that join the first batch.
     n_coarse : int
-        How many gate features span the polynomials up to degree two; the first stages use
-        only those.
+        How many gate features span the coarse polynomials; the first stages use only those.
     random_state : RandomState
+    settings : SeedingSettings
 
     Returns
     -------
     pool : Pool
-        At most three members.
     n_starts : int
         How many starts were drawn.
     """
-    rows, weights = some_rows(points, samples.weights, _MAX_ROWS, random_state)
-    samples = samples.take(rows, weights)
-    least_squares, single, residuals = single_model(samples)
+    rows, weights = thinned_rows(samples.weights, settings.most_searched)
+    samples, points, first_labels = samples.take(rows, weights), points[rows], first_labels[:, rows]
+    least_squares, single, residuals = single_model(samples, settings)
     if n_modes == 1 or len(samples.targets) == 0:
         one_mode = np.zeros((1, n_modes, len(rows)))
         one_mode[:, 0] = 1.0
-        return Pool(initial_experts(samples, one_mode, single, _RIDGE), np.ones(1, int)), 1
-    typical = np.maximum(weighted_quantile(np.abs(residuals), weights, 0.5), 1e-7)
-    scene = Scene(points[rows], (residuals / typical[:, None]).T, weights)
+        experts = initial_experts(samples, one_mode, single, settings.ridge, settings)
+        return Pool(experts, np.ones(1, int)), 1
+    typical = np.maximum(weighted_quantile(np.abs(residuals), weights, 0.5), settings.exact)
+    scene = Scene(points, (residuals / typical[:, None]).T, weights)
     size = np.minimum(np.abs(least_squares), 1.0) @ weights / weights.sum()
-    floor = np.maximum(np.square(_COARSE_NOISE * size), VARIANCE_FLOOR)
-    limit = _limit(n_starts, most_starts, len(rows))
-    # Starts from laws draw from a copy: the other starts are the same with and without them.
-    draws = deepcopy(random_state)
-    pools: list[Pool] = []
-    drawn = 0
-    while drawn < limit:
-        indices = range(drawn, min(drawn + _BATCH, limit))
-        labels = [draw_labels(scene, n_modes, index, random_state) for index in indices]
-        if not drawn:
-            labels += list(first_labels[:, rows])
-        soft_labels = _soften(np.array(labels), n_modes, _SOFT)
-        pools.append(_run_batch(samples, soft_labels, single, n_coarse, floor))
-        laws = _soften(law_labels(samples, scene, n_modes, _LAWS, draws), n_modes, 1.0)
-        pools += _run_laws(samples, laws, single, n_coarse, _merge(samples, pools))
-        drawn = indices.stop
-        pool = _merge(samples, pools)
-        needed = _HITS_AT_ONCE if drawn == _BATCH else _HITS
-        if n_starts == "auto" and pool.hits[0] >= needed:
-            if not _leaves_a_field(samples, pool, points[rows]):
-                break
-            # The residuals are no noise: laws of the rows that are explained badly, once more.
-            pools += _second_look(samples, scene, n_modes, single, n_coarse, pool, draws)
-            pool = _merge(samples, pools)
-            if pool.hits[0] >= needed:
-                break
-    return Pool(pool.experts.take(slice(_KEPT)), pool.hits[:_KEPT]), drawn + len(first_labels)
+    noise_floor = np.square(settings.coarse_noise * size)
+    context = _Context(samples, scene, n_modes, single, n_coarse, noise_floor, settings)
+    return context.search(n_starts, first_labels, random_state)
 
 
-def refine(samples: Samples, experts: Experts, n_coarse: int) -> Experts:
-    """Final fit: Gaussian noise with the outlier class, the ridge on the gate falling."""
-    share = np.full(len(experts.gate), _OUTLIER_START)
+def refine(
+    samples: Samples, experts: Experts, n_coarse: int, settings: SeedingSettings = DEFAULTS
+) -> Experts:
+    """Final fit: normal noise with the outlier class, the ridge on the gate falling."""
+    share = np.full(len(experts.gate), settings.outlier_share)
     experts = replace(experts.at(samples), outlier_share=share)
-    for ridge in _FINAL_RIDGES:
+    for ridge in settings.final_ridges:
         experts, _ = em(
             samples,
             experts,
-            GAUSSIAN,
-            ridge=_gate_ridge(samples, ridge, n_coarse),
-            max_iter=_FINAL_ITERATIONS,
-            tol=_tolerance(samples),
+            NORMAL,
+            ridge=_gate_ridges(samples, ridge, n_coarse, settings),
+            max_iter=settings.final_iterations,
+            tol=_tolerance(samples, settings),
+            settings=settings,
         )
     return experts
 
 
 def same_partition(
-    first: NDArray[np.intp], second: NDArray[np.intp], weights: Array, tolerance: float = _SAME
+    first: NDArray[np.intp],
+    second: NDArray[np.intp],
+    weights: Array,
+    tolerance: float = DEFAULTS.same,
 ) -> bool:
     """True if two labellings differ, up to names, on at most a share of the weight."""
     joint = contingency(first, second, weights)
     return bool(joint[best_matching(joint)].sum() >= (1 - tolerance) * weights.sum())
 
 
-def _limit(n_starts, most_starts, n_samples) -> int:
-    if n_starts != "auto":
-        return int(n_starts)
-    return min(_BATCH * max(n_samples // _SAMPLES_A_BATCH, 1), most_starts)
+@dataclass(frozen=True)
+class _Context:
+    """What all starts of one search share.
 
-
-def _soften(labels, n_modes, share) -> Array:
-    """Labels (R, N) as probabilities (R, M, N), `share` of them for the label itself."""
-    soft_labels = np.full((len(labels), n_modes, labels.shape[1]), (1 - share) / (n_modes - 1))
-    np.put_along_axis(soft_labels, labels[:, None], share, axis=1)
-    return soft_labels
-
-
-def _run_batch(samples, soft_labels, single, n_coarse, floor) -> Pool:
-    """Soft EM from every start; those that meet before the last stage go on as one."""
-    coarse = replace(samples, gate_features=samples.gate_features.first(n_coarse))
-    tol = _tolerance(samples)
-    experts = initial_experts(coarse, soft_labels, single, _RIDGE)
-    for iterations, keep in _HALVING:
-        experts, history = em(
-            coarse, experts, STUDENT, ridge=_RIDGE, max_iter=iterations, tol=tol, floor=floor
-        )
-        experts = experts.take(np.argsort(-history[-1], kind="stable")[:keep])
-    gate = np.zeros((*experts.gate.shape[:2], len(samples.gate_features.values)))
-    gate[..., :n_coarse] = experts.gate
-    experts = replace(experts, gate=gate)
-    return _last_stage(samples, Pool(experts, np.ones(len(gate), int)), n_coarse)
-
-
-def _run_laws(samples, soft_labels, single, n_coarse, rival: Pool) -> list[Pool]:
-    """Those starts from laws that are soon more likely than all that was found so far.
-
-    The stages that tolerate noise would forget that a law is exact, so there are none. The best of
-    many draws are no independent starts: together they find a partition once.
+    Attributes
+    ----------
+    samples : Samples
+    scene : Scene
+    n_modes : int
+    single : ndarray of shape (n_outputs, n_features)
+        The robust model of all samples.
+    n_coarse : int
+    noise_floor : ndarray of shape (n_outputs,)
+        Least variances of the first stages.
+    settings : SeedingSettings
     """
-    ridge = _gate_ridge(samples, _RIDGE, n_coarse)
-    experts = initial_experts(samples, soft_labels, single, ridge)
-    tol = _tolerance(samples)
-    experts, _ = em(samples, experts, STUDENT, ridge=ridge, max_iter=_LAW_ITERATIONS, tol=tol)
-    reached = _log_likelihood(samples, experts)
-    better = np.flatnonzero(reached > _log_likelihood(samples, rival.experts).max() - _NATS)
-    if not better.size:
-        return []
-    found = _last_stage(samples, Pool(experts.take(better), np.ones(better.size, int)), n_coarse)
-    return [replace(found, hits=np.ones_like(found.hits))]
+
+    samples: Samples
+    scene: Scene
+    n_modes: int
+    single: Array
+    n_coarse: int
+    noise_floor: Array
+    settings: SeedingSettings
+
+    def search(self, n_starts, first_labels, random_state) -> tuple[Pool, int]:
+        """Draw batches until the best partition was found often enough."""
+        settings, limit = self.settings, self._limit(n_starts)
+        # Starts from laws draw from a copy: the other starts are the same with and without them.
+        law_draws = deepcopy(random_state)
+        pools: list[Pool] = []
+        drawn = 0
+        while drawn < limit:
+            indices = range(drawn, min(drawn + settings.batch, limit))
+            labels = [draw_labels(self.scene, self.n_modes, i, random_state) for i in indices]
+            if not drawn:
+                labels += list(first_labels)
+            pools.append(self._from_labels(np.array(labels)))
+            pools += self._from_laws(self._merged(pools), law_draws)
+            drawn = indices.stop
+            pool = self._merged(pools)
+            needed = settings.hits_at_once if drawn == settings.batch else settings.hits
+            if n_starts != "auto" or pool.hits[0] < needed:
+                continue
+            if not self._leaves_a_field(pool):
+                break
+            # The residuals are no noise: laws of the rows that are explained badly, once more.
+            for _ in range(settings.more_laws):
+                pools += self._from_laws(pool, law_draws)
+            pool = self._merged(pools)
+            if pool.hits[0] >= needed:
+                break
+        return pool.best(settings.n_kept), drawn + len(first_labels)
+
+    @property
+    def noise(self) -> Noise:
+        """Heavy tails: outliers have a bounded pull."""
+        return Noise(self.settings.dof)
+
+    def _limit(self, n_starts: int | str) -> int:
+        if n_starts != "auto":
+            return int(n_starts)
+        n_batches = max(len(self.samples.weights) // self.settings.samples_a_batch, 1)
+        return min(self.settings.batch * n_batches, self.settings.most_starts)
+
+    def _from_labels(self, labels: NDArray[np.intp]) -> Pool:
+        """Soft EM from every start; those that meet before the last stage go on as one."""
+        settings, samples = self.settings, self.samples
+        coarse = replace(samples, gate_features=samples.gate_features.first(self.n_coarse))
+        soft_labels = self._soft(labels, settings.first_probability)
+        experts = initial_experts(coarse, soft_labels, self.single, settings.ridge, settings)
+        for iterations, kept in settings.halving:
+            experts, history = self._em(
+                coarse, experts, settings.ridge, iterations, self.noise_floor
+            )
+            experts = experts.take(np.argsort(-history[-1], kind="stable")[:kept])
+        gate = np.zeros((*experts.gate.shape[:2], len(samples.gate_features.values)))
+        gate[..., : self.n_coarse] = experts.gate
+        return self._last_stage(replace(experts, gate=gate))
+
+    def _from_laws(self, found: Pool, random_state) -> list[Pool]:
+        """Those starts from laws that are soon more likely than all that was found so far.
+
+        The stages that tolerate noise would forget that a law is exact, so there are none. The
+        best of many draws are no independent starts: together they find a partition once.
+        """
+        samples, settings = self.samples, self.settings
+        labels = law_labels(samples, self.scene, self.n_modes, random_state, settings)
+        ridges = _gate_ridges(samples, settings.ridge, self.n_coarse, settings)
+        experts = initial_experts(samples, self._soft(labels, 1.0), self.single, ridges, settings)
+        experts, _ = self._em(samples, experts, ridges, settings.law_iterations)
+        reached = self._log_likelihood(experts)
+        better = reached > self._log_likelihood(found.experts).max() - settings.tied
+        if not better.any():
+            return []
+        pool = self._last_stage(experts.take(better))
+        return [replace(pool, hits=np.ones_like(pool.hits))]
+
+    def _last_stage(self, experts: Experts) -> Pool:
+        """All gate features, and whatever noise the samples have."""
+        pool = self._merged([Pool(experts, np.ones(len(experts.gate), int))])
+        ridges = _gate_ridges(self.samples, self.settings.ridge, self.n_coarse, self.settings)
+        experts, _ = self._em(self.samples, pool.experts, ridges, self.settings.last_iterations)
+        return replace(pool, experts=experts)
+
+    def _em(self, samples, experts, ridge, max_iter, floor=0.0) -> tuple[Experts, Array]:
+        return em(
+            samples,
+            experts,
+            self.noise,
+            ridge=ridge,
+            max_iter=max_iter,
+            tol=_tolerance(samples, self.settings),
+            floor=floor,
+            settings=self.settings,
+        )
+
+    def _soft(self, labels: NDArray[np.intp], share: float) -> Array:
+        """Labels (R, N) as probabilities (R, M, N), `share` of them for the label itself."""
+        shape = len(labels), self.n_modes, labels.shape[1]
+        soft_labels = np.full(shape, (1 - share) / (self.n_modes - 1))
+        np.put_along_axis(soft_labels, labels[:, None], share, axis=1)
+        return soft_labels
+
+    def _log_likelihood(self, experts: Experts) -> Array:
+        return experts.posterior(self.samples, self.noise).log_density @ self.samples.weights
+
+    def _leaves_a_field(self, pool: Pool) -> bool:
+        """True if neighbouring samples share what the most likely mixture leaves over."""
+        best = pool.experts.take([0])
+        labels = best.posterior(self.samples, self.noise).modes[0].argmax(axis=0)
+        residuals = best.residuals[0, labels, :, np.arange(len(labels))]
+        spread = self.samples.targets.std(axis=1)
+        return shared_residual(self.scene.points, residuals, spread, labels).structured
+
+    def _merged(self, pools: list[Pool]) -> Pool:
+        """One pool of several, best first: each partition once, with the hits of its starts."""
+        settings, weights = self.settings, self.samples.weights
+        experts = Experts.concatenate([pool.experts for pool in pools])
+        hits = np.concatenate([pool.hits for pool in pools])
+        posterior = experts.posterior(self.samples, self.noise)
+        value = posterior.log_density @ weights
+        labels = posterior.modes.argmax(axis=1)
+        leaders: dict[int, int] = {}
+        for member in np.argsort(-value, kind="stable"):
+            for leader in leaders:
+                tied = value[leader] - value[member] <= settings.tied
+                tolerance = settings.same_if_tied if tied else settings.same
+                if same_partition(labels[leader], labels[member], weights, tolerance):
+                    leaders[leader] += hits[member]
+                    break
+            else:
+                leaders[member] = hits[member]
+        return Pool(experts.take(list(leaders)), np.array(list(leaders.values())))
 
 
-def _second_look(samples, scene, n_modes, single, n_coarse, rival: Pool, random_state):
-    """Pools of some more starts from laws, without those less likely than the best so far."""
-    pools: list[Pool] = []
-    for _ in range(_SECOND_LOOKS):
-        laws = _soften(law_labels(samples, scene, n_modes, _LAWS, random_state), n_modes, 1.0)
-        pools += _run_laws(samples, laws, single, n_coarse, rival)
-    return pools
-
-
-def _leaves_a_field(samples, pool: Pool, points) -> bool:
-    """True if neighbouring samples share what the most likely mixture leaves over."""
-    best = pool.experts.take([0])
-    labels = best.posterior(samples, STUDENT).modes[0].argmax(axis=0)
-    residuals = best.residuals[0, labels, :, np.arange(len(labels))]
-    spread = samples.targets.std(axis=1)
-    return shared_residual(points, residuals, spread, labels).structured
-
-
-def _last_stage(samples, pool: Pool, n_coarse) -> Pool:
-    pool = _merge(samples, [pool])
-    ridge = _gate_ridge(samples, _RIDGE, n_coarse)
-    tol = _tolerance(samples)
-    experts, _ = em(samples, pool.experts, STUDENT, ridge=ridge, max_iter=_LAST_ITERATIONS, tol=tol)
-    return replace(pool, experts=experts)
-
-
-def _log_likelihood(samples, experts: Experts) -> Array:
-    return experts.posterior(samples, STUDENT).log_density @ samples.weights
-
-
-def _gate_ridge(samples, ridge, n_coarse) -> Array:
-    ridges = np.full(len(samples.gate_features.values), max(ridge, _FINE_RIDGE))
+def _gate_ridges(samples: Samples, ridge: float, n_coarse: int, settings: SeedingSettings) -> Array:
+    """Prices of the gate features; those beyond the coarse polynomials cost more."""
+    ridges = np.full(len(samples.gate_features.values), max(ridge, settings.fine_ridge))
     ridges[:n_coarse] = ridge
     return ridges
 
 
-def _tolerance(samples) -> float:
-    return max(_TOLERANCE, 1e-6 * samples.weights.sum())
-
-
-def _merge(samples, pools) -> Pool:
-    """One pool of several: best first, each partition once, with the hits of all that share it."""
-    experts = Experts.concatenate([pool.experts for pool in pools])
-    hits = np.concatenate([pool.hits for pool in pools])
-    posterior = experts.posterior(samples, STUDENT)
-    value = posterior.log_density @ samples.weights
-    labels = posterior.modes.argmax(axis=1)
-    leaders: dict[int, int] = {}
-    for member in np.argsort(-value, kind="stable"):
-        for leader in leaders:
-            tied = value[leader] - value[member] <= _NATS
-            tolerance = _SAME_IF_TIED if tied else _SAME
-            if same_partition(labels[leader], labels[member], samples.weights, tolerance):
-                leaders[leader] += hits[member]
-                break
-        else:
-            leaders[member] = hits[member]
-    return Pool(experts.take(list(leaders)), np.array(list(leaders.values())))
+def _tolerance(samples: Samples, settings: SeedingSettings) -> float:
+    return max(settings.tolerance, settings.tolerance_a_sample * samples.weights.sum())

@@ -1,9 +1,9 @@
 """Seeds: partitions of the samples from which the alternation finds the right answer.
 
 1. Scale the targets robustly, whiten the features, cap the degree of the gate.
-2. Search with soft EM from random level sets (`search`).
-3. Fit the best distinct partitions again with Gaussian noise and an outlier class, and rank
-   them by their joint likelihood.
+2. Search with soft EM from random level sets and from laws of neighbourhoods (`search`).
+3. Fit the best distinct partitions again with normal noise and an outlier class, and rank them by
+   their joint likelihood.
 """
 
 from __future__ import annotations
@@ -12,22 +12,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 from sklearn.utils import check_random_state
 
-from swsysid._noise import weighted_quantile
+from swsysid._data.rows import thinned_rows
+from swsysid._noise import NORMAL, Outliers, weighted_quantile
 from swsysid._results import Array
 from swsysid._seeding.designs import Basis, centre_and_scale, whiten
 from swsysid._seeding.experts import Experts, Samples
-from swsysid._seeding.gate import GateFeatures, fit_gate_features, gate_degree_within, log_softmax
-from swsysid._seeding.search import GAUSSIAN, MOST_STARTS, refine, same_partition, search
-from swsysid._seeding.starts import some_rows
+from swsysid._seeding.gate import GateFeatures, gate_degree_within
+from swsysid._seeding.search import refine, same_partition, search
+from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 
-__all__ = ["Preparation", "Seed", "held_out_residuals", "seed_modes"]
-
-_MAX_ROWS = 20_000
-_COARSE_DEGREE = 2
-_OUTLIER_SPREAD = 5.0
-_EXACT = 1e-7
+__all__ = ["Preparation", "Seed", "seed_modes"]
 
 
 @dataclass(frozen=True)
@@ -44,29 +41,59 @@ class Preparation:
         a constant): it says nothing about the modes and is left out.
     scale : ndarray of shape (n_informative,)
         Typical deviation of the informative outputs; the targets are divided by it.
-    centre : ndarray of shape (n_informative,)
-        Their medians over `scale`, where the outlier class is centred.
+    outliers : Outliers
+        Of the scaled targets.
     """
 
     basis: Basis
     gate_features: GateFeatures
     informative: NDArray[np.bool_]
     scale: Array
-    centre: Array
+    outliers: Outliers
+
+    @classmethod
+    def of(
+        cls,
+        features: Array,
+        targets: Array,
+        coordinates: Array,
+        weights: Array,
+        degree: int,
+        settings: SeedingSettings,
+    ) -> Preparation:
+        """Units and bases of some rows, for a gate of some degree."""
+        middle = weighted_quantile(targets, weights, 0.5, axis=0)
+        distance = np.abs(targets - middle)
+        # The median alone would vanish for an output that is constant on most samples.
+        scale = np.maximum(
+            weighted_quantile(distance, weights, 0.5, axis=0),
+            settings.least_of_mean * (weights @ distance) / weights.sum(),
+        )
+        informative = scale > 1e-12 * np.abs(middle)
+        basis = whiten(features, weights)
+        rows = basis(features)
+        scaled = targets[:, informative] / scale[informative]
+        single = rows.cross(weights * scaled.T) / weights.sum()
+        left = np.abs(scaled.T - rows.evaluate(single)).max(axis=1)
+        size = 1 + np.abs(middle[informative] / scale[informative])
+        varies = left > settings.exact * size
+        informative[informative] = varies
+        centre = middle[informative] / scale[informative]
+        outliers = Outliers(centre, np.full(len(centre), settings.outlier_breadth))
+        gate_features = GateFeatures.of(coordinates, degree, weights)
+        return cls(basis, gate_features, informative, scale[informative], outliers)
 
     def __call__(
         self, features: Array, targets: Array, coordinates: Array, weights: Array
     ) -> Samples:
         """Samples at the given rows."""
-        scaled = np.ascontiguousarray((targets[:, self.informative] / self.scale).T)
-        distance = np.square((scaled - self.centre[:, None]) / _OUTLIER_SPREAD).sum(axis=0)
-        log_norm = len(scaled) * np.log(_OUTLIER_SPREAD * np.sqrt(2 * np.pi))
+        scaled = targets[:, self.informative] / self.scale
         return Samples(
             self.basis(features),
             self.gate_features(coordinates),
-            scaled,
+            np.ascontiguousarray(scaled.T),
             weights,
-            -0.5 * distance - log_norm,
+            self.outliers.log_density(scaled),
         )
 
 
@@ -106,7 +133,17 @@ class Seed:
     def gate_probabilities(self, coordinates: Array) -> Array:
         """Probabilities of the modes at coordinates alone, (n_samples, n_modes)."""
         gate_features = self.preparation.gate_features(coordinates)
-        return np.exp(log_softmax(gate_features.evaluate(self.experts.gate[0]))).T
+        return softmax(gate_features.evaluate(self.experts.gate[0]), axis=0).T
+
+    def held_out_residuals(self, features: Array, targets: Array, coordinates: Array) -> Array:
+        """Residuals of held-out samples in the mode that their coordinates alone say.
+
+        Shape (n_samples, n_informative), each output in units of its typical deviation.
+        """
+        samples = self.preparation(features, targets, coordinates, np.ones(len(features)))
+        experts = self.experts.at(samples)
+        modes = experts.log_gate[0].argmax(axis=0)
+        return experts.residuals[0, modes, :, np.arange(len(modes))]
 
 
 def seed_modes(
@@ -118,9 +155,9 @@ def seed_modes(
     gate_degree: int = 2,
     sample_weight: Array | None = None,
     n_starts: int | str = "auto",
-    most_starts: int = MOST_STARTS,
     first_labels: NDArray[np.intp] | None = None,
     random_state=None,
+    settings: SeedingSettings = DEFAULTS,
 ) -> list[Seed]:
     r"""Partitions of the samples into modes, the most likely first.
 
@@ -130,7 +167,7 @@ def seed_modes(
               \mathcal N(\dot x_i; C_m \Phi(x_i), \mathrm{diag}(s^2)) + e \, u(\dot x_i) \Big],
               \qquad \pi = \mathrm{softmax}(a_m^\top q(x)),
 
-    with q the monomials of the coordinates and u a broad Gaussian for outliers.
+    with q the monomials of the coordinates and u a broad normal law for outliers.
 
     Parameters
     ----------
@@ -142,28 +179,22 @@ def seed_modes(
         Where the gate lives.
     n_modes : int
     gate_degree : int, default=2
-        Lowered where the monomials would exceed 50, or a fifth of the weight for each mode but
-        one; never below 1.
+        Lowered where the samples do not support so many monomials; never below 1.
     sample_weight : ndarray of shape (n_samples,), default=None
         Repetitions of the rows.
     n_starts : int or "auto", default="auto"
         Number of random starts; ``"auto"`` stops when the best partition repeats.
-    most_starts : int, default=96
-        Limit of ``n_starts="auto"``.
     first_labels : ndarray of shape (n_given, n_samples), default=None
         Labels to start from besides the random ones.
     random_state : int, RandomState or None, default=None
+    settings : SeedingSettings
 
     Returns
     -------
     list of Seed
         One to three, no two of the same partition. A mode may be empty where the samples do not
-        determine it.
-
-    Notes
-    -----
-    More than 20000 rows are thinned to that many for the fit, and to 3000 for the search; labels
-    are given to all rows.
+        determine it. Many rows are thinned for the search and for the fit; labels are given to
+        all of them.
 
     Examples
     --------
@@ -174,79 +205,44 @@ def seed_modes(
     >>> bool((seeds[0].labels[x[:, 0] > 0] == seeds[0].labels[-1]).all())
     True
     """
-    random_state = check_random_state(random_state)
     weights = np.ones(len(features)) if sample_weight is None else np.asarray(sample_weight, float)
-    points = _standardised(coordinates, weights)
-    rows, counts = some_rows(points, weights, _MAX_ROWS, random_state)
-    fitted_rows = features[rows], targets[rows], coordinates[rows], counts
-    preparation = _prepare(*fitted_rows, gate_degree=gate_degree, n_modes=n_modes)
-    samples = preparation(*fitted_rows)
-    n_coarse = preparation.gate_features.count(_COARSE_DEGREE)
+    centre, scale = centre_and_scale(coordinates, weights)
+    rows, counts = thinned_rows(weights, settings.most_rows)
+    fitted = features[rows], targets[rows], coordinates[rows], counts
+    degree = gate_degree_within(gate_degree, coordinates.shape[1], counts.sum(), n_modes, settings)
+    preparation = Preparation.of(*fitted, degree, settings)
+    samples = preparation(*fitted)
+    n_coarse = preparation.gate_features.count(settings.coarse_degree)
     given = np.empty((0, len(weights)), dtype=np.intp) if first_labels is None else first_labels
     pool, drawn = search(
         samples,
-        points[rows],
+        (coordinates[rows] - centre) / scale,
         n_modes=n_modes,
         n_starts=n_starts,
-        most_starts=most_starts,
         first_labels=given[:, rows],
         n_coarse=n_coarse,
-        random_state=random_state,
+        random_state=check_random_state(random_state),
+        settings=settings,
     )
-    experts = refine(samples, pool.experts, n_coarse)
-    all_rows = features, targets, coordinates, weights
+    experts = refine(samples, pool.experts, n_coarse, settings)
+    everything = features, targets, coordinates, weights
     seeds = [
-        _describe(preparation, experts.take([member]), all_rows, int(hits), drawn)
+        _seed(preparation, experts.take([member]), everything, int(hits), drawn, settings)
         for member, hits in enumerate(pool.hits)
     ]
     return _distinct(sorted(seeds, key=lambda seed: -seed.log_likelihood), weights)
 
 
-def held_out_residuals(seed: Seed, features: Array, targets: Array, coordinates: Array) -> Array:
-    """Residuals of held-out samples in the mode that their coordinates alone say.
-
-    Shape (n_samples, n_informative), each output in units of its typical deviation.
-    """
-    samples = seed.preparation(features, targets, coordinates, np.ones(len(features)))
-    experts = seed.experts.at(samples)
-    modes = experts.log_gate[0].argmax(axis=0)
-    return experts.residuals[0, modes, :, np.arange(len(modes))]
-
-
-def _standardised(coordinates, weights) -> Array:
-    centre, scale = centre_and_scale(coordinates, weights)
-    return (coordinates - centre) / scale
-
-
-def _prepare(features, targets, coordinates, weights, *, gate_degree, n_modes) -> Preparation:
-    middle = weighted_quantile(targets.T, weights, 0.5)
-    deviation = np.abs(targets.T - middle[:, None])
-    # The median alone would vanish for an output that is constant on most samples.
-    scale = np.maximum(
-        weighted_quantile(deviation, weights, 0.5), 0.25 * (deviation @ weights) / weights.sum()
-    )
-    basis = whiten(features, weights)
-    informative = scale > 1e-12 * np.abs(middle)
-    scaled = targets.T[informative] / scale[informative, None]
-    centre = middle[informative] / scale[informative]
-    rows = basis(features)
-    single = rows.cross(weights * scaled) / weights.sum()
-    left = np.abs(scaled - rows.evaluate(single)).max(axis=1)
-    varies = left > _EXACT * (1 + np.abs(centre))
-    informative[informative] = varies
-    degree = gate_degree_within(gate_degree, coordinates.shape[1], weights.sum(), n_modes)
-    gate_features: GateFeatures = fit_gate_features(coordinates, degree, weights)
-    return Preparation(basis, gate_features, informative, scale[informative], centre[varies])
-
-
-def _describe(preparation, experts, all_rows, hits, n_starts) -> Seed:
-    weights = all_rows[-1]
+def _seed(preparation, experts, everything, hits, n_starts, settings) -> Seed:
+    """The partition of all rows by a mixture, some of them at a time."""
+    weights = everything[-1]
     parts, inliers = [], []
     log_likelihood = -weights.sum() * np.log(preparation.scale).sum()
-    for start in range(0, len(weights), _MAX_ROWS):
-        samples = preparation(*(part[start : start + _MAX_ROWS] for part in all_rows))
+    for start in range(0, len(weights), settings.most_rows):
+        some = slice(start, start + settings.most_rows)
+        samples = preparation(*(values[some] for values in everything))
         moved = experts.at(samples)
-        posterior = moved.posterior(samples, GAUSSIAN)
+        posterior = moved.posterior(samples, NORMAL)
         # An outlier's target says nothing about its mode: Bayes leaves the gate.
         inlier = posterior.inlier[0]
         inliers.append(inlier)
@@ -269,11 +265,10 @@ def _distinct(seeds: list[Seed], weights: Array) -> list[Seed]:
     """Each partition once: final fits of two candidates may have met."""
     kept: list[Seed] = []
     for seed in seeds:
-        twins = [
-            k for k, other in enumerate(kept) if same_partition(other.labels, seed.labels, weights)
-        ]
-        if twins:
-            kept[twins[0]] = replace(kept[twins[0]], hits=kept[twins[0]].hits + seed.hits)
+        for place, other in enumerate(kept):
+            if same_partition(other.labels, seed.labels, weights):
+                kept[place] = replace(other, hits=other.hits + seed.hits)
+                break
         else:
             kept.append(seed)
     return kept

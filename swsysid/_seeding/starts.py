@@ -1,4 +1,9 @@
-"""Random first labels: level sets in coordinates, and of the single model's residuals.
+"""First labels: level sets of random functions, and laws of neighbourhoods.
+
+Level sets in coordinates, and of the single model's residuals, find modes whose regions are
+simple. Where trajectories cross a guard at every other sample, or a mode has one row in fifty,
+most of them mix the modes. A law of the rows around one row does not depend on how the regions
+are arranged: in clean data a few rows of one mode have its law.
 
 Every draw is geometric: directions, points at weighted quantiles along a random direction,
 thresholds at weighted quantiles of a score. So the starts depend on the weighted distribution
@@ -16,8 +21,10 @@ from scipy.spatial import cKDTree
 
 from swsysid._noise import weighted_quantile
 from swsysid._results import Array
+from swsysid._seeding.experts import Samples
+from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 
-__all__ = ["Scene", "draw_labels", "row_of_weight", "some_rows", "split_labels"]
+__all__ = ["Scene", "draw_labels", "law_labels", "split_labels"]
 
 # Which score the level sets of start number i are taken of, in turn. "centre" and "ball" are
 # the ones that find small enclosed modes; Voronoi cells lead where there are many modes.
@@ -60,90 +67,40 @@ class Scene:
 
     def smooth(self, values: Array) -> Array:
         """Weighted mean of `values` around every sample."""
-        near = self.weights[self.neighbours]
-        return (near * values[self.neighbours]).sum(axis=1) / near.sum(axis=1)
+        return np.average(values[self.neighbours], axis=1, weights=self.weights[self.neighbours])
+
+    def random_row(self, weights: Array, random_state) -> int:
+        """A row, with probabilities proportional to the weights.
+
+        It is the one at a random share of the weight along a random direction. Different points
+        have different projections almost surely, so the order of the rows does not matter.
+        """
+        share = random_state.uniform()
+        along = self.points @ random_state.standard_normal(self.points.shape[1])
+        order = np.argsort(along, kind="stable")
+        below = np.cumsum(weights[order])
+        found = np.searchsorted(below, share * below[-1])
+        return int(order[min(found, len(order) - 1)])
+
+    def random_point(self, random_state) -> Array:
+        """Coordinates of a random sample."""
+        return self.points[self.random_row(self.weights, random_state)]
 
 
-def some_rows(
-    points: Array, weights: Array, limit: int, random_state
-) -> tuple[NDArray[np.intp], Array]:
-    """At most `limit` rows and their weights: all that have weight, or a sample of that size.
-
-    The sample takes equal steps of the weight along a random direction: every slice of the
-    samples gives as many rows as its share of the weight says.
-    """
-    rows = np.flatnonzero(weights > 0)
-    if len(rows) <= limit:
-        return rows, weights[rows]
-    positions = (np.arange(limit) + random_state.uniform()) / limit
-    picked = _rows_at(points, weights, positions, random_state)
-    rows, counts = np.unique(picked, return_counts=True)
-    return rows, counts.astype(float)
+# -- level sets -------------------------------------------------------------------------------
 
 
 def draw_labels(scene: Scene, n_modes: int, index: int, random_state) -> NDArray[np.intp]:
     """Labels 0..n_modes-1 of start number `index`, (n_samples,)."""
     kinds = _TWO_MODE_KINDS if n_modes == 2 else _MANY_MODE_KINDS
-    return _DRAWS[kinds[index % len(kinds)]](scene, n_modes, random_state)
-
-
-def split_labels(
-    labels: NDArray[np.intp], points: Array, weights: Array, n_splits: int, random_state
-) -> NDArray[np.intp]:
-    """Partitions with one mode more: every mode cut in two, in `n_splits` random directions.
-
-    Returns
-    -------
-    ndarray of shape (n_splits * n_modes, n_samples), int
-    """
-    n_modes = int(labels.max()) + 1
-    splits = np.repeat(labels[None], n_splits * n_modes, axis=0)
-    for number, split in enumerate(splits):
-        rows = np.flatnonzero(labels == number % n_modes)
-        share = random_state.uniform(0.2, 0.8, 1)
-        along = points[rows] @ random_state.standard_normal(points.shape[1])
-        if len(rows):
-            split[rows[along > weighted_quantile(along, weights[rows], share)]] = n_modes
-    return splits
-
-
-def _rows_at(points, weights, positions, random_state):
-    """Rows at given positions in (0, 1) of the weight along a random direction.
-
-    Different points have different projections almost surely, so the choice does not depend on
-    the order of the rows.
-    """
-    along = points @ random_state.standard_normal(points.shape[1])
-    order = np.argsort(along, kind="stable")
-    below = np.cumsum(weights[order])
-    found = np.searchsorted(below, np.asarray(positions) * below[-1])
-    return order[np.minimum(found, len(order) - 1)]
-
-
-def row_of_weight(points: Array, weights: Array, random_state) -> int:
-    """A random row, with probabilities proportional to the weights."""
-    return int(_rows_at(points, weights, random_state.uniform(), random_state))
-
-
-def _random_point(scene, random_state):
-    return scene.points[row_of_weight(scene.points, scene.weights, random_state)]
-
-
-def _level_sets(score, low, high):
-    """A draw: between thresholds at random quantiles, in [low, high], of a score."""
-
-    def draw(scene, n_modes, random_state):
-        values = score(scene, random_state)
-        shares = np.sort(random_state.uniform(low, high, n_modes - 1))
-        return np.searchsorted(weighted_quantile(values, scene.weights, shares), values)
-
-    return draw
-
-
-def _cells(scene, n_modes, random_state):
-    """Voronoi cells of random samples."""
-    sites = np.array([_random_point(scene, random_state) for _ in range(n_modes)])
-    return np.square(scene.points[:, None] - sites).sum(axis=2).argmin(axis=1)
+    kind = kinds[index % len(kinds)]
+    if kind == "cells":  # Voronoi cells of random samples
+        sites = np.array([scene.random_point(random_state) for _ in range(n_modes)])
+        return np.square(scene.points[:, None] - sites).sum(axis=2).argmin(axis=1)
+    score, low, high = _SCORES[kind]
+    values = score(scene, random_state)
+    shares = np.sort(random_state.uniform(low, high, n_modes - 1))
+    return np.searchsorted(weighted_quantile(values, scene.weights, shares), values)
 
 
 def _distance(scene, point, random_state):
@@ -158,7 +115,7 @@ def _centre(scene, random_state):
 
 
 def _ball(scene, random_state):
-    return _distance(scene, _random_point(scene, random_state), random_state)
+    return _distance(scene, scene.random_point(random_state), random_state)
 
 
 def _half(scene, random_state):
@@ -181,12 +138,76 @@ def _residual(scene, random_state):
     return scene.smooth(np.tanh(mixed))
 
 
-_DRAWS = {
-    "cells": _cells,
-    "centre": _level_sets(_centre, 0.04, 0.96),
-    "ball": _level_sets(_ball, 0.04, 0.96),
-    "half": _level_sets(_half, 0.04, 0.96),
-    "conic": _level_sets(_conic, 0.04, 0.96),
-    "size": _level_sets(_size, 0.4, 0.97),
-    "residual": _level_sets(_residual, 0.15, 0.85),
+# A score, and between which shares of the weight its thresholds are drawn.
+_SCORES = {
+    "centre": (_centre, 0.04, 0.96),
+    "ball": (_ball, 0.04, 0.96),
+    "half": (_half, 0.04, 0.96),
+    "conic": (_conic, 0.04, 0.96),
+    "size": (_size, 0.4, 0.97),
+    "residual": (_residual, 0.15, 0.85),
 }
+
+
+def split_labels(
+    labels: NDArray[np.intp], points: Array, weights: Array, n_splits: int, random_state
+) -> NDArray[np.intp]:
+    """Partitions with one mode more: every mode cut in two, in `n_splits` random directions.
+
+    Shape (n_splits * n_modes, n_samples).
+    """
+    n_modes = int(labels.max()) + 1
+    splits = np.repeat(labels[None], n_splits * n_modes, axis=0)
+    for number, split in enumerate(splits):
+        rows = np.flatnonzero(labels == number % n_modes)
+        share = random_state.uniform(0.2, 0.8)
+        along = points[rows] @ random_state.standard_normal(points.shape[1])
+        if len(rows):
+            split[rows[along > weighted_quantile(along, weights[rows], share)]] = n_modes
+    return splits
+
+
+# -- laws of neighbourhoods -------------------------------------------------------------------
+
+
+def law_labels(
+    samples: Samples, scene: Scene, n_modes: int, random_state, settings: SeedingSettings = DEFAULTS
+) -> NDArray[np.intp]:
+    """Labels by the nearest of `n_modes` laws, for the best of some random sets of laws.
+
+    The first law is that of the rows around a random row, each further one that of the rows around
+    a row that the laws so far explain badly. Neighbours are those in the state and the velocity
+    together: near a guard, neighbours in the state alone are in different modes. The best sets
+    have the smallest sum of logarithms of the residuals, to which outliers add little.
+
+    Shape (n_laws, n_samples), the best first.
+    """
+    joint = np.hstack([scene.points, np.tanh(scene.residuals / settings.law_reach)])
+    drawn = [
+        _draw_laws(samples, scene, joint, n_modes, random_state, settings)
+        for _ in range(settings.law_draws)
+    ]
+    cost = [samples.weights @ np.log(sizes.min(axis=0) + settings.exact) for sizes in drawn]
+    best = np.argsort(cost, kind="stable")[: settings.n_laws]
+    return np.array([drawn[number].argmin(axis=0) for number in best])
+
+
+def _draw_laws(samples, scene, joint, n_modes, random_state, settings) -> Array:
+    """Sizes of the residuals from some laws, (n_modes, n_samples)."""
+    n_features, n_samples = samples.features.values.shape
+    # few rows are in one mode, many average their noise
+    fewest = max(1, min(2 * n_features, n_samples))
+    most = max(fewest, n_samples // (2 * n_modes))
+    sizes = np.empty((n_modes, n_samples))
+    unexplained = samples.weights
+    for mode in range(n_modes):
+        centre = joint[scene.random_row(unexplained, random_state)]
+        count = int(fewest * (most / fewest) ** random_state.uniform())
+        near = np.argpartition(np.square(joint - centre).sum(axis=1), count - 1)[:count]
+        law = np.linalg.lstsq(
+            samples.features.values[:, near].T, samples.targets[:, near].T, rcond=1e-8
+        )[0].T
+        sizes[mode] = np.abs(samples.targets - samples.features.evaluate(law)).sum(axis=0)
+        left = sizes[: mode + 1].min(axis=0) + settings.exact**2
+        unexplained = samples.weights * left ** random_state.uniform(*settings.law_powers)
+    return sizes
