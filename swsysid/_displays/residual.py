@@ -51,7 +51,6 @@ class ResidualDisplay(Display):
     --------
     >>> import matplotlib; matplotlib.use("Agg")
     >>> import numpy as np
-    from numpy.typing import NDArray
     >>> from sklearn.linear_model import LinearRegression
     >>> from swsysid.plotting import ResidualDisplay
     >>> X = np.linspace(-1, 1, 100)[:, None]

@@ -53,7 +53,6 @@ class RolloutDisplay(Display):
     --------
     >>> import matplotlib; matplotlib.use("Agg")
     >>> import numpy as np
-    from numpy.typing import NDArray
     >>> from swsysid.plotting import RolloutDisplay
     >>> t = np.linspace(0, 6, 50)
     >>> x = np.column_stack([np.cos(t), -np.sin(t)])

@@ -62,7 +62,6 @@ class SwitchingSurfaceDisplay(Display):
     --------
     >>> import matplotlib; matplotlib.use("Agg")
     >>> import numpy as np
-    from numpy.typing import NDArray
     >>> from sklearn.linear_model import LogisticRegression
     >>> from swsysid.plotting import SwitchingSurfaceDisplay
     >>> X = np.random.default_rng(0).uniform(-1, 1, size=(200, 2))

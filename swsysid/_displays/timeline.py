@@ -51,7 +51,6 @@ class ModeTimelineDisplay(Display):
     --------
     >>> import matplotlib; matplotlib.use("Agg")
     >>> import numpy as np
-    from numpy.typing import NDArray
     >>> from swsysid.plotting import ModeTimelineDisplay
     >>> display = ModeTimelineDisplay(
     ...     times=[np.arange(4.0)], modes=[np.array([0, 0, 1, 1])], true_modes=None,

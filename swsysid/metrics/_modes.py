@@ -103,6 +103,8 @@ def mode_iou(modes_true, modes_pred, sample_weight=None) -> float:
 def match_modes(modes_true, modes_pred, sample_weight=None) -> dict:
     """Name of the true mode of each predicted mode, in the matching with the most agreement.
 
+    The matching is found by `scipy.optimize.linear_sum_assignment`.
+
     Parameters
     ----------
     modes_true, modes_pred : array-like of shape (n_samples,)
