@@ -13,7 +13,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
 .PHONY: help demo test lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
-	bench-undeclared bench-measured bench-speed figures clean
+	bench-undeclared bench-measured bench-speed bench-trajectories figures clean
 
 help:
 	@echo "make demo      identify the built-in example and draw it"
@@ -28,6 +28,7 @@ help:
 	@echo "make bench-quality  many systems and methods, into the documentation (hours)"
 	@echo "make bench-undeclared  planted effects: every kind, system and seed (hours; resumes)"
 	@echo "make bench-measured  measured data, before and after"
+	@echo "make bench-trajectories  noisy recordings without velocities, beside what they allow (hours)"
 	@echo "make bench-speed     structured solvers and whole fits, in ratios"
 	@echo "make figures   draw the figures of README and pages, write what commands print into them"
 
@@ -79,6 +80,9 @@ bench-undeclared: $(VENV)/.installed-bench
 
 bench-measured: $(VENV)/.installed-bench
 	$(BIN)/python -W ignore -m benchmarks.measured --docs docs
+
+bench-trajectories: $(VENV)/.installed-bench
+	$(BIN)/python -W ignore -m benchmarks.trajectories --jobs $(WORKERS)
 
 bench-speed: $(VENV)/.installed-bench $(PARC)
 	OMP_NUM_THREADS=1 $(BIN)/python -W ignore -m benchmarks.speed --parc $(PARC) --docs docs

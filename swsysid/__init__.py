@@ -62,29 +62,21 @@ __all__ = [
 # Names are imported when they are first asked for, so that the command line can print its help
 # or refuse a file without waiting for scikit-learn and SciPy.
 _HOMES = {
-    "PolynomialSurfaceClassifier": "_classifier",
-    "EffectRegressor": "_effect_regressor",
-    "FunctionLibrary": "_data.features",
-    "solve_mip": "relaxations._mixed_integer",
-    "ModePipeline": "_pipelines",
-    "SwitchingSystemRegressor": "_regressor",
-    **dict.fromkeys(
-        (
-            "Assignment",
-            "GuardWarning",
-            "IdentificationWarning",
-            "MisfitWarning",
-            "SolverError",
-            "Status",
-            "Trajectory",
-        ),
-        "_results",
-    ),
-    **dict.fromkeys(("Recording", "load_model", "save_model"), "_saving.files"),
-    **dict.fromkeys(("EffectReport", "EffectSearchCV"), "diagnosis"),
-    **dict.fromkeys(
-        ("ExactRelaxation", "MomentRelaxation", "Relaxation", "SimplexRelaxation"), "relaxations"
-    ),
+    name: home
+    for home, names in {
+        "_classifier": "PolynomialSurfaceClassifier",
+        "_data.features": "FunctionLibrary",
+        "_effect_regressor": "EffectRegressor",
+        "_pipelines": "ModePipeline",
+        "_regressor": "SwitchingSystemRegressor",
+        "_results": "Assignment GuardWarning IdentificationWarning MisfitWarning SolverError "
+        "Status Trajectory",
+        "_saving.files": "Recording load_model save_model",
+        "diagnosis": "EffectReport EffectSearchCV",
+        "relaxations": "ExactRelaxation MomentRelaxation Relaxation SimplexRelaxation",
+        "relaxations._mixed_integer": "solve_mip",
+    }.items()
+    for name in names.split()
 }
 _MODULES = frozenset(
     "datasets diagnosis differentiation effects metrics plotting refinement relaxations report "

@@ -7,15 +7,12 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from swsysid._cli.arguments import measurement, modes, parser, units
-from swsysid._cli.progress import is_watched, say
+from swsysid._cli.arguments import is_watched, measurement, modes, parser, say, units
 from swsysid._tables.table import TableError
 
 if TYPE_CHECKING:
     from swsysid._cli.measurement import Measurement
     from swsysid._tables.table import Table
-
-__all__ = ["main"]
 
 
 def main(argv: list[str] | None = None) -> int:

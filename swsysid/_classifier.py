@@ -7,33 +7,25 @@ from copy import copy
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
 
-from swsysid._checks.estimators import (
-    check_fitted,
-    classes_to_fit,
-    column_names,
-    known_classes,
-    known_rows,
-)
+from swsysid._checks.estimators import check_fitted, column_names, rows_and_classes, rows_of
 from swsysid._checks.parameters import names_of_columns, random_numbers
 from swsysid._data.rows import canonical_rows, check_sample_weight, places_between
 from swsysid._data.scores import ScoredByAccuracy
 from swsysid._rendering.printing import check_format, linear_combination, symbol
-from swsysid._surfaces.book_program import (
-    choose_mode_book,
+from swsysid._solvers.conic import worst_status
+from swsysid._surfaces.fitted import FittedSurfaces
+from swsysid._surfaces.margins import certify_margin, nonzero_margin
+from swsysid._surfaces.mode_books import (
+    decisions,
     fit_mode_book,
+    resolve_book,
     surface_scale,
     warn_if_doubtful,
 )
-from swsysid._surfaces.fitted import FittedSurfaces
-from swsysid._surfaces.margin_program import worst_status
-from swsysid._surfaces.margins import certify_margin, nonzero_margin
-from swsysid._surfaces.mode_books import check_book, decisions, pairwise_book
 from swsysid._surfaces.parameters import check_parameters
 from swsysid._surfaces.polynomials import surface_basis
 from swsysid._surfaces.probability import ModePosterior
 from swsysid._surfaces.surface import LinearForm
-
-__all__ = ["PolynomialSurfaceClassifier"]
 
 _DEFAULT_MARGIN = 1e-2
 # The paper's beta in raw coordinates. In standardised ones half of it still separates what can be
@@ -190,7 +182,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
             If the solver is not installed or returns nothing.
         """
         check_parameters(self)
-        X, y = classes_to_fit(self, X, y)
+        X, y = rows_and_classes(self, X, y, reset=True)
         weight = check_sample_weight(sample_weight, len(X))
         self.classes_ = np.unique(y[weight > 0])
         # Rows of weight zero are dropped below, whatever index they get here.
@@ -204,13 +196,16 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         default_beta = _BETA_STANDARDIZED if self.standardize else _BETA_RAW
         self.beta_ = default_beta if self.beta == "auto" else float(self.beta)
         self.margin_ = _DEFAULT_MARGIN if self.margin == "auto" else float(self.margin)
-        data, starts = (features, labels, rows.weight), () if start is None else start._fitted_coef
-        book, fits = fit_mode_book(*data, [self._book(*data)], *self._program(), starts=starts)
+        data = features, labels, rows.weight
+        starts = () if start is None else start.fitted_surfaces.coef
+        rng = random_numbers(self.random_state)
+        book = resolve_book(self.mode_book, *data, len(self.classes_), rng, *self._program())
+        book, fits = fit_mode_book(*data, [book], *self._program(), starts=starts)
         if self.margin == "auto":
             found = nonzero_margin(features, book[labels], rows.weight, fits, *self._program()[1:])
             self.margin_ = found or _DEFAULT_MARGIN
             book, fits = fit_mode_book(*data, [book], *self._program())
-        self._store(features, labels, rows, book, fits)
+        vars(self).update(self._fitted(features, labels, rows, book, fits))
         return self
 
     def predict(self, X):
@@ -254,7 +249,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         `log_likelihood` of every class, (n_samples, n_classes), counts up to a constant for each
         sample: equal entries say nothing. Returns the classifier.
         """
-        rows = canonical_rows(known_rows(self, X), log_likelihood, sample_weight=sample_weight)
+        rows = canonical_rows(rows_of(self, X), log_likelihood, sample_weight=sample_weight)
         features = self._basis(rows.arrays[0])
         self._posterior = self._posterior.with_likelihood(features, rows.arrays[1], rows.weight)
         return self
@@ -265,7 +260,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        X = known_rows(self, X)
+        X = rows_of(self, X)
         return self._basis.of_user(X)
 
     def surface_values_at(self, point):
@@ -291,7 +286,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         """A copy with other surfaces, one `SurfaceFit` each, fitted to more rows than these."""
         other, labels = copy(self), np.searchsorted(self.classes_, y)
         rows = canonical_rows(X, labels, sample_weight=sample_weight)
-        other._store(self._basis(rows.arrays[0]), rows.arrays[1], rows, self.mode_book_, fits)
+        features = self._basis(rows.arrays[0])
+        vars(other).update(self._fitted(features, rows.arrays[1], rows, self.mode_book_, fits))
         return other
 
     def relabelled(self, names):
@@ -304,7 +300,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def linear_form(self, n_columns):
         """The surfaces as functions of their coefficients."""
         coef, scale = self._fitted_coef, self._surface_scale
-        return LinearForm(self._basis, coef, scale, self.mode_book_, self.classes_)
+        return LinearForm(self._basis.at_rows, coef, scale, self.mode_book_, self.classes_)
 
     def use_coef(self, coef):
         """Take other coefficients, in the coordinates of `linear_form`."""
@@ -326,7 +322,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         -------
         MarginCertificate
         """
-        X, y = known_classes(self, X, y)
+        X, y = rows_and_classes(self, X, y)
         unknown = ~np.isin(y, self.classes_)
         if unknown.any():
             raise ValueError(f"y holds the class {y[unknown][0]!r}, which fit has not seen.")
@@ -365,35 +361,31 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def _program(self):
         return self.margin_, self.beta_, float(self.coef_bound), self.solver
 
-    def _book(self, features, labels, weight):
-        n_classes = len(self.classes_)
-        if not isinstance(self.mode_book, str):
-            return check_book(self.mode_book, n_classes)
-        if self.mode_book == "pairwise":
-            return pairwise_book(n_classes)
-        rng = random_numbers(self.random_state)
-        return choose_mode_book(features, labels, weight, n_classes, rng, *self._program())
-
-    def _store(self, features, labels, rows, book, fits):
-        self._fitted_coef = np.array([fit.coef for fit in fits]).reshape(-1, features.shape[1])
-        values = features @ self._fitted_coef.T
-        self._surface_scale = surface_scale(values, rows.weight)
-        self.mode_book_, self._places = book, places_between(rows.arrays[0])
-        self._posterior = ModePosterior.of_labels(
-            features, labels, rows.weight, self._fitted_coef, book, self._surface_scale
-        )
-        self.coef_ = self._basis.to_user(self._fitted_coef)
-        self.feature_names_out_ = self._basis.names(column_names(self))
+    def _fitted(self, features, labels, rows, book, fits):
+        """Attributes that surfaces fitted to some rows have."""
+        coef = np.array([fit.coef for fit in fits]).reshape(-1, features.shape[1])
+        values = features @ coef.T
+        scale = surface_scale(values, rows.weight)
         slack = np.maximum(0.0, self.margin_ - book[labels] * values)
-        self.slack_ = rows.restore(np.where(book[labels] == 0, 0.0, slack))
-        self.objective_ = float(sum(fit.objective for fit in fits))
-        self.complexity_ = float(self.beta_ * np.abs(self._fitted_coef).sum())
-        self.status_ = worst_status(fit.status for fit in fits)
-        warn_if_doubtful(self.status_, self._fitted_coef)
+        status = worst_status(fit.status for fit in fits)
+        warn_if_doubtful(status, coef)
+        return {
+            "_fitted_coef": coef,
+            "_surface_scale": scale,
+            "mode_book_": book,
+            "_places": places_between(rows.arrays[0]),
+            "_posterior": ModePosterior.of_labels(features, labels, rows.weight, coef, book, scale),
+            "coef_": self._basis.to_user(coef),
+            "feature_names_out_": self._basis.names(column_names(self)),
+            "slack_": rows.restore(np.where(book[labels] == 0, 0.0, slack)),
+            "objective_": float(sum(fit.objective for fit in fits)),
+            "complexity_": float(self.beta_ * np.abs(coef).sum()),
+            "status_": status,
+        }
 
     def _features(self, X):
-        X = known_rows(self, X)
+        X = rows_of(self, X)
         return self._basis(X)
 
     def _class_decisions(self, values):
-        return decisions(values / self._surface_scale, self.mode_book_)
+        return decisions(values, self.mode_book_, self._surface_scale)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
 from swsysid._checks.arrays import column
-from swsysid._checks.estimators import check_fitted, column_names, known_rows, rows_to_fit
+from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities, rows_of
 from swsysid._checks.parameters import MOST_MODES, shown
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import ScoredByR2
@@ -20,8 +19,6 @@ from swsysid._effect_model.joint_fit import JointFit, check_declared, fit_jointl
 from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._rendering.printing import check_format
 from swsysid.effects import PlacedEffect
-
-__all__ = ["EffectRegressor"]
 
 
 class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimator):
@@ -84,27 +81,23 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """
         check_declared(self.estimator)
         terms = _checked_terms(self.effects)
-        X, y = rows_to_fit(self, X, y)
-        targets = y.reshape(len(y), -1)
+        X, y = rows_and_velocities(self, X, y, reset=True)
+        targets, rows = y.reshape(len(y), -1), np.arange(len(X))
         self._one_target, self._n_targets = y.ndim == 1, targets.shape[1]
-        records = self._records(X, t, groups, signals)
-        _refuse_missing(records, terms)
+        records = self._records(X, t, groups, signals, terms)
         start = None if modes is None else _checked_modes(modes, len(X))
-        rows = np.arange(len(X))
         fit = fit_jointly(self.estimator, terms, records, rows, targets, start)
         warn_of_doubts(fit, 2)
         return self._adopt(fit, records.names)
 
     def predict(self, X, *, t=None, groups=None, signals=None):
         """Velocities, of the shape that `y` had in `fit`."""
-        records = self._known(X, t, groups, signals)
-        velocity = self._fit.predict(records)
+        velocity = self.joint_fit_.predict(self._known(X, t, groups, signals))
         return velocity[:, 0] if self._one_target else velocity
 
     def predict_modes(self, X, *, t=None, groups=None, signals=None):
         """Mode of every sample, shape (n_samples,)."""
-        records = self._known(X, t, groups, signals)
-        return self._fit.predict_modes(records)
+        return self.joint_fit_.predict_modes(self._known(X, t, groups, signals))
 
     def simulate(self, x0, t, inputs=None, *, signals=None, input_hold="zero", **options):
         """Roll the system out from a state, effects included.
@@ -125,9 +118,8 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         -------
         Trajectory
         """
-        check_fitted(self, "estimator_")
         done = simulate_with_effects(
-            self._fit, x0, t, inputs, signals=signals, input_hold=input_hold, **options
+            self.joint_fit_, x0, t, inputs, signals=signals, input_hold=input_hold, **options
         )
         return replace(done, names=self._channel_names[: done.x.shape[1]])
 
@@ -147,9 +139,9 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
             play of width w, ``lag(u, T)`` a first-order lag of time constant T, ``u(t - T)`` a
             delay, ``[v > 0]`` one where v is positive and else zero.
         """
-        check_fitted(self, "estimator_")
+        fit = self.joint_fit_
         check_format(format, precision)
-        return laws_with_effects(self._fit, self._channel_names, precision, format)
+        return laws_with_effects(fit, self._channel_names, precision, format)
 
     def surface_equations(self, precision=3, format="text"):
         """The surfaces and the modes on their sides, or the guard with memory in their place.
@@ -165,24 +157,22 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
             One for each surface (one for all if an effect remembers the mode); then one line for
             each jump of a state.
         """
-        check_fitted(self, "estimator_")
+        fit = self.joint_fit_
         check_format(format, precision)
-        return guards_with_effects(self._fit, self._channel_names, precision, format)
+        return guards_with_effects(fit, self._channel_names, precision, format)
 
     # -- parts ---------------------------------------------------------------------------------
 
-    @classmethod
-    def around(cls, estimator: Any, fit: JointFit, like: BaseEstimator, names: Sequence[str]):
-        """The fitted regressor of a declared model and a fit to data that `like` has seen.
+    def around(self, fit: JointFit, like: BaseEstimator, names: Sequence[str]):
+        """Itself, fitted as `fit` says to data that `like` has seen, to predict all states.
 
-        `names` are those of the channels. It predicts all states, as a table.
+        `names` are those of the channels.
         """
-        regressor = cls(estimator, fit.terms)
         for name in ("n_features_in_", "feature_names_in_"):
             if hasattr(like, name):
-                setattr(regressor, name, getattr(like, name))
-        regressor._one_target, regressor._n_targets = False, fit.switching.coef_.shape[1]
-        return regressor._adopt(fit, names)
+                setattr(self, name, getattr(like, name))
+        self._one_target, self._n_targets = False, fit.switching.coef_.shape[1]
+        return self._adopt(fit, names)
 
     @property
     def joint_fit_(self) -> JointFit:
@@ -200,21 +190,28 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         return self
 
     def _known(self, X, t, groups, signals) -> Records:
-        check_fitted(self, "estimator_")
-        X = known_rows(self, X)
-        records = self._records(X, t, groups, signals)
-        _refuse_missing(records, self.effects_)
-        return records
+        return self._records(rows_of(self, X), t, groups, signals, self.effects_)
 
-    def _records(self, X, t, groups, signals) -> Records:
-        return make_records(
+    def _records(self, X, t, groups, signals, terms: Sequence[PlacedEffect]) -> Records:
+        records = make_records(
             X, self._n_targets, t=t, groups=groups, signals=signals, names=column_names(self)
         )
+        for term in terms:
+            if not 0 <= term.target < records.n_states:
+                raise ValueError(
+                    f"the effect {term.effect.kind!r} acts in state {term.target}; give a number "
+                    f"from 0 to {records.n_states - 1}."
+                )
+            missing = term.effect.missing(records)
+            if missing:
+                raise ValueError(f"The effect {term.effect.kind!r} {missing}.")
+        return records
 
 
-def _checked_terms(effects: Any) -> tuple[PlacedEffect, ...]:
-    listed = isinstance(effects, Iterable)
-    if not listed or not all(isinstance(term, PlacedEffect) for term in effects):
+def _checked_terms(effects: object) -> tuple[PlacedEffect, ...]:
+    if not isinstance(effects, Iterable) or not all(
+        isinstance(term, PlacedEffect) for term in effects
+    ):
         raise TypeError(
             f"effects={shown(effects)} must be a list of swsysid.effects.PlacedEffect, as "
             "EffectSearchCV finds them."
@@ -222,20 +219,8 @@ def _checked_terms(effects: Any) -> tuple[PlacedEffect, ...]:
     return tuple(effects)
 
 
-def _checked_modes(modes: Any, n_samples: int) -> NDArray[np.intp]:
+def _checked_modes(modes: object, n_samples: int) -> NDArray[np.intp]:
     given = column("modes", modes, n_samples)
     if (given < 0).any() or (given != np.round(given)).any() or (given > MOST_MODES).any():
         raise ValueError("modes must be whole numbers from 0, one for each sample.")
     return given.astype(np.intp)
-
-
-def _refuse_missing(records: Records, terms: Sequence[PlacedEffect]) -> None:
-    for term in terms:
-        if not 0 <= term.target < records.n_states:
-            raise ValueError(
-                f"the effect {term.effect.kind!r} acts in state {term.target}; give a number from "
-                f"0 to {records.n_states - 1}."
-            )
-        missing = term.effect.missing(records)
-        if missing:
-            raise ValueError(f"The effect {term.effect.kind!r} {missing}.")

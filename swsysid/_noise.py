@@ -20,20 +20,6 @@ from scipy.special import gammaln, ndtri
 
 from swsysid._results import Array
 
-__all__ = [
-    "LAPLACE_SCALE",
-    "NORMAL",
-    "STUDENT",
-    "Noise",
-    "Outliers",
-    "exact_below",
-    "mixed_with_outliers",
-    "robust_regression",
-    "robust_scale",
-    "robust_weights",
-    "weighted_quantile",
-]
-
 # Median size of a standard normal variable.
 _NORMAL_MEDIAN = float(ndtri(0.75))
 # Scale of the Laplace law with the median size of the standard normal law.
@@ -61,21 +47,13 @@ def robust_scale(residuals: Array, weight: Array | None = None) -> Array:
 
 @dataclass(frozen=True)
 class Noise:
-    """Student-t noise.
+    """Student-t noise."""
 
-    Attributes
-    ----------
-    dof : float
-        Degrees of freedom; infinite for the normal law.
-    """
-
-    dof: float
+    dof: float  # degrees of freedom; infinite for the normal law
 
     def log_density(self, squares: Array, log_scale: Array, n_outputs: int = 1) -> Array:
-        """Log density at sums of `n_outputs` squares in units of the scales.
-
-        `log_scale` is the sum of the logarithms of the scales.
-        """
+        """Log density at sums of `n_outputs` squares in units of the scales."""
+        # `log_scale` is the sum of the logarithms of the scales.
         if np.isinf(self.dof):
             return -0.5 * squares - (log_scale + 0.5 * n_outputs * np.log(2 * np.pi))
         half = 0.5 * (self.dof + n_outputs)
@@ -115,15 +93,10 @@ STUDENT = Noise(4.0)
 
 @dataclass(frozen=True)
 class Outliers:
-    """Velocities that know no law: normal about their median, and broad.
+    """Velocities that know no law: normal about their median, and broad."""
 
-    Attributes
-    ----------
-    centre, deviation : ndarray of shape (n_outputs,)
-    """
-
-    centre: Array
-    deviation: Array
+    centre: Array  # (n_outputs,)
+    deviation: Array  # (n_outputs,)
 
     @classmethod
     def among(
@@ -148,18 +121,14 @@ def mixed_with_outliers(inside: Array, outside: Array, share: Array | float) -> 
 
 
 def exact_below(targets: Array) -> Array:
-    """Errors of each state below which an equation is exact, such as q' = v.
-
-    An equation without noise would otherwise win or lose nats on the last digits of roundoff.
-    """
+    """Errors of each state below which an equation is exact, such as q' = v."""
+    # An equation without noise would otherwise win or lose nats on the last digits of roundoff.
     return np.maximum(_EXACT * targets.std(axis=0), _SMALLEST)
 
 
 def robust_weights(residuals: Array, floor: Array | float = _SMALLEST) -> Array:
-    """Weights of a Student-t regression for residuals of shape (n_samples, n_states).
-
-    One weight a row: a row that is wrong in one state is not trusted in the others.
-    """
+    """Weights of a Student-t regression for residuals of shape (n_samples, n_states)."""
+    # One weight a row: a row that is wrong in one state is not trusted in the others.
     smallest = 1e-12 * np.abs(residuals).max(axis=0, initial=0.0)
     scale = np.maximum(np.maximum(robust_scale(residuals), smallest), floor)
     return STUDENT.weight(np.mean(np.square(residuals / scale), axis=1))

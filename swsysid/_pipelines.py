@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from sklearn.base import clone
+import numpy as np
+from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils.metaestimators import available_if
 
 from swsysid._results import Array
 
-__all__ = ["ModePipeline", "seeded", "steps_before", "switching_step", "with_parameters"]
-
-
 Transform = Callable[[Array], Array]
 
 
-def steps_before(estimator: Any) -> Any | None:
+def steps_before(estimator: Any) -> Pipeline | None:
     """The steps of a pipeline before its last one, None if there are none."""
     return estimator[:-1] if len(getattr(estimator, "steps", ())) > 1 else None
 
@@ -35,14 +33,14 @@ def _unchanged(X: Array) -> Array:
     return X
 
 
-def with_parameters(estimator: Any, **parameters: Any) -> Any:
+def with_parameters(estimator: BaseEstimator, **parameters: object) -> BaseEstimator:
     """A copy of the estimator whose switching regressor has other parameters."""
     copy = clone(estimator)
     switching_step(copy)[1].set_params(**parameters)
     return copy
 
 
-def seeded(estimator: Any, random_state: Any) -> Any:
+def seeded(estimator: BaseEstimator, random_state: int | np.random.RandomState) -> BaseEstimator:
     """A copy of the estimator in which everything random that has no seed has this one."""
     copy = clone(estimator)
     unseeded = [

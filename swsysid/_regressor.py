@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
-from swsysid._checks.estimators import check_fitted, column_names, known_rows, known_velocities
+from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities, rows_of
 from swsysid._checks.parameters import random_numbers
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
 from swsysid._data.scores import ScoredByR2
 from swsysid._data.sources import over_blocks
-from swsysid._identification.answer import Answer, answer_of_all
+from swsysid._identification.answer import Answer, answer_of_all, answer_of_many
 from swsysid._identification.calibration import attach_likelihood
 from swsysid._identification.doubts import Doubts, examine, warn_about
 from swsysid._identification.identify import identify
-from swsysid._identification.many_rows import answer_of_many
 from swsysid._identification.monomials import surface_candidates
-from swsysid._identification.problem import one_hot
-from swsysid._identification.rows import TrainingRows
 from swsysid._identification.settings import IdentificationSettings
 from swsysid._identification.setup import (
+    TrainingRows,
     build_problem,
     build_search,
     check_parameters,
@@ -27,9 +25,8 @@ from swsysid._identification.setup import (
 )
 from swsysid._simulation.model import SwitchingModel
 from swsysid.relaxations import get_relaxation
+from swsysid.relaxations._base import one_hot
 from swsysid.relaxations._certificates import certify
-
-__all__ = ["SwitchingSystemRegressor"]
 
 
 class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimator):
@@ -213,13 +210,13 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
             If a named solver is not installed.
         """
         check_parameters(self)
-        rows, self._one_target = checked_rows(self, X, y, sample_weight, groups, self.settings)
+        rows, self._one_target = checked_rows(self, X, y, sample_weight, groups)
         feature_map = self._fit_features(rows)
         problem = build_problem(self, rows.distinct, feature_map)
         search = build_search(self, rows.distinct, rows.sample)
 
         found = identify(problem, search, random_numbers(self.random_state))
-        if rows.all_in_memory:
+        if rows.sample.is_everything:
             answer = answer_of_all(rows, found, feature_map)
         else:
             answer = answer_of_many(rows, found, feature_map, search)
@@ -242,7 +239,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         """Mode of every sample according to the surface, shape (n_samples,)."""
         check_fitted(self)
         modes = self.switching_model.modes
-        return over_blocks(lambda part: modes(self._validated(part)), X, int)
+        return over_blocks(lambda part: modes(rows_of(self, part)), X, int)
 
     def predict_mode_proba(self, X):
         """Probability of every mode, shape (n_samples, `n_modes_`).
@@ -252,14 +249,12 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         """
         check_fitted(self)
         probabilities = self.switching_model.mode_probabilities
-        return over_blocks(
-            lambda part: probabilities(self._validated(part)), X, float, self.n_modes_
-        )
+        return over_blocks(lambda part: probabilities(rows_of(self, part)), X, float, self.n_modes_)
 
     def mode_velocities(self, X):
         """Velocity of every mode at every sample, (`n_modes_`, n_samples, n_states)."""
         check_fitted(self)
-        return self.switching_model.velocities(self._validated(X))
+        return self.switching_model.velocities(rows_of(self, X))
 
     def equations(self, precision=3, format="text"):
         """The law of every mode as text.
@@ -325,7 +320,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
             the dynamics program.
         """
         check_fitted(self)
-        X, y = known_velocities(self, X, y)
+        X, y = rows_and_velocities(self, X, y)
         return certify(
             self.switching_model.feature_map(X),
             y.reshape(len(y), -1),
@@ -380,13 +375,10 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         return one_hot(self.modes_, self.n_modes_) if kept is None else kept
 
     def _predicted(self, X):
-        velocity = self.switching_model.predict(self._validated(X))
+        velocity = self.switching_model.predict(rows_of(self, X))
         return velocity[:, 0] if self._one_target else velocity
 
     @property
     def switching_model(self) -> SwitchingModel:
         """Vector fields, feature map and surface of the fit as one system."""
         return SwitchingModel(self.coef_, self._feature_map, self.surface_, self.discrete_time)
-
-    def _validated(self, X):
-        return known_rows(self, X)

@@ -9,24 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._rendering.series import draw_series, frame_of, names_or_numbers, span
 
-__all__ = [
-    "Assignment",
-    "GuardWarning",
-    "IdentificationWarning",
-    "IterationRecord",
-    "MisfitWarning",
-    "SolverError",
-    "Status",
-    "SwitchEvent",
-    "Trajectory",
-]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
 
 Array = NDArray[np.float64]
 
@@ -208,7 +200,7 @@ class Trajectory:
         counted = f"{n_switches} switch{'' if n_switches == 1 else 'es'}"
         return f"Trajectory({span(self.t)}, {names}; {counted}; {self.status.value})"
 
-    def to_frame(self) -> Any:
+    def to_frame(self) -> DataFrame:
         """The states and the mode at every time, as a data frame.
 
         Returns
@@ -219,7 +211,7 @@ class Trajectory:
         columns = dict(zip(self._names, self.x.T, strict=True))
         return frame_of(self.t, columns, {"mode": self.modes})
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the states over time; thin lines stand where the mode switches.
 
         Parameters

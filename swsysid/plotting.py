@@ -3,10 +3,10 @@
 from swsysid._displays.convergence import ConvergenceDisplay
 from swsysid._displays.residual import ResidualDisplay
 from swsysid._displays.rollout import RolloutDisplay
-from swsysid._displays.style import PALETTE, STYLE
 from swsysid._displays.surface import SwitchingSurfaceDisplay
 from swsysid._displays.timeline import ModeTimelineDisplay
 from swsysid._effect_search.display import EffectReportDisplay
+from swsysid._rendering.canvas import PALETTE, STYLE
 from swsysid._residual_report.display import ResidualReportDisplay
 
 __all__ = [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -14,25 +13,35 @@ from scipy.stats import t as student
 from sklearn.base import clone
 from tqdm import tqdm
 
-from swsysid._checks.estimators import known_rows, known_velocities
+from swsysid._checks.estimators import rows_and_velocities, rows_of
 from swsysid._checks.parameters import MOST_RESAMPLES, jobs, random_numbers, real, verbosity, whole
 from swsysid._data.rows import CanonicalRows
-from swsysid._identification.alternation import alternate
+from swsysid._data.trajectories import group_labels
 from swsysid._identification.calibration import calibrate
-from swsysid._identification.problem import one_hot
-from swsysid._identification.rows import trajectory_codes
+from swsysid._identification.descent import alternate
 from swsysid._identification.setup import build_problem
 from swsysid._losses import get_loss
+from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._simulation.model import fitted_system
 from swsysid._surfaces.surface import fit_weighted, mode_book_of
+from swsysid.relaxations._base import one_hot
 
 __all__ = ["BootstrapResult", "bootstrap"]
 
-# Below this many resamples a percentile of the tails is no more than an extreme.
-_LEAST_RESAMPLES = 20
-# Relative difference of two losses that are the same, and rounding in units of the velocities'.
-_SAME, _ROUNDING = 1e-6, 1e-9
+
+@dataclass(frozen=True)
+class Settings:
+    """Numbers that hold for every system; users have the options of `bootstrap`."""
+
+    # below this many resamples a percentile of the tails is no more than an extreme
+    least_resamples: int = 20
+    # relative difference of two losses that are the same, and rounding relative to the velocities'
+    same: float = 1e-6
+    rounding: float = 1e-9
+
+
+SETTINGS = Settings()
 
 
 @dataclass(frozen=True, repr=False)
@@ -107,7 +116,7 @@ class BootstrapResult:
 
 
 def bootstrap(
-    estimator: Any,
+    estimator: SwitchingSystemRegressor,
     X: ArrayLike,
     y: ArrayLike,
     *,
@@ -184,17 +193,25 @@ def bootstrap(
     [True, True]
     """
     fitted_system(estimator)
-    _check(n_resamples, confidence)
+    whole("n_resamples", n_resamples, least=SETTINGS.least_resamples, most=MOST_RESAMPLES)
+    real("confidence", confidence, above=0, below=1)
     jobs(n_jobs)
     verbosity(verbose)
-    problem, weights, n_blocks = _resamples(
-        estimator, X, y, groups, n_resamples, random_numbers(random_state)
-    )
-    points = None if surface_points is None else known_rows(estimator, surface_points)
+    rng = random_numbers(random_state)
+    problem, modes, blocks = _fitted_problem(estimator, X, y, groups)
+    n_blocks = int(blocks.max()) + 1
+    if n_blocks < 2:
+        raise ValueError(
+            "groups names a single trajectory, which cannot be resampled; name more, or leave "
+            "groups out if the errors of the samples are independent."
+        )
+    # How often every block, and so each of its samples, occurs in every resample.
+    drawn = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), n_resamples)
+    points = None if surface_points is None else rows_of(estimator, surface_points)
     settle = {"max_iter": estimator.max_iter, "tol": estimator.tol}
     answers = Parallel(n_jobs=n_jobs)(
-        delayed(_refit)(*problem, weight, points, settle)
-        for weight in tqdm(weights, desc="resamples", disable=not verbose)
+        delayed(_refit)(problem, modes, weight, points, settle)
+        for weight in tqdm(drawn[:, blocks].astype(float), desc="resamples", disable=not verbose)
     )
     kept = [answer for answer in answers if answer is not None]
     if len(kept) < max(2, n_resamples // 10):
@@ -205,11 +222,10 @@ def bootstrap(
     samples = np.array([coef for coef, _ in kept])
     tails, factor = _corrections(confidence, n_blocks)
     low, high = np.quantile(samples, tails, axis=0, method="weibull")
-    surface_low, surface_high = (
-        (None, None)
-        if points is None
-        else np.quantile(np.array([values for _, values in kept]), tails, axis=0, method="weibull")
-    )
+    surface_low = surface_high = None
+    if points is not None:
+        values = np.array([values for _, values in kept])
+        surface_low, surface_high = np.quantile(values, tails, axis=0, method="weibull")
     return BootstrapResult(
         estimate=estimator.coef_.copy(),
         samples=samples,
@@ -226,18 +242,13 @@ def bootstrap(
     )
 
 
-def _check(n_resamples, confidence) -> None:
-    whole("n_resamples", n_resamples, least=_LEAST_RESAMPLES, most=MOST_RESAMPLES)
-    real("confidence", confidence, above=0, below=1)
-
-
-def _resamples(estimator, X, y, groups, n_resamples, random_state):
-    """The fitted problem with its modes, and how often each of its rows is drawn.
+def _fitted_problem(estimator, X, y, groups):
+    """The fitted problem, and modes and blocks of its rows, which are sorted.
 
     What the fit has chosen stays as it is: number of modes, monomials and mode-book of the
-    surface, terms that a sparse fit has kept. Rows are sorted, so that their order means nothing.
+    surface, terms that a sparse fit has kept. The order of the rows means nothing.
     """
-    X, y = known_velocities(estimator, X, y)
+    X, y = rows_and_velocities(estimator, X, y)
     targets = y.reshape(len(y), -1)
     if len(X) != len(estimator.modes_):
         raise ValueError(
@@ -249,50 +260,31 @@ def _resamples(estimator, X, y, groups, n_resamples, random_state):
             f"y has {targets.shape[1]} columns; give {estimator.coef_.shape[1]}, one for each "
             "velocity of the model."
         )
-    _refuse_other_samples(estimator, X, targets)
-    blocks = np.arange(len(X)) if groups is None else trajectory_codes(groups, len(X))
-    order = np.lexsort(np.column_stack([X, targets, blocks]).T[::-1])
-    if groups is not None:
-        blocks = blocks[order]
-    rows = CanonicalRows((X[order], targets[order], blocks), np.ones(len(X)), order)
-    fitted = build_problem(estimator, rows, estimator._feature_map)
-    problem = replace(
-        fitted,
-        n_modes=estimator.n_modes_,
-        surface=_with_its_choices(estimator.surface_),
-        support=None if estimator.sparsity is None else estimator.coef_ != 0.0,
-    )
-    n_blocks = int(blocks.max()) + 1
-    if n_blocks < 2:
-        raise ValueError(
-            "groups names a single trajectory, which cannot be resampled; name more, or leave "
-            "groups out if the errors of the samples are independent."
-        )
-    # How often every block, and so each of its samples, occurs in every resample.
-    drawn = random_state.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks), n_resamples)
-    return (problem, estimator.modes_[order]), drawn[:, blocks].astype(float), n_blocks
-
-
-def _refuse_other_samples(estimator: Any, X: Array, targets: Array) -> None:
-    """Refuse samples on which the fitted laws have another loss than on those of the fit."""
     fields = fitted_system(estimator).velocities(X)[estimator.modes_, np.arange(len(X))]
     loss = get_loss(estimator.loss)
     found = float(loss.values(targets - fields).sum())
-    rounding = _ROUNDING * float(loss.values(targets).sum())
-    if abs(found - estimator.objective_) > _SAME * estimator.objective_ + rounding:
+    rounding = SETTINGS.rounding * float(loss.values(targets).sum())
+    if abs(found - estimator.objective_) > SETTINGS.same * estimator.objective_ + rounding:
         raise ValueError(
             "the laws have another loss on these samples than on those of the fit; give the very "
             "samples that the estimator was fitted to, without weights."
         )
-
-
-def _with_its_choices(surface: Any) -> Any:
-    """An unfitted copy with the mode-book of the fitted surface."""
-    book = mode_book_of(surface)
-    if book is None:
-        return clone(surface)
-    # A book with zeros cannot be given; that of pairs is the only one.
-    return clone(surface).set_params(mode_book="pairwise" if (book == 0).any() else book)
+    blocks = np.arange(len(X))
+    if groups is not None:
+        _, blocks = np.unique(group_labels(groups, len(X)), return_inverse=True)
+    order = np.lexsort(np.column_stack([X, targets, blocks]).T[::-1])
+    if groups is not None:
+        blocks = blocks[order]
+    rows = CanonicalRows((X[order], targets[order], blocks), np.ones(len(X)), order)
+    fitted = build_problem(estimator, rows, estimator.switching_model.feature_map)
+    book = mode_book_of(estimator.surface_)
+    surface = clone(estimator.surface_)
+    if book is not None:
+        # A book with zeros cannot be given; that of pairs is the only one.
+        surface.set_params(mode_book="pairwise" if (book == 0).any() else book)
+    support = None if estimator.sparsity is None else estimator.coef_ != 0.0
+    problem = replace(fitted, n_modes=estimator.n_modes_, surface=surface, support=support)
+    return problem, estimator.modes_[order], blocks
 
 
 def _corrections(confidence: float, n_blocks: int) -> tuple[Array, float]:
@@ -310,14 +302,7 @@ def _corrections(confidence: float, n_blocks: int) -> tuple[Array, float]:
 def _refit(problem, modes, weight, points, settle) -> tuple[Array, Array | None] | None:
     """Coefficients and surface values of one resample; None if a mode is lost."""
     drawn = np.flatnonzero(weight)
-    problem = replace(
-        problem,
-        features=problem.features[drawn],
-        targets=problem.targets[drawn],
-        coordinates=problem.coordinates[drawn],
-        weight=weight[drawn],
-        outlying=problem.outlying[drawn],
-    )
+    problem = replace(problem.some(drawn), weight=weight[drawn])
     start = one_hot(modes[drawn], problem.n_modes)
     # What a resample has to complain about is counted, or was said when the data were fitted.
     with warnings.catch_warnings():

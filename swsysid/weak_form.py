@@ -23,27 +23,42 @@ is linear in the laws of all modes together. `weak_refit` solves this by least s
 from __future__ import annotations
 
 import copy
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from sklearn.base import BaseEstimator
 
 from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
 from swsysid._data.trajectories import trajectories
 from swsysid._results import Array
-from swsysid._simulation.model import fitted_system
-from swsysid._surfaces.surface import decisions_of
+from swsysid._simulation.model import FittedModel, fitted_system
+from swsysid._surfaces.surface import Surface, decisions_of
 from swsysid.differentiation import estimate_noise
 from swsysid.differentiation._differentiate import measured_rows
 
+Model = TypeVar("Model", bound=FittedModel)
+
 __all__ = ["WeakForm", "weak_form", "weak_refit"]
 
-POWER = 6  # of the bump (1 - s^2)^6: the least error of the sums over windows of 9 to 25 samples
-WINDOWS = (9, 11, 13, 17, 21, 27, 35, 45, 59, 77, 101)
-NOISE_SHARE = 0.1  # of noise in the targets' spread that is small enough to ask for no more
+
+@dataclass(frozen=True)
+class Settings:
+    """Numbers that hold for every record; users choose the `window`."""
+
+    # of the bump (1 - s^2)^6: the least error of the sums over windows of 9 to 25 samples
+    power: int = 6
+    # to choose from, each about 1.3 times the one before it
+    windows: tuple[int, ...] = (9, 11, 13, 17, 21, 27, 35, 45, 59, 77, 101)
+    # of noise in the targets' spread that is small enough to ask for no longer window
+    noise_share: float = 0.1
+
+
+SETTINGS = Settings()
 
 
 class WeakForm(NamedTuple):
@@ -75,7 +90,7 @@ def weak_form(
     groups: ArrayLike | None = None,
     *,
     inputs: ArrayLike | None = None,
-    feature_library: Any = None,
+    feature_library: BaseEstimator | int | None = None,
     window: int | None = None,
 ) -> WeakForm:
     """Turn measured trajectories into rows that need no derivatives.
@@ -118,34 +133,25 @@ def weak_form(
     X = np.hstack([states, signals])
     names = [f"x{k}" for k in range(X.shape[1])]
     features = FeatureMap(feature_library, X, names)(X)
-    chosen = whole("window", window, least=5, also=(None,)) or _automatic_window(
-        states, times, labels
-    )
-    _check_window(chosen, labels)
+    chosen = _chosen_window(window, states, times, labels)
     pieces = []
     for label, rows in trajectories(labels):
         values, slopes, centres = _bumps(times[rows], chosen)
-        pieces.append(
-            (
-                values @ features[rows],
-                slopes @ states[rows],
-                centres,
-                np.full(len(centres), label, dtype=labels.dtype),
-            )
-        )
+        kept = np.full(len(centres), label, dtype=labels.dtype)
+        pieces.append((values @ features[rows], slopes @ states[rows], centres, kept))
     averages, velocities, centres, kept = (np.concatenate(c) for c in zip(*pieces, strict=True))
     return WeakForm(averages, velocities, centres, kept, chosen)
 
 
 def weak_refit(
-    model: Any,
+    model: Model,
     x: ArrayLike,
     t: ArrayLike,
     groups: ArrayLike | None = None,
     *,
     inputs: ArrayLike | None = None,
     window: int | None = None,
-) -> Any:
+) -> Model:
     """Refit the laws of all modes of a model on weighted integrals, switches included.
 
     The modes of the samples are the model's; between two samples of different modes the switch
@@ -167,16 +173,13 @@ def weak_refit(
         raise ValueError("the model gives next states, not velocities; it needs no weak form.")
     states, times, labels, signals = measured_rows(x, t, groups, inputs)
     X = np.hstack([states, signals])
-    n_modes, n_states, n_features = system.coef.shape
+    n_modes, n_states, _ = system.coef.shape
     if X.shape[1] != len(system.feature_map.names_in) or states.shape[1] != n_states:
         raise ValueError(
             f"x and inputs have {states.shape[1]} and {X.shape[1] - states.shape[1]} columns; the "
             f"model needs {n_states} states and {system.n_inputs} inputs."
         )
-    chosen = whole("window", window, least=5, also=(None,)) or _automatic_window(
-        states, times, labels
-    )
-    _check_window(chosen, labels)
+    chosen = _chosen_window(window, states, times, labels)
     features, design, targets = system.feature_map(X), [], []
     for _, rows in trajectories(labels):
         values, slopes, _ = _bumps(times[rows], chosen)
@@ -184,9 +187,8 @@ def weak_refit(
         blocks = [values @ (share[:, None] * features[rows]) for share in shares]
         design.append(np.concatenate(blocks, axis=1))
         targets.append(slopes @ states[rows])
-    coef = _least_squares(np.vstack(design), np.vstack(targets), system.coef)
     refitted = copy.deepcopy(model)
-    refitted.coef_ = coef
+    refitted.coef_ = _least_squares(np.vstack(design), np.vstack(targets), system.coef)
     return refitted
 
 
@@ -204,14 +206,11 @@ def _least_squares(design: Array, targets: Array, start: Array) -> Array:
     return found.reshape(n_states, n_modes, n_features).transpose(1, 0, 2)
 
 
-def _bumps(times: Array, window: int) -> tuple[Any, Any, Array]:
-    """Quadrature weights of the averages and of the mean velocities, for every window.
+def _bumps(times: Array, window: int) -> tuple[sparse.csr_array, sparse.csr_array, Array]:
+    """Quadrature weights of the averages and of the mean velocities, and centres of the windows.
 
-    Returns
-    -------
-    values, slopes : sparse arrays of shape (n_windows, n_samples)
-        values @ f averages f with the weights psi, slopes @ x is the average velocity of x.
-    centres : ndarray of shape (n_windows,)
+    Of the sparse arrays (n_windows, n_samples) the first averages a function with the weights
+    psi, the second gives its average velocity.
     """
     half = 0.5 * np.diff(times)
     share = np.append(half, 0.0) + np.append(0.0, half)  # the trapezoidal rule
@@ -220,8 +219,8 @@ def _bumps(times: Array, window: int) -> tuple[Any, Any, Array]:
     reach = 0.5 * (inside[:, -1:] - inside[:, :1])
     s = (inside - centres[:, None]) / reach
     bump = np.maximum(1.0 - s**2, 0.0)
-    psi = share * bump**POWER
-    slope = share * s * bump ** (POWER - 1)
+    psi = share * bump**SETTINGS.power
+    slope = share * s * bump ** (SETTINGS.power - 1)
     # exact for constants and straight lines, whatever the times
     total = psi.sum(axis=1, keepdims=True)
     slope -= psi * slope.sum(axis=1, keepdims=True) / total
@@ -236,17 +235,26 @@ def _bumps(times: Array, window: int) -> tuple[Any, Any, Array]:
     return matrix(psi / total), matrix(slope), centres
 
 
-def _mode_shares(surface: Any, X: Array, times: Array, n_modes: int) -> Array:
+def _mode_shares(surface: Surface, X: Array, times: Array, n_modes: int) -> Array:
     """Part of the quadrature weight of each sample that falls to each mode, (n_modes, n_samples).
 
     Of a cell between two samples, the linear interpolant from 1 to 0 has the part a - a^2 / 2
     before the fraction a, where the mode changes, and (1 - a)^2 / 2 after it; together a half.
+    It changes where the decisions of the two modes are equal.
     """
-    modes = np.asarray(surface.predict(X))
-    fraction = _switch_fractions(surface, X, modes)
-    step = np.diff(times)
+    modes, fraction = np.asarray(surface.predict(X)), np.ones(len(X) - 1)
+    changes = np.flatnonzero(modes[1:] != modes[:-1])
+    decided = decisions_of(surface, X) if len(changes) else None
+    fraction[changes] = 0.5
+    if decided is not None:
+        column = np.searchsorted(surface.classes_, modes)
+        old, new = column[changes], column[changes + 1]
+        before = decided[changes, old] - decided[changes, new]
+        total = before + decided[changes + 1, new] - decided[changes + 1, old]
+        share = before / np.where(total > 0.0, total, 1.0)
+        fraction[changes] = np.where(total > 0.0, share, 0.5)
+    step, cells = np.diff(times), np.arange(len(X) - 1)
     masses = np.zeros((n_modes, len(X)))
-    cells = np.arange(len(step))
     left, right = modes[:-1], modes[1:]
     np.add.at(masses, (left, cells), step * (fraction - 0.5 * fraction**2))
     np.add.at(masses, (right, cells), step * 0.5 * (1.0 - fraction) ** 2)
@@ -255,52 +263,36 @@ def _mode_shares(surface: Any, X: Array, times: Array, n_modes: int) -> Array:
     return masses / masses.sum(axis=0)
 
 
-def _switch_fractions(surface: Any, X: Array, modes: NDArray) -> Array:
-    """Where between two samples the mode changes; 1 where it does not."""
-    fraction = np.ones(len(X) - 1)
-    cells = np.flatnonzero(modes[1:] != modes[:-1])
-    fraction[cells] = 0.5
-    decided = decisions_of(surface, X) if len(cells) else None
-    if decided is not None:
-        column = np.searchsorted(surface.classes_, modes)
-        old, new = column[cells], column[cells + 1]
-        before = decided[cells, old] - decided[cells, new]
-        after = decided[cells + 1, new] - decided[cells + 1, old]
-        total = before + after
-        fraction[cells] = np.where(total > 0.0, before / np.where(total > 0.0, total, 1.0), 0.5)
-    return fraction
+def _chosen_window(window: int | None, states: Array, times: Array, labels: NDArray) -> int:
+    """The window that was asked for, or the best one, if it fits into every trajectory."""
+    parts = trajectories(labels)
+    whole("window", window, least=5, also=(None,))
+    chosen = window or _automatic_window(states, times, labels, [rows for _, rows in parts])
+    if chosen % 2 == 0:
+        raise ValueError(f"window={chosen!r} must be odd and at least 5.")
+    for label, rows in parts:
+        if len(rows) < chosen:
+            raise ValueError(
+                f"Trajectory {label} has {len(rows)} samples and the window {chosen}; use a "
+                "smaller window, or leave it out."
+            )
+    return chosen
 
 
-# --- checks and choices -----------------------------------------------------------------------
-
-
-def _automatic_window(states: Array, times: Array, labels: NDArray) -> int:
+def _automatic_window(states: Array, times: Array, labels: NDArray, parts: list[NDArray]) -> int:
     """The shortest window in whose targets noise is small, or that in which it is smallest."""
-    each = [rows for _, rows in trajectories(labels)]
-    shortest = min(len(rows) for rows in each)
-    windows = [w for w in WINDOWS if w <= max(shortest // 3, WINDOWS[0])]
+    shortest, least = min(map(len, parts)), SETTINGS.windows[0]
+    windows = [w for w in SETTINGS.windows if w <= max(shortest // 3, least)]
     noise, shares = estimate_noise(states, labels), []
+    quiet = noise <= 0.0  # without noise there is none in the targets, however small they are
     for window in windows:
         spread, gain = np.zeros(states.shape[1]), 0.0
-        for rows in each:
+        for rows in parts:
             if len(rows) >= window:
                 slopes = _bumps(times[rows], window)[1]
                 spread = np.maximum(spread, np.std(slopes @ states[rows], axis=0))
                 gain = max(gain, float(np.linalg.norm(slopes.data[:window])))
-        # a column without noise has none in its targets either, however small they are
-        quiet = noise <= 0.0
         shares.append(float(np.max(np.where(quiet, 0.0, noise * gain / (spread + quiet)))))
-        if shares[-1] <= NOISE_SHARE:
+        if shares[-1] <= SETTINGS.noise_share:
             return window
     return windows[int(np.argmin(shares))]
-
-
-def _check_window(window: int, labels: NDArray) -> None:
-    if window % 2 == 0:
-        raise ValueError(f"window={window!r} must be odd and at least 5.")
-    for label, rows in trajectories(labels):
-        if len(rows) < window:
-            raise ValueError(
-                f"Trajectory {label} has {len(rows)} samples and the window {window}; use a "
-                "smaller window, or leave it out."
-            )

@@ -86,7 +86,8 @@ def _pivot(
         for scenario in scenarios:
             compared = found.with_methods("oracle", *methods)
             cells = [cell for cell in compared if cell[1] == scenario]
-            entries = [entry(found, cells, method) for method in methods]
+            # losses are those against the oracle, which may not have been run
+            entries = [entry(found, cells, method) if cells else "" for method in methods]
             rows.append([scenario_title(scenario), *entries])
         head = ["corruption", *(found.title(name, scenarios[0]) for name in methods)]
         lines += [*([""] if lines else []), *table(head, rows)]

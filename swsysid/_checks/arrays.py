@@ -12,20 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import issparse
 
-__all__ = [
-    "column",
-    "labels",
-    "names_of",
-    "numbers",
-    "plain_array",
-    "refuse_overflow",
-    "refuse_unlike_numbers",
-    "refuse_vanishing",
-    "state",
-    "table",
-    "truth_values",
-]
-
 Array = NDArray[np.float64]
 
 # Sizes of data whose products of a few factors are neither infinite nor zero in double precision.
@@ -44,18 +30,18 @@ _NO_NUMBERS = {
 
 
 def numbers(name: str, values: object, *, missing: bool = False) -> Array:
-    """Values of any shape as finite floats; with `missing` they may be NaN.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If they are no numbers, or not finite.
-    """
+    """Values of any shape as finite floats, else refused; with `missing` they may be NaN."""
     array = refuse_unlike_numbers(name, values).astype(float, copy=False)
     usable = np.isfinite(array) | np.isnan(array) if missing else np.isfinite(array)
-    if not usable.all():
-        _refuse_not_finite(name, array, usable)
-    return array
+    if usable.all():
+        return array
+    if not array.ndim:
+        raise ValueError(f"{name} is {array}; give a finite number.")
+    bad = np.atleast_1d(~usable.reshape(len(array), -1).all(axis=1))
+    raise ValueError(
+        f"{name} contains NaN or infinity in {int(bad.sum())} of {len(bad)} rows, first in row "
+        f"{int(bad.argmax())}; leave those rows out, or fill them in."
+    )
 
 
 def names_of(values: object, n_columns: int, stem: str) -> list[str]:
@@ -63,7 +49,6 @@ def names_of(values: object, n_columns: int, stem: str) -> list[str]:
 
     Examples
     --------
-    >>> from swsysid._checks.arrays import names_of
     >>> names_of([[1.0, 2.0]], 2, "x")
     ['x0', 'x1']
     """
@@ -85,7 +70,6 @@ def table(
 
     Examples
     --------
-    >>> from swsysid._checks.arrays import table
     >>> table("x", [1.0, 2.0]).shape
     (2, 1)
     >>> table("x", [1.0, 2.0], n_rows=3)
@@ -227,13 +211,3 @@ def _are_of_one_kind(array: NDArray) -> bool:
     if any(texts):
         return all(texts)
     return all(isinstance(entry, Real) and entry == entry for entry in array)
-
-
-def _refuse_not_finite(name: str, array: Array, usable: NDArray[np.bool_]) -> None:
-    if not array.ndim:
-        raise ValueError(f"{name} is {array}; give a finite number.")
-    bad = np.atleast_1d(~usable.reshape(len(array), -1).all(axis=1))
-    raise ValueError(
-        f"{name} contains NaN or infinity in {int(bad.sum())} of {len(bad)} rows, first in row "
-        f"{int(bad.argmax())}; leave those rows out, or fill them in."
-    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,69 +18,43 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from swsysid._checks.arrays import (
     Array,
     labels,
+    names_of,
     plain_array,
     refuse_overflow,
     refuse_unlike_numbers,
     refuse_vanishing,
+    table,
 )
-from swsysid._checks.parameters import shown
-
-__all__ = [
-    "block_of_rows",
-    "check_fitted",
-    "classes_to_fit",
-    "column_names",
-    "known_classes",
-    "known_rows",
-    "known_velocities",
-    "rows_of_library",
-    "rows_to_fit",
-]
+from swsysid._checks.parameters import names_of_columns, shown
 
 
-def rows_to_fit(estimator: BaseEstimator, X: object, y: object) -> tuple[Array, Array]:
-    """States and inputs, and measured velocities, to fit a regressor to.
+def column_names(
+    estimator: Any, X: object = None, n_columns: int | None = None, names: object = None
+) -> list[str]:
+    """Names of the columns of X: as given, as the estimator saw them, as X has them, or x0, x1.
 
-    Returns
-    -------
-    X : ndarray of shape (n_samples, n_features_in)
-    y : ndarray of shape (n_samples,) or (n_samples, n_states)
+    Without X they are the columns that the estimator was fitted to.
     """
-    return _rows_and_velocities(estimator, X, y, reset=True)
+    n_columns = estimator.n_features_in_ if n_columns is None else n_columns
+    if names is None:
+        seen = getattr(estimator, "feature_names_in_", ())
+        names = seen if len(seen) == n_columns else names_of(X, n_columns, "x")
+    return [str(name) for name in names_of_columns("names", names, n_columns)]
 
 
-def column_names(estimator: BaseEstimator) -> list[str]:
-    """Names of the columns that an estimator was fitted to, x0, x1, ... where they had none."""
-    default = [f"x{column}" for column in range(estimator.n_features_in_)]
-    return list(getattr(estimator, "feature_names_in_", default))
+def in_fitted_form(estimator: object, X: Any) -> Any:
+    """`X` as a data frame where the estimator was fitted on one, else as an array."""
+    names = getattr(estimator, "feature_names_in_", None)
+    values = table("X", X)
+    if names is None:
+        return values
+    if hasattr(X, "columns"):
+        return X
+    import pandas as pd
 
-
-def known_velocities(estimator: BaseEstimator, X: object, y: object) -> tuple[Array, Array]:
-    """The same for an estimator that has been fitted."""
-    check_fitted(estimator)
-    return _rows_and_velocities(estimator, X, y, reset=False)
-
-
-def classes_to_fit(estimator: BaseEstimator, X: object, y: object) -> tuple[Array, NDArray]:
-    """Rows and their classes, to fit a classifier to."""
-    return _rows_and_classes(estimator, X, y, reset=True)
-
-
-def known_classes(estimator: BaseEstimator, X: object, y: object) -> tuple[Array, NDArray]:
-    """The same for a classifier that has been fitted."""
-    check_fitted(estimator)
-    return _rows_and_classes(estimator, X, y, reset=False)
-
-
-def known_rows(estimator: BaseEstimator, X: object) -> Array:
-    """Rows of which a fitted estimator is asked something, (n_samples, n_features_in)."""
-    check_fitted(estimator)
-    return _rows(estimator, X, reset=False)
-
-
-def rows_of_library(library: BaseEstimator, X: object) -> Array:
-    """Rows to fit a feature library to."""
-    return _rows(library, X, reset=True)
+    if values.shape[1] != len(names):
+        raise ValueError(f"X has {values.shape[1]} columns; give {len(names)}: {', '.join(names)}.")
+    return pd.DataFrame(values, columns=names)
 
 
 def block_of_rows(X: object, y: object) -> tuple[Array, Array]:
@@ -107,7 +82,14 @@ def check_fitted(estimator: BaseEstimator, attribute: str | None = None) -> None
         raise TypeError(f"{shown(estimator)} is not an estimator; give a fitted one.") from None
 
 
-def _rows(estimator: BaseEstimator, X: object, *, reset: bool) -> Array:
+# Rows of an estimator: with `reset` those that it is fitted to, else those of which it is asked
+# something when it has been fitted.
+
+
+def rows_of(estimator: BaseEstimator, X: object, *, reset: bool = False) -> Array:
+    """States and inputs, (n_samples, n_features_in)."""
+    if not reset:
+        check_fitted(estimator)
     refuse_unlike_numbers("X", X)
     with _in_one_sentence():
         rows: Array = validate_data(estimator, X, reset=reset, dtype=np.float64)
@@ -115,9 +97,12 @@ def _rows(estimator: BaseEstimator, X: object, *, reset: bool) -> Array:
     return rows
 
 
-def _rows_and_velocities(
-    estimator: BaseEstimator, X: object, y: object, *, reset: bool
+def rows_and_velocities(
+    estimator: BaseEstimator, X: object, y: object, *, reset: bool = False
 ) -> tuple[Array, Array]:
+    """States and inputs; measured velocities, (n_samples,) or (n_samples, n_states)."""
+    if not reset:
+        check_fitted(estimator)
     plain = refuse_unlike_numbers("X", X)
     if y is not None:
         y = refuse_unlike_numbers("y", y)
@@ -133,9 +118,12 @@ def _rows_and_velocities(
     return rows, targets
 
 
-def _rows_and_classes(
-    estimator: BaseEstimator, X: object, y: object, *, reset: bool
+def rows_and_classes(
+    estimator: BaseEstimator, X: object, y: object, *, reset: bool = False
 ) -> tuple[Array, NDArray]:
+    """Features and the classes of the rows, (n_samples,)."""
+    if not reset:
+        check_fitted(estimator)
     plain = refuse_unlike_numbers("X", X)
     if y is not None:
         y = plain_array("y", y)

@@ -10,23 +10,6 @@ from typing import TypeGuard, TypeVar
 import numpy as np
 from sklearn.utils import check_random_state
 
-__all__ = [
-    "MOST_MODES",
-    "MOST_RESAMPLES",
-    "MOST_STARTS",
-    "flag",
-    "function",
-    "jobs",
-    "names_of_columns",
-    "one_of",
-    "random_numbers",
-    "real",
-    "shown",
-    "solver_name",
-    "verbosity",
-    "whole",
-]
-
 T = TypeVar("T")
 # Days of work: a number beyond is a slip of the hand.
 MOST_MODES, MOST_STARTS, MOST_RESAMPLES = 32, 10_000, 1_000_000
@@ -41,7 +24,6 @@ def whole(
 
     Examples
     --------
-    >>> from swsysid._checks.parameters import whole
     >>> whole("n_init", 3)
     3
     >>> whole("n_init", 0, also=("auto",))
@@ -70,18 +52,10 @@ _LIMITS: dict[str, tuple[Callable[[float, float], bool], str]] = {
 def real(name: str, value: object, also: Sequence[T] = (), **limits: float) -> float | T:
     """A finite number within its limits, or one of the values allowed `also`.
 
-    Parameters
-    ----------
-    name : str
-    value : object
-    also : sequence
-        Values that are allowed besides, such as None and ``"auto"``.
-    **limits
-        ``above``, ``least``, ``below`` and ``most``.
+    `limits` are ``above``, ``least``, ``below`` and ``most``.
 
     Examples
     --------
-    >>> from swsysid._checks.parameters import real
     >>> real("significance", 0.05, above=0, below=1)
     0.05
     >>> real("significance", 2, above=0, below=1)

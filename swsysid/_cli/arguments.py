@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -11,8 +12,6 @@ from pathlib import Path
 from swsysid import __version__
 from swsysid._cli.measurement import Measurement
 from swsysid._tables.table import TableError
-
-__all__ = ["LIBRARIES", "measurement", "modes", "parser", "units"]
 
 DESCRIPTION = """\
 Identify a switching system from measured trajectories: the differential equation of each mode
@@ -228,3 +227,14 @@ def modes(word: str) -> int | str:
     if not word.isdecimal() or int(word) < 1:
         raise TableError(f'--modes {word!r} is neither a positive number nor "auto".')
     return int(word)
+
+
+def is_watched(verbose: bool) -> bool:
+    """Whether somebody wants to see progress: asked for, or sitting at a terminal."""
+    return verbose or sys.stderr.isatty()
+
+
+def say(stage: str, watched: bool) -> None:
+    """Name the stage that begins."""
+    if watched:
+        print(f"{stage} ...", file=sys.stderr, flush=True)

@@ -8,8 +8,6 @@ from swsysid._cli.measurement import Measurement
 from swsysid._tables.table import Table
 from swsysid.datasets import make_damped_oscillator, make_undeclared
 
-__all__ = ["oscillator", "oscillator_with_friction"]
-
 SENSOR_NOISE = 0.01  # in m and m/s
 
 

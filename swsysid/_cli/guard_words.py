@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
-from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._cli.samples import Samples
-from swsysid._cli.settings import WORDING, Wording
+from swsysid._cli.settings import WORDING
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
-
-__all__ = ["Inequality", "best_threshold", "inequality", "memory", "regions"]
+from swsysid._surfaces.surface import MarginClassifier
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Inequality:
     share: float
 
 
-def regions(surface: PolynomialSurfaceClassifier, samples: Samples) -> list[str]:
+def regions(surface: MarginClassifier, samples: Samples) -> list[str]:
     """One line for each mode: where it is. One more where the words leave something out."""
     X = samples.X[spread_rows(len(samples.X), WORDING.most_rows)]
     monomials = surface.surface_features(X)
@@ -40,12 +38,11 @@ def regions(surface: PolynomialSurfaceClassifier, samples: Samples) -> list[str]
     told = [inequality(coef, monomials, names, units) for coef in surface.coef_]
     lines = []
     for mode, signs in zip(surface.classes_, surface.mode_book_, strict=True):
-        sides = [
-            each.positive if sign > 0 else each.negative
-            for each, sign in zip(told, signs, strict=True)
-            if sign
-        ]
-        lines.append(f"mode {mode} {_together(sides)}")
+        of = [(each, sign) for each, sign in zip(told, signs, strict=True) if sign]
+        sides = [each.positive if sign > 0 else each.negative for each, sign in of]
+        limits = [side for side in sides if side != "everywhere"]
+        where = f"where {' and '.join(limits)}" if limits else "everywhere"
+        lines.append(f"mode {mode} {'nowhere' if 'nowhere' in sides else where}")
     share = min(each.share for each in told)
     if share < 1.0:
         lines.append(
@@ -55,20 +52,8 @@ def regions(surface: PolynomialSurfaceClassifier, samples: Samples) -> list[str]
     return lines
 
 
-def _together(sides: Sequence[str]) -> str:
-    """All of some inequalities."""
-    if "nowhere" in sides:
-        return "nowhere"
-    told = [side for side in sides if side != "everywhere"]
-    return f"where {' and '.join(told)}" if told else "everywhere"
-
-
 def inequality(
-    coef: Array,
-    monomials: Array,
-    names: Sequence[str],
-    units: Sequence[str],
-    settings: Wording = WORDING,
+    coef: Array, monomials: Array, names: Sequence[str], units: Sequence[str]
 ) -> Inequality:
     """A surface as an inequality between its largest monomials, the largest of coefficient 1.
 
@@ -90,74 +75,65 @@ def inequality(
     lead = order[0]
     scaled = coef / coef[lead]
     above = positive if coef[lead] > 0.0 else ~positive
-    kept, threshold, share = _fewest_terms(scaled, monomials, order, above, settings)
+    kept, threshold, share = _fewest_terms(scaled, monomials, order, above)
     terms = [(float(scaled[place]), names[place]) for place in sorted(kept)]
-    left = _sum([term for term in terms if term[0] > 0.0])
-    right = _sum([(-value, name) for value, name in terms if value < 0.0])
-    right = _with_constant(right, threshold, units[lead])
+    left = _sum((value, name) for value, name in terms if value > 0.0)
+    right = _sum((-value, name) for value, name in terms if value < 0.0)
+    constant = f"{abs(threshold):.4g} {units[lead]}".rstrip()
+    if threshold and right:
+        right += f" {'+' if threshold > 0.0 else '-'} {constant}"
+    elif not right:
+        right = f"-{constant}" if threshold < 0.0 else constant
     sides = (f"{left} > {right}", f"{left} < {right}")
     return Inequality(*(sides if coef[lead] > 0.0 else sides[::-1]), share)
 
 
 def _fewest_terms(
-    scaled: Array, monomials: Array, order: list[int], above: NDArray[np.bool_], settings: Wording
+    scaled: Array, monomials: Array, order: list[int], above: NDArray[np.bool_]
 ) -> tuple[list[int], float, float]:
     """The terms to keep, their threshold, and the share of the samples on the same side."""
     for n_terms in range(1, len(order)):
         kept = order[:n_terms]
         values = monomials[:, kept] @ scaled[kept]
-        threshold = best_threshold(values, above)[0]
-        threshold, share = _with_or_without(threshold, values, above, settings.no_constant)
-        if share >= settings.same_side:
+        threshold, share = _with_or_without(best_threshold(values, above), values, above)
+        if share >= WORDING.same_side:
             return kept, threshold, share
     rest = np.setdiff1d(np.arange(len(scaled)), order)
     values, exact = monomials[:, order] @ scaled[order], -float(monomials[0, rest] @ scaled[rest])
-    return (order, *_with_or_without(exact, values, above, settings.no_constant))
+    return (order, *_with_or_without(exact, values, above))
 
 
 def _with_or_without(
-    threshold: float, values: Array, above: NDArray[np.bool_], no_constant: float
+    threshold: float, values: Array, above: NDArray[np.bool_]
 ) -> tuple[float, float]:
     """A threshold, or zero if that is as good, and the share of the samples on the same side."""
-    shares = [float(np.mean((values > level) == above)) for level in (0.0, threshold)]
-    return (0.0, shares[0]) if shares[0] >= shares[1] - no_constant else (threshold, shares[1])
+    zero, share = (float(np.mean((values > level) == above)) for level in (0.0, threshold))
+    return (0.0, zero) if zero >= share - WORDING.no_constant else (threshold, share)
 
 
-def _sum(terms: Sequence[tuple[float, str]]) -> str:
+def _sum(terms: Iterable[tuple[float, str]]) -> str:
     """A sum of positive terms, factors of one left out."""
-    return " + ".join(
-        name if f"{value:.4g}" == "1" else f"{value:.4g} {name}" for value, name in terms
-    )
+    return " + ".join(f"{value:.4g} {name}".removeprefix("1 ") for value, name in terms)
 
 
-def _with_constant(terms: str, constant: float, unit: str) -> str:
-    number = f"{abs(constant):.4g} {unit}".rstrip()
-    if not terms:
-        return f"{'-' if constant < 0.0 else ''}{number}" if constant else f"0 {unit}".rstrip()
-    if constant == 0.0:
-        return terms
-    return f"{terms} {'+' if constant > 0.0 else '-'} {number}"
-
-
-def best_threshold(values: Array, positive: NDArray[np.bool_]) -> tuple[float, float]:
-    """The threshold whose sides agree best with a labelling, and the fraction that agrees.
+def best_threshold(values: Array, positive: NDArray[np.bool_]) -> float:
+    """The threshold whose sides agree best with a labelling.
 
     Examples
     --------
     >>> best_threshold(np.array([1.0, 2.0, 3.0, 5.0]), np.array([True, True, False, False]))
-    (2.5, 1.0)
+    2.5
     """
     order = np.argsort(values)
     ordered, labels = values[order], np.asarray(positive)[order]
     # with the first k samples below the threshold, those positive there plus those negative above
     # agree with "below is positive"; all others with the opposite orientation
     below = np.cumsum(labels)[:-1] + (~labels).sum() - np.cumsum(~labels)[:-1]
-    share = np.maximum(below, len(labels) - below) / len(labels)
-    k = int(np.argmax(share))
-    return float(ordered[k : k + 2].mean()), float(share[k])
+    k = int(np.argmax(np.maximum(below, len(labels) - below)))
+    return float(ordered[k : k + 2].mean())
 
 
-def memory(modes: NDArray[np.intp], samples: Samples, settings: Wording = WORDING) -> str:
+def memory(modes: NDArray[np.intp], samples: Samples) -> str:
     """Where each of two modes begins, if one column says it: below one level, above another.
 
     "" if no column does, or the modes change too seldom to say.
@@ -167,7 +143,7 @@ def memory(modes: NDArray[np.intp], samples: Samples, settings: Wording = WORDIN
     last = np.flatnonzero((modes[1:] != modes[:-1]) & (groups[1:] == groups[:-1]))
     first = last + 1
     entered = [last[modes[first] == mode] for mode in (0, 1)]
-    if min(map(len, entered)) < settings.fewest_switches:
+    if min(map(len, entered)) < WORDING.fewest_switches:
         return ""
     crossings = [0.5 * (X[rows] + X[rows + 1]) for rows in entered]
     levels = [np.median(points, axis=0) for points in crossings]
@@ -175,7 +151,7 @@ def memory(modes: NDArray[np.intp], samples: Samples, settings: Wording = WORDIN
     gap = np.abs(levels[0] - levels[1])
     sharpness = np.where(gap > 0.0, scatter / np.where(gap > 0.0, gap, 1.0), np.inf)
     column = int(np.argmin(sharpness))
-    if sharpness[column] > settings.sharp:
+    if sharpness[column] > WORDING.sharp:
         return ""
     low, high = sorted((0, 1), key=lambda mode: float(levels[mode][column]))
     name = samples.names[column]

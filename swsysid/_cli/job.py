@@ -10,19 +10,16 @@ import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
-from sklearn.base import clone
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.samples import Samples, measure
-from swsysid._cli.settings import JUDGING, Judging
+from swsysid._cli.settings import JUDGING
 from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Comparison, Rival, Split, Verdict, count_switches, hold_out
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._tables.table import Table
-
-__all__ = ["JobOptions", "JobResult", "run_job"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,6 @@ class JobOptions:
     random_state: int = 0
     n_jobs: int | None = None
     verbose: bool = False
-    settings: Judging = JUDGING
 
 
 @dataclass(frozen=True)
@@ -64,7 +60,7 @@ def run_job(table: Table, options: JobOptions) -> JobResult:
     TableError and ValueError say in a sentence what to change.
     """
     samples = measure(table, options.measurement)
-    split = hold_out(samples.groups, options.test_fraction, options.random_state, options.settings)
+    split = hold_out(samples.groups, options.test_fraction, options.random_state)
     terms, position_gain = _terms(samples, split, options)
     model, notes = _fit_with_notes(_regressor(terms, samples, options), samples)
     comparison = _compare(model, terms, samples, split, options)
@@ -89,7 +85,7 @@ def _terms(samples: Samples, split: Split, options: JobOptions) -> tuple[Terms, 
         return without, None
     model = _fit_quietly(_regressor(full, samples, options), samples, split.train)
     worth = _worth_of_positions(model, samples, split.train, options)
-    return (full if worth >= options.settings.worth else without), worth
+    return (full if worth >= JUDGING.worth else without), worth
 
 
 def _regressor(terms: Terms, samples: Samples, options: JobOptions) -> SwitchingSystemRegressor:
@@ -114,17 +110,16 @@ def _compare(
     """The model's modes, searched for in the training rows alone, against smooth laws."""
     frame = samples.frame
     shares = np.bincount(model.modes_[split.train], minlength=model.n_modes_) / split.train.sum()
-    is_seen = shares >= options.settings.rare_mode
+    is_seen = shares >= JUDGING.rare_mode
     judged = split.test & is_seen[model.modes_]
     judged = judged if judged.any() else split.test
 
     def errors(terms: Terms, n_modes: int):
         again = _regressor(terms, samples, replace(options, modes=n_modes))
         fitted = _fit_quietly(again, samples, split.train)
-        residuals = samples.Xdot[judged] - fitted.predict(frame[judged])
-        return residuals[:, samples.n_known :]
+        return (samples.Xdot[judged] - fitted.predict(frame[judged]))[:, samples.n_known :]
 
-    smooth = [terms, *terms.richer(int(split.train.sum()), options.settings)]
+    smooth = [terms, *terms.richer(int(split.train.sum()))]
     predicted = model.predict_modes(frame)
     constant = bool(model.n_modes_ > 1 and (predicted == predicted[0]).all())
     laws = model.mode_velocities(frame[judged])
@@ -136,7 +131,6 @@ def _compare(
         n_switches=count_switches(predicted, samples.groups),
         constant=constant,
         told_by_rates=None if np.isnan(model.guard_score_) else told[:, samples.n_known :],
-        settings=options.settings,
         untested=tuple(int(mode) for mode in np.flatnonzero(~is_seen)),
     )
 
@@ -155,9 +149,8 @@ def _fit_quietly(estimator, samples: Samples, rows) -> SwitchingSystemRegressor:
     """A fit for comparison: what it warns about is no news of the model that is delivered."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return clone(estimator).fit(
-            samples.frame[rows], samples.Xdot[rows], groups=samples.groups[rows]
-        )
+        X, Xdot, groups = samples.frame[rows], samples.Xdot[rows], samples.groups[rows]
+        return estimator.fit(X, Xdot, groups=groups)
 
 
 def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> float:
@@ -167,7 +160,7 @@ def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> 
     least squares, so that the comparison costs nothing.
     """
     X, targets = samples.X[train], samples.Xdot[train, samples.n_known :]
-    modes, n_blocks = model.predict_modes(samples.frame[train]), options.settings.blocks
+    modes, n_blocks = model.predict_modes(samples.frame[train]), JUDGING.blocks
     block = np.arange(len(X)) * n_blocks // len(X)
     everything = list(range(X.shape[1]))
     errors = []

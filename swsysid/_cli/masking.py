@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._cli.measurement import Measurement
-from swsysid._cli.settings import PREPARING, Preparing
+from swsysid._cli.settings import PREPARING
+from swsysid._data.trajectories import places_along
+from swsysid._rendering.columns import counted, rows_listed
 from swsysid._tables.table import Table, TableError
-from swsysid._tables.wording import counted, rows_listed
-
-__all__ = ["complete_cells", "is_sentinel", "sentinels", "spikes"]
 
 Column = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -52,7 +51,7 @@ def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | N
     remarks += _left_out(table, [*names, what.groups], gaps)
     numbers[empty] = np.nan
     if what.time_step is not None:
-        times = what.time_step * _positions(codes)
+        times = what.time_step * places_along(codes)
         numbers = np.column_stack([numbers, np.where(empty, np.nan, times)])
     return numbers, labels, remarks
 
@@ -96,15 +95,7 @@ def _left_out(table: Table, names: Sequence[str | None], gaps: Mask) -> list[str
     ]
 
 
-def _positions(codes: NDArray[np.intp]) -> Column:
-    """The number of rows before each in its trajectory."""
-    positions = np.empty(len(codes))
-    for code, count in enumerate(np.bincount(codes)):
-        positions[codes == code] = np.arange(count)
-    return positions
-
-
-def sentinels(values: Column, settings: Preparing = PREPARING) -> Mask:
+def sentinels(values: Column) -> Mask:
     """Cells of a column that hold a number for "no value", far from all other cells.
 
     Loggers write nines (999, -9999, 99999.99), powers of ten from 1e20 on, and the limits of
@@ -120,7 +111,7 @@ def sentinels(values: Column, settings: Preparing = PREPARING) -> Mask:
     others = found[~known]
     if not known.any() or len(others) < 2 or counts[known].sum() > 0.5 * counts.sum():
         return np.zeros(len(values), dtype=bool)
-    known[known] = _are_far(found[known], others.min(), others.max(), settings.far)
+    known[known] = _are_far(found[known], others.min(), others.max())
     return np.isin(values, found[known])
 
 
@@ -137,7 +128,7 @@ def is_sentinel(value: float) -> bool:
     return (size > 99 and set(digits) == {"9"}) or size >= 1e20 or value in _LIMITS
 
 
-def spikes(values: Column, groups: NDArray[np.intp], settings: Preparing = PREPARING) -> Mask:
+def spikes(values: Column, groups: NDArray[np.intp]) -> Mask:
     """Cells in which a state leaves its range by far and is back one or two samples later.
 
     A state moves gradually, so that no sample of it does this; an input may. A few samples more
@@ -156,26 +147,26 @@ def spikes(values: Column, groups: NDArray[np.intp], settings: Preparing = PREPA
     if not len(present):
         return masked
     column, recording = values[present], groups[present]
-    lowest, highest = np.percentile(column, settings.middle)
-    far = _are_far(column, lowest, highest, settings.far)
-    if not far.any() or far.mean() > settings.most_spikes:
+    lowest, highest = np.percentile(column, PREPARING.middle)
+    far = _are_far(column, lowest, highest)
+    if not far.any() or far.mean() > PREPARING.most_spikes:
         return masked
     edges = np.flatnonzero(np.diff(far.astype(int), prepend=0, append=0))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         is_stuck = np.ptp(column[start:stop]) == 0.0
-        longest = settings.longest_stuck if is_stuck else settings.longest_spike
+        longest = PREPARING.longest_stuck if is_stuck else PREPARING.longest_spike
         inside = start > 0 and stop < len(column) and stop - start <= longest
         if not inside or len(set(recording[start - 1 : stop + 1].tolist())) > 1:
             continue
         # A smooth extreme that noise lifts over the limit here and there stays near its neighbours.
         neighbours = column[[start - 1, stop]]
         jumps = np.abs(column[start:stop, None] - neighbours)
-        if jumps.min() > settings.far * (highest - lowest):
+        if jumps.min() > PREPARING.far * (highest - lowest):
             masked[present[start:stop]] = True
     return masked
 
 
-def _are_far(values, lowest: float, highest: float, far: float) -> Mask:
+def _are_far(values, lowest: float, highest: float) -> Mask:
     """Outside a range by several times its width; a range of no width has nothing far from it."""
-    reach = far * (highest - lowest)
+    reach = PREPARING.far * (highest - lowest)
     return ((values < lowest - reach) | (values > highest + reach)) & (reach > 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,8 +9,6 @@ from swsysid._tables.table import TableError
 
 if TYPE_CHECKING:
     from swsysid._tables.table import Table
-
-__all__ = ["Measurement", "check_roles"]
 
 
 @dataclass(frozen=True)
@@ -67,12 +64,7 @@ def check_roles(table: Table, what: Measurement) -> None:
         raise TableError("Both --time and --time-step are given; one of them says it all.")
     if what.time_step is not None and not 0 < what.time_step < float("inf"):
         raise TableError(f"--time-step {what.time_step:g} is not a positive number of seconds.")
-    _check_distinct(table, [*what.channels, *times])
-
-
-def _check_distinct(table: Table, names: Sequence[str]) -> None:
-    """Refuse a column with two roles, by either of its names."""
-    columns = [table.resolve(name) for name in names]
+    columns = [table.resolve(name) for name in [*what.channels, *times]]
     twice = [column for column in columns if columns.count(column) > 1]
     if twice:
         raise TableError(

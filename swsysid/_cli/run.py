@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import sys
 import warnings
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
 
-from swsysid._cli.arguments import LIBRARIES, modes
-from swsysid._cli.diagnosis import chosen_effects, diagnose, page_path
-from swsysid._cli.job import JobOptions, run_job
+from sklearn.base import clone
+
+from swsysid._cli.arguments import LIBRARIES, is_watched, modes, say
+from swsysid._cli.job import JobOptions, JobResult, run_job
 from swsysid._cli.measurement import Measurement
-from swsysid._cli.progress import is_watched, say
 from swsysid._cli.saving import save
 from swsysid._cli.text import render, with_effects
 from swsysid._results import SolverError
-from swsysid._tables.table import Table
+from swsysid._tables.table import Table, TableError
+from swsysid.diagnosis import EffectSearchCV
+from swsysid.effects import Effect, all_effects
 
-__all__ = ["run"]
+PAGE = "swsysid_diagnosis.html"
 
 
 def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
@@ -24,7 +30,7 @@ def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -
     search, page, effects = None, None, []
     watched = is_watched(arguments.verbose)
     if arguments.diagnose:
-        effects, page = chosen_effects(arguments.effects), page_path(arguments.html)
+        effects, page = _chosen_effects(arguments.effects), _page_path(arguments.html)
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
@@ -32,7 +38,7 @@ def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -
             result = run_job(table, _options(arguments, measurement))
             if page is not None:
                 say("Searching for what the model lacks", watched)
-                search = diagnose(result, effects, verbose=watched)
+                search = _diagnose(result, effects, verbose=watched)
     except SolverError as error:
         print(f"swsysid: {error}", file=sys.stderr)
         return 1
@@ -47,17 +53,62 @@ def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -
 
 
 def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOptions:
-    degree = arguments.library_degree
-    return JobOptions(
-        measurement=measurement,
-        modes=modes(arguments.modes),
-        library_degree=LIBRARIES[arguments.library or "affine"] if degree is None else degree,
-        waves=arguments.library == "trigonometric",
-        surface_degree=arguments.surface_degree,
-        loss=arguments.loss,
-        position=arguments.position,
-        test_fraction=arguments.test_fraction,
-        random_state=arguments.random_state,
-        n_jobs=arguments.jobs,
-        verbose=is_watched(arguments.verbose),
+    given, degree = vars(arguments), arguments.library_degree
+    options = {each.name: given[each.name] for each in fields(JobOptions) if each.name in given}
+    options |= {
+        "modes": modes(arguments.modes),
+        "library_degree": LIBRARIES[arguments.library or "affine"] if degree is None else degree,
+        "verbose": is_watched(arguments.verbose),
+    }
+    waves = arguments.library == "trigonometric"
+    return JobOptions(measurement, waves=waves, n_jobs=arguments.jobs, **options)
+
+
+def _diagnose(
+    result: JobResult, effects: Sequence[Effect], verbose: bool = False
+) -> EffectSearchCV:
+    """Search for what the identified model lacks.
+
+    The search looks for modes itself: what it holds out must have no part in their number.
+    """
+    import pandas as pd
+
+    samples, named = result.samples, result.options.measurement
+    declared = clone(result.model).set_params(init="auto", n_modes=result.options.modes)
+    search = EffectSearchCV(
+        declared,
+        effects=list(effects),
+        n_jobs=result.options.n_jobs,
+        random_state=result.options.random_state,
+        verbose=int(verbose),
     )
+    signals = pd.DataFrame(samples.signals, columns=list(samples.signal_names))
+    return search.fit(
+        samples.frame,
+        samples.Xdot,
+        t=samples.t,
+        groups=samples.groups if named.groups else None,
+        signals=signals if named.signals else None,
+    )
+
+
+def _chosen_effects(kinds: Sequence[str]) -> list[Effect]:
+    """Effects of the library by their kinds, in its order; all if none is named."""
+    library = {effect.kind: effect for effect in all_effects()}
+    for kind in kinds:
+        if kind not in library:
+            close = difflib.get_close_matches(kind, library, n=1)
+            hint = f" Did you mean {close[0]!r}?" if close else ""
+            raise TableError(
+                f"--effects {kind!r} is no kind of effect.{hint} The kinds are: "
+                f"{', '.join(library)}."
+            )
+    return [effect for kind, effect in library.items() if not kinds or kind in kinds]
+
+
+def _page_path(path: Path | None) -> Path:
+    """Where the page goes, asked before the work is done."""
+    chosen = Path(PAGE) if path is None else path
+    if chosen.is_dir() or not chosen.parent.is_dir():
+        raise TableError(f"--html {chosen} cannot be written; name a file in a folder that exists.")
+    return chosen

@@ -7,16 +7,15 @@ mended is mended, what cannot is left out, and each is said with its rows of the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._cli.settings import PREPARING, Preparing
+from swsysid._cli.settings import PREPARING
+from swsysid._data.trajectories import trajectories
+from swsysid._rendering.columns import counted, rows_listed
 from swsysid._tables.table import TableError
-from swsysid._tables.wording import counted, rows_listed
-
-__all__ = ["Runs", "runs_of"]
 
 Rows = NDArray[np.intp]
 
@@ -30,34 +29,15 @@ class Runs:
     remarks: list[str]
 
 
-@dataclass
-class _Findings:
-    """Rows of the table at which something was found; how late a row may be."""
-
-    most_late: int
-    reversed: list[Rows] = field(default_factory=list)
-    late: list[Rows] = field(default_factory=list)
-    repeated: list[Rows] = field(default_factory=list)
-    restarts: list[Rows] = field(default_factory=list)
-    gaps: list[Rows] = field(default_factory=list)
-
-    def sentences(self, in_file: Callable[[int], int]) -> Iterator[str]:
-        """What was found, with rows of the file."""
-
-        def named(found: list[Rows]) -> str:
-            return rows_listed(in_file(k) for k in np.concatenate(found).tolist())
-
-        if self.reversed:
-            yield "The rows run backward in time; they were reversed."
-        if self.late:
-            yield f"Rows that stood out of time order were moved: {named(self.late)}."
-        if self.repeated:
-            count = counted(sum(map(len, self.repeated)), "row")
-            yield f"Left out: {count} with a time that was there before ({named(self.repeated)})."
-        if self.restarts:
-            yield f"The time starts again, and a new run with it: {named(self.restarts)}."
-        if self.gaps:
-            yield f"A gap in time, and a new run after it: {named(self.gaps)}."
+# What is done to rows, and how it is said with their rows of the file.
+_SENTENCES = {
+    "reversed": "The rows run backward in time; they were reversed.",
+    "late": "Rows that stood out of time order were moved: {rows}.",
+    "repeated": "Left out: {count} with a time that was there before ({rows}).",
+    "restarts": "The time starts again, and a new run with it: {rows}.",
+    "gaps": "A gap in time, and a new run after it: {rows}.",
+}
+Findings = dict[str, list[Rows]]
 
 
 def runs_of(
@@ -67,23 +47,23 @@ def runs_of(
     in_file: Callable[[int], int],
     name: str,
     largest_gap: float,
-    settings: Preparing = PREPARING,
 ) -> Runs:
     """Split rows where the time starts again, or skips more than `largest_gap` usual steps.
 
     Times and labels are of all rows of the table, `rows` those to use in the order of the file;
     `in_file` gives the row of the file. A clock that is too coarse is a TableError.
     """
-    found = _Findings(settings.late)
+    found: Findings = {kind: [] for kind in _SENTENCES}
     pieces: list[Rows] = []
     names: list[str] = []
     given = np.zeros(len(times), dtype=int) if labels is None else labels
-    for label, members in _by_label(given[rows]):
+    for label, members in trajectories(given[rows]):
         parts = list(_parts(times, rows[members], largest_gap, found))
         pieces += parts
-        names += [f"{label}.{k}" if k > 1 else label for k in range(1, len(parts) + 1)]
-    repeated = sum(map(len, found.repeated))
-    if repeated > settings.coarse * len(rows):
+        word = str(int(label) if isinstance(label, float) and label.is_integer() else label)
+        names += [f"{word}.{k}" if k > 1 else word for k in range(1, len(parts) + 1)]
+    repeated = sum(map(len, found["repeated"]))
+    if repeated > PREPARING.coarse * len(rows):
         raise TableError(
             f"Column {name!r} repeats its times in {repeated:,} of {len(rows):,} rows, which is "
             "too coarse a clock; name a finer column, or give the time between two rows with "
@@ -93,53 +73,50 @@ def runs_of(
     lengths = list(map(len, pieces))
     if labels is None:
         runs: NDArray = np.repeat(np.arange(len(pieces)), lengths)
-    elif found.restarts or found.gaps:
+    elif found["restarts"] or found["gaps"]:
         runs = np.repeat(np.array(names, dtype=object), lengths)
     else:
         runs = given[kept]
-    return Runs(kept, runs, list(found.sentences(in_file)))
+    remarks = []
+    for kind, rows_found in found.items():
+        if rows_found:
+            told = np.concatenate(rows_found).tolist()
+            named = {"rows": rows_listed(map(in_file, told)), "count": counted(len(told), "row")}
+            remarks.append(_SENTENCES[kind].format(**named))
+    return Runs(kept, runs, remarks)
 
 
-def _by_label(labels: NDArray) -> Iterator[tuple[str, Rows]]:
-    """Name and positions of each label, in order of appearance."""
-    values, first, codes = np.unique(labels, return_index=True, return_inverse=True)
-    for k in np.argsort(first):
-        name = values[k]
-        whole = isinstance(name, float) and name.is_integer()
-        yield str(int(name) if whole else name), np.flatnonzero(codes == k)
-
-
-def _parts(times, rows: Rows, largest_gap: float, found: _Findings) -> Iterator[Rows]:
+def _parts(times, rows: Rows, largest_gap: float, found: Findings) -> Iterator[Rows]:
     """The runs among the rows of one trajectory."""
     steps = np.diff(times[rows])
     if np.sum(steps < 0) > np.sum(steps > 0):
         rows = rows[::-1]
-        found.reversed.append(rows)
+        found["reversed"].append(rows)
     usual = np.median(np.abs(steps)) if len(steps) else 0.0
     for part in _between_restarts(times, rows, found):
         order = np.argsort(times[part], kind="stable")
         late = times[part] < np.maximum.accumulate(times[part])
         if late.any():
-            found.late.append(part[late])
+            found["late"].append(part[late])
         part = part[order]
         again = np.diff(times[part], prepend=-np.inf) == 0
         if again.any():
-            found.repeated.append(part[again])
+            found["repeated"].append(part[again])
         part = part[~again]
         gaps = np.flatnonzero(np.diff(times[part]) > largest_gap * usual) + 1
         if len(gaps):
-            found.gaps.append(part[gaps])
+            found["gaps"].append(part[gaps])
         yield from np.split(part, gaps)
 
 
-def _between_restarts(times, rows: Rows, found: _Findings) -> list[Rows]:
+def _between_restarts(times, rows: Rows, found: Findings) -> list[Rows]:
     """Parts in which the clock runs on, save for rows that were merely written late."""
     t = times[rows]
     cuts: list[int] = []
     for back in (np.flatnonzero(np.diff(t) < 0) + 1).tolist():
         start = cuts[-1] if cuts else 0
-        if t[back : back + found.most_late + 1].max() <= t[start:back].max():
+        if t[back : back + PREPARING.late + 1].max() <= t[start:back].max():
             cuts.append(back)
     if cuts:
-        found.restarts.append(rows[cuts])
+        found["restarts"].append(rows[cuts])
     return np.split(rows, cuts)

@@ -13,17 +13,15 @@ from swsysid._cli.masking import complete_cells
 from swsysid._cli.measurement import Measurement, check_roles
 from swsysid._cli.runs import Runs, runs_of
 from swsysid._cli.settings import PREPARING
+from swsysid._rendering.columns import counted
 from swsysid._results import Array
 from swsysid._tables.table import Table
 from swsysid._tables.units import rate_unit
-from swsysid._tables.wording import counted
 from swsysid.differentiation import Smoothing, choose_smoothing, differentiate
 from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
 
 if TYPE_CHECKING:
     import pandas as pd
-
-__all__ = ["Samples", "measure"]
 
 
 @dataclass(frozen=True)
@@ -94,27 +92,14 @@ def measure(table: Table, what: Measurement) -> Samples:
 
 
 def _differentiated(numbers, labels, what: Measurement):
-    n_states = len(what.states)
-    states, inputs, times = np.split(numbers, [n_states, numbers.shape[1] - 1], axis=1)
-    options: dict = {
-        "method": what.method,
-        "order": what.order,
-        "decimate": what.decimate,
-        "too_short": "drop",
-    }
-    smoothing = choose_smoothing(
-        states, times[:, 0], labels, window=what.window, cutoff=what.cutoff, **options
-    )
-    X, Xdot, t, kept, _ = differentiate(
-        states,
-        times[:, 0],
-        labels,
-        window=smoothing.window,
-        cutoff=smoothing.cutoff,
-        inputs=inputs if inputs.shape[1] else None,
-        **options,
-    )
-    return X, Xdot, t, kept, smoothing
+    states, inputs, times = np.split(numbers, [len(what.states), numbers.shape[1] - 1], axis=1)
+    rows = states, times[:, 0], labels
+    options: dict = {"method": what.method, "order": what.order, "decimate": what.decimate}
+    options["too_short"] = "drop"
+    smoothing = choose_smoothing(*rows, window=what.window, cutoff=what.cutoff, **options)
+    options |= {"window": smoothing.window, "cutoff": smoothing.cutoff}
+    driven = inputs if inputs.shape[1] else None
+    return (*differentiate(*rows, inputs=driven, **options)[:4], smoothing)
 
 
 def _with_derivatives(numbers, labels, what: Measurement):

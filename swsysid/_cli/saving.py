@@ -10,14 +10,18 @@ from swsysid._cli.samples import Samples
 from swsysid._saving.files import Recording, save_model
 from swsysid.diagnosis import EffectSearchCV
 
-__all__ = ["save"]
-
 
 def save(
     result: JobResult, text: str, folder: Path, search: EffectSearchCV | None, page: Path | None
 ) -> int:
     """Write model, text, picture and page; the exit code is 2 if they cannot be written."""
-    where, recording = folder, recording_of(result)
+    samples, where = result.samples, folder
+    recording = Recording(
+        source=samples.source,
+        names=list(samples.names),
+        units={**samples.units, "time": samples.time_unit},
+        smoothing=_smoothing_of(samples),
+    )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         save_model(result.model, folder / "model.json", recording=recording)
@@ -28,8 +32,8 @@ def save(
             save_model(search.best_estimator_, effects, recording=recording)
             drawn += f", {effects.name}"
             where = page
-            title = f"Effect search: {result.samples.source}"
-            search.report_.to_html(page, units=_units_of_displays(result.samples), title=title)
+            title = f"Effect search: {samples.source}"
+            search.report_.to_html(page, units=_units_of_displays(samples), title=title)
     except OSError as error:
         print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
         return 2
@@ -37,17 +41,6 @@ def save(
     if page is not None:
         print(f"Page with pictures: {page.resolve()}")
     return 0
-
-
-def recording_of(result: JobResult) -> Recording:
-    """What a saved model remembers of its data."""
-    samples = result.samples
-    return Recording(
-        source=samples.source,
-        names=list(samples.names),
-        units={**samples.units, "time": samples.time_unit},
-        smoothing=_smoothing_of(samples),
-    )
 
 
 def _smoothing_of(samples: Samples) -> dict[str, str | int | float | list[float]]:
@@ -83,12 +76,9 @@ def _draw(result: JobResult, path: Path) -> str:
         return ' (no picture: install matplotlib, pip install "swsysid[plot]").'
     from swsysid.plotting import SwitchingSurfaceDisplay
 
+    told = {"names": samples.names, "units": samples.units}
     display = SwitchingSurfaceDisplay.from_estimator(
-        result.model,
-        samples.X,
-        modes="fitted",
-        names=samples.names,
-        units=samples.units,
+        result.model, samples.X, modes="fitted", **told
     )
     display.figure_.savefig(path, dpi=150)
     plt.close(display.figure_)

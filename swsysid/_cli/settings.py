@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["JUDGING", "PREPARING", "WORDING", "Judging", "Preparing", "Wording"]
-
 
 @dataclass(frozen=True)
 class Preparing:
@@ -18,8 +16,7 @@ class Preparing:
     # Samples of a spike: two that differ, or some more that are all the same (a lost signal).
     longest_spike: int = 2
     longest_stuck: int = 5
-    # Share of spikes above which they are the signal.
-    most_spikes: float = 0.05
+    most_spikes: float = 0.05  # share of spikes above which they are the signal
     # Rows after which a clock that went back has caught up, if a row was merely written late.
     late: int = 3
     # Share of rows with a time that was there before; more is a clock that is too coarse.
@@ -34,21 +31,17 @@ class Judging:
 
     # From so many trajectories on whole ones are held out; fewer would make a lottery of the rest.
     whole_groups: int = 5
-    # Contiguous stretches on which two models are compared, taken as independent.
-    blocks: int = 10
-    # Squared errors below this fraction of the largest are round-off.
-    exact: float = 1e-12
+    blocks: int = 10  # contiguous stretches on which two models are compared, taken as independent
+    exact: float = 1e-12  # squared errors below this fraction of the largest are round-off
     # Share of the error by which a richer model must be better to be worth having.
     worth: float = 0.05
-    # Standard errors from which on a gain is called certain: two-sided 5 %.
-    certain: float = 2.0
+    certain: float = 2.0  # standard errors from which on a gain is called certain: two-sided 5 %
     # Share of a smooth law's error: modes that leave less are no imitation of a curve.
     half: float = 0.5
     # Held-out rows, and changes of the mode, that allow a verdict.
     fewest_rows: int = 50
     fewest_switches: int = 5
-    # Share of the training rows below which a mode is absent from them.
-    rare_mode: float = 0.005
+    rare_mode: float = 0.005  # share of the training rows below which a mode is absent from them
     # Features of a richer law that is only tried, and rows that each of them needs.
     most_features: int = 200
     rows_a_feature: int = 5
@@ -58,16 +51,12 @@ class Judging:
 class Wording:
     """From a model to text."""
 
-    # Decimals of coefficients.
-    precision: int = 6
+    precision: int = 6  # decimals of coefficients
     # Share of the spread of a rate that an input has to move to be called its drive.
     sensible: float = 0.01
-    # Samples that decide where the modes are, in words.
-    most_rows: int = 20_000
-    # Share of the samples on which fewer terms must say the same as all.
-    same_side: float = 0.99
-    # Share of the samples that a constant has to put right to be told.
-    no_constant: float = 0.001
+    most_rows: int = 20_000  # samples that decide where the modes are, in words
+    same_side: float = 0.99  # share of the samples on which fewer terms must say the same as all
+    no_constant: float = 0.001  # share of the samples that a constant has to put right to be told
     # Scatter of switches in distances of two thresholds, and switches to each side, that still
     # show a memory.
     sharp: float = 0.25

@@ -12,10 +12,8 @@ from sklearn.compose import ColumnTransformer
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._cli.settings import Judging
+from swsysid._cli.settings import JUDGING
 from swsysid._data.features import FunctionLibrary
-
-__all__ = ["Terms"]
 
 _DEGREES = {0: "linear", 1: "affine", 2: "quadratic", 3: "cubic"}
 
@@ -48,7 +46,7 @@ class Terms:
         products = comb(n_columns + self.degree, self.degree) if self.degree else n_columns
         return products + 2 * n_columns * self.waves
 
-    def richer(self, n_rows: int, settings: Judging) -> Sequence[Terms]:
+    def richer(self, n_rows: int) -> Sequence[Terms]:
         """Smooth laws with more terms: one degree more, two more, and sines of the columns."""
         least = max(self.degree, 1)
         more = [
@@ -56,7 +54,7 @@ class Terms:
             Terms(self.columns, least + 2, self.waves),
             Terms(self.columns, least, True),
         ]
-        most = min(settings.most_features, n_rows / settings.rows_a_feature)
+        most = min(JUDGING.most_features, n_rows / JUDGING.rows_a_feature)
         return [terms for terms in more if terms != self and terms.n_features <= most]
 
     def __str__(self) -> str:

@@ -7,20 +7,20 @@ import numpy as np
 from swsysid._cli.guard_words import memory, regions
 from swsysid._cli.job import JobResult
 from swsysid._cli.samples import Samples
-from swsysid._cli.settings import WORDING
+from swsysid._cli.settings import JUDGING, WORDING
 from swsysid._cli.verdict import Comparison, Verdict
 from swsysid._effect_regressor import EffectRegressor
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._rendering.columns import text_table
 from swsysid._rendering.printing import linear_combination
-
-__all__ = ["preparation", "render", "with_effects"]
+from swsysid._results import Array
+from swsysid._surfaces.surface import solves_margin_program
 
 
 def render(result: JobResult) -> str:
     """The whole text, sections separated by empty lines."""
-    sections = [
-        _data(result), *_laws(result), _guards(result), _errors(result), verdict_text(result)
-    ]  # fmt: skip
-    return "\n\n".join(section for section in sections if section)
+    parts = [_data(result), *_laws(result), _guards(result), _errors(result), verdict_text(result)]
+    return "\n\n".join(part for part in parts if part)
 
 
 def with_effects(model: EffectRegressor) -> str:
@@ -75,15 +75,10 @@ def _laws(result: JobResult) -> list[str]:
     """One section for each mode, after the known equations."""
     model, samples = result.model, result.samples
     features = [str(name) for name in model.feature_names_out_]
-    known = [
-        f"known: the derivative of {position} is {rate}"
-        for position, rate in zip(
-            samples.names, samples.rate_names[: samples.n_known], strict=False
-        )
-    ]
-    shares = np.bincount(model.modes_, minlength=model.n_modes_) / len(model.modes_)
-    sections = ["\n".join(known)]
-    for mode, share in enumerate(shares):
+    rates = samples.rate_names[: samples.n_known]
+    known = zip(samples.names, rates, strict=False)
+    sections = ["\n".join(f"known: the derivative of {name} is {rate}" for name, rate in known)]
+    for mode, share in enumerate(_shares(model)):
         lines = [f"mode {mode} ({100 * share:.0f} % of the samples)"]
         for state in range(samples.n_known, len(samples.rate_names)):
             row = model.coef_[mode, state]
@@ -93,6 +88,11 @@ def _laws(result: JobResult) -> list[str]:
                 lines.append(_balance(row, features, rate, samples))
         sections.append("\n".join(lines))
     return sections
+
+
+def _shares(model: SwitchingSystemRegressor) -> Array:
+    """Share of the samples in each mode."""
+    return np.bincount(model.modes_, minlength=model.n_modes_) / len(model.modes_)
 
 
 def _is_driven(row, features, samples, state: int, members) -> bool:
@@ -113,13 +113,13 @@ def _balance(row, features, rate: str, samples) -> str:
 
     Its coefficients are mass and friction as a data sheet has them.
     """
-    driven = features.index(samples.names[-1])
+    drive = samples.names[-1]
+    driven = features.index(drive)
     scaled = -np.asarray(row) / row[driven]
     scaled[driven] = 0.0
-    rest = _sum(scaled, features)
-    drive = samples.names[-1]
     inertia = f"{1.0 / row[driven]:.{WORDING.precision}g}"
-    return f"    or {inertia} {rate} + ({rest}) = {drive}{_unit_after(samples.unit(drive))}"
+    body = f"    or {inertia} {rate} + ({_sum(scaled, features)}) = {drive}"
+    return body + _unit_after(samples.unit(drive))
 
 
 def _unit_after(unit: str) -> str:
@@ -134,19 +134,14 @@ def _guards(result: JobResult) -> str:
     model, samples = result.model, result.samples
     if model.n_modes_ == 1:
         return ""
-    if result.comparison.constant:
-        return _no_guard(result)
-    lines = regions(model.surface_, samples)
-    equations = model.surface_equations(precision=WORDING.precision)
-    return "\n    ".join(["switching surface", *lines, *equations])
-
-
-def _no_guard(result: JobResult) -> str:
-    """What the samples show where no surface separates their modes."""
-    model, samples = result.model, result.samples
+    if not result.comparison.constant:
+        surface = model.surface_
+        lines = regions(surface, samples) if solves_margin_program(surface) else []
+        equations = model.surface_equations(precision=WORDING.precision)
+        return "\n    ".join(["switching surface", *lines, *equations])
     always = int(model.surface_.predict(samples.X[:1])[0])
-    shares = np.bincount(model.modes_, minlength=model.n_modes_) / len(model.modes_)
-    listed = ", ".join(f"mode {mode} in {100 * share:.0f} %" for mode, share in enumerate(shares))
+    shares = enumerate(_shares(model))
+    listed = ", ".join(f"mode {mode} in {100 * share:.0f} %" for mode, share in shares)
     lines = [
         f"no switching surface: the fitted one gives mode {always} to every sample, although the "
         f"rates fit {listed} of them",
@@ -165,9 +160,8 @@ def _no_guard(result: JobResult) -> str:
 
 def _errors(result: JobResult) -> str:
     comparison, samples = result.comparison, result.samples
-    what = (
-        "whole trajectories" if result.split.whole_groups else "the last stretch of each trajectory"
-    )
+    whole = result.split.whole_groups
+    what = "whole trajectories" if whole else "the last stretch of each trajectory"
     names = [samples.with_unit(name) for name in samples.rate_names[samples.n_known :]]
     columns = [("spread", comparison.spread)]
     # the law of one mode with the same terms, and the best one if it is another
@@ -180,16 +174,16 @@ def _errors(result: JobResult) -> str:
         f"held-out error: RMSE on {len(comparison.errors)} samples, {what}, by models trained on "
         f"the other {int(result.split.train.sum())}"
     ]
-    width = max(map(len, names))
-    widths = [max(10, len(title)) for title, _ in columns]
-    head = "  ".join(f"{title:>{w}}" for (title, _), w in zip(columns, widths, strict=True))
-    lines.append(f"    {'':{width}}  {head}")
-    for place, name in enumerate(names):
-        row = "  ".join(
-            f"{values[place]:>{w}.4g}" for (_, values), w in zip(columns, widths, strict=True)
+    cells = [(title, ">10", [f"{value:.4g}" for value in values]) for title, values in columns]
+    lines += [f"    {line}" for line in text_table([("", "<1", names), *cells], gap="  ")]
+    if comparison.untested:
+        listed = ", ".join(map(str, comparison.untested))
+        which, whose = ("Mode", "its") if len(comparison.untested) == 1 else ("Modes", "their")
+        lines.append(
+            f"    {which} {listed}: found in the held-out part only, so that no other samples test "
+            f"{whose} law; {whose} samples are left out of these errors."
         )
-        lines.append(f"    {name:{width}}  {row}")
-    return "\n".join(lines + _untested(comparison))
+    return "\n".join(lines)
 
 
 def _n_compared(result: JobResult) -> int:
@@ -197,35 +191,18 @@ def _n_compared(result: JobResult) -> int:
     return found - len(result.comparison.untested)
 
 
-def _untested(comparison: Comparison) -> list[str]:
-    if not comparison.untested:
-        return []
-    listed = ", ".join(map(str, comparison.untested))
-    which, whose = ("Mode", "its") if len(comparison.untested) == 1 else ("Modes", "their")
-    return [
-        f"    {which} {listed}: found in the held-out part only, so that no other samples test "
-        f"{whose} law; {whose} samples are left out of these errors."
-    ]
-
-
 def verdict_text(result: JobResult) -> str:
     """The one verdict, and how sure the search was."""
     comparison, model = result.comparison, result.model
     if result.given_up is not None:
-        text = (
+        return (
             f"No switching: {result.given_up} modes were found, but one mode with {result.terms} "
             "terms predicts the held-out samples as well, and is delivered (error of the "
             f"{_n_compared(result)} modes: {_change(comparison)})."
         )
-    elif model.n_modes_ == 1:
-        text = _of_one_mode(comparison)
-    else:
-        text = _of_modes(result)
-    stability = f"The same answer came from {100 * model.stability_:.0f} % of the starts."
-    return f"{text}\n{stability}" if model.n_modes_ > 1 else text
-
-
-def _of_one_mode(comparison: Comparison) -> str:
+    if model.n_modes_ > 1:
+        stability = f"The same answer came from {100 * model.stability_:.0f} % of the starts."
+        return f"{_of_modes(result)}\n{stability}"
     best = comparison.best
     if best is comparison.rivals[0]:
         return "No switching: the model has one mode, and no smooth law with more terms is better."
@@ -264,8 +241,8 @@ def _of_modes(result: JobResult) -> str:
         Verdict.TOO_FEW: (
             "These data do not decide whether there is switching: the modes change "
             f"{comparison.n_switches} times and {len(comparison.errors)} samples are held out, "
-            f"where at least {comparison.settings.fewest_switches} and "
-            f"{comparison.settings.fewest_rows} are needed. Record more."
+            f"where at least {JUDGING.fewest_switches} and "
+            f"{JUDGING.fewest_rows} are needed. Record more."
         ),
         Verdict.USELESS: (
             f"The held-out error of the {n_modes} modes is no smaller than the spread of the "

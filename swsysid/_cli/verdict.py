@@ -8,21 +8,11 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._cli.settings import JUDGING, Judging
+from swsysid._cli.settings import JUDGING
 from swsysid._cli.terms import Terms
+from swsysid._data.trajectories import places_along
 from swsysid._results import Array
 from swsysid._tables.table import TableError
-
-__all__ = [
-    "Comparison",
-    "Rival",
-    "Split",
-    "Verdict",
-    "certainty",
-    "count_switches",
-    "hold_out",
-    "relative_error",
-]
 
 
 @dataclass(frozen=True)
@@ -38,23 +28,18 @@ class Split:
         return ~self.test
 
 
-def hold_out(
-    groups: NDArray, fraction: float, random_state: int, settings: Judging = JUDGING
-) -> Split:
+def hold_out(groups: NDArray, fraction: float, random_state: int) -> Split:
     """Rows to test on: whole trajectories if there are enough, else the last of each."""
     if not 0.0 < fraction < 1.0:
         raise TableError(f"The test fraction {fraction:g} is not between 0 and 1.")
     names, codes = np.unique(groups, return_inverse=True)
-    whole = len(names) >= settings.whole_groups
+    whole = len(names) >= JUDGING.whole_groups
     if whole:
         n_test = max(1, round(fraction * len(names)))
         generator = np.random.default_rng(random_state)
         test = np.isin(codes, generator.permutation(len(names))[:n_test])
     else:
-        position = np.empty(len(codes))
-        for code, count in enumerate(np.bincount(codes)):
-            position[codes == code] = np.arange(count) / count
-        test = position >= 1.0 - fraction
+        test = places_along(codes) / np.bincount(codes)[codes] >= 1.0 - fraction
     if not test.any() or test.all():
         raise TableError(f"{len(groups)} samples are too few to hold out {fraction:g} of them.")
     return Split(test, whole)
@@ -93,14 +78,13 @@ class Comparison:
     told_by_rates: Array | None
     # Modes that are nearly absent from the training part; their held-out rows are left out.
     untested: tuple[int, ...]
-    settings: Judging = JUDGING
 
     @property
     def best(self) -> Rival:
         """The rival of the smallest error; of laws that hardly differ the one of fewest terms."""
-        least = min(self._size(rival.errors) for rival in self.rivals)
-        enough = (1.0 + self.settings.worth) * least
-        return next(rival for rival in self.rivals if self._size(rival.errors) <= enough)
+        sizes = [relative_error(rival.errors, self.spread) for rival in self.rivals]
+        enough = (1.0 + JUDGING.worth) * min(sizes)
+        return next(rival for rival, size in zip(self.rivals, sizes, strict=True) if size <= enough)
 
     @property
     def improvement(self) -> float:
@@ -111,29 +95,29 @@ class Comparison:
     @property
     def gain(self) -> float:
         """The same in standard errors over contiguous blocks."""
-        return certainty(self.best.errors, self.errors, self.spread, self.settings)
+        return certainty(self.best.errors, self.errors, self.spread)
 
     @property
     def hidden(self) -> bool:
         """True if the rates show modes that no law of one mode imitates, and the columns do not."""
         if not self.constant or self.told_by_rates is None:
             return False
-        return self._size(self.told_by_rates) < self.settings.half * self._size(self.best.errors)
+        return self._size(self.told_by_rates) < JUDGING.half * self._size(self.best.errors)
 
     @property
     def verdict(self) -> Verdict:
         """What to say about the model."""
-        if len(self.errors) < self.settings.fewest_rows:
+        if len(self.errors) < JUDGING.fewest_rows:
             return Verdict.TOO_FEW
         if self.hidden:
             return Verdict.HIDDEN
-        if self.improvement <= self.settings.worth:
+        if self.improvement <= JUDGING.worth:
             return Verdict.ONE_MODE if self.best is self.rivals[0] else Verdict.SMOOTH
         if self._size(self.errors) >= 1.0:
             return Verdict.USELESS
-        if self.n_switches < self.settings.fewest_switches:
+        if self.n_switches < JUDGING.fewest_switches:
             return Verdict.TOO_FEW
-        return Verdict.SWITCHES if self.gain > self.settings.certain else Verdict.CHANCE
+        return Verdict.SWITCHES if self.gain > JUDGING.certain else Verdict.CHANCE
 
     def _size(self, errors: Array) -> float:
         return relative_error(errors, self.spread)
@@ -144,7 +128,7 @@ def relative_error(errors: Array, spread: Array) -> float:
     return float(np.sqrt(np.mean((errors / _scale(spread)) ** 2)))
 
 
-def certainty(simple: Array, rich: Array, spread: Array, settings: Judging = JUDGING) -> float:
+def certainty(simple: Array, rich: Array, spread: Array) -> float:
     """Gain of a rich model over a simple one, in standard errors over contiguous blocks.
 
     The mean log ratio of the squared errors over its standard error, the blocks being
@@ -153,11 +137,11 @@ def certainty(simple: Array, rich: Array, spread: Array, settings: Judging = JUD
     """
     scale = _scale(spread)
     size = np.array([np.sum((error / scale) ** 2, axis=1) for error in (simple, rich)])
-    blocks = np.array_split(size, min(settings.blocks, size.shape[1]), axis=1)
+    blocks = np.array_split(size, min(JUDGING.blocks, size.shape[1]), axis=1)
     if len(blocks) < 2:
         return 0.0
     means = np.array([block.mean(axis=1) for block in blocks])
-    ratios = np.diff(np.log(means + settings.exact * means.max()), axis=1)[:, 0]
+    ratios = np.diff(np.log(means + JUDGING.exact * means.max()), axis=1)[:, 0]
     error = ratios.std(ddof=1) / np.sqrt(len(ratios))
     return float(-ratios.mean() / error) if error > 0 else 0.0
 

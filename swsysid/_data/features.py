@@ -11,16 +11,8 @@ import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._checks.estimators import check_fitted, column_names, known_rows, rows_of_library
+from swsysid._checks.estimators import check_fitted, column_names, rows_of
 from swsysid._checks.parameters import shown, whole
-
-__all__ = [
-    "FeatureMap",
-    "FunctionLibrary",
-    "Monomials",
-    "check_degree",
-    "refuse_many_features",
-]
 
 # More columns than that are days of work at best, and terabytes at worst.
 _MOST_FEATURES = 3000
@@ -61,7 +53,7 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
 
     def fit(self, X, y=None):
         """Check `X` and remember its columns."""
-        rows_of_library(self, X)
+        rows_of(self, X, reset=True)
         _check_functions(self.functions, self.n_features_in_)
         if self.names is not None:
             _check_patterns(self.names, len(self.functions))
@@ -69,7 +61,7 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
 
     def transform(self, X):
         """Values of all functions, shape (n_samples, n_features_out)."""
-        X = known_rows(self, X)
+        X = rows_of(self, X)
         columns = [
             _values(function, pattern, X[:, list(group)].T)
             for function, pattern, group in self._terms()
@@ -187,7 +179,9 @@ class Monomials:
         values = np.empty((len(self.factors), len(X)))
         for out, factors, rest in zip(values, self.factors, self.rest, strict=True):
             if rest is None:
-                out[:] = np.multiply.reduce(columns[factors[::-1]], axis=0, initial=1.0)
+                out[:] = 1.0
+                for factor in reversed(factors):
+                    out *= columns[factor]
             else:
                 np.multiply(columns[factors[0]], values[rest], out=out)
         return values.T
@@ -221,7 +215,14 @@ class FeatureMap:
         features = self(X)
         self.n_features_out = features.shape[1]
         self.sizes = np.abs(features).max(axis=0)  # what a coefficient of each can amount to
-        self._refuse_out_of_reach()
+        beyond = (self.sizes > _LARGEST) | ((self.sizes > 0.0) & (self.sizes < _SMALLEST))
+        if beyond.any():
+            place = int(beyond.argmax())
+            raise ValueError(
+                f"the feature {self.names_out[place]} reaches {self.sizes[place]:.1e}, whose "
+                "square is lost in double precision; give X in units in which its values are of "
+                "order one."
+            )
 
     def at(self, point: np.ndarray) -> np.ndarray:
         """Phi at one point, (n_features_in,) -> (n_features_out,), without checks.
@@ -266,16 +267,6 @@ class FeatureMap:
             if self._monomials is not None and isinstance(X, np.ndarray):
                 return self._monomials(X)
             return np.asarray(self.library.transform(X), dtype=float)
-
-    def _refuse_out_of_reach(self) -> None:
-        sizes = self.sizes
-        beyond = (sizes > _LARGEST) | ((sizes > 0.0) & (sizes < _SMALLEST))
-        if beyond.any():
-            place = int(beyond.argmax())
-            raise ValueError(
-                f"the feature {self.names_out[place]} reaches {sizes[place]:.1e}, whose square is "
-                "lost in double precision; give X in units in which its values are of order one."
-            )
 
 
 def check_degree(name: str, degree: int, n_columns: int) -> None:

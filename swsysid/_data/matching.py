@@ -8,8 +8,6 @@ from scipy.optimize import linear_sum_assignment
 
 from swsysid._results import Array
 
-__all__ = ["best_matching", "contingency"]
-
 Labels = NDArray[np.intp]
 
 

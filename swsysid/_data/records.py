@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swsysid._checks.arrays import column, labels, refuse_vanishing, table
+from swsysid._checks.arrays import labels, table
+from swsysid._data.trajectories import increasing_times, places_along
 from swsysid._results import Array
-
-__all__ = ["Records", "make_records"]
 
 
 @dataclass(frozen=True)
@@ -105,27 +104,19 @@ class Records:
 
     def take(self, rows: NDArray) -> Records:
         """The same record on some rows only."""
-        return Records(
-            X=self.X[rows],
-            n_states=self.n_states,
-            t=None if self.t is None else self.t[rows],
-            groups=None if self.groups is None else self.groups[rows],
-            signals=self.signals[rows],
-            names=self.names,
-            timed=self.timed,
-        )
+        t, groups = (None if one is None else one[rows] for one in (self.t, self.groups))
+        return replace(self, X=self.X[rows], t=t, groups=groups, signals=self.signals[rows])
 
     def with_columns(self, X: Array) -> Records:
         """The same record with other states and inputs."""
-        return Records(X, self.n_states, self.t, self.groups, self.signals, self.names, self.timed)
+        return replace(self, X=X)
 
     def with_channel(self, number: int, values: Array) -> Records:
         """The same record with other values of one channel."""
-        n_columns = self.X.shape[1]
         every = np.column_stack([self.X, self.signals])
         every[:, number] = values
-        X, signals = every[:, :n_columns], every[:, n_columns:]
-        return Records(X, self.n_states, self.t, self.groups, signals, self.names, self.timed)
+        X, signals = np.split(every, [self.X.shape[1]], axis=1)
+        return replace(self, X=X, signals=signals)
 
 
 def make_records(
@@ -138,38 +129,17 @@ def make_records(
     names: Sequence[str],
     signal_names: Sequence[str] | None = None,
 ) -> Records:
-    """Check what came with the samples.
-
-    Raises
-    ------
-    ValueError
-        If lengths differ, times do not increase along a trajectory, or values are not finite.
-    """
-    n_samples = len(X)
-    t = None if t is None else column("t", t, n_samples)
-    if t is not None:
-        refuse_vanishing("t", t)
+    """Check what came with the samples: lengths, finite values, times that increase."""
+    n_samples, timed = len(X), t is not None
     if groups is not None:
         groups = np.unique(labels("groups", groups, n_samples), return_inverse=True)[1]
-    timed = t is not None
-    if groups is None and t is not None:
+    elif timed:
         groups = np.zeros(n_samples, dtype=np.intp)
+    times = None
+    if groups is not None:
+        times = increasing_times(t, groups) if timed else places_along(groups)
     listed = np.empty((n_samples, 0)) if signals is None else table("signals", signals, n_samples)
     given: list = list(signal_names or getattr(signals, "columns", ()))  # type: ignore[arg-type]
     if len(given) != listed.shape[1]:
         given = [f"signal{column}" for column in range(listed.shape[1])]
-    records = Records(X, n_states, t, groups, listed, (*names, *map(str, given)), timed)
-    if groups is None:
-        return records
-    if t is None:
-        places = np.empty(n_samples)
-        for rows in records.trajectories:
-            places[rows] = np.arange(len(rows))
-        return Records(X, n_states, places, groups, listed, records.names, timed)
-    for rows in records.trajectories:
-        if (np.diff(t[rows]) <= 0).any():
-            raise ValueError(
-                "t must increase along every trajectory; sort the rows of each trajectory by "
-                "time, or give `groups` so that trajectories are told apart."
-            )
-    return records
+    return Records(X, n_states, times, groups, listed, (*names, *map(str, given)), timed)

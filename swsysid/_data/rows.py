@@ -15,33 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from swsysid._checks.arrays import numbers, refuse_overflow, refuse_vanishing
 from swsysid._results import Array
 
-__all__ = [
-    "CanonicalRows",
-    "canonical_rows",
-    "check_sample_weight",
-    "places_between",
-    "spread_rows",
-    "thinned_rows",
-]
-
 
 @dataclass(frozen=True)
 class CanonicalRows:
-    """The distinct rows of some arrays, in lexicographic order.
+    """The distinct rows of some arrays, in lexicographic order."""
 
-    Attributes
-    ----------
-    arrays : tuple of ndarray
-        The given arrays with their distinct rows only; all have the same length n_distinct.
-    weight : ndarray of shape (n_distinct,)
-        Sum of the weights of the rows that were merged; positive.
-    inverse : ndarray of shape (n_samples,), int
-        Row of `arrays` that holds each original row, -1 for a row of weight zero.
-    """
-
-    arrays: tuple[NDArray, ...]
-    weight: Array
-    inverse: NDArray[np.intp]
+    arrays: tuple[NDArray, ...]  # the given ones with distinct rows only, (n_distinct, ...)
+    weight: Array  # (n_distinct,): sum of the weights of the rows that were merged; positive
+    inverse: NDArray[np.intp]  # (n_samples,): where each row is in `arrays`, -1 for weight zero
 
     @property
     def first(self) -> NDArray[np.intp]:
@@ -81,7 +62,12 @@ def canonical_rows(*arrays: ArrayLike, sample_weight: ArrayLike | None = None) -
     weight = weight[kept]
     columns = [column for array in given for column in np.atleast_2d(array.T)]
 
-    order, is_first = _lexicographic(columns, weight)
+    order = np.argsort(columns[0], kind="stable")
+    if (columns[0][order[1:]] == columns[0][order[:-1]]).any():
+        # The weight comes last, so that equal rows are summed in an order of their own.
+        order = np.lexsort((weight, *columns[::-1]))
+    differs = [column[order[1:]] != column[order[:-1]] for column in columns]
+    is_first = np.r_[True, np.any(differs, axis=0)]
     group = np.cumsum(is_first) - 1
     starts = np.flatnonzero(is_first)
     inverse = np.full(n_samples, -1, dtype=np.intp)
@@ -147,42 +133,3 @@ def check_sample_weight(sample_weight: ArrayLike | None, n_samples: int) -> Arra
         raise ValueError("all sample weights are zero; give at least one sample a positive weight.")
     refuse_vanishing("sample_weight", weight)
     return weight
-
-
-def _lexicographic(
-    columns: list[NDArray], weight: Array
-) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Order of the rows, and which of the ordered rows differ from the one before.
-
-    One full sort by the first column; every further column sorts only rows still tied. The
-    weight comes last, so that equal rows are summed in an order of their own.
-    """
-    order = np.argsort(columns[0], kind="stable")
-    ordered = columns[0][order]
-    is_first = np.ones(len(order), dtype=bool)
-    is_first[1:] = ordered[1:] != ordered[:-1]
-    for column in columns[1:]:
-        tied = _tied(is_first)
-        if not tied.size:
-            return order, is_first
-        _sort_within_runs(order, tied, is_first, column)
-        values = column[order[tied]]
-        # Rows of `tied` that are neighbours in a run are neighbours in `order` as well.
-        is_first[tied[1:][values[1:] != values[:-1]]] = True
-    tied = _tied(is_first)
-    if tied.size:
-        _sort_within_runs(order, tied, is_first, weight)
-    return order, is_first
-
-
-def _tied(is_first: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Positions that share their run with a neighbour."""
-    continues = ~is_first
-    continues[:-1] |= ~is_first[1:]
-    return np.flatnonzero(continues)
-
-
-def _sort_within_runs(order, tied, is_first, column) -> None:
-    """Reorder the tied positions of `order`, in place, by run and then by `column`."""
-    rows = order[tied]
-    order[tied] = rows[np.lexsort((column[rows], np.cumsum(is_first[tied])))]

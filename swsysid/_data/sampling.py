@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.sources import RowBlocks, Rows
+from swsysid._data.sources import Answer, RowBlocks, Rows
 from swsysid._results import Array
-
-__all__ = ["Sample", "Thinned", "draw_sample"]
 
 # Multipliers and shifts of a mixing function of 64 bits (the finalizer of MurmurHash3).
 _FIRST, _SECOND = np.uint64(0xFF51AFD7ED558CCD), np.uint64(0xC4CEB9FE1A85EC53)
@@ -67,7 +65,7 @@ def draw_sample(blocks: RowBlocks, n_rows: int, most_rows: int) -> Sample:
         return _everything(blocks)
     parts: list[_Drawn] = []
     total = 0
-    for n_block, drawn in blocks.map(_Draw(n_rows)):
+    for n_block, drawn in blocks.map(partial(_draw, n_rows)):
         parts.append(replace(drawn, place=drawn.place + total))
         total += n_block
         if sum(len(part.numbers) for part in parts) > _SLACK * n_rows:
@@ -97,29 +95,24 @@ def _refuse_nothing(rows: Rows) -> None:
         raise ValueError("all sample weights are zero; give at least one sample a positive weight.")
 
 
-@dataclass(frozen=True)
-class _Draw:
+def _draw(n_rows: int, block: Rows) -> tuple[int, _Drawn]:
     """Number of rows, and the sample, of one block."""
-
-    n_rows: int
-
-    def __call__(self, block: Rows) -> tuple[int, _Drawn]:
-        nothing = np.empty(0, dtype=np.uint64), np.empty(0, dtype=np.intp)
-        found = [_Drawn(*nothing, block.take(slice(0)))]
-        limit, start = None, 0
-        for piece in block.pieces():
-            numbers = row_numbers(np.column_stack([piece.X, piece.targets]))
-            chosen = piece.weight > 0.0
-            if limit is not None:
-                chosen &= numbers <= limit
-            some = np.flatnonzero(chosen)
-            found.append(_Drawn(numbers[some], start + some, piece.take(some)))
-            start += len(piece)
-            if sum(len(part.numbers) for part in found) > _SLACK * self.n_rows:
-                found = [_joined(found).smallest(self.n_rows)]
-                if len(found[0].numbers) == self.n_rows:
-                    limit = found[0].numbers[-1]
-        return len(block), _joined(found).smallest(self.n_rows)
+    nothing = np.empty(0, dtype=np.uint64), np.empty(0, dtype=np.intp)
+    found = [_Drawn(*nothing, block.take(slice(0)))]
+    limit, start = None, 0
+    for piece in block.pieces():
+        numbers = _numbers_of(piece)
+        chosen = piece.weight > 0.0
+        if limit is not None:
+            chosen &= numbers <= limit
+        some = np.flatnonzero(chosen)
+        found.append(_Drawn(numbers[some], start + some, piece.take(some)))
+        start += len(piece)
+        if sum(len(part.numbers) for part in found) > _SLACK * n_rows:
+            found = [_joined(found).smallest(n_rows)]
+            if len(found[0].numbers) == n_rows:
+                limit = found[0].numbers[-1]
+    return len(block), _joined(found).smallest(n_rows)
 
 
 @dataclass(frozen=True)
@@ -132,24 +125,19 @@ class Thinned(RowBlocks):
     def map(self, function, carried=None):
         """`function` of the chosen rows of every block that has some; they carry nothing."""
         limit = np.uint64(self.share * 2.0**63) * np.uint64(2)
-        answers = self.blocks.map(_OfSome(function, limit))
+        answers = self.blocks.map(partial(_of_some, function, limit))
         return (answer for answer in answers if answer is not None)
 
 
-@dataclass(frozen=True)
-class _OfSome:
+def _of_some(function: Callable[[Rows], Answer], limit: np.uint64, block: Rows) -> Answer | None:
     """A function of the rows whose numbers are below a limit; None if there are none."""
+    chosen = [_numbers_of(piece) < limit for piece in block.pieces()]
+    rows = block.take(np.concatenate(chosen))
+    return function(rows) if len(rows) else None
 
-    function: Callable[[Rows], Any]
-    limit: np.uint64
 
-    def __call__(self, block: Rows) -> Any:
-        chosen = [
-            row_numbers(np.column_stack([piece.X, piece.targets])) < self.limit
-            for piece in block.pieces()
-        ]
-        rows = block.take(np.concatenate(chosen))
-        return self.function(rows) if len(rows) else None
+def _numbers_of(rows: Rows) -> NDArray[np.uint64]:
+    return row_numbers(np.column_stack([rows.X, rows.targets]))
 
 
 def row_numbers(values: Array) -> NDArray[np.uint64]:
@@ -176,9 +164,6 @@ def _joined_rows(parts: list[Rows]) -> Rows:
     if len(parts) == 1:
         return parts[0]
     groups = None if parts[0].groups is None else np.concatenate([part.groups for part in parts])
-    return Rows(
-        np.concatenate([part.X for part in parts]),
-        np.concatenate([part.targets for part in parts]),
-        np.concatenate([part.weight for part in parts]),
-        groups,
-    )
+    columns = zip(*((part.X, part.targets, part.weight) for part in parts), strict=True)
+    X, targets, weight = map(np.concatenate, columns)
+    return Rows(X, targets, weight, groups)

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Protocol
 
+from numpy.typing import NDArray
 from sklearn.metrics import accuracy_score, r2_score
 
-from swsysid._checks.estimators import known_classes, known_velocities
+from swsysid._checks.estimators import rows_and_classes, rows_and_velocities
 from swsysid._data.rows import check_sample_weight
 
-__all__ = ["ScoredByAccuracy", "ScoredByR2", "explained"]
+
+class Scored(Protocol):
+    """What predicts, and is scored by that."""
+
+    def predict(self, X: object) -> NDArray: ...
 
 
 class ScoredByR2:
     """A regressor whose score is R2."""
 
-    def score(self: Any, X, y, sample_weight=None):
+    def score(self: Scored, X, y, sample_weight=None):
         """R2 of the predicted velocities, the mean over the states.
 
         Parameters
@@ -29,14 +34,14 @@ class ScoredByR2:
         -------
         float
         """
-        targets = known_velocities(self, X, y)[1]
+        targets = rows_and_velocities(self, X, y)[1]
         return explained(targets, self.predict(X), sample_weight)
 
 
 class ScoredByAccuracy:
     """A classifier whose score is the share of the rows in the right class."""
 
-    def score(self: Any, X, y, sample_weight=None):
+    def score(self: Scored, X, y, sample_weight=None):
         """Share of the rows whose class is predicted.
 
         Parameters
@@ -49,7 +54,7 @@ class ScoredByAccuracy:
         -------
         float
         """
-        labels = known_classes(self, X, y)[1]
+        labels = rows_and_classes(self, X, y)[1]
         if sample_weight is not None:
             sample_weight = check_sample_weight(sample_weight, len(labels))
         return float(accuracy_score(labels, self.predict(X), sample_weight=sample_weight))

@@ -11,21 +11,33 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from swsysid._checks.arrays import labels, numbers
 from swsysid._checks.estimators import block_of_rows
-from swsysid._data.pieces import pieces
 from swsysid._data.rows import check_sample_weight
 from swsysid._results import Array
 
-__all__ = ["RowBlocks", "Rows", "holds_blocks", "over_blocks", "row_blocks"]
+Answer = TypeVar("Answer")
+# Rows that are read at once from a file, if nothing else is said.
+READ_AT_ONCE = 1 << 18
+# Rows that are worked on at once: their features stay in a processor's cache.
+_AT_ONCE = 1 << 14
 
-# Rows that are read at once from a file.
-_READ_AT_ONCE = 1 << 18
+
+def pieces(n_rows: int) -> Iterator[slice]:
+    """Slices that cover the rows one after the other.
+
+    Examples
+    --------
+    >>> list(pieces(20_000))
+    [slice(0, 16384, None), slice(16384, 20000, None)]
+    """
+    for start in range(0, n_rows, _AT_ONCE):
+        yield slice(start, min(start + _AT_ONCE, n_rows))
 
 
 @dataclass(frozen=True)
@@ -45,7 +57,7 @@ class Rows:
         for piece in pieces(len(self)):
             yield self.take(piece)
 
-    def take(self, rows: Any) -> Rows:
+    def take(self, rows: slice | NDArray) -> Rows:
         """Some of the rows."""
         groups = None if self.groups is None else self.groups[rows]
         return Rows(self.X[rows], self.targets[rows], self.weight[rows], groups)
@@ -57,7 +69,9 @@ class RowBlocks(ABC):
     n_rows: int | None = None  # None if only a pass over them tells
 
     @abstractmethod
-    def map(self, function: Callable[..., Any], carried: NDArray | None = None) -> Iterator[Any]:
+    def map(
+        self, function: Callable[..., Answer], carried: NDArray | None = None
+    ) -> Iterator[Answer]:
         """`function` of every block that has rows, in the order of the blocks.
 
         A block's answer must not depend on another block: it may be computed anywhere, and again
@@ -85,13 +99,14 @@ class _Array(RowBlocks):
 class _Sequence(RowBlocks):
     """Blocks one after another, each in memory only while it is worked on."""
 
-    parts: Sequence[tuple]
+    n_blocks: int
+    part: Callable[[int], tuple]  # X, y, weights, groups of a block; None for what is not given
     n_rows: int | None = None
 
     def map(self, function, carried=None):
         end, first = 0, None
-        for number in range(len(self.parts)):
-            part = self.parts[number]
+        for number in range(self.n_blocks):
+            part = self.part(number)
             rows = _as_rows(number, *part)
             columns = _columns(part[0], rows.X), _columns(part[1], rows.targets)
             first = first or columns
@@ -140,41 +155,20 @@ def _on_part(function, number, part, *more):
     return function(rows, *more) if len(rows) else None
 
 
-class _Slices(Sequence):
-    """An array on disk as a sequence of slices."""
-
-    def __init__(self, array: Any):
-        self.array = array
-
-    def __len__(self) -> int:
-        return -(-self.array.shape[0] // _READ_AT_ONCE)
-
-    def __getitem__(self, index):
-        if not 0 <= index < len(self):
-            raise IndexError(index)
-        return self.array[index * _READ_AT_ONCE : (index + 1) * _READ_AT_ONCE]
-
-
-class _Parts(Sequence):
-    """Parallel sequences as one of tuples, read when asked for; None is None for every block."""
-
-    def __init__(self, *sequences: Sequence | None):
-        self.sequences = sequences
-        self.length = len(sequences[0] or ())
-
-    def __len__(self) -> int:
-        return self.length
-
-    def __getitem__(self, index):
-        return tuple(None if one is None else one[index] for one in self.sequences)
-
-
-def holds_blocks(X: Any) -> bool:
+def holds_blocks(X: object) -> bool:
     """True for a Dask array, an array on disk, or a sequence of two-dimensional blocks."""
     return _is_dask(X) or _is_on_disk(X) or _is_sequence(X)
 
 
-def over_blocks(function: Callable[[Any], NDArray], X: Any, dtype: Any, *columns: int) -> Any:
+def columns_of_blocks(X: Any, y: Any) -> tuple[object, bool]:
+    """One row with the columns of the blocks, and whether `y` has no column of its own."""
+    # Blocks that are read when they are asked for are in memory one at a time.
+    first, target = (X, y) if hasattr(X, "shape") else (X[0], y[0])
+    names = first[:1] if hasattr(first, "columns") else np.zeros((1, np.shape(first)[1]))
+    return names, len(np.shape(target)) == 1
+
+
+def over_blocks(function: Callable[[Any], NDArray], X: Any, dtype: DTypeLike, *columns: int) -> Any:
     """`function` of `X`; of every block, if it has blocks: an array, a Dask array, or a list.
 
     The function makes an array (n_rows, ``*columns``) of the type `dtype` of rows.
@@ -186,7 +180,14 @@ def over_blocks(function: Callable[[Any], NDArray], X: Any, dtype: Any, *columns
     return [function(block) for block in X] if _is_sequence(X) else function(X)
 
 
-def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) -> RowBlocks:
+def row_blocks(
+    X: Any,
+    y: Any,
+    sample_weight: Any = None,
+    groups: Any = None,
+    *,
+    read_at_once: int = READ_AT_ONCE,
+) -> RowBlocks:
     """A source of rows: of arrays in memory or on disk, Dask arrays, or sequences of blocks.
 
     All are of the same kind and length. An array on disk is a memory map, or anything with a
@@ -216,17 +217,24 @@ def row_blocks(X: Any, y: Any, sample_weight: Any = None, groups: Any = None) ->
                     f"{name} has shape {other.shape}; it must have one row for each of the "
                     f"{X.shape[0]} rows of X."
                 )
-        others = [None if other is None else _Slices(other) for other in given.values()]
-        return _Sequence(_Parts(_Slices(X), *others), X.shape[0])
+
+        def stretch(number: int) -> tuple:
+            rows = slice(number * read_at_once, (number + 1) * read_at_once)
+            return tuple(None if one is None else one[rows] for one in (X, *given.values()))
+
+        return _Sequence(-(-X.shape[0] // read_at_once), stretch, X.shape[0])
     for name, other in given.items():
         if other is not None and (not hasattr(other, "__getitem__") or len(other) != len(X)):
             raise TypeError(
                 f"X is a sequence of {len(X)} blocks; give {name} as a sequence of as many blocks."
             )
-    return _Sequence(_Parts(X, *given.values()))
+    each = (X, *given.values())
+    return _Sequence(
+        len(X), lambda number: tuple(None if one is None else one[number] for one in each)
+    )
 
 
-def _as_rows(number: int, X: Any, y: Any, weight: Any, groups: Any) -> Rows:
+def _as_rows(number: int, X: object, y: object, weight: object, groups: Any) -> Rows:
     """A block as plain arrays."""
     try:
         X, targets = block_of_rows(X, y)
@@ -243,7 +251,7 @@ def _as_rows(number: int, X: Any, y: Any, weight: Any, groups: Any) -> Rows:
     return Rows(X, targets if targets.ndim == 2 else targets[:, None], weight, groups)
 
 
-def _columns(given: Any, rows: Array) -> list:
+def _columns(given: object, rows: Array) -> list:
     """Names of the columns of a data frame, numbers of those of an array."""
     return list(getattr(given, "columns", range(rows.shape[1])))
 
@@ -255,11 +263,11 @@ def _require_columns(X: Any) -> None:
         )
 
 
-def _is_dask(X: Any) -> bool:
+def _is_dask(X: object) -> bool:
     return hasattr(X, "dask") and hasattr(X, "to_delayed")
 
 
-def _is_on_disk(X: Any) -> bool:
+def _is_on_disk(X: object) -> bool:
     if isinstance(X, np.memmap):
         return True
     plain = isinstance(X, np.ndarray) or hasattr(X, "iloc") or _is_dask(X)

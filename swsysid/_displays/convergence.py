@@ -13,8 +13,6 @@ from swsysid._checks.estimators import check_fitted
 from swsysid._displays.style import Display
 from swsysid.metrics import mode_accuracy
 
-__all__ = ["ConvergenceDisplay"]
-
 # A quantity that falls by more than this factor is drawn on a logarithmic axis.
 _LOG_RANGE = 100.0
 # What falls below this share of its first value is as good as zero; its size is rounding.
@@ -103,11 +101,11 @@ class ConvergenceDisplay(Display):
         panels = (
             ("objective", self.objective, self._frame_objective),
             (self.mode_label, self.mode_changes, _frame_changes),
-            ("tightness ratio", self.tightness, _frame_tightness),
+            ("tightness ratio", self.tightness, lambda ax: ax.set_ylim(-0.03, 1.05)),
         )
-        return [partial(self._draw, *panel, style=kwargs) for panel in panels]
+        return [partial(self._draw_curve, *panel, **kwargs) for panel in panels]
 
-    def _draw(self, name, values, frame, ax, style):
+    def _draw_curve(self, name, values, frame, ax, **style):
         ax.plot(self.iterations, values, **{"marker": "o", "markersize": 5, **style})
         ax.set(xlabel="iteration", ylabel=name)
         ax.xaxis.get_major_locator().set_params(integer=True)
@@ -123,23 +121,12 @@ class ConvergenceDisplay(Display):
         ax.set_yscale("log")
         if values.min() < zero:
             ax.set_ylim(bottom=zero)
-            ax.annotate(
-                "below: rounding only",
-                (1.0, 0.0),
-                xytext=(-4, 4),
-                xycoords="axes fraction",
-                textcoords="offset points",
-                ha="right",
-                color="0.4",
-                fontsize=10,
-            )
+            place = {"xycoords": "axes fraction", "textcoords": "offset points", "xytext": (-4, 4)}
+            look = {"ha": "right", "color": "0.4", "fontsize": 10}
+            ax.annotate("below: rounding only", (1.0, 0.0), **place, **look)
 
 
 def _frame_changes(ax):
     # of all curves in the panel, those of an earlier display included
     most = max(np.max(line.get_ydata()) for line in ax.get_lines())
     ax.set_ylim(0.0, 1.05 * max(most, 1.0))
-
-
-def _frame_tightness(ax):
-    ax.set_ylim(-0.03, 1.05)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, table
-from swsysid._checks.columns import column_names, in_fitted_form
-from swsysid._checks.estimators import check_fitted
+from swsysid._checks.estimators import in_fitted_form
 from swsysid._checks.parameters import whole
 from swsysid._displays.style import (
     Display,
@@ -20,11 +18,10 @@ from swsysid._displays.style import (
     legend_above,
     mode_colour,
     mode_marker,
+    read,
     resolve_column,
     thinned,
 )
-
-__all__ = ["ResidualDisplay"]
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -110,57 +107,45 @@ class ResidualDisplay(Display):
         -------
         ResidualDisplay
         """
-        check_fitted(estimator)
         whole("max_points", max_points)
-        frame = in_fitted_form(estimator, X)
-        y, columns = table("y", y), table("X", X)
-        names = column_names(estimator, X, columns.shape[1], names)
-        X = columns
-        predicted = table("the prediction", estimator.predict(frame))
+        (values, names), frame = read(estimator, X, names), in_fitted_form(estimator, X)
+        y, predicted = table("y", y), table("the prediction", estimator.predict(frame))
         if y.shape != predicted.shape:
             raise ValueError(
                 f"y has shape {np.shape(y)}; the model predicts {predicted.shape[1]} velocities of "
-                f"{len(X)} samples, give one each."
+                f"{len(values)} samples, give one each."
             )
         residuals = y - predicted
         state = _state_index(state, names, residuals)
-        coordinate, label = _coordinate(against, X, names, units)
-        modes = (
-            estimator.predict_modes(frame)
-            if hasattr(estimator, "predict_modes")
-            else np.zeros(len(X), dtype=int)
-        )
-        rows = thinned(len(X), max_points)
+        coordinate, label = _coordinate(against, values, names, units)
+        modes = np.zeros(len(y), dtype=int)
+        if hasattr(estimator, "predict_modes"):
+            modes = np.asarray(estimator.predict_modes(frame))
+        rows = thinned(len(y), max_points)
         velocity = axis_label(f"d/dt {names[state]}", units)
         display = cls(
             coordinate=coordinate[rows],
             residual=residuals[rows, state],
-            modes=np.asarray(modes)[rows],
+            modes=modes[rows],
             labels=(label, f"residual of {velocity}"),
         )
         return display.plot(ax=ax, **kwargs)
 
-    def _panels(self, **kwargs):
-        return [partial(self._draw, style={"s": 10, "alpha": 0.4, "linewidths": 0, **kwargs})]
-
-    def _draw(self, ax, style):
+    def _draw(self, ax, **kwargs):
         ax.axhline(0.0, color="0.4", linewidth=1.0)
         classes = np.unique(self.modes)
-        for position, label in enumerate(classes):
-            name = f"median, mode {label}" if len(classes) > 1 else "median"
-            self._draw_mode(ax, self.modes == label, position, name, style)
+        for position, mode in enumerate(classes):
+            points = [one[self.modes == mode] for one in (self.coordinate, self.residual)]
+            look = {"color": mode_colour(position), "marker": mode_marker(position)}
+            ax.scatter(*points, **look, **{"s": 10, "alpha": 0.4, "linewidths": 0, **kwargs})
+            bins = bins_along(points[0])
+            medians = [[np.median(one[rows]) for rows in bins] for one in points]
+            label = f"median, mode {mode}" if len(classes) > 1 else "median"
+            # a white edge keeps the line apart from the points of its own colour
+            ax.plot(*medians, color="white", linewidth=5.0)
+            ax.plot(*medians, color=mode_colour(position), linewidth=2.6, label=label)
         ax.set(xlabel=self.labels[0], ylabel=self.labels[1])
         legend_above(ax, len(classes))
-
-    def _draw_mode(self, ax, rows, position, label, style):
-        coordinate, residual = self.coordinate[rows], self.residual[rows]
-        colour = mode_colour(position)
-        ax.scatter(coordinate, residual, color=colour, marker=mode_marker(position), **style)
-        bins = bins_along(coordinate)
-        medians = [[np.median(one[rows]) for rows in bins] for one in (coordinate, residual)]
-        # a white edge keeps the line apart from the points of its own colour
-        ax.plot(*medians, color="white", linewidth=5.0)
-        ax.plot(*medians, color=colour, linewidth=2.6, label=label)
 
 
 def _state_index(state, names, residuals):

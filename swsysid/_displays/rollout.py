@@ -9,21 +9,17 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._checks.arrays import table
-from swsysid._checks.columns import column_names
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import shown, whole
+from swsysid._data.trajectories import group_labels, increasing_times, trajectories
 from swsysid._displays.style import (
     PALETTE,
     Display,
     axis_label,
     legend_above,
+    read,
     resolve_column,
-    times_of,
-    trajectories,
 )
-
-__all__ = ["RolloutDisplay"]
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -113,11 +109,9 @@ class RolloutDisplay(Display):
         """
         check_fitted(estimator, "coef_")
         whole("max_rollouts", max_rollouts)
-        columns = table("X", X)
-        names = column_names(estimator, X, columns.shape[1], names)
-        X = columns
-        t = times_of(t, groups, len(X))
-        n_states = estimator.coef_.shape[1]
+        X, names = read(estimator, X, names)
+        groups = group_labels(groups, len(X))
+        t, n_states = increasing_times(t, groups), estimator.coef_.shape[1]
         features = range(min(n_states, 2)) if features is None else features
         if isinstance(features, str) or not np.iterable(features):
             raise TypeError(f"features={shown(features)} must be a list of one or two states.")
@@ -127,14 +121,10 @@ class RolloutDisplay(Display):
                 f"features={features}; name one or two of the states {', '.join(names[:n_states])}."
             )
         times, measured, simulated = [], [], []
-        for _, rows in trajectories(groups, len(X), max_rollouts):
+        for _, rows in trajectories(groups)[:max_rollouts]:
             states, inputs = X[rows, :n_states], X[rows, n_states:]
-            rollout = estimator.simulate(
-                states[0],
-                t[rows],
-                inputs=inputs if inputs.shape[1] else None,
-                input_hold=input_hold,
-            )
+            driven = {"inputs": inputs if inputs.shape[1] else None, "input_hold": input_hold}
+            rollout = estimator.simulate(states[0], t[rows], **driven)
             times.append(t[rows] - t[rows[0]])
             measured.append(states)
             simulated.append(rollout.x)
@@ -160,31 +150,22 @@ class RolloutDisplay(Display):
 
     def _draw_trajectories(self, ax, **kwargs):
         style = {"color": PALETTE[0], "linewidth": 1.6, **kwargs}
-        for i, (t, measured, simulated) in enumerate(
-            zip(self.times, self.measured, self.simulated, strict=True)
-        ):
-            first = i == 0
-            ax.plot(*self._path(t, simulated), label="identified" if first else None, **style)
-            # a broad pale line beneath the thin dark one: both are seen where they agree
-            ax.plot(
-                *self._path(t, measured),
-                color="0.75",
-                linewidth=5.0,
-                solid_capstyle="round",
-                zorder=1,
-                label="measured" if first else None,
-            )
+        # a broad pale line beneath the thin dark one: both are seen where they agree
+        broad = {"color": "0.75", "linewidth": 5.0, "solid_capstyle": "round", "zorder": 1}
+        hidden = ""  # the legend leaves out what begins with an underscore
+        for t, measured, simulated in zip(self.times, self.measured, self.simulated, strict=True):
+            ax.plot(*self._path(t, simulated), label=f"{hidden}identified", **style)
+            ax.plot(*self._path(t, measured), label=f"{hidden}measured", **broad)
+            hidden = "_"
             if len(self.columns) == 2:
                 ax.plot(*measured[0, self.columns], "o", color="black", markersize=5)
-        over_time = len(self.columns) == 1
-        ax.set_xlabel("time (s)" if over_time else self.labels[0])
-        ax.set_ylabel(self.labels[-1])
+        xlabel = "time (s)" if len(self.columns) == 1 else self.labels[0]
+        ax.set(xlabel=xlabel, ylabel=self.labels[-1])
         legend_above(ax, 2)
 
     def _path(self, t, x):
-        if len(self.columns) == 1:
-            return t[: len(x)], x[:, self.columns[0]]
-        return x[:, self.columns[0]], x[:, self.columns[1]]
+        path = [x[:, column] for column in self.columns]
+        return path if len(path) == 2 else [t[: len(x)], *path]
 
     def _draw_errors(self, ax):
         for t, error in zip(self.times, self.errors, strict=True):

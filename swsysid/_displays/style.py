@@ -3,35 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Self
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from swsysid._checks.arrays import column, labels
-from swsysid._checks.columns import in_fitted_form
+from swsysid._checks.arrays import Array, labels, table
+from swsysid._checks.estimators import check_fitted, column_names, in_fitted_form
 from swsysid._checks.parameters import shown
-from swsysid._rendering.canvas import PALETTE, STYLE, canvas
+from swsysid._rendering.canvas import PALETTE, canvas
 from swsysid.metrics import match_modes
 
-__all__ = [
-    "PALETTE",
-    "STYLE",
-    "Display",
-    "axis_label",
-    "bins_along",
-    "canvas",
-    "frame_most",
-    "legend_above",
-    "mode_colour",
-    "mode_marker",
-    "mode_names",
-    "named_as_predicted",
-    "predicted_modes",
-    "resolve_column",
-    "thinned",
-    "times_of",
-    "trajectories",
-]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _MARKERS = ("o", "^", "s", "D", "v", "P")
 
@@ -59,16 +43,19 @@ class Display:
             Itself, with ``ax_`` and ``figure_``.
         """
         panels = self._panels(**kwargs)
-        size, columns = self._panel_size, self._n_columns
-        with canvas(ax, len(panels), panel_size=size, n_columns=columns) as axes:
+        with canvas(ax, len(panels), self._panel_size, self._n_columns) as axes:
             self.ax_ = axes[0] if self._one_panel else axes
             self.figure_ = axes[0].figure
             for draw, one in zip(panels, axes, strict=True):
                 draw(one)
         return self
 
-    def _panels(self, **kwargs) -> list[Callable[[Any], None]]:
+    def _panels(self, **kwargs) -> list[Callable[[Axes], None]]:
         """Functions that draw one panel each, on its axes."""
+        return [partial(self._draw, **kwargs)]
+
+    def _draw(self, ax, **kwargs) -> None:
+        """Draw the only panel."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -132,23 +119,11 @@ def predicted_modes(estimator, X):
     return np.asarray(predict(in_fitted_form(estimator, X)))
 
 
-def times_of(t, groups, n_samples: int):
-    """Times as numbers that increase along every trajectory."""
-    t = column("t", t, n_samples)
-    for _, rows in trajectories(groups, n_samples, n_samples):
-        if (np.diff(t[rows]) <= 0).any():
-            raise ValueError(
-                "t must increase along every trajectory; sort the rows of each trajectory by "
-                "time, or give `groups` so that trajectories are told apart."
-            )
-    return t
-
-
-def trajectories(groups, n_samples: int, limit: int):
-    """Pairs (name, rows) of at most `limit` trajectories, in order of appearance."""
-    groups = np.zeros(n_samples, int) if groups is None else labels("groups", groups, n_samples)
-    _, first = np.unique(groups, return_index=True)
-    return [(groups[i], np.flatnonzero(groups == groups[i])) for i in np.sort(first)[:limit]]
+def read(estimator, X, names=None) -> tuple[Array, list[str]]:
+    """X as an array and the names of its columns, for an estimator that has been fitted."""
+    check_fitted(estimator)
+    values = table("X", X)
+    return values, column_names(estimator, X, values.shape[1], names)
 
 
 def thinned(n_points: int, most: int) -> slice:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._checks.arrays import table
-from swsysid._checks.columns import column_names, in_fitted_form
-from swsysid._checks.estimators import check_fitted
+from swsysid._checks.estimators import in_fitted_form
 from swsysid._checks.parameters import function, shown, whole
 from swsysid._displays.style import (
     Display,
@@ -21,11 +18,10 @@ from swsysid._displays.style import (
     mode_names,
     named_as_predicted,
     predicted_modes,
+    read,
     resolve_column,
 )
 from swsysid._surfaces.surface import gives_values, mode_book_of
-
-__all__ = ["SwitchingSurfaceDisplay"]
 
 _MOST_RESOLUTION = 5000
 
@@ -130,29 +126,29 @@ class SwitchingSurfaceDisplay(Display):
         -------
         SwitchingSurfaceDisplay
         """
-        check_fitted(estimator)
         whole("grid_resolution", grid_resolution, least=2, most=_MOST_RESOLUTION)
         function("true_guard", true_guard, "X", also=(None,))
-        values = table("X", X)
-        names = column_names(estimator, X, values.shape[1], names)
-        X = values
+        X, names = read(estimator, X, names)
         if X.shape[1] < 2:
             raise ValueError("X has one feature; a plane needs two.")
         if isinstance(features, str) or not np.iterable(features) or len(list(features)) != 2:
             raise ValueError(f"features={shown(features)} must name the two columns on the axes.")
         columns = [resolve_column(feature, names) for feature in features]
         if limits is None:
-            limits = [_padded_range(X[:, column]) for column in columns]
+            room = [0.04 * (np.ptp(X[:, column]) or 1.0) for column in columns]
+            ends = X[:, columns].min(axis=0) - room, X[:, columns].max(axis=0) + room
+            limits = np.transpose(ends)
         grid = tuple(np.linspace(low, high, grid_resolution) for low, high in limits)
-        points, shape = _plane(X, columns, grid)
+        first, second = np.meshgrid(*grid)
+        shape, points = first.shape, np.tile(np.median(X, axis=0), (first.size, 1))
+        points[:, columns] = np.column_stack([first.ravel(), second.ravel()])
 
         predicted = predicted_modes(estimator, np.vstack([X, points]))
         if isinstance(modes, str):
             modes = _fitted_modes(estimator, modes, len(X))
         else:
             modes = named_as_predicted(modes, predicted[: len(X)])
-        in_plane = predicted[len(X) :]
-        regions = np.searchsorted(np.unique(predicted), in_plane).reshape(shape)
+        regions = np.searchsorted(np.unique(predicted), predicted[len(X) :]).reshape(shape)
         display = cls(
             grid=grid,
             regions=regions,
@@ -165,12 +161,17 @@ class SwitchingSurfaceDisplay(Display):
         )
         return display.plot(ax=ax, **kwargs)
 
-    def _panels(self, **kwargs):
-        return [partial(self._draw, **kwargs)]
-
     def _draw(self, ax, **kwargs):
-        self._shade_regions(ax)
-        self._scatter(ax, **kwargs)
+        style = {"s": 14, "alpha": 0.75, "linewidths": 0, **kwargs}
+        looks = [(mode_colour(place), mode_marker(place)) for place in range(len(self.classes))]
+        for position, (colour, _) in enumerate(looks):
+            # a mask of one region, filled where it exceeds one half
+            mask = (self.regions == position).astype(float)
+            if mask.any():
+                ax.contourf(*self.grid, mask, levels=[0.5, 1.5], colors=[colour], alpha=0.18)
+        for mode, (colour, marker) in zip(self.classes, looks, strict=True):
+            points = self.samples[self.modes == mode].T
+            ax.scatter(*points, color=colour, marker=marker, label=f"mode {mode}", **style)
         _draw_levels(ax, self.grid, self.levels, "identified surface", "black", "-")
         _draw_levels(ax, self.grid, self.true_levels, "true guard", "#F0E442", "--")
         ax.set(xlabel=self.labels[0], ylabel=self.labels[1])
@@ -182,27 +183,6 @@ class SwitchingSurfaceDisplay(Display):
         for handle in legend.legend_handles[: len(self.classes)]:
             handle.set_sizes([50])
             handle.set_alpha(1.0)
-
-    def _shade_regions(self, ax):
-        for position in range(len(self.classes)):
-            # a mask of one region, filled where it exceeds one half
-            mask = (self.regions == position).astype(float)
-            if mask.any():
-                ax.contourf(
-                    *self.grid, mask, levels=[0.5, 1.5], colors=[mode_colour(position)], alpha=0.18
-                )
-
-    def _scatter(self, ax, **kwargs):
-        style = {"s": 14, "alpha": 0.75, "linewidths": 0, **kwargs}
-        for position, label in enumerate(self.classes):
-            rows = self.modes == label
-            ax.scatter(
-                *self.samples[rows].T,
-                color=mode_colour(position),
-                marker=mode_marker(position),
-                label=f"mode {label}",
-                **style,
-            )
 
 
 def _fitted_modes(estimator, modes, n_samples):
@@ -218,22 +198,9 @@ def _fitted_modes(estimator, modes, n_samples):
     return labels
 
 
-def _padded_range(values):
-    pad = 0.04 * (np.ptp(values) or 1.0)
-    return values.min() - pad, values.max() + pad
-
-
-def _plane(X, columns, grid):
-    """Points of the plane, all other features at their medians, and the shape of the grid."""
-    first, second = np.meshgrid(*grid)
-    points = np.tile(np.median(X, axis=0), (first.size, 1))
-    points[:, columns] = np.column_stack([first.ravel(), second.ravel()])
-    return points, first.shape
-
-
 def _level_functions(estimator, points, regions):
     surface = getattr(estimator, "surface_", estimator)
-    # a surface between two of several modes is an edge only where no third mode is active
+    # A surface between two of several modes is an edge only where no third mode is active
     book = mode_book_of(surface)
     if gives_values(surface) and (book is None or book.all()):
         values = surface.surface_values(in_fitted_form(surface, points))
@@ -252,16 +219,12 @@ def _draw_levels(ax, grid, levels, label, colour, style):
 
     # the yellow dashes of the true guard lie on the black line of the identified surface
     width = 3.0 if style == "-" else 1.8
-    drawn = False
-    for level in levels:
-        if level.min() < 0.0 < level.max():
-            ax.contour(
-                *grid, level, levels=[0.0], colors=colour, linestyles=style, linewidths=width
-            )
-            drawn = True
-    if drawn:
+    look = {"colors": colour, "linestyles": style, "linewidths": width}
+    crossing = [level for level in levels if level.min() < 0.0 < level.max()]
+    for level in crossing:
+        ax.contour(*grid, level, levels=[0.0], **look)
+    if crossing:
         (proxy,) = ax.plot([], [], color=colour, linestyle=style, linewidth=width, label=label)
         if style != "-":
-            proxy.set_path_effects(
-                [effects.Stroke(linewidth=3.4, foreground="black"), effects.Normal()]
-            )
+            edge = effects.Stroke(linewidth=3.4, foreground="black")
+            proxy.set_path_effects([edge, effects.Normal()])

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import whole
+from swsysid._data.trajectories import group_labels, increasing_times, trajectories
 from swsysid._displays.style import (
     Display,
     legend_above,
@@ -17,11 +17,7 @@ from swsysid._displays.style import (
     mode_names,
     named_as_predicted,
     predicted_modes,
-    times_of,
-    trajectories,
 )
-
-__all__ = ["ModeTimelineDisplay"]
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -96,8 +92,8 @@ class ModeTimelineDisplay(Display):
         check_fitted(estimator)
         whole("max_trajectories", max_trajectories)
         predicted = predicted_modes(estimator, X)
-        t = times_of(t, groups, len(predicted))
-        chosen = trajectories(groups, len(t), max_trajectories)
+        groups = group_labels(groups, len(predicted))
+        t, chosen = increasing_times(t, groups), trajectories(groups)[:max_trajectories]
         named = named_as_predicted(modes, predicted)
         display = cls(
             times=[t[rows] for _, rows in chosen],
@@ -112,9 +108,6 @@ class ModeTimelineDisplay(Display):
     def _panel_size(self):
         return 8.0, 1.6 + 0.45 * len(self.groups)
 
-    def _panels(self, **kwargs):
-        return [partial(self._draw, **kwargs)]
-
     def _draw(self, ax, **kwargs):
         top = 0.8 if self.true_modes is None else 0.5
         for row, (t, modes) in enumerate(zip(self.times, self.modes, strict=True)):
@@ -128,7 +121,8 @@ class ModeTimelineDisplay(Display):
         self._legend(ax)
 
     def _bar(self, ax, t, modes, bottom, height, **kwargs):
-        edges = _sample_edges(t)
+        # Each sample holds from the middle of the interval before it to that after it.
+        edges = np.r_[t[0], (t[1:] + t[:-1]) / 2, t[-1]]
         starts = np.flatnonzero(np.r_[True, modes[1:] != modes[:-1]])
         stops = np.r_[starts[1:], len(modes)]
         colours = [mode_colour(self.classes.index(mode)) for mode in modes[starts]]
@@ -145,9 +139,3 @@ class ModeTimelineDisplay(Display):
         if self.true_modes is not None:
             handles.append(Patch(color="0.6", label="thin bar: true modes"))
         legend_above(ax, len(handles), handles=handles)
-
-
-def _sample_edges(t):
-    """Each sample holds from the middle of the interval before it to that after it."""
-    middles = (t[1:] + t[:-1]) / 2
-    return np.r_[t[0], middles, t[-1]]

@@ -9,20 +9,10 @@ from swsysid._pipelines import steps_before
 from swsysid.effects import MeasurementEffect
 from swsysid.effects._types import WithoutColumns
 
-__all__ = ["guards_with_effects", "laws_with_effects"]
-
 
 def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style: str) -> list[str]:
-    """The law of every mode with the effects' terms, then what sensors and clocks do.
-
-    Parameters
-    ----------
-    fit : JointFit
-    names : sequence of str
-        Names of the channels.
-    precision : int
-    style : {"text", "latex"}
-    """
+    """The law of every mode with the effects' terms, then what sensors and clocks do."""
+    # `names` are those of the channels, `style` is "text" or "latex".
 
     def added(mode: int, state: int) -> Iterator[tuple[float, str, float]]:
         for term, coef in zip(fit.terms, fit.coef, strict=True):

@@ -5,11 +5,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import check_random_state
 
@@ -26,9 +25,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, GuardWarning, IdentificationWarning, MisfitWarning
 from swsysid._simulation.model import SwitchingModel
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
-from swsysid.effects._placed import corrected, guard_among
-
-__all__ = ["JointFit", "check_declared", "fit_jointly", "warn_of_doubts"]
+from swsysid.effects._placed import corrected
 
 Modes = NDArray[np.intp]
 
@@ -38,26 +35,13 @@ _DOUBTS = (ConvergenceWarning, IdentificationWarning)
 
 @dataclass(frozen=True)
 class JointFit:
-    """A fitted declared model, the effects beside it and their coefficients.
+    """A fitted declared model, the effects beside it and their coefficients."""
 
-    Attributes
-    ----------
-    estimator : fitted estimator
-        Fitted to what the effects leave over.
-    terms : tuple of PlacedEffect
-    coef : tuple of ndarray
-        Coefficients of the columns of each term (`PlacedEffect.design`).
-    modes : ndarray of shape (n_samples,), int
-        Modes of the rows of the fit, from the data.
-    doubts : tuple of Warning
-        What the declared model had to say of its fit.
-    """
-
-    estimator: Any
+    estimator: BaseEstimator  # fitted to what the effects leave over
     terms: tuple[PlacedEffect, ...]
-    coef: tuple[Array, ...]
-    modes: Modes
-    doubts: tuple[Warning, ...] = ()
+    coef: tuple[Array, ...]  # of the columns of each term (`PlacedEffect.design`)
+    modes: Modes  # of the rows of the fit, from the data
+    doubts: tuple[Warning, ...] = ()  # what the declared model had to say of its fit
 
     @property
     def switching(self) -> SwitchingSystemRegressor:
@@ -78,7 +62,7 @@ class JointFit:
     @property
     def guard(self) -> PlacedEffect | None:
         """The effect that takes the place of the surface, if there is one."""
-        return guard_among(self.terms)
+        return next((term for term in self.terms if isinstance(term.effect, GuardEffect)), None)
 
     def seen(self, records: Records) -> Array:
         """States and inputs as the switching regressor sees them, measurement corrected."""
@@ -132,7 +116,7 @@ class JointFit:
         return targets - self.predict(records, self.modes_along(records, rows))[rows]
 
 
-def check_declared(estimator: Any) -> None:
+def check_declared(estimator: object) -> None:
     """Refuse a declared model that is no switching regressor, and one that is a class."""
     regressor = None if isinstance(estimator, type) else switching_step(estimator)[1]
     if isinstance(regressor, type) or not hasattr(regressor, "mode_velocities"):
@@ -143,7 +127,7 @@ def check_declared(estimator: Any) -> None:
 
 
 def fit_jointly(
-    estimator: Any,
+    estimator: BaseEstimator,
     terms: Sequence[PlacedEffect],
     records: Records,
     rows: NDArray[np.intp],
@@ -157,25 +141,11 @@ def fit_jointly(
     An effect in the place of a feature (a lag of the input instead of the input) has one gain in
     each mode. What it adds is taken from the velocities before the declared model is fitted to
     the rest; all that tells modes apart that differ in this gain alone would go with it. The
-    feature has the gains while the model is fitted (`_feature_offset`), and the fitted laws are
-    restored afterwards.
+    feature has the gains while the model is fitted, and the fitted laws are restored afterwards.
 
-    Parameters
-    ----------
-    estimator : estimator
-        The declared model, not fitted.
-    terms : sequence of PlacedEffect
-    records : Records
-        The whole record, along which columns with a memory are computed.
-    rows : ndarray
-        Rows of the record to fit.
-    targets : ndarray of shape (n_rows, n_states)
-    modes : ndarray of shape (n_rows,), default=None
-        Modes to start from; sought with the effects' columns in the library if None.
-    rounds : int, default=4
-        Most alternations.
-    like : ndarray of shape (n_rows,), default=None
-        Modes to which the numbers in `terms` refer, where `modes` are sought.
+    Columns with a memory are computed along the whole `records`, of which `rows` with `targets`
+    are fitted. Without `modes` to start from they are sought with the effects' columns in the
+    library; `like` then are modes to which the numbers in `terms` refer.
     """
     terms = tuple(terms)
     for term in terms:
@@ -193,16 +163,20 @@ def fit_jointly(
     if modes is None:
         modes = _modes_with_columns(estimator, np.column_stack(columns), seen, targets)
         modes = modes if like is None else _matching(modes, like)[modes]
-    features = _library_values(estimator, seen)
+    library, feature_map = _library(estimator, seen.X)
+    features = feature_map(library)
     robust = switching_step(estimator)[1].loss != "squared"
     for _ in range(rounds):
         coef = _effect_coefficients(features, robust, terms, columns, targets, modes)
-        offset = _feature_offset(terms, coef, features, seen, modes)
-        rest = targets - _added(terms, columns, coef, modes, targets.shape)
-        rest += np.einsum("nkf,nf->nk", offset[modes], features)
+        replaced = _replaced_laws(terms, coef, features, seen, modes)
+        rest = targets + np.einsum("nkf,nf->nk", replaced[modes], features)
+        for term, part, values in zip(terms, columns, coef, strict=True):
+            rest[:, term.target] -= term.design(part, modes, len(replaced)) @ values
         fitted, doubts = _fitted(estimator, seen, rest, modes)
-        order = _matching(modes, _modes_of(fitted))
-        _restore(switching_step(fitted)[1].coef_, offset, order)
+        order, laws = _matching(modes, _modes_of(fitted)), switching_step(fitted)[1].coef_
+        for mode, own in enumerate(replaced):
+            if order[mode] < len(laws):  # a mode may have been left without rows
+                laws[order[mode]] -= own
         terms = tuple(term.renumbered(order) for term in terms)
         before, modes = order[modes], _modes_of(fitted)
         if np.mean(before != modes) <= _SAME_MODES:
@@ -212,10 +186,8 @@ def fit_jointly(
 
 
 def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:
-    """Warn of what the declared model warned of in this fit, from `stacklevel` frames above.
-
-    That the modes are no function of the state is no doubt where a guard remembers.
-    """
+    """Warn of what the declared model warned of in this fit, from `stacklevel` frames above."""
+    # That the modes are no function of the state is no doubt where a guard remembers.
     for doubt in fit.doubts:
         if fit.guard is None or not isinstance(doubt, GuardWarning):
             warnings.warn(doubt, stacklevel=stacklevel + 1)
@@ -225,13 +197,11 @@ def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:
 
 
 def _fitted(
-    estimator: Any, records: Records, targets: Array, modes: Modes | None
-) -> tuple[Any, tuple[Warning, ...]]:
-    """The declared model, from known modes if there are any, and what it warns of.
-
-    A search fits it often and on data that lack something: only the fit that is handed over may
-    warn the user; see `warn_of_doubts`.
-    """
+    estimator: BaseEstimator, records: Records, targets: Array, modes: Modes | None
+) -> tuple[BaseEstimator, tuple[Warning, ...]]:
+    """The declared model, from known modes if there are any, and what it warns of."""
+    # A search fits it often and on data that lack something: only the fit that is handed over may
+    # warn the user; see `warn_of_doubts`.
     declared = switching_step(estimator)[1].get_params(deep=False)
     copy = clone(estimator)
     if modes is not None and declared["init"] == "auto":
@@ -250,12 +220,14 @@ def _fitted(
     return copy, tuple(one for one in doubts if isinstance(one, Warning))
 
 
-def _modes_of(fitted: Any) -> Modes:
+def _modes_of(fitted: BaseEstimator) -> Modes:
     modes: Modes = switching_step(fitted)[1].modes_
     return modes
 
 
-def _modes_with_columns(estimator: Any, columns: Array, records: Records, targets: Array) -> Modes:
+def _modes_with_columns(
+    estimator: BaseEstimator, columns: Array, records: Records, targets: Array
+) -> Modes:
     """Modes of an identification whose library has the effects' columns as well."""
     switching = switching_step(estimator)[1]
     X, feature_map = _library(estimator, records.X)
@@ -273,13 +245,7 @@ def _modes_with_columns(estimator: Any, columns: Array, records: Records, target
     return rows.restore(found.best.modes)
 
 
-def _library_values(estimator: Any, records: Records) -> Array:
-    """Library of an estimator not fitted, (n_samples, n_features_out)."""
-    X, feature_map = _library(estimator, records.X)
-    return feature_map(X)
-
-
-def _library(estimator: Any, X: Array) -> tuple[Array, FeatureMap]:
+def _library(estimator: BaseEstimator, X: Array) -> tuple[Array, FeatureMap]:
     """What the switching regressor of an estimator not fitted would see, and its library."""
     before = steps_before(estimator)
     X = X if before is None else clone(before).fit(X).transform(X)
@@ -328,21 +294,7 @@ def _effect_coefficients(
     return coef
 
 
-def _added(
-    terms: Sequence[PlacedEffect],
-    columns: Sequence[Array],
-    coef: Sequence[Array],
-    modes: Modes,
-    shape: tuple[int, ...],
-) -> Array:
-    """What the effects add to the velocities."""
-    added, n_modes = np.zeros(shape), int(modes.max()) + 1
-    for term, part, values in zip(terms, columns, coef, strict=True):
-        added[:, term.target] += term.design(part, modes, n_modes) @ values
-    return added
-
-
-def _feature_offset(
+def _replaced_laws(
     terms: Sequence[PlacedEffect],
     coef: Sequence[Array],
     features: Array,
@@ -351,21 +303,14 @@ def _feature_offset(
 ) -> Array:
     """Laws (n_modes, n_states, n_features) in which replaced features have the effects' gains."""
     n_modes = int(modes.max()) + 1
-    offset = np.zeros((n_modes, records.n_states, features.shape[1]))
+    laws = np.zeros((n_modes, records.n_states, features.shape[1]))
     for term, values in zip(terms, coef, strict=True):
         if term.replaced is not None:
             column, channel = features[:, term.replaced], records.channel(int(term.place))
             unit = float(column @ channel) / max(float(column @ column), 1e-300)
             gains = values.reshape(n_modes, -1).sum(axis=1)
-            offset[:, term.target, term.replaced] += unit * gains
-    return offset
-
-
-def _restore(laws: Array, offset: Array, order: Modes) -> None:
-    """Take the offset out of fitted laws, in place; `order` has the new number of each mode."""
-    for mode, own in enumerate(offset):
-        if order[mode] < len(laws):  # a mode may have been left without rows
-            laws[order[mode]] -= own
+            laws[:, term.target, term.replaced] += unit * gains
+    return laws
 
 
 def _matching(before: Modes, after: Modes) -> Modes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,8 +20,6 @@ from swsysid.effects import PlacedEffect, ResetEffect
 from swsysid.effects._base import Place
 from swsysid.effects._placed import corrected
 
-__all__ = ["simulate_with_effects"]
-
 
 def simulate_with_effects(
     fit: JointFit, x0, t, inputs=None, *, signals=None, input_hold="zero", **options
@@ -31,53 +29,16 @@ def simulate_with_effects(
     Effects of the present state, inputs and time, and those that remember an input, are
     integrated as `simulate` does, friction with its sticking included. Where an effect remembers
     the state (a delayed or played state, a guard with hysteresis) or lets it jump, each sample
-    interval is cut into four Runge-Kutta steps. In discrete time the map is iterated.
+    interval is cut into four Runge-Kutta steps. In discrete time the map is iterated. Options of
+    the integrator of `simulate` have no effect on fixed steps and maps.
 
-    Parameters
-    ----------
-    fit : JointFit
-    x0 : array-like of shape (n_states,)
-        The first state as its sensors show it.
-    t : array-like of shape (n_times,)
-        Strictly increasing times, on the clock of the fit (a drift or a forcing starts there).
-    inputs : array-like of shape (n_times, n_inputs), default=None
-    signals : array-like of shape (n_times, n_signals), default=None
-    input_hold : {"zero", "linear"}, default="zero"
-        Inputs and signals between the samples.
-    **options
-        ``max_switches``, ``max_steps``, ``state_bound``, ``rtol``, ``atol``, ``method`` of
-        `simulate`; those of its integrator have no effect on fixed steps and maps.
-
-    Returns
-    -------
-    Trajectory
-        Its states are what the sensors would record, those of its events the true ones. Where
-        friction holds a state, "sliding" is the begin and "leaving" the end.
+    The states, from `x0` on, are what the sensors record, those of the events the true ones. Where
+    friction holds a state, "sliding" is the begin and "leaving" the end. Times are on the clock
+    of the fit: a drift or a forcing starts there.
     """
     checked = checked_options(options)
     rollout = _Rollout(fit, x0, t, inputs, signals, input_hold)
-    if rollout.is_discrete:
-        trajectory = rollout.iterate(checked)
-    elif rollout.system.remembers:
-        trajectory = rollout.step(checked)
-    else:
-        trajectory = rollout.follow(checked)
-    return rollout.as_recorded(trajectory)
-
-
-@dataclass(frozen=True)
-class _Sorted:
-    """The terms of a fit by what a simulation has to do for them."""
-
-    acting: list[ActingTerm]
-    breaks: list[tuple[int, float]]
-    tabulated: list[PlacedEffect]
-    guard: Memory | None
-    resets: list[tuple[tuple[int, int], int, float]]
-
-    def without_breaks(self) -> _Sorted:
-        """The same with columns that jump where the state does."""
-        return replace(self, acting=[replace(one, breaks=()) for one in self.acting], breaks=[])
+    return rollout.as_recorded(rollout.run(checked))
 
 
 class _Rollout:
@@ -95,19 +56,21 @@ class _Rollout:
         _check_states(x0, self.n_states, n_columns)
         n_known = min(len(inputs), len(signals))
         self.inputs, self.signals = inputs[:n_known], signals[:n_known]
-        self.sorted = _sorted(fit, n_columns, self.n_states, self.signals.shape[1])
-        if self.is_discrete:  # a map steps over every level: its columns are those of the state
-            self.sorted = self.sorted.without_breaks()
-        sizes = (self.n_states, self.inputs.shape[1], self.signals.shape[1])
-        before = None if steps_before(fit.estimator) is None else transform
+        # among the given channels, tabulated columns follow the inputs, the time and the signals
+        first_tabulated = n_columns - self.n_states + 1 + self.signals.shape[1]
+        acting, breaks = _acting_terms(fit, self.n_states, first_tabulated)
         self.system = EffectSystem(
             fit.model,
-            before,
-            self.sorted.acting,
-            self.sorted.breaks,
-            sizes,
-            guard=self.sorted.guard,
-            resets=self.sorted.resets,
+            None if steps_before(fit.estimator) is None else transform,
+            acting,
+            breaks,
+            (self.n_states, self.inputs.shape[1], self.signals.shape[1]),
+            guard=None if fit.guard is None else Memory(fit.guard),
+            resets=[
+                (term.place, term.target, term.effect.factor(*term.theta))
+                for term in fit.terms
+                if isinstance(term.effect, ResetEffect)
+            ],
         )
         self.given = Given(
             self.n_states,
@@ -115,44 +78,29 @@ class _Rollout:
             self.inputs,
             self.signals,
             input_hold == "linear",
-            self.sorted.tabulated,
+            [one.term for one in acting if one.tabulated is not None],
         )
-        self.x0 = self._true(x0)
-
-    def _true(self, x0):
-        """The state behind what the sensors show."""
+        # the state behind what the sensors show
         row = np.concatenate([x0, self.inputs[0]])[None]
         records = trajectory_records(row, self.n_states, self.t[:1], self.signals[:1])
-        return corrected(self.terms, records).X[0, : self.n_states]
+        self.x0 = corrected(self.terms, records).X[0, : self.n_states]
 
-    def _grid(self):
+    def run(self, options: Options) -> Trajectory:
+        """Iterate the map, integrate from event to event, or step from sample to sample."""
+        system, given = self.system, self.given
+        if self.is_discrete:
+            return iterate(system, self.x0, self.t, given.sampled(given.t), options)
         every = [term.effect.instants(self.t, *term.theta) for term in self.terms]
-        return refined_grid(self.t, np.concatenate([np.empty(0), *every]))
-
-    # -- three ways to roll out ----------------------------------------------------------------
-
-    def follow(self, options: Options) -> Trajectory:
-        """Integrate from event to event."""
-        grid, n_given = self._grid(), self.inputs.shape[1] + self.signals.shape[1]
-        pieces = self.given.stretches(grid)
-        if not n_given and not self.sorted.tabulated:
-            # only time goes on: one stretch
-            pieces = [(float(grid[-1]), pieces[0][1])]
-        done = follow(self.system, self.x0, grid, pieces, options)
-        if done.status is Status.SWITCH_LIMIT and len(self.sorted.breaks) > 1:
+        grid = refined_grid(self.t, np.concatenate([np.empty(0), *every]))
+        pieces = given.stretches(grid)
+        if not system.remembers:
+            only_time = not (self.inputs.shape[1] or self.signals.shape[1] or given.terms)
+            whole = [(float(grid[-1]), pieces[0][1])] if only_time else pieces
+            done = follow(system, self.x0, grid, whole, options)
             # events one by one cannot hold two states at rest at once, fixed steps can
-            return self.step(options)
-        return self._without_sides(done)
-
-    def step(self, options: Options) -> Trajectory:
-        """Step from sample to sample."""
-        grid = self._grid()
-        return step_along(self.system, self.x0, grid, self.given.stretches(grid), options)
-
-    def iterate(self, options: Options) -> Trajectory:
-        """Iterate the map."""
-        given = self.given.sampled(self.given.t)
-        return iterate(self.system, self.x0, self.t, given, options)
+            if done.status is not Status.SWITCH_LIMIT or len(system.breaks) < 2:
+                return self._without_sides(done)
+        return step_along(system, self.x0, grid, pieces, options)
 
     # -- what is returned ------------------------------------------------------------------------
 
@@ -165,7 +113,7 @@ class _Rollout:
             changed = event.before // n_modes ^ event.after // n_modes
             if event.kind == "sliding" and changed:
                 held = (done.t >= event.time) & (done.t < end)
-                for number, (channel, level) in enumerate(self.sorted.breaks):
+                for number, (channel, level) in enumerate(self.system.breaks):
                     if changed >> number & 1:
                         x[held, channel] = level
             if modes[0] != modes[1] or event.kind in ("sliding", "leaving"):
@@ -187,56 +135,48 @@ class _Rollout:
 # -- what a fit needs ------------------------------------------------------------------------------
 
 
-def _channels(place: Place) -> tuple[int, ...] | None:
-    """Channels that a place names, None if it is something else."""
+def _channels(place: Place) -> tuple[int, ...]:
+    """Channels that a place names, none if it is something else."""
     listed = place if isinstance(place, tuple) else (place,)
-    numbers = [number for number in listed if isinstance(number, (int, np.integer))]
-    return tuple(map(int, numbers)) if len(numbers) == len(listed) else None
+    a_channel = all(isinstance(number, (int, np.integer)) for number in listed)
+    return tuple(map(int, listed)) if a_channel else ()
 
 
 def _n_signals(terms: Sequence[PlacedEffect], n_columns: int) -> int:
     """Number of logged signals that the effects use."""
-    used = [channel for term in terms for channel in _channels(term.place) or ()]
-    return max([channel + 1 - n_columns for channel in used if channel >= n_columns], default=0)
+    used = [channel for term in terms for channel in _channels(term.place)]
+    return max([0, *(channel + 1 - n_columns for channel in used)])
 
 
-def _sorted(fit: JointFit, n_columns: int, n_states: int, n_signals: int) -> _Sorted:
-    guard = None if fit.guard is None else Memory(fit.guard)
-    done = _Sorted([], [], [], guard, [])
-    # among the given channels, tabulated columns follow the inputs, the time and the signals
-    place = n_columns - n_states + 1 + n_signals
+def _acting_terms(
+    fit: JointFit, n_states: int, first_tabulated: int
+) -> tuple[list[ActingTerm], list[tuple[int, float]]]:
+    """Effects with columns, and where these jump."""
+    # Columns of inputs and signals alone are known, and tabulated, before the rollout.
+    acting: list[ActingTerm] = []
+    breaks: list[tuple[int, float]] = []
+    place = first_tabulated
     for term, coef in zip(fit.terms, fit.coef, strict=True):
-        effect = term.effect
-        if isinstance(effect, ResetEffect):
-            done.resets.append((term.place, term.target, effect.factor(*term.theta)))
-        gains = _gains(term, coef, fit.n_modes)
-        if not gains.size:
+        each = [term.in_mode(coef, mode, fit.n_modes) for mode in range(fit.n_modes)]
+        width = max(map(len, each))
+        if not width:
             continue
+        gains = np.array([own if len(own) else np.zeros(width) for own in each])
         tabulated = memory = None
-        if "order" in effect.needs and _only_given(term.place, n_states):
-            tabulated = slice(place, place + gains.shape[1])
-            place = tabulated.stop
-            done.tabulated.append(term)
-        elif "order" in effect.needs:
-            memory = Memory(term)
-        own = effect.breaks(term.place, *term.theta)
-        done.breaks.extend(one for one in own if one not in done.breaks)
-        numbers = tuple(done.breaks.index(one) for one in own)
-        done.acting.append(ActingTerm(term, gains, numbers, tabulated, memory))
-    return done
-
-
-def _gains(term: PlacedEffect, coef: Array, n_modes: int) -> Array:
-    """Coefficients of the columns in each mode, (n_modes, n_columns)."""
-    each = [term.in_mode(coef, mode, n_modes) for mode in range(n_modes)]
-    width = max(map(len, each))
-    return np.array([own if len(own) else np.zeros(width) for own in each])
-
-
-def _only_given(place: Place, n_states: int) -> bool:
-    """True if an effect is a function of inputs and signals alone."""
-    channels = _channels(place)
-    return channels is not None and min(channels) >= n_states
+        if "order" in term.effect.needs:
+            channels = _channels(term.place)
+            if channels and min(channels) >= n_states:
+                tabulated = slice(place, place + width)
+                place = tabulated.stop
+            else:
+                memory = Memory(term)
+        # a map steps over every level: its columns are those of the state
+        discrete = fit.switching.discrete_time
+        own = () if discrete else term.effect.breaks(term.place, *term.theta)
+        breaks.extend(one for one in own if one not in breaks)
+        numbers = tuple(breaks.index(one) for one in own)
+        acting.append(ActingTerm(term, gains, numbers, tabulated, memory))
+    return acting, breaks
 
 
 # -- refusals --------------------------------------------------------------------------------------

@@ -23,58 +23,29 @@ from swsysid.effects import Effect, PlacedEffect
 from swsysid.effects._base import Place
 from swsysid.effects._placed import corrected
 
-__all__ = ["CandidateContext", "Trial", "candidate_context"]
-
 Columns = dict[tuple[int, Place], Array]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate and how it predicts rows that it has not seen.
+    """A candidate and how it predicts rows that it has not seen."""
 
-    Attributes
-    ----------
-    candidate : PlacedEffect
-        With the nonlinear parameters that suit all rows of the search.
-    change : ndarray of shape (n_samples,)
-        What the candidate adds to the prediction of the target on held-out rows.
-    grid : ndarray of shape (n_values, n_theta)
-        Values that were scanned.
-    by_fold : tuple of int
-        Value of the scan that suits each fold, and all rows at the end.
-    """
-
-    candidate: PlacedEffect
-    change: Array
-    grid: Array
-    by_fold: tuple[int, ...]
+    candidate: PlacedEffect  # with the nonlinear parameters that suit all rows of the search
+    change: Array  # what it adds to the prediction of its target on held-out rows
+    grid: Array  # values that were scanned, (n_values, n_theta)
+    by_fold: tuple[int, ...]  # that which suits each fold, and all rows at the end
 
 
 @dataclass(frozen=True)
 class CandidateContext:
-    """A fit beside which candidates are tried.
-
-    Attributes
-    ----------
-    fit : JointFit
-    data : SearchData
-        With the record as the sensors of the fit would have it.
-    regression : Regression
-        Of the library and the columns of the effects found so far.
-    linear : dict
-        Which channel (key) is which feature.
-    replaced : set of (target, feature)
-        Features whose place another effect has.
-    kept : dict
-        Columns that were computed before.
-    """
+    """A fit beside which candidates are tried."""
 
     fit: JointFit
-    data: SearchData
-    regression: Regression
-    linear: dict[int, int]
-    replaced: set[tuple[int, int]]
-    kept: Columns = field(repr=False)
+    data: SearchData  # with the record as the sensors of the fit would have it
+    regression: Regression  # of the library and the columns of the effects found so far
+    linear: dict[int, int]  # which channel (key) is which feature
+    replaced: set[tuple[int, int]]  # (target, feature) whose place another effect has
+    kept: Columns = field(repr=False)  # that were computed before
     _backgrounds: dict[int | None, list[Background]] = field(default_factory=dict, repr=False)
 
     @property
@@ -101,23 +72,17 @@ class CandidateContext:
     def held_out(self) -> Array:
         """Residuals of the fit on rows that its regressions have not seen."""
         residuals = np.empty_like(self.regression.targets)
-        for background, test in zip(self.backgrounds(), self.tests, strict=True):
-            if test is not None:
-                residuals[test] = background.residuals(self.regression.targets, test)
+        for background, (_, test) in zip(
+            self.backgrounds(), self.regression.folds.parts, strict=False
+        ):
+            residuals[test] = background.residuals(self.regression.targets, test)
         return residuals
-
-    @cached_property
-    def loss(self) -> Array:
-        """Weighted sum of squares of `held_out` in each block, (n_blocks, n_states)."""
-        return self.regression.block_sums(self.held_out**2)
 
     # -- columns ---------------------------------------------------------------------------------
 
     def columns(self, effect: Effect, place: Place, grid: Array) -> Array:
-        """Columns for every row of a grid of parameters, (n_samples, n_values, n_terms).
-
-        Those with a memory are computed along whole trajectories and cut to the rows afterwards.
-        """
+        """Columns for every row of a grid of parameters, (n_samples, n_values, n_terms)."""
+        # Those with a memory are computed along whole trajectories and cut to the rows afterwards.
         rows = self.data.rows
         listed = [effect.columns(self.records, place, *theta)[rows] for theta in grid]
         return np.stack(listed, axis=1)
@@ -128,13 +93,6 @@ class CandidateContext:
         if key not in self.kept:
             self.kept[key] = self.columns(effect, place, grid)
         return self.kept[key]
-
-    def is_spanned(self, effect: Effect, place: Place) -> bool:
-        """True if the library leaves nothing of an effect's columns, which have no parameters."""
-        if not effect.terms or effect.parameters(self.records, place):
-            return False
-        columns = self.columns(effect, place, np.empty((1, 0)))
-        return bool(self.backgrounds()[-1].normal_equations(columns).spanned.all())
 
     # -- what the data say beside the laws -------------------------------------------------------
 
@@ -178,26 +136,21 @@ class CandidateContext:
     # -- what a trial is worth -------------------------------------------------------------------
 
     def gains(self, trials: list[Trial]) -> Array:
-        """Gain in log likelihood of each trial in each block, (n_trials, n_blocks).
-
-        The unit of the squares in each state is what the best of the trials leaves over there.
-        """
-        losses = np.array([self._loss_with(trial) for trial in trials])
+        """Gain in log likelihood of each trial in each block, (n_trials, n_blocks)."""
+        # The unit of the squares in each state is what the best of the trials leaves over there.
+        before = self.regression.block_sums(self.held_out**2)
         targets = np.array([trial.candidate.target for trial in trials])
-        least = np.array(
+        losses = np.array(
             [
-                min(losses[targets == state].sum(axis=1).min(initial=np.inf), total)
-                for state, total in enumerate(self.loss.sum(axis=0))
+                self.regression.block_sums((self.held_out[:, target] - trial.change) ** 2)
+                for target, trial in zip(targets, trials, strict=True)
             ]
         )
+        least = before.sum(axis=0)
+        np.minimum.at(least, targets, losses.sum(axis=1))
         per_row = least / max(self.regression.weight.sum(), 1.0)
         variance = np.maximum(per_row, self.data.exact**2)
-        return (self.loss[:, targets].T - losses) / (2.0 * variance[targets])[:, None]
-
-    def _loss_with(self, trial: Trial) -> Array:
-        """Weighted sum of squares in each block with the effect added."""
-        error = self.held_out[:, trial.candidate.target] - trial.change
-        return self.regression.block_sums(error**2)
+        return (before[:, targets].T - losses) / (2.0 * variance[targets])[:, None]
 
     def level_with(self, best: Trial, trials: list[Trial]) -> dict[int, float]:
         """Places of the trials within one standard error of one of them, and how far behind."""
@@ -208,21 +161,17 @@ class CandidateContext:
         return {place: float(lost[place]) for place in np.flatnonzero(lost <= error).tolist()}
 
     def p_value(self, trial: Trial) -> float:
-        """Probability of so good a prediction of the residual if there were no effect.
-
-        A one-sided test of the slope of the held-out residuals on the predicted change, its
-        error robust to whatever happens inside a block.
-        """
+        """Probability of so good a prediction of the residual if there were no effect."""
+        # A one-sided test of the slope of the held-out residuals on the predicted change, its error
+        # robust to whatever happens inside a block.
         residual = self.held_out[:, trial.candidate.target]
-        moments = self.regression.block_sums(
-            np.column_stack([residual * trial.change, trial.change**2])
-        )
-        size = moments[:, 1].sum()
+        products = np.column_stack([residual * trial.change, trial.change**2])
+        moment, square = self.regression.block_sums(products).T
+        size, n_blocks = square.sum(), len(square)
         if size <= 0.0:
             return 1.0
-        slope = moments[:, 0].sum() / size
-        scatter = float(np.sum((moments[:, 0] - slope * moments[:, 1]) ** 2))
-        n_blocks = len(moments)
+        slope = moment.sum() / size
+        scatter = float(np.sum((moment - slope * square) ** 2))
         error = np.sqrt(scatter * n_blocks / max(n_blocks - 1, 1)) / size
         if error == 0.0:
             return 0.0 if slope > 0 else 1.0
@@ -232,10 +181,8 @@ class CandidateContext:
 def candidate_context(
     fit: JointFit, data: SearchData, without: int | None = None, kept: Columns | None = None
 ) -> CandidateContext:
-    """Candidates are tried beside the library and the columns of the effects found so far.
-
-    The columns of the term `without` are left out, as if it had not been found.
-    """
+    """Candidates are tried beside the library and the columns of the effects found so far."""
+    # The columns of the term `without` are left out, as if it had not been found.
     others = [term for place, term in enumerate(fit.terms) if place != without]
     records = corrected(others, data.records)
     features = fit.features(records.take(data.rows))
@@ -247,7 +194,7 @@ def candidate_context(
         targets=data.targets,
         modes=fit.modes,
         n_modes=int(fit.modes.max()) + 1,
-        weight=_weight(fit, data),
+        weight=row_weights(fit, data),
         folds=data.folds,
     )
     return CandidateContext(
@@ -261,7 +208,7 @@ def candidate_context(
     )
 
 
-def _weight(fit: JointFit, data: SearchData) -> Array:
+def row_weights(fit: JointFit, data: SearchData) -> Array:
     """Small for outliers, none where the mode is uncertain or the surface and the data differ."""
     residuals = fit.residuals(data.records, data.rows, data.targets)
     weight = robust_weights(residuals, data.exact)
@@ -273,12 +220,11 @@ def _weight(fit: JointFit, data: SearchData) -> Array:
 
 def _linear_features(features: Array, X: Array) -> dict[int, int]:
     """Which feature is a multiple of which channel."""
-    found: dict[int, int] = {}
-    size = np.linalg.norm(features, axis=0)
-    for channel, values in enumerate(X.T):
-        norm = np.linalg.norm(values)
-        cosine = np.abs(values @ features) / np.where(size * norm > 0, size * norm, np.inf)
-        best = int(cosine.argmax())
-        if cosine[best] > 1.0 - 1e-10:
-            found[channel] = best
-    return found
+    sizes = np.outer(np.linalg.norm(X, axis=0), np.linalg.norm(features, axis=0))
+    cosine = np.abs(X.T @ features) / np.where(sizes > 0, sizes, np.inf)
+    best = cosine.argmax(axis=1)
+    return {
+        channel: int(feature)
+        for channel, feature in enumerate(best)
+        if cosine[channel, feature] > 1.0 - 1e-10
+    }

@@ -1,16 +1,276 @@
-"""What a report of effects holds."""
+"""What a report of effects holds, and the rows behind it: predictions, shapes, rollouts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import TypedDict
 
-from swsysid._effect_search.data import EffectData
-from swsysid._rendering.parts import Parts, plain
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.records import Records
+from swsysid._effect_regressor import EffectRegressor
+from swsysid._effect_search.contributions import Shape, effect_shape
+from swsysid._effect_search.settings import REPORT
+from swsysid._rendering.parts import Parts, entries_of
 from swsysid._residual_report.report import ResidualReport
+from swsysid._results import Array, Trajectory
 from swsysid.effects import FoundEffect
 
-__all__ = ["EffectContents"]
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """One measured trajectory and two simulations from its first state.
+
+    Attributes
+    ----------
+    name : str
+        Of the trajectory.
+    t : ndarray of shape (n_times,)
+    measured : ndarray of shape (n_times, n_states)
+    before, after : ndarray of shape (n_reached, n_states)
+        Of the declared model and of the one with the effects; shorter if it ended early.
+    ended : tuple of str
+        Why each of the two ended early; "" if it did not.
+    """
+
+    name: str
+    t: Array
+    measured: Array
+    before: Array
+    after: Array
+    ended: tuple[str, str]
+
+    @property
+    def compared(self) -> float:
+        """The time that both simulations have reached."""
+        shared = min(len(self.before), len(self.after))
+        return float(self.t[shared - 1] - self.t[0]) if shared else 0.0
+
+    @property
+    def errors(self) -> tuple[Array, Array]:
+        """Root mean square error of each state over the times that both have reached."""
+        shared = min(len(self.before), len(self.after))
+        if not shared:
+            unknown = np.full(self.measured.shape[1], np.nan)
+            return unknown, unknown
+        measured = self.measured[:shared]
+        return _rms(self.before[:shared] - measured), _rms(self.after[:shared] - measured)
+
+    def to_dict(self) -> dict[str, object]:
+        """Name, duration and errors."""
+        before, after = self.errors
+        return {
+            "trajectory": self.name,
+            "duration": float(self.t[-1] - self.t[0]),
+            "compared": self.compared,
+            "error_before": before.tolist(),
+            "error_after": after.tolist(),
+            "ended_before": self.ended[0],
+            "ended_after": self.ended[1],
+        }
+
+
+def stretches(
+    records: Records, rows: NDArray[np.intp], names: NDArray | None
+) -> list[tuple[str, NDArray[np.intp]]]:
+    """Names and rows of the contiguous parts of trajectories among `rows`, in order of time."""
+    if not records.ordered:
+        return []
+    assert records.t is not None
+    chosen = np.isin(np.arange(len(records)), rows)
+    only, found = len(records.trajectories) == 1, []
+    for number, trajectory in enumerate(records.trajectories):
+        label = number if names is None else names[number]
+        # a column of whole numbers may have been read as decimals
+        name = f"{label:.15g}" if isinstance(label, float) else str(label)
+        edges = np.flatnonzero(np.diff(chosen[trajectory])) + 1
+        for part in np.split(trajectory, edges):
+            if len(part) and chosen[part[0]]:
+                start, end = records.t[part[[0, -1]]]
+                when = f"{start:.4g} to {end:.4g}" if only else f"{name}, {start:.4g} to {end:.4g}"
+                found.append((name if len(part) == len(trajectory) else when, part))
+    return found
+
+
+def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) -> Trajectory:
+    """A simulation from the first state of a measured part of a trajectory."""
+    rolled_out: Trajectory = model.simulate(
+        part.X[0, : part.n_states],
+        t,
+        part.X[:, part.n_states :] if part.n_inputs else None,
+        signals=part.signals if part.signals.shape[1] else None,
+        input_hold="zero" if discrete else "linear",
+    )
+    return rolled_out
+
+
+def _why(trajectory: Trajectory) -> str:
+    """Why a simulation ended early; "" if it did not."""
+    if trajectory.status.ok:
+        return ""
+    end = f"at {trajectory.t[-1]:.4g}" if len(trajectory.t) else "at the start"
+    return f"{trajectory.status.value} {end}: {trajectory.status.advice}"
+
+
+@dataclass(frozen=True)
+class TrajectoryError:
+    """Root mean square errors of the velocities on one trajectory, one for each state."""
+
+    trajectory: str
+    n_samples: int
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class EffectData:
+    """What pictures of a search for effects need.
+
+    Attributes
+    ----------
+    records : Records
+        The whole record.
+    rows : ndarray
+        Rows on which the models are compared: those held out, or new ones.
+    targets : ndarray of shape (n_samples, n_states)
+        Measured velocities (next states in discrete time) of the whole record.
+    models : tuple of two EffectRegressor
+        The declared model and the one with the effects, neither fitted to `rows`.
+    final : EffectRegressor
+        The model with the effects that is handed to the user, whose shapes are drawn.
+    covariances : tuple of ndarray
+        Of the parameters of each effect of `final`; empty without a term.
+    trajectory_names : ndarray or None
+    """
+
+    records: Records
+    rows: NDArray[np.intp]
+    targets: Array
+    models: tuple[EffectRegressor, EffectRegressor]
+    final: EffectRegressor
+    covariances: tuple[Array, ...]
+    trajectory_names: NDArray | None = None
+
+    @property
+    def discrete(self) -> bool:
+        """True if the targets are the next states."""
+        return bool(self.final.joint_fit_.switching.discrete_time)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the states."""
+        listed = self.records.names[: self.records.n_states]
+        return tuple(listed[: self.measured.shape[1]])
+
+    @cached_property
+    def measured(self) -> Array:
+        """Velocities of `rows`, shape (n_rows, n_states)."""
+        return self.targets[self.rows]
+
+    @cached_property
+    def predicted(self) -> tuple[Array, Array]:
+        """Predictions of `rows` by each of the two models."""
+        before, after = (model.joint_fit_.predict(self.records)[self.rows] for model in self.models)
+        return before, after
+
+    @cached_property
+    def residuals(self) -> tuple[Array, Array]:
+        """What each of the two models leaves over."""
+        return self.measured - self.predicted[0], self.measured - self.predicted[1]
+
+    @cached_property
+    def errors(self) -> tuple[Array, Array]:
+        """Root mean square error of each state, before and after."""
+        before, after = map(_rms, self.residuals)
+        return before, after
+
+    @cached_property
+    def stretches(self) -> list[tuple[str, NDArray[np.intp]]]:
+        """Names and positions among `rows` of the contiguous parts of trajectories."""
+        position = np.full(len(self.records), -1)
+        position[self.rows] = np.arange(len(self.rows))
+        found = stretches(self.records, self.rows, self.trajectory_names)
+        return [(name, position[part]) for name, part in found]
+
+    @cached_property
+    def by_trajectory(self) -> tuple[TrajectoryError, ...]:
+        """Errors of every stretch; empty if the order of the rows is not known."""
+        found = []
+        for name, part in self.stretches:
+            before, after = (tuple(_rms(one[part]).tolist()) for one in self.residuals)
+            found.append(TrajectoryError(name, len(part), before, after))
+        return tuple(found)
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """One for each effect, along the whole record."""
+        declared, final = self.models[0].joint_fit_, self.final.joint_fit_
+        return tuple(
+            effect_shape(declared, final, place, covariance, self.records, self.targets)
+            for place, covariance in enumerate(self.covariances)
+        )
+
+    @property
+    def why_no_rollouts(self) -> str:
+        """A sentence if there are none."""
+        if not self.stretches:
+            return "the order of the rows is not known: give t or groups"
+        if not (self.records.timed or self.discrete):
+            return "the times of the rows are not known: give t"
+        if self.records.X.shape[1] < self.records.n_states:
+            return "the columns of X are not the states"
+        return ""
+
+    @cached_property
+    def rollouts(self) -> tuple[Rollout, ...]:
+        """The first few stretches, the first thousand samples of each, simulated by both models.
+
+        Inputs and signals are linear between their samples.
+        """
+        if self.why_no_rollouts:
+            return ()
+        done = []
+        for name, places in self.stretches[: REPORT.most_rollouts]:
+            part = self.records.take(self.rows[places][: REPORT.most_samples])
+            if len(places) > 1:
+                t = np.asarray(part.t if part.timed else np.arange(len(part)), dtype=float)
+                before, after = (_rollout(model, part, t, self.discrete) for model in self.models)
+                measured, ended = part.X[:, : part.n_states], (_why(before), _why(after))
+                done.append(Rollout(name, t, measured, before.x, after.x, ended))
+        return tuple(done)
+
+    @property
+    def most_changed(self) -> int:
+        """State whose error the effects lower most; without effects the one furthest off."""
+        before, after = self.errors
+        spread = np.std(self.measured, axis=0)
+        change = np.abs(before - after) / np.where(before > 0, before, np.inf)
+        size = before / np.where(spread > 0, spread, np.inf)
+        return int(np.argmax(change if self.covariances else size))
+
+
+def _rms(errors: Array) -> Array:
+    """Root mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))
+
+
+class RungErrors(TypedDict):
+    """Root mean square errors of each state by one of the models, declared or with effects."""
+
+    model: str
+    search: list[float]
+    held_out: list[float]
+
+
+class Round(TypedDict):
+    """A round of the search: what it added, from how many candidates, and what there was then."""
+
+    added: str
+    p_value: float
+    n_candidates: int
+    effects: list[str]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -22,14 +282,14 @@ class EffectContents(Parts):
     n_search: int
     n_held_out: int
     n_candidates: int = 0
-    errors: list[dict[str, Any]] = field(default_factory=list)
+    errors: list[RungErrors] = field(default_factory=list)
     effects: tuple[FoundEffect, ...] = ()
     skipped: dict[str, str] = field(default_factory=dict)
     not_identifiable: tuple[str, ...] = ()
     residual_before: ResidualReport | None = None
     residual_after: ResidualReport | None = None
     guard_moved: float = 0.0
-    history: tuple[dict[str, Any], ...] = ()
+    history: tuple[Round, ...] = ()
     dropped: tuple[str, ...] = ()
     discrete: bool = False
     data: EffectData | None = None
@@ -40,11 +300,13 @@ class EffectContents(Parts):
         return not self.effects
 
     @property
-    def by_trajectory(self) -> list[dict[str, Any]]:
+    def by_trajectory(self) -> list[dict[str, object]]:
         """Errors before and after on every held-out trajectory, or stretch of one."""
-        return [] if self.data is None else plain(self.data.by_trajectory)
+        return (
+            [] if self.data is None else [entries_of(vars(one)) for one in self.data.by_trajectory]
+        )
 
     @property
-    def rollouts(self) -> list[dict[str, Any]]:
+    def rollouts(self) -> list[dict[str, object]]:
         """Errors of simulations from the first state of held-out trajectories, and their ends."""
         return [] if self.data is None else [one.to_dict() for one in self.data.rollouts]

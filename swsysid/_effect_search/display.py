@@ -5,20 +5,183 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import shown, whole
 from swsysid._data.records import make_records
-from swsysid._displays.style import Display
-from swsysid._effect_search.contents import EffectContents
-from swsysid._effect_search.data import EffectData
-from swsysid._effect_search.panels import Panels
+from swsysid._displays.style import (
+    PALETTE,
+    Display,
+    axis_label,
+    frame_most,
+    legend_above,
+    mode_colour,
+    thinned,
+)
+from swsysid._effect_search.contents import EffectContents, EffectData
+from swsysid._effect_search.contributions import Shape
+from swsysid._effect_search.settings import REPORT
+from swsysid._results import Array
 
-__all__ = ["EffectReportDisplay"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# The two models that are compared: name and colour.
+_MODELS = (("declared model", PALETTE[1]), ("with effects", PALETTE[0]))
+_SPACES = {"columnspacing": 1.2, "handletextpad": 0.5}
+
+
+@dataclass(frozen=True)
+class Panels:
+    """Draws parts of some data, labelled with units by the names that displays use."""
+
+    data: EffectData
+    units: Mapping[str, str] | None = None
+
+    def residuals(self, ax: Axes, state: int) -> None:
+        """Residual before and after over the time of the held-out rows."""
+        before, after = (one[:, state] for one in self.data.residuals)
+        x, edges, label = self._held_out_axis()
+        shown = np.flatnonzero(np.isfinite(x))
+        shown = shown[thinned(len(shown), REPORT.most_dots)]
+        for values, (name, colour) in zip((before, after), _MODELS, strict=True):
+            ax.scatter(
+                x[shown], values[shown], color=colour, alpha=0.7, label=name, s=7, linewidths=0
+            )
+        ax.axhline(0.0, color="0.2", linewidth=1.0)
+        for edge in edges:
+            ax.axvline(edge, color="0.75", linewidth=0.8, zorder=0)
+        frame_most(ax, before, 0.05, whole=after)
+        ax.set(xlabel=label, ylabel=_wrapped(f"residual of {self._rate(state)}"))
+        legend_above(ax, 2, markerscale=2.5, **_SPACES)
+
+    def trajectory_errors(self, ax: Axes, state: int) -> None:
+        """Root mean square error of each held-out trajectory, the largest first."""
+        listed = sorted(self.data.by_trajectory, key=lambda one: -one.before[state])
+        left_out = len(listed) > REPORT.most_bars
+        listed = listed[: REPORT.most_bars]
+        places = np.arange(len(listed))
+        sizes = np.array([[one.before[state], one.after[state]] for one in listed]).T
+        for values, shift, (name, colour) in zip(sizes, (-0.2, 0.2), _MODELS, strict=True):
+            ax.bar(places + shift, values, 0.4, color=colour, label=name)
+        positive = sizes[sizes > 0]
+        if len(positive) and sizes.max() > REPORT.decades * positive.min():
+            ax.set_yscale("log")
+        names = [one.trajectory for one in listed]
+        many = len(names) > 6 or max(map(len, names)) > 8
+        ax.set_xticks(places, names, rotation=60 if many else 0, ha="right" if many else "center")
+        if many:
+            ax.tick_params(axis="x", labelsize=10)
+        ax.set(
+            xlabel="trajectory" + (f" (the worst {REPORT.most_bars})" if left_out else ""),
+            ylabel=_wrapped(f"RMS error of {self._rate(state)}"),
+        )
+        room = max(0.7, 0.5 * (5 - len(listed)))
+        ax.set_xlim(-room, len(listed) - 1 + room)
+        legend_above(ax, 2, **_SPACES)
+
+    def shape(self, ax: Axes, place: int) -> None:
+        """Contribution of an effect along its channel, its band, and what the data ask for."""
+        shape = self.data.shapes[place]
+        shown = thinned(len(shape.values), REPORT.most_dots)
+        values, wanted = shape.values[shown], shape.wanted[shown]
+        many, label = len(values) > 1000, "wanted by the data"
+        ax.scatter(
+            values, wanted, color="0.6", alpha=0.5, label=label, rasterized=many, s=7, linewidths=0
+        )
+        modes = np.unique(shape.modes)
+        for position, mode in enumerate(modes):
+            name = "effect" if len(modes) == 1 else f"mode {mode}"
+            band = "95 %" if position == 0 else None
+            _draw_contribution(ax, shape, shape.modes == mode, mode_colour(position), name, band)
+        frame_most(ax, shape.wanted, 0.08, whole=shape.contribution)
+        ax.set(
+            xlabel=axis_label(shape.axis, self.units),
+            ylabel=_wrapped(f"share of {self._rate(shape.target)}"),
+        )
+        legend_above(ax, 4, markerscale=2.5, **_SPACES)
+
+    def rollout(self, ax: Axes, number: int, state: int) -> None:
+        """One measured trajectory and its two simulations."""
+        rollout = self.data.rollouts[number]
+        t, measured = rollout.t - rollout.t[0], rollout.measured[:, state]
+        ax.plot(t, measured, color="black", linewidth=3.0, alpha=0.35, label="measured")
+        lines = ((0, (4, 2)), "-")
+        for run, line, (name, colour) in zip(
+            (rollout.before, rollout.after), lines, _MODELS, strict=True
+        ):
+            values = run[:, state]
+            reached = t[: len(values)]
+            ax.plot(reached, values, linestyle=line, color=colour, linewidth=1.8, label=name)
+            if 0 < len(values) < len(t):
+                ax.plot(reached[-1], values[-1], "x", color=colour, markersize=10)
+        # A simulation that runs away must not stretch the axis.
+        low, high = measured.min(), measured.max()
+        room = 0.75 * (high - low)
+        if room > 0.0:
+            bottom, top = ax.get_ylim()
+            ax.set_ylim(max(bottom, low - room), min(top, high + room))
+        ax.set(
+            xlabel=axis_label("time", self.units),
+            ylabel=axis_label(self.data.names[state], self.units),
+        )
+        legend_above(ax, 3, **_SPACES)
+
+    def _rate(self, state: int) -> str:
+        """Label of a velocity, or of a next state, with its unit."""
+        name = self.data.names[state]
+        if self.data.discrete:
+            return f"next {axis_label(name, self.units)}"
+        return axis_label(f"d/dt {name}", self.units)
+
+    def _held_out_axis(self) -> tuple[Array, list[float], str]:
+        """Where each held-out row is drawn, where trajectories meet, and the label of the axis."""
+        # Over time, one trajectory after the other if there are several; over row numbers where the
+        # times are not known.
+        data, records, n_rows = self.data, self.data.records, len(self.data.rows)
+        if not data.stretches or records.t is None:
+            return np.arange(n_rows, dtype=float), [], "held-out row"
+        time = axis_label("time", self.units)
+        if records.timed and len(records.trajectories) == 1:
+            return records.t[data.rows], [], time
+        x, edges, start = np.full(n_rows, np.nan), [], 0.0
+        for _, part in data.stretches:
+            t = records.t[data.rows[part]] if records.timed else np.arange(len(part), dtype=float)
+            step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+            x[part] = start + t - t[0]
+            start += float(t[-1] - t[0]) + step
+            edges.append(start - 0.5 * step)
+        what = time if records.timed else "held-out row"
+        return x, edges[:-1], f"{what}, trajectory after trajectory"
+
+
+def _draw_contribution(
+    ax: Axes, shape: Shape, rows: NDArray[np.bool_], colour: str, name: str, band: str | None
+) -> None:
+    values, middle, half = shape.values[rows], shape.contribution[rows], shape.half_width[rows]
+    if not shape.is_function:
+        ax.scatter(values, middle, s=9, color=colour, linewidths=0, label=name)
+        return
+    # A gap wherever the contribution jumps, so that a step is not drawn as a slope.
+    jumps, span = np.abs(np.diff(middle)), np.ptp(middle)
+    if span:
+        edges = np.flatnonzero(jumps > max(0.25 * span, 20 * np.median(jumps))) + 1
+        values, middle, half = (np.insert(one, edges, np.nan) for one in (values, middle, half))
+    if np.isfinite(half).any():
+        low, high = middle - half, middle + half
+        ax.fill_between(values, low, high, color=colour, alpha=0.3, linewidth=0, label=band)
+    ax.plot(values, middle, color="white", linewidth=4.0)
+    ax.plot(values, middle, color=colour, linewidth=2.2, label=name)
+
+
+def _wrapped(label: str) -> str:
+    """A long axis label on two lines."""
+    return label.replace(" of ", " of\n", 1) if len(label) > REPORT.longest_label else label
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

@@ -2,27 +2,95 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
+
 import numpy as np
 
+from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._effect_search.folds import SearchData
-from swsysid._effect_search.intervals import parameter_intervals
-from swsysid._effect_search.ladder import Ladder
+from swsysid._effect_search.acceptance import Finding
+from swsysid._effect_search.contributions import parameter_intervals
+from swsysid._effect_search.folds import Split
+from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._results import Array
 from swsysid.effects import FoundEffect, PlacedEffect, Rival, StructureEffect
 
-__all__ = ["describe_findings"]
+
+@dataclass(frozen=True)
+class Ladder:
+    """The declared model, then one effect after the other, and the error of each.
+
+    The effects of the structure that a search has ended with come in the order of what is lost
+    without them, the most important first.
+    """
+
+    context: SearchContext
+    structure: Structure
+    found: tuple[Finding, ...]  # one for each term of the structure
+    targets: Array  # of the whole record
+    split: Split
+
+    @property
+    def records(self) -> Records:
+        """The whole record."""
+        return self.context.data.records
+
+    @cached_property
+    def _order(self) -> list[int]:
+        places = list(range(len(self.structure.terms)))
+        if len(places) < 2:
+            return places
+        prices = [self.context.without(self.structure, place).price for place in places]
+        return sorted(places, key=lambda place: -prices[place])
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """p-value in the light of all others and rivals of each effect."""
+        return tuple(self.found[place] for place in self._order)
+
+    @property
+    def terms(self) -> tuple[PlacedEffect, ...]:
+        """The effects."""
+        return tuple(self.structure.terms[place] for place in self._order)
+
+    @cached_property
+    def fits(self) -> tuple[JointFit, ...]:
+        """The declared model, then one effect more each; fitted to the rows of the search."""
+        fit, terms = self.structure.fit, self.terms
+        between = [self.context.structure(terms[:n], fit.modes).fit for n in range(1, len(terms))]
+        coef = tuple(fit.coef[place] for place in self._order)
+        last = [replace(fit, terms=terms, coef=coef)] if terms else []
+        return (self.context.declared, *between, *last)
+
+    @cached_property
+    def errors(self) -> list[tuple[Array, Array]]:
+        """Root mean square errors of each of `fits` on the searched and on the held-out rows."""
+        return [self.errors_of(fit) for fit in self.fits]
+
+    def errors_of(self, fit: JointFit) -> tuple[Array, Array]:
+        """Those of a fit, (n_states,) each."""
+        squares = (self.targets - fit.predict(self.records)) ** 2
+        searched, held_out = (
+            np.sqrt(np.mean(squares[rows], axis=0))
+            for rows in (self.split.search, self.split.held_out)
+        )
+        return searched, held_out
 
 
-def describe_findings(ladder: Ladder, final: JointFit) -> list[FoundEffect]:
+def describe_findings(
+    ladder: Ladder, final: JointFit, covariances: list[Array]
+) -> list[FoundEffect]:
     """Effects in the order of the ladder, with the numbers of the fit to all rows."""
-    if not final.terms:
-        return []
     records = ladder.records
-    intervals = parameter_intervals(final, SearchData.whole(records, ladder.targets))
+    intervals = parameter_intervals(final, covariances, records)
     found = []
-    for place, term in enumerate(final.terms):
+    for place, (term, finding) in enumerate(zip(final.terms, ladder.findings, strict=True)):
         label, parameters = term.label(records.names), term.physical(records, final.coef[place])
-        finding, gaining = ladder.findings[place], _gaining_state(term, ladder, place)
+        (_, before), (_, after) = ladder.errors[place : place + 2]
+        # the equation an effect acts in; of a sensor, a guard or a mode that which gains most
+        gained = int(np.argmin(after / np.maximum(before, np.finfo(float).tiny)))
+        gaining = term.target if term.effect.terms else gained
         found.append(
             FoundEffect(
                 kind=term.effect.kind,
@@ -32,8 +100,8 @@ def describe_findings(ladder: Ladder, final: JointFit) -> list[FoundEffect]:
                 parameters=parameters,
                 intervals=intervals[place],
                 p_value=finding.p_value,
-                error_before=float(ladder.held_out[place][gaining]),
-                error_after=float(ladder.held_out[place + 1][gaining]),
+                error_before=float(before[gaining]),
+                error_after=float(after[gaining]),
                 rivals=tuple(_rival(ladder, place, rival) for rival in finding.rivals),
                 meaning=term.effect.describe(label, records.names[term.target]),
                 formula=term.effect.formula(label, parameters),
@@ -41,14 +109,6 @@ def describe_findings(ladder: Ladder, final: JointFit) -> list[FoundEffect]:
             )
         )
     return found
-
-
-def _gaining_state(term: PlacedEffect, ladder: Ladder, place: int) -> int:
-    """The equation an effect acts in; of a sensor, a guard or a mode that which gains most."""
-    if term.effect.terms:
-        return term.target
-    before = np.maximum(ladder.held_out[place], np.finfo(float).tiny)
-    return int(np.argmin(ladder.held_out[place + 1] / before))
 
 
 def _rival(ladder: Ladder, place: int, rival: PlacedEffect) -> Rival:
@@ -62,21 +122,21 @@ def _rival(ladder: Ladder, place: int, rival: PlacedEffect) -> Rival:
         mode=rival.mode,
         place=rival.label(ladder.records.names),
         parameters=dict(zip(names, rival.theta, strict=True)),
-        error=float(ladder.errors_of(other)[rival.target]),
+        error=float(ladder.errors_of(other)[1][rival.target]),
         advice=_advice(ladder, place, other),
     )
 
 
 def _advice(ladder: Ladder, place: int, other: JointFit) -> str:
     """Where in the record the two models differ most: more samples there tell them apart."""
-    records, settings = ladder.records, ladder.context.settings
+    records = ladder.records
     predicted = ladder.fits[place + 1].predict(records)
     apart = np.abs(predicted - other.predict(records)).sum(axis=1)
     if apart.max() <= 1e-9 * np.abs(predicted).max():
         return "the two are the same function of these data: samples outside their range"
-    most = np.argsort(-apart)[: max(10, int(settings.apart * len(apart)))]
-    term = ladder.terms[place]
-    channel = term.place if isinstance(term.place, int) else 0
+    most = np.argsort(-apart)[: max(10, int(ladder.context.settings.apart * len(apart)))]
+    acting = ladder.terms[place].place
+    channel = acting if isinstance(acting, int) else 0
     low, high = np.quantile(records.channel(channel)[most], [0.1, 0.9])
     return (
         f"more samples with {records.names[channel]} between {low:.3g} and {high:.3g}, where the "

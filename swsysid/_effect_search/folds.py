@@ -18,8 +18,6 @@ from swsysid._effect_search.settings import SETTINGS, SearchSettings
 from swsysid._noise import exact_below
 from swsysid._results import Array
 
-__all__ = ["Folds", "SearchData", "Split", "make_folds", "split_records"]
-
 Rows = NDArray[np.intp]
 
 
@@ -34,50 +32,26 @@ class Split:
 
 @dataclass(frozen=True)
 class Folds:
-    """Folds for comparing candidates, and blocks on which their errors are compared.
+    """Folds for comparing candidates, and blocks on which their errors are compared."""
 
-    Attributes
-    ----------
-    parts : list of (train, test)
-        Rows of each fold.
-    blocks : ndarray of shape (n_samples,), int
-        Contiguous block of each row, numbered from 0.
-    """
-
-    parts: list[tuple[Rows, Rows]]
-    blocks: NDArray[np.intp]
-
-    @property
-    def n_blocks(self) -> int:
-        """Number of blocks."""
-        return int(self.blocks.max()) + 1
+    parts: list[tuple[Rows, Rows]]  # training and test rows of each fold
+    blocks: NDArray[np.intp]  # contiguous block of each row, numbered from 0
 
     def block_sums(self, values: Array) -> Array:
         """Sums over the blocks, (n_blocks,) or (n_blocks, n_columns)."""
         if values.ndim == 1:
-            return np.bincount(self.blocks, values, self.n_blocks).astype(float)
+            return np.bincount(self.blocks, values).astype(float)
         return np.column_stack([self.block_sums(column) for column in values.T])
 
 
 @dataclass(frozen=True)
 class SearchData:
-    """A record, the rows of it that are fitted, and how they are divided.
-
-    Attributes
-    ----------
-    records : Records
-        The whole record, along which columns with a memory are computed.
-    rows : ndarray of shape (n_rows,)
-    targets : ndarray of shape (n_rows, n_states)
-    folds : Folds
-        Of the rows.
-    settings : SearchSettings
-    """
+    """A whole record, the rows of it that are fitted, their targets, and how they are divided."""
 
     records: Records
     rows: Rows
-    targets: Array
-    folds: Folds
+    targets: Array  # (n_rows, n_states)
+    folds: Folds  # of the rows
     settings: SearchSettings = SETTINGS
 
     @classmethod
@@ -136,8 +110,6 @@ def make_folds(
     settings: SearchSettings = SETTINGS,
 ) -> Folds:
     """Folds and blocks of the rows for the search."""
-    blocks = np.empty(len(records), dtype=np.intp)
-    fold_of: list[int] = []
     if records.ordered:
         trajectories = records.trajectories
         per_trajectory = -(-settings.n_blocks // len(trajectories))
@@ -145,6 +117,8 @@ def make_folds(
     else:
         trajectories = [rng.permutation(len(records))]
         per_trajectory, whole = settings.n_blocks, False
+    blocks = np.empty(len(records), dtype=np.intp)
+    fold_of: list[int] = []
     for place, rows in enumerate(trajectories):
         for piece in np.array_split(rows, min(per_trajectory, len(rows))):
             blocks[piece] = len(fold_of)

@@ -10,6 +10,7 @@ rows that their regressions have not seen.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -20,14 +21,12 @@ from swsysid._effect_search.acceptance import (
     confirmed,
     finding,
     is_promising,
-    named,
     preferred,
     simplest,
-    without_catch_all,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.proposals import proposals
-from swsysid._effect_search.structures import SearchContext, Structure, exchanged
+from swsysid._effect_search.scan import proposals
+from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._rendering.progress import progress
 from swsysid.effects import (
     GuardEffect,
@@ -37,7 +36,7 @@ from swsysid.effects import (
     StructureEffect,
 )
 
-__all__ = ["Round", "Search"]
+_price = attrgetter("price")
 
 
 @dataclass(frozen=True)
@@ -51,15 +50,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Search:
-    """A greedy search that questions every addition.
-
-    Attributes
-    ----------
-    context : SearchContext
-    max_effects : int
-    n_jobs : int or None
-    verbose : int
-    """
+    """A greedy search that questions every addition."""
 
     context: SearchContext
     max_effects: int = 5
@@ -67,31 +58,25 @@ class Search:
     verbose: int = 0
 
     def run(self) -> tuple[Structure, tuple[Finding, ...], list[Round]]:
-        """Add effects until nothing significant is left, and keep those that remain significant.
-
-        One more mode bends to whatever the first named effect leaves over. Where it was not the
-        only addition, the named effects have to show what they can do without it.
-
-        Returns
-        -------
-        structure : Structure
-        findings : tuple of Finding
-            One for each term of the structure.
-        rounds : list of Round
-        """
-        structure, rounds = self._climb()
-        has_more_modes = any(isinstance(term.effect, StructureEffect) for term in structure.terms)
-        if len(rounds) > 1 and has_more_modes:
+        """Add effects until nothing significant is left, and keep those that remain significant."""
+        # One more mode bends to whatever the first named effect leaves over. Where it was not the
+        # only addition, the named effects have to show what they can do without it. There is one
+        # finding for each term of the structure.
+        structure, rounds = self.climb()
+        if len(rounds) > 1 and any(
+            isinstance(term.effect, StructureEffect) for term in structure.terms
+        ):
             effects = [one for one in self.context.effects if not isinstance(one, StructureEffect)]
             only_named = replace(self, context=replace(self.context, effects=effects))
-            other, other_rounds = only_named._climb()
+            other, other_rounds = only_named.climb()
             if other.price < structure.price:
                 structure, rounds = other, other_rounds
         if len(rounds) == 1 and rounds[0].structure is structure:
             return structure, (rounds[0].finding,), rounds
         return *confirmed(self.context, structure), rounds
 
-    def _climb(self) -> tuple[Structure, list[Round]]:
+    def climb(self) -> tuple[Structure, list[Round]]:
+        """Add effects until nothing significant is left."""
         structure, rounds = self.context.priced(self.context.declared), []
         with progress(self.max_effects, "rounds of the search", bool(self.verbose)) as bar:
             while len(structure.terms) < self.max_effects:
@@ -180,18 +165,22 @@ class Search:
     def _compared_with_named(
         self, current: Structure, options: list[Structure], n_candidates: int
     ) -> list[Structure]:
-        """Options among which one more mode has had to compete with the best effect with a name.
-
-        The weights of the first scan are those of a model without the effect, and its parameters
-        are poor where what is missing is large; in a second scan they are found again.
-        """
-        with_name = named(self.context, current, options, n_candidates)
-        if with_name:
-            cheapest = min(options, key=lambda option: option.price)
-            if isinstance(cheapest.last, StructureEffect):
-                again = self._agreed(with_name[0], len(current.terms))
-                options, with_name = [*options, again], [*with_name, again]
-        return without_catch_all(self.context, options, with_name)
+        """Options among which one more mode has had to compete with the best effect with a name."""
+        # The weights of the first scan are those of a model without the effect, and its parameters
+        # are poor where what is missing is large; in a second scan they are found again. One more
+        # mode stays where it is far better than every effect that has a name.
+        context = self.context
+        with_name = [
+            option
+            for option in options
+            if not option.adds_a_mode and is_promising(context, current, option, n_candidates)
+        ]
+        if with_name and min(options, key=_price).adds_a_mode:
+            again = self._agreed(min(with_name, key=_price), len(current.terms))
+            options, with_name = [*options, again], [*with_name, again]
+        limit = min(map(_price, with_name), default=np.inf)
+        limit -= context.settings.mode_gain_a_row * context.n_rows
+        return [option for option in options if not option.adds_a_mode or option.price < limit]
 
     def _accepted(self, current: Structure, best: Structure, n_candidates: int) -> Round | None:
         """An addition whose effect and modes agree and that is significant, or None."""
@@ -246,7 +235,7 @@ class Search:
                 break
             candidate = simplest(beside, top).candidate
             same = candidate.signature == term.signature
-            tried = self._exchanged(best, place, candidate)
+            tried = self.context.exchanged(best, place, candidate)
             if not same and tried.price > best.price + self.context.settings.tie:
                 break  # the scan prefers another one, the whole does not
             best = tried
@@ -254,21 +243,14 @@ class Search:
                 break
         return best
 
-    def _exchanged(self, structure: Structure, place: int, candidate: PlacedEffect) -> Structure:
-        """The structure with another effect in the place of one of its terms."""
-        terms = exchanged(structure.terms, place, candidate)
-        return self.context.structure(terms, structure.fit.modes)
-
     def _or_corrected(self, best: Structure, place: int) -> Structure:
-        """The structure or, where that is cheaper, an effect of a sensor in a term's place.
-
-        With wrong modes no correction of a record lets the laws fit; with those found it may.
-        """
+        """The structure or, where that is cheaper, an effect of a sensor in a term's place."""
+        # With wrong modes no correction of a record lets the laws fit; with those found it may.
         if not best.terms[place].effect.terms:
             return best
         beside = self.context.candidates(best.fit, without=place)
         others = self.context.corrections(best, place, beside)
-        cheapest = min(others, key=lambda option: option.price, default=best)
+        cheapest = min(others, key=_price, default=best)
         return cheapest if cheapest.price < best.price - self.context.settings.tie else best
 
     def _or_columns(
@@ -281,11 +263,11 @@ class Search:
         if isinstance(effect, MeasurementEffect):
             for candidate in proposals(effect, beside):
                 if candidate.signature == best.terms[place].signature:
-                    tried = self._exchanged(best, place, candidate)
-                    best = min(best, tried, key=lambda option: option.price)
+                    tried = self.context.exchanged(best, place, candidate)
+                    best = min(best, tried, key=_price)
         if not top:
             return best, False
-        tried = self._exchanged(best, place, simplest(beside, top).candidate)
+        tried = self.context.exchanged(best, place, simplest(beside, top).candidate)
         tried = self.context.with_modes_anew(tried)
         if tried.price < best.price - self.context.settings.tie:
             return tried, True

@@ -11,13 +11,10 @@ are then worth nothing, and one row on the wrong side of the surface costs littl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Regression
@@ -26,10 +23,7 @@ from swsysid._results import Array
 from swsysid.effects import PlacedEffect
 from swsysid.effects._placed import corrected
 
-__all__ = ["held_out_cost", "unseen_cost"]
-
 Rows = NDArray[np.intp]
-Modes = NDArray[np.intp]
 
 
 def held_out_cost(fit: JointFit, data: SearchData) -> Array:
@@ -40,10 +34,8 @@ def held_out_cost(fit: JointFit, data: SearchData) -> Array:
 
 
 def unseen_cost(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> Array:
-    """Negative log likelihood of rows that no part of a fit to others has seen.
-
-    `train` and `test` are numbers among the rows of the search.
-    """
+    """Negative log likelihood of rows that no part of a fit to others has seen."""
+    # `train` and `test` are numbers among the rows of the search.
     velocities = fit.mode_velocities(data.records)
     rows, targets = data.rows[train], data.targets[train]
     scale = STUDENT.scale(targets - velocities[fit.modes, rows], exact_below(targets))
@@ -85,8 +77,7 @@ def _softened(told: Array, wrong: Array | float) -> Array:
 
 def _next_to_a_switch(t: Array, modes: Array) -> Array:
     """1 within two samples of a change of the mode."""
-    changed = np.concatenate([[False], modes[1:] != modes[:-1]])
-    places = np.flatnonzero(changed)[:, None] + np.arange(-2, 2)
+    places = np.flatnonzero(np.diff(modes, prepend=modes[:1]))[:, None] + np.arange(-2, 2)
     near = np.zeros(len(modes))
     near[np.clip(places, 0, len(modes) - 1)] = 1.0
     return near
@@ -98,45 +89,33 @@ def _next_to_a_switch(t: Array, modes: Array) -> Array:
 def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
     """Held-out errors of every row in every mode, (n_modes, n_rows, n_states)."""
     seen = corrected(fit.terms, data.records)
-    residuals = fit.residuals(data.records, data.rows, data.targets)
     regression = Regression(
         features=fit.features(seen)[data.rows],
         targets=data.targets,
         modes=fit.modes,
         n_modes=fit.n_modes,
-        weight=robust_weights(residuals, data.exact),
+        weight=robust_weights(fit.residuals(data.records, data.rows, data.targets), data.exact),
         folds=data.folds,
     )
-    errors = np.empty((fit.n_modes, *data.targets.shape))
-    for target in range(data.targets.shape[1]):
+    folds = [(regression.background(fold), test) for fold, (_, test) in enumerate(data.folds.parts)]
+    modes, errors = range(fit.n_modes), np.empty((fit.n_modes, *data.targets.shape))
+    for target, values in enumerate(data.targets.T):
         terms = [term for term in fit.terms if term.target == target and term.effect.terms]
-        errors[:, :, target] = _errors_of_state(regression, target, terms, seen, data.rows)
+        columns = [(term, term.columns(seen)[data.rows]) for term in terms]
+        here = _design(columns, fit.modes, fit.n_modes)
+        in_mode = [_design(columns, np.full_like(fit.modes, mode), fit.n_modes) for mode in modes]
+        for background, test in folds:
+            coef = np.zeros(0)
+            if terms:
+                coef = background.normal_equations(here[:, None, :]).solve(None).coef[0, :, target]
+            library = background.coefficients((values - here @ coef)[:, None])
+            for mode in modes:
+                predicted = regression.features[test] @ library[mode][:, 0]
+                errors[mode, test, target] = values[test] - predicted - in_mode[mode][test] @ coef
     return errors
 
 
-def _errors_of_state(
-    regression: Regression, target: int, terms: Sequence[PlacedEffect], seen: Records, rows: Rows
-) -> Array:
-    """Held-out errors of one state with its effects beside the library, (n_modes, n_rows)."""
-    n_modes, n_rows = regression.n_modes, len(rows)
-    columns = [term.columns(seen)[rows] for term in terms]
-
-    def design(modes: Modes) -> Array:
-        parts = [
-            term.design(part, modes, n_modes) for term, part in zip(terms, columns, strict=True)
-        ]
-        return np.column_stack([np.empty((n_rows, 0)), *parts])
-
-    here = design(regression.modes)
-    in_mode = [design(np.full(n_rows, mode)) for mode in range(n_modes)]
-    errors, values = np.empty((n_modes, n_rows)), regression.targets[:, target]
-    for fold, (_, test) in enumerate(regression.folds.parts):
-        background = regression.background(fold)
-        coef = np.zeros(0)
-        if terms:
-            coef = background.normal_equations(here[:, None, :]).solve(None).coef[0, :, target]
-        library = background.coefficients((values - here @ coef)[:, None])
-        for mode in range(n_modes):
-            predicted = regression.features[test] @ library[mode][:, 0]
-            errors[mode, test] = values[test] - predicted - in_mode[mode][test] @ coef
-    return errors
+def _design(columns: list[tuple[PlacedEffect, Array]], modes: Rows, n_modes: int) -> Array:
+    """Columns of the effects of one state if the rows have these modes."""
+    parts = [term.design(part, modes, n_modes) for term, part in columns]
+    return np.column_stack([np.empty((len(modes), 0)), *parts])

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 
 from swsysid._checks.parameters import shown
-from swsysid._displays.style import canvas
-from swsysid._effect_search import wording
-from swsysid._effect_search.contents import EffectContents
-from swsysid._effect_search.data import EffectData
-from swsysid._effect_search.panels import Panels
-from swsysid._effect_search.report_settings import REPORT
+from swsysid._effect_search import text
+from swsysid._effect_search.contents import EffectContents, EffectData
+from swsysid._effect_search.display import Panels
+from swsysid._effect_search.settings import REPORT
+from swsysid._rendering.canvas import canvas
 from swsysid._rendering.markup import (
     code,
     figure,
@@ -28,8 +26,6 @@ from swsysid._rendering.markup import (
 )
 from swsysid._residual_report.display import ResidualReportDisplay
 from swsysid.effects import FoundEffect
-
-__all__ = ["effect_page"]
 
 Units = Mapping[str, str] | None
 
@@ -55,7 +51,11 @@ def effect_page(
         raise TypeError(f"report={shown(report)} is none; give report_ of an EffectSearchCV.")
     if not isinstance(title, str):
         raise TypeError(f"title={shown(title)} must be text.")
-    parts = [paragraph(wording.summary(report), "verdict"), paragraph(_rows(report), "note")]
+    rows = (
+        f"{report.n_search} rows were searched; {report.n_held_out} rows ({report.held_out}) "
+        "took no part in any choice, and all errors below are theirs unless said otherwise."
+    )
+    parts = [paragraph(text.summary(report), "verdict"), paragraph(rows, "note")]
     if report.data is not None:
         told = _Told(report, report.data, units, find_spec("matplotlib") is not None)
         if not told.drawing:
@@ -63,13 +63,6 @@ def effect_page(
         bodies = [(heading, list(body(told))) for heading, body in _SECTIONS]
         parts += [section(heading, body) for heading, body in bodies if body]
     return page(title, parts)
-
-
-def _rows(report: EffectContents) -> str:
-    return (
-        f"{report.n_search} rows were searched; {report.n_held_out} rows ({report.held_out}) "
-        "took no part in any choice, and all errors below are theirs unless said otherwise."
-    )
 
 
 @dataclass(frozen=True)
@@ -90,7 +83,7 @@ class _Told:
         """The velocity of a state, with its unit."""
         name, discrete = self.report.targets[state], self.report.discrete
         unit = (self.units or {}).get(name if discrete else f"d/dt {name}")
-        return f"{wording.rate(name, discrete)} [{unit}]" if unit else wording.rate(name, discrete)
+        return f"{text.rate(name, discrete)} [{unit}]" if unit else text.rate(name, discrete)
 
     @property
     def rates(self) -> list[str]:
@@ -129,23 +122,23 @@ def _errors(told: _Told) -> Iterable[str]:
 
 def _effects(told: _Told) -> Iterable[str]:
     for number, effect in enumerate(told.report.effects):
-        heading = f"{number + 1}. {wording.effect_title(effect, told.report)}"
+        heading = f"{number + 1}. {text.effect_title(effect, told.report)}"
         yield section(heading, _effect(told, number, effect), level=3)
 
 
 def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
     target = told.rate(effect.target)
-    yield paragraph(wording.sentence(effect.meaning, told.data.records.names))
+    yield paragraph(text.sentence(effect.meaning, told.data.records.names))
     if effect.placed.effect.terms:
         yield paragraph(f"Term: {effect.formula}")
     yield paragraph(
         f"Held-out error of {target}: {effect.error_before:.4g} before, "
-        f"{effect.error_after:.4g} with it; {wording.probability(effect.p_value)}, corrected for "
+        f"{effect.error_after:.4g} with it; {text.probability(effect.p_value)}, corrected for "
         "the number of candidates."
     )
     if effect.parameters:
-        rows: list[list[Any]] = [
-            [name.replace("_", " "), value, wording.interval(effect, name)]
+        rows: list[list[object]] = [
+            [name.replace("_", " "), value, text.interval(effect, name)]
             for name, value in effect.parameters.items()
         ]
         yield table(["parameter", "value", "95 % interval"], rows)
@@ -162,7 +155,7 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
     yield paragraph("As good on these data:")
     head = ["rival", f"held-out error of {target}", "what would tell the two apart"]
     rows = [
-        [wording.effect_title(rival, told.report), f"{rival.error:.4g}", rival.advice]
+        [text.effect_title(rival, told.report), f"{rival.error:.4g}", rival.advice]
         for rival in effect.rivals
     ]
     yield table(head, rows, kind="words")
@@ -188,17 +181,15 @@ def _model(told: _Told) -> Iterable[str]:
 def _residuals(told: _Told) -> Iterable[str]:
     caption = "Residual on the held-out rows, before and after."
     yield from told.picture(Panels.residuals, told.state, caption=caption)
-    for model, leftover in wording.leftovers(told.report):
-        body = [
-            listing(f"{name}: {said}" for name, said in wording.verdicts(leftover, told.report))
-        ]
+    for model, leftover in text.leftovers(told.report):
+        body = [listing(f"{name}: {said}" for name, said in text.verdicts(leftover, told.report))]
         name, size = leftover.equations[told.state], leftover.size[told.state]
         if told.drawing and not size.exact:
             display = ResidualReportDisplay.from_report(
                 leftover, equation=name, n_channels=1, units=told.units
             )
             display.figure_.suptitle("")  # the verdict stands above the picture
-            whose = f"Residual of {wording.rate(name, told.report.discrete)} of the {model}"
+            whose = f"Residual of {text.rate(name, told.report.discrete)} of the {model}"
             caption = f"{whose}, against what tells most about it."
             body.append(figure(display.figure_, caption))
         body.append(preformatted("all tests", str(leftover)))
@@ -214,7 +205,7 @@ def _trajectories(told: _Told) -> Iterable[str]:
     yield table(
         ["trajectory", "rows", *_before_and_after(told.rates)],
         [
-            [one.trajectory, one.n_samples, *_alternating(one.before, one.after)]
+            [one.trajectory, one.n_samples, *np.ravel([one.before, one.after], "F").tolist()]
             for one in listed[: REPORT.most_rows]
         ],
     )
@@ -235,9 +226,9 @@ def _rollouts(told: _Told) -> Iterable[str]:
     )
     yield table(
         ["trajectory", "compared over", *_before_and_after(told.report.targets)],
-        [[one.name, one.compared, *_alternating(*one.errors)] for one in rollouts],
+        [[one.name, one.compared, *np.ravel(one.errors, "F").tolist()] for one in rollouts],
     )
-    ended = [f"{one.name}, {model}: {why}" for one in rollouts for model, why in wording.ends(one)]
+    ended = [f"{one.name}, {model}: {why}" for one in rollouts for model, why in text.ends(one)]
     if ended:
         yield paragraph("Ended early:")
         yield listing(ended)
@@ -251,13 +242,8 @@ def _search(told: _Told) -> Iterable[str]:
     if report.history:
         head = ["round", "added", "p", "candidates", "effects after the round"]
         rows = [
-            [
-                number,
-                one["added"],
-                wording.probability(one["p_value"]),
-                one["n_candidates"],
-                "; ".join(one["effects"]),
-            ]
+            [number, one["added"], text.probability(one["p_value"]), one["n_candidates"]]
+            + ["; ".join(one["effects"])]
             for number, one in enumerate(report.history, start=1)
         ]
         yield table(head, rows, kind="words")
@@ -265,14 +251,14 @@ def _search(told: _Told) -> Iterable[str]:
         dropped = "; ".join(report.dropped)
         yield paragraph(f"Dropped at the end, since chance explains it as well: {dropped}.", "note")
     if report.effects:
-        yield paragraph(wording.moved(report))
+        yield paragraph(text.moved(report))
     if report.skipped:
-        yield paragraph(f"{wording.NOT_LOOKED_FOR}:")
-        yield listing(wording.skipped(report))
+        yield paragraph(f"{text.NOT_LOOKED_FOR}:")
+        yield listing(text.skipped(report))
     if report.not_identifiable:
-        yield paragraph(f"{wording.SPANNED}:")
+        yield paragraph(f"{text.SPANNED}:")
         yield paragraph(
-            ", ".join(wording.first_of(report.not_identifiable, REPORT.names_on_page)), "note"
+            ", ".join(text.first_of(report.not_identifiable, REPORT.names_on_page)), "note"
         )
 
 
@@ -289,7 +275,3 @@ _SECTIONS: tuple[tuple[str, Callable[[_Told], Iterable[str]]], ...] = (
 
 def _before_and_after(names: Iterable[str]) -> list[str]:
     return [f"{name} {when}" for name in names for when in ("before", "after")]
-
-
-def _alternating(before: Iterable[float], after: Iterable[float]) -> list[float]:
-    return [float(value) for pair in zip(before, after, strict=True) for value in pair]

@@ -16,32 +16,19 @@ from numpy.typing import NDArray
 from swsysid._effect_search.folds import Folds
 from swsysid._results import Array
 
-__all__ = ["Background", "NormalEquations", "Regression", "Solution"]
-
 _COLLINEAR = 1e-10  # share of a column's square that the library must leave over
 _RANK = 1e-11  # smallest eigenvalue of a correlation matrix that is solved as it is
 
 
 @dataclass(frozen=True)
 class Regression:
-    """Rows with known modes.
+    """Rows with known modes."""
 
-    Attributes
-    ----------
-    features : ndarray of shape (n_samples, n_features)
-    targets : ndarray of shape (n_samples, n_states)
-    modes : ndarray of shape (n_samples,), int
-    n_modes : int
-    weight : ndarray of shape (n_samples,)
-        Small where the mode is uncertain or the row is an outlier.
-    folds : Folds
-    """
-
-    features: Array
-    targets: Array
+    features: Array  # (n_samples, n_features)
+    targets: Array  # (n_samples, n_states)
     modes: NDArray[np.intp]
     n_modes: int
-    weight: Array
+    weight: Array  # small where the mode is uncertain or the row is an outlier
     folds: Folds
 
     def background(self, fold: int | None) -> Background:
@@ -60,50 +47,33 @@ class Regression:
 
 @dataclass(frozen=True)
 class Solution:
-    """Coefficients of the columns of G candidates for every state.
+    """Coefficients of the columns of G candidates for every state."""
 
-    Attributes
-    ----------
-    coef : ndarray of shape (n_candidates, n_terms, n_states)
-    gain : ndarray of shape (n_candidates, n_states)
-        By how much the weighted sum of squares falls.
-    """
-
-    coef: Array
-    gain: Array
+    coef: Array  # (G, n_terms, n_states)
+    gain: Array  # (G, n_states): by how much the weighted sum of squares falls
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Those of the columns of G candidates after regression on the library, mode by mode.
+    """Those of the columns of G candidates after regression on the library, mode by mode."""
 
-    Attributes
-    ----------
-    gram : ndarray of shape (n_modes, G, n_terms, n_terms)
-    moment : ndarray of shape (n_modes, G, n_terms, n_states)
-    size : ndarray of shape (n_modes, G, n_terms)
-        Squares of the columns before the regression on the library.
-    """
-
-    gram: Array
-    moment: Array
-    size: Array
+    gram: Array  # (n_modes, G, n_terms, n_terms)
+    moment: Array  # (n_modes, G, n_terms, n_states)
+    size: Array  # (n_modes, G, n_terms): squares of the columns before that regression
 
     @property
     def spanned(self) -> NDArray[np.bool_]:
         """Columns of which the library leaves nothing in any mode, shape (G, n_terms)."""
-        return self._spanned(self.gram.sum(axis=0), self.size.sum(axis=0))
+        return _is_spanned(self.gram.sum(axis=0), self.size.sum(axis=0))
 
     def solve(self, mode: int | None) -> Solution:
-        """Solution for effects that act in one mode, or in all modes alike (None).
-
-        A column that the library spans gets the equation coefficient = 0, and no gain.
-        """
+        """Solution for effects that act in one mode, or in all modes alike (None)."""
+        # A column that the library spans gets the equation coefficient = 0, and no gain.
         gram, moment, size = (
             part.sum(axis=0) if mode is None else part[mode]
             for part in (self.gram, self.moment, self.size)
         )
-        spanned = self._spanned(gram, size)
+        spanned = _is_spanned(gram, size)
         scale = np.sqrt(np.where(spanned, 1.0, np.einsum("gqq->gq", gram)))
         correlation = gram / (scale[:, :, None] * scale[:, None, :])
         free = ~spanned[:, :, None] & ~spanned[:, None, :]
@@ -113,9 +83,9 @@ class NormalEquations:
         coef = coef / scale[:, :, None]
         return Solution(coef, np.einsum("gqk,gqk->gk", coef, moment))
 
-    @staticmethod
-    def _spanned(gram: Array, size: Array) -> NDArray[np.bool_]:
-        return (np.einsum("gqq->gq", gram) <= _COLLINEAR * size) | (size == 0.0)
+
+def _is_spanned(gram: Array, size: Array) -> NDArray[np.bool_]:
+    return (np.einsum("gqq->gq", gram) <= _COLLINEAR * size) | (size == 0.0)
 
 
 class Background:
@@ -124,21 +94,17 @@ class Background:
     def __init__(self, problem: Regression, train: NDArray[np.intp]):
         self.problem, self.train = problem, train
         self._modes = problem.modes[train]
-        self._solvers = [
-            self._solver(train[self._modes == mode]) for mode in range(problem.n_modes)
-        ]
+        rows_of_modes = [train[self._modes == mode] for mode in range(problem.n_modes)]
+        self._solvers = [(rows, self._solver(rows)) for rows in rows_of_modes]
         self.left_over = self.residuals(problem.targets, train)
 
-    def _solver(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
-        """Rows of a mode and the matrix that takes their targets to coefficients."""
+    def _solver(self, rows: NDArray[np.intp]) -> Array:
+        """The matrix that takes the targets of the rows of a mode to coefficients."""
         root = np.sqrt(self.problem.weight[rows])
         design = root[:, None] * self.problem.features[rows]
         size = np.linalg.norm(design, axis=0)
         size[size == 0.0] = 1.0
-        left, values, right = np.linalg.svd(design / size, full_matrices=False)
-        kept = values > 1e-10 * max(values.max(initial=0.0), np.finfo(float).tiny)
-        inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
-        return rows, ((right.T * inverse) @ (left.T * root)) / size[:, None]
+        return np.linalg.pinv(design / size, rcond=1e-10) * root / size[:, None]
 
     def coefficients(self, values: Array) -> list[Array]:
         """Coefficients (n_features, n_columns) of each mode for columns (n_samples, n_columns)."""
@@ -173,10 +139,8 @@ class Background:
 
 
 def _grams(weighted: Array, part: Array) -> Array:
-    """Gram matrices of the candidates, (G, n_terms, n_terms).
-
-    One product at a time: the columns are few and the candidates many.
-    """
+    """Gram matrices of the candidates, (G, n_terms, n_terms)."""
+    # One product at a time: the columns are few and the candidates many.
     n_terms = part.shape[2]
     gram = np.empty((part.shape[1], n_terms, n_terms))
     for row in range(n_terms):

@@ -1,11 +1,10 @@
-"""What a search for effects has to say: text, a dictionary, and the parts of a page."""
+"""What a search for effects has to say: text, a dictionary, a picture and a page."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,23 +12,18 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._effect_search.contents import EffectContents
-from swsysid._effect_search.data import EffectData
+from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.display import EffectReportDisplay
-from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.findings import Ladder
 from swsysid._effect_search.greedy import Round
-from swsysid._effect_search.intervals import term_covariances
-from swsysid._effect_search.ladder import Ladder
 from swsysid._effect_search.page import effect_page
-from swsysid._effect_search.text import report_text
-from swsysid._effect_search.wording import named, summary, title
-from swsysid._rendering.parts import plain
+from swsysid._effect_search.text import named, report_lines, summary, title
+from swsysid._rendering.parts import entries_of
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
+from swsysid._results import Array
 from swsysid.effects import FoundEffect, PlacedEffect
-
-__all__ = ["EffectReport"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,20 +70,7 @@ class EffectReport(EffectContents):
     _parts = (
         "summary",
         "clean",
-        "targets",
-        "held_out",
-        "n_search",
-        "n_held_out",
-        "n_candidates",
-        "errors",
-        "effects",
-        "skipped",
-        "not_identifiable",
-        "residual_before",
-        "residual_after",
-        "guard_moved",
-        "history",
-        "dropped",
+        *(name for name in EffectContents.__dataclass_fields__ if name not in ("discrete", "data")),
         "by_trajectory",
         "rollouts",
     )
@@ -106,22 +87,17 @@ class EffectReport(EffectContents):
         ladder: Ladder,
         rounds: list[Round],
         effects: Sequence[FoundEffect],
-        models: tuple[EffectRegressor, EffectRegressor, EffectRegressor],
+        models: Sequence[EffectRegressor],
+        covariances: Sequence[Array],
         trajectory_names: NDArray | None,
     ) -> EffectReport:
         """Everything a search has found.
 
         `models` are the declared one and that with the effects, fitted to the rows of the search,
-        and the final one, fitted to all rows.
+        and the final one, fitted to all rows, with the `covariances` of its effects' parameters.
         """
-        records, split = ladder.records, ladder.split
+        records, split, names = ladder.records, ladder.split, trajectory_names
         steps = [f"+ {named(effect.kind, effect.place)}" for effect in effects]
-        errors = [
-            {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
-            for model, inside, outside in zip(
-                ["declared model", *steps], ladder.search, ladder.held_out, strict=True
-            )
-        ]
         first, last = ladder.fits[0], ladder.fits[-1]
         before, after = first.predict_modes(records), last.predict_modes(records)
         return cls(
@@ -130,7 +106,12 @@ class EffectReport(EffectContents):
             n_search=len(split.search),
             n_held_out=len(split.held_out),
             n_candidates=max((one.n_candidates for one in rounds), default=0),
-            errors=errors,
+            errors=[
+                {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
+                for model, (inside, outside) in zip(
+                    ["declared model", *steps], ladder.errors, strict=True
+                )
+            ],
             effects=tuple(effects),
             skipped={
                 effect.kind: reason
@@ -138,13 +119,29 @@ class EffectReport(EffectContents):
                 if (reason := effect.missing(records)) is not None
             },
             not_identifiable=tuple(named(*one) for one in ladder.context.spanned()),
-            residual_before=_leftover(first, ladder, trajectory_names),
-            residual_after=_leftover(last, ladder, trajectory_names),
+            residual_before=_leftover(first, ladder, names),
+            residual_after=_leftover(last, ladder, names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
-            history=_history(rounds, records),
-            dropped=_dropped(rounds, last.terms, records),
+            history=tuple(
+                {
+                    "added": _in_words(one.finding.candidate, records),
+                    "p_value": float(one.finding.p_value),
+                    "n_candidates": one.n_candidates,
+                    "effects": [_in_words(term, records) for term in one.structure.terms],
+                }
+                for one in rounds
+            ),
+            dropped=dropped(rounds, last.terms, records),
             discrete=bool(first.switching.discrete_time),
-            data=_data(ladder, models, trajectory_names),
+            data=EffectData(
+                records=records,
+                rows=split.held_out,
+                targets=ladder.targets,
+                models=(models[0], models[1]),
+                final=models[2],
+                covariances=tuple(covariances),
+                trajectory_names=names,
+            ),
         )
 
     @property
@@ -152,9 +149,9 @@ class EffectReport(EffectContents):
         """What came out, in one sentence."""
         return summary(self)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Everything but `data`, in types that JSON knows; NaN becomes None."""
-        return plain(dict(self) | {"effects": [effect.to_dict() for effect in self.effects]})
+        return entries_of(dict(self) | {"effects": [effect.to_dict() for effect in self.effects]})
 
     def plot(self, *, equation: str | None = None, effect: int | None = None, units=None, ax=None):
         """Draw before and after; see `swsysid.plotting.EffectReportDisplay`."""
@@ -185,59 +182,24 @@ class EffectReport(EffectContents):
         return self.to_html()
 
     def __str__(self) -> str:
-        return report_text(self)
+        return "\n".join(report_lines(self))
 
 
-def _history(rounds: list[Round], records: Records) -> tuple[dict[str, Any], ...]:
-    return tuple(
-        {
-            "added": _told(one.finding.candidate, records),
-            "p_value": float(one.finding.p_value),
-            "n_candidates": one.n_candidates,
-            "effects": [_told(term, records) for term in one.structure.fit.terms],
-        }
-        for one in rounds
-    )
-
-
-def _told(term: PlacedEffect, records: Records) -> str:
+def _in_words(term: PlacedEffect, records: Records) -> str:
     label = term.label(records.names)
     return title(term.effect.kind, label, records.names[term.target], term.mode)
 
 
-def _dropped(
-    rounds: list[Round], kept: Sequence[PlacedEffect], records: Records
-) -> tuple[str, ...]:
-    """Effects after the last round that are not kept.
-
-    A place that a fit moves, such as a guard, and the numbers of the modes may differ.
-    """
+def dropped(rounds: list[Round], kept: Sequence[PlacedEffect], records: Records) -> tuple[str, ...]:
+    """Effects after the last round that are not kept."""
+    # A place that a fit moves, such as a guard, and the numbers of the modes may differ.
 
     def identity(term: PlacedEffect) -> tuple:
         return term.effect.kind, term.target, term.place if term.effect.terms else None
 
-    last = rounds[-1].structure.fit.terms if rounds else ()
+    last = rounds[-1].structure.terms if rounds else ()
     stayed = {identity(term) for term in kept}
-    return tuple(_told(term, records) for term in last if identity(term) not in stayed)
-
-
-def _data(
-    ladder: Ladder,
-    models: tuple[EffectRegressor, EffectRegressor, EffectRegressor],
-    trajectory_names: NDArray | None,
-) -> EffectData:
-    """Rows for pictures: the models that have not seen the held-out rows, and the final one."""
-    whole = SearchData.whole(ladder.records, ladder.targets)
-    before, after, final = models
-    return EffectData(
-        records=ladder.records,
-        rows=ladder.split.held_out,
-        targets=ladder.targets,
-        models=(before, after),
-        final=final,
-        covariances=tuple(term_covariances(final.joint_fit_, whole)),
-        trajectory_names=trajectory_names,
-    )
+    return tuple(_in_words(term, records) for term in last if identity(term) not in stayed)
 
 
 def _leftover(fit: JointFit, ladder: Ladder, names: NDArray | None) -> ResidualReport | None:

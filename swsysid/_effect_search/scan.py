@@ -1,9 +1,14 @@
-"""Trials of one effect at one place: a scan of its parameters, then their refinement."""
+"""Candidates beside a fit: trials of those with columns, proposals of those without.
+
+A trial is a scan of the nonlinear parameters at one place, then their refinement. What has no
+columns has to be fitted to be judged.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import singledispatch
 from itertools import product
 
 import numpy as np
@@ -13,10 +18,15 @@ from scipy.optimize import minimize_scalar
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.regression import Background, Solution
 from swsysid._results import Array
-from swsysid.effects import Effect, PlacedEffect
+from swsysid.effects import (
+    Effect,
+    GuardEffect,
+    MeasurementEffect,
+    PlacedEffect,
+    ResetEffect,
+    StructureEffect,
+)
 from swsysid.effects._base import Place
-
-__all__ = ["refined", "scan"]
 
 Mode = int | None  # all modes alike if None
 Solutions = dict[Mode, Solution]
@@ -37,18 +47,12 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
             continue
         feature = context.linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
         role = effect.role_at(records, place)
-        if _adds(role, feature):
+        linear = feature is not None
+        if {"replaces": not linear, "beside": linear, "instead": False}.get(role, True):
             yield from _scan(context, effect, place, grid, columns, one_by_one)
         if feature is not None and role in ("replaces", "either", "instead"):
             each: list[tuple[Mode, ...]] = [tuple(range(n_modes))]
             yield from _scan(context, effect, place, grid, columns, each, feature)
-
-
-def _adds(role: str, feature: int | None) -> bool:
-    """True if the columns are tried beside the channel's own linear term."""
-    if role == "replaces":
-        return feature is None
-    return role != "instead" and (role != "beside" or feature is not None)
 
 
 def _scan(
@@ -60,10 +64,8 @@ def _scan(
     groups: Sequence[tuple[Mode, ...]],
     replaced: int | None = None,
 ) -> Iterator[Trial]:
-    """Trials of the best value of the grid for every target and each group of modes.
-
-    Columns in the place of a feature have coefficients in each mode, and all modes are one group.
-    """
+    """Trials of the best value of the grid for every target and each group of modes."""
+    # Columns in the place of a feature have coefficients in each mode, and all modes are one group.
     problem = context.regression
     change = {group: np.zeros(problem.targets.shape) for group in groups}
     chosen: dict[tuple[Mode, ...], list[Array]] = {group: [] for group in groups}
@@ -79,12 +81,9 @@ def _scan(
             chosen[group].append(some[best[group]])
         if test is None:
             continue
-        by_mode = {mode: best[group] for group in groups for mode in group}
-        predicted = _predicted(background, columns[:, some], solved, by_mode, test)
+        added = _added(background, full, test, columns[:, some], solved, best)
         for group in groups:
-            change[group][test] = sum(predicted[mode] for mode in group)
-            if replaced is not None:
-                change[group][test] += _without_feature(background, full, test)
+            change[group][test] = added[group]
     for group, target in product(groups, range(problem.targets.shape[1])):
         if replaced is None:
             # `solved`, `gains` and `best` are now those of all rows
@@ -114,35 +113,30 @@ def _promising(background: Background, columns: Array, most: int) -> NDArray[np.
     return np.sort(np.argsort(-gain)[:most])
 
 
-def _predicted(
+def _added(
     background: Background,
+    full: Background,
+    test: NDArray[np.intp],
     columns: Array,
     solved: Solutions,
-    best: dict[Mode, NDArray[np.intp]],
-    test: NDArray[np.intp],
-) -> dict[Mode, Array]:
-    """What the best value for every state adds on held-out rows in each mode."""
-    problem = background.problem
-    needed = np.unique(np.concatenate(list(best.values())))
+    best: dict[tuple[Mode, ...], NDArray[np.intp]],
+) -> dict[tuple[Mode, ...], Array]:
+    """What the best values of each group of modes add to the predictions of held-out rows."""
+    # There is one best value for every state. Columns in the place of a feature change what the
+    # library predicts as well, from that of `full` to that of `background`.
+    problem, needed = background.problem, np.unique(np.concatenate(list(best.values())))
     left = background.residuals(columns[:, needed], test)
+    lost = np.zeros((len(test), problem.targets.shape[1]))
+    if background is not full:
+        lost = full.residuals(problem.targets, test) - background.residuals(problem.targets, test)
     answer = {}
-    for mode, values in best.items():
-        predicted = np.column_stack(
-            [
-                left[:, np.searchsorted(needed, value)] @ solved[mode].coef[value, :, target]
-                for target, value in enumerate(values)
-            ]
-        )
-        if mode is not None:
-            predicted[problem.modes[test] != mode] = 0.0
-        answer[mode] = predicted
+    for group, values in best.items():
+        answer[group] = lost.copy()
+        for mode, (target, value) in product(group, enumerate(values)):
+            rows = slice(None) if mode is None else problem.modes[test] == mode
+            coef = solved[mode].coef[value, :, target]
+            answer[group][rows, target] += left[rows, np.searchsorted(needed, value)] @ coef
     return answer
-
-
-def _without_feature(background: Background, full: Background, test: NDArray[np.intp]) -> Array:
-    """By how much predictions of held-out rows change where the library lacks a feature."""
-    targets = full.problem.targets
-    return full.residuals(targets, test) - background.residuals(targets, test)
 
 
 # -- refinement ------------------------------------------------------------------------------------
@@ -166,12 +160,9 @@ def refined(context: CandidateContext, trial: Trial) -> Trial:
         if test is None:
             continue
         columns, solved = _solved(context, background, candidate, theta)
-        first = np.zeros(context.regression.targets.shape[1], dtype=np.intp)
-        predicted = _predicted(background, columns, solved, dict.fromkeys(solved, first), test)
-        added = sum(predicted.values(), start=np.zeros((len(test), len(first))))
-        if candidate.replaced is not None:
-            added += _without_feature(background, full, test)
-        change[test] = added[:, candidate.target]
+        group, first = tuple(solved), np.zeros(context.regression.targets.shape[1], dtype=np.intp)
+        added = _added(background, full, test, columns, solved, {group: first})
+        change[test] = added[group][:, candidate.target]
     return replace(trial, candidate=replace(candidate, theta=theta), change=change)
 
 
@@ -185,22 +176,30 @@ def _best_near(
     """Best parameters between the neighbours of the best value of the scan, one by one."""
     theta: list[float] = grid[start].tolist()
     for place in range(len(theta)):
-        values = np.unique(grid[:, place])
-        here = int(np.searchsorted(values, theta[place]))
-        low, high = values[max(here - 1, 0)], values[min(here + 1, len(values) - 1)]
-        if high <= low:
-            continue
 
         def loss(value: float, place: int = place) -> float:
             tried = (*theta[:place], value, *theta[place + 1 :])
             _, solved = _solved(context, background, candidate, tried)
             return -float(sum(one.gain[0, candidate.target] for one in solved.values()))
 
-        fine = context.data.settings.fine * (high - low)
-        found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": fine})
-        if found.fun < loss(theta[place]):
-            theta[place] = float(found.x)
+        values = np.unique(grid[:, place])
+        if len(values) > 1:
+            found, least = _least_near(loss, values, theta[place], context.data.settings.fine)
+            if least < loss(theta[place]):
+                theta[place] = found
     return tuple(theta)
+
+
+def _least_near(
+    loss: Callable[[float], float], values: Array, value: float, fine: float
+) -> tuple[float, float]:
+    """Where a loss is least between the neighbours of a value of a scan, and how large there."""
+    here = int(np.searchsorted(values, value))
+    low, high = values[max(here - 1, 0)], values[min(here + 1, len(values) - 1)]
+    found = minimize_scalar(
+        loss, bounds=(low, high), method="bounded", options={"xatol": fine * (high - low)}
+    )
+    return float(found.x), float(found.fun)
 
 
 def _solved(
@@ -215,3 +214,60 @@ def _solved(
     replacing = candidate.replaced is not None
     modes = range(context.regression.n_modes) if replacing else [candidate.mode]
     return columns, {mode: equations.solve(mode) for mode in modes}
+
+
+# -- candidates without columns --------------------------------------------------------------------
+
+
+@singledispatch
+def proposals(effect: Effect, context: CandidateContext) -> Iterator[PlacedEffect]:
+    """Candidates of an effect beside a fit; those with columns are scanned instead."""
+    yield from ()
+
+
+@proposals.register
+def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
+    """The correction of each sensor that lets the declared laws fit best."""
+    records, settings = context.records, context.data.settings
+    discrete = bool(context.fit.switching.discrete_time)
+    for place in effect.places(records):
+        if not effect.is_possible(records, place, context.velocities, discrete):
+            continue
+        (parameter,) = effect.parameters(records, place)
+
+        def misfit(value: float, place: int = place) -> float:
+            return context.misfit(effect.corrected(records, place, value))
+
+        losses = [misfit(value) for value in parameter.values]
+        best = int(np.argmin(losses))
+        if losses[best] > misfit(0.0) - settings.correction:
+            continue
+        value, _ = _least_near(misfit, parameter.values, parameter.values[best], settings.fine)
+        yield PlacedEffect(effect, place, place, theta=(value,))
+
+
+@proposals.register
+def _(effect: GuardEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
+    """Guards between two modes, if there is none that remembers yet."""
+    if context.fit.n_modes == 2 and context.fit.guard is None:
+        for guard, theta in effect.candidates(context.records, context.known_modes):
+            yield PlacedEffect(effect, guard, context.most_switched_state, theta=theta)
+
+
+@proposals.register
+def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
+    """Jumps of each state that the velocities cannot explain."""
+    if context.fit.switching.discrete_time:
+        return  # the targets are the next states, jumps included
+    for target in context.records.states:
+        found = effect.candidate(context.records, context.velocities, context.surface_modes, target)
+        if found is not None:
+            crossing, theta = found
+            yield PlacedEffect(effect, crossing, target, theta=theta)
+
+
+@proposals.register
+def _(effect: StructureEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
+    """The one other model."""
+    for place in effect.places(context.records):
+        yield PlacedEffect(effect, place, 0)

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import wraps
 from numbers import Integral
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
 from sklearn.model_selection import check_cv
 
-from swsysid._checks.estimators import check_fitted, column_names, known_velocities, rows_to_fit
+from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities
 from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import explained
 from swsysid._effect_model.joint_fit import JointFit, check_declared, fit_jointly, warn_of_doubts
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._effect_search.findings import describe_findings
+from swsysid._effect_search.contributions import term_covariances
+from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import Folds, SearchData, Split, make_folds, split_records
 from swsysid._effect_search.greedy import Search
-from swsysid._effect_search.ladder import Ladder
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext
@@ -29,7 +30,18 @@ from swsysid._pipelines import seeded, with_parameters
 from swsysid._results import Array, IdentificationWarning
 from swsysid.effects import Effect, all_effects
 
-__all__ = ["EffectSearchCV"]
+Answer = TypeVar("Answer")
+
+
+def _of_the_best(method: Callable[..., Answer]) -> Callable[..., Answer]:
+    """A method of the best model as one of the search that has found it."""
+
+    @wraps(method)
+    def call(self, *args, **options):
+        check_fitted(self, "best_estimator_")
+        return method(self.best_estimator_, *args, **options)
+
+    return call
 
 
 class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
@@ -140,19 +152,30 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             If a parameter or the data make no sense; the message says what to do.
         """
         self._check_parameters()
-        frame = signals
-        X, y = rows_to_fit(self, X, y)
+        X, y = rows_and_velocities(self, X, y, reset=True)
         targets = y.reshape(len(y), -1)
         self._one_target = y.ndim == 1
-        names = column_names(self)
-        records = make_records(X, targets.shape[1], t=t, groups=groups, signals=frame, names=names)
+        records = make_records(
+            X, targets.shape[1], t=t, groups=groups, signals=signals, names=column_names(self)
+        )
         self._trajectory_names = None if groups is None else np.unique(groups)
         seed = 0 if self.random_state is None else self.random_state
         self._declared, rng = seeded(self.estimator, seed), random_numbers(seed)
-        split = split_records(records, rng)
-        if self._too_short(records, split, targets):
-            return self._unchanged(records, targets)
-        return self._search(records, targets, split, rng)
+        split, n_columns = split_records(records, rng), X.shape[1] + targets.shape[1]
+        final = fit_jointly(self._declared, (), records, np.arange(len(X)), targets)
+        self.best_estimator_ = self.declared_estimator_ = self._regressor(final, records)
+        if len(split.search) >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns):
+            final = self._search(records, targets, split, rng, final)
+        else:
+            warnings.warn(
+                f"{len(records)} samples are too few to hold any out: the declared model is "
+                "returned unchanged. Record more, or fit the declared model itself.",
+                IdentificationWarning,
+                stacklevel=2,
+            )
+            self.effects_, self.report_ = [], EffectReport.nothing_done(records)
+        warn_of_doubts(final, 2)
+        return self
 
     def predict(self, X, *, t=None, groups=None, signals=None):
         """Velocities of the best model, of the shape that `y` had in `fit`."""
@@ -160,73 +183,63 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         velocity = self.best_estimator_.predict(X, t=t, groups=groups, signals=signals)
         return velocity[:, 0] if self._one_target else velocity
 
-    def predict_modes(self, X, *, t=None, groups=None, signals=None):
-        """Mode of every sample, shape (n_samples,)."""
-        check_fitted(self, "best_estimator_")
-        return self.best_estimator_.predict_modes(X, t=t, groups=groups, signals=signals)
-
     def score(self, X, y, *, t=None, groups=None, signals=None):
         """R2 of the velocities, or what `scoring` says."""
         check_fitted(self, "best_estimator_")
-        targets = known_velocities(self, X, y)[1]
+        targets = rows_and_velocities(self, X, y)[1]
         predicted = self.predict(X, t=t, groups=groups, signals=signals)
         if self.scoring is None:
             return explained(targets, predicted)
         return self.scoring(targets, predicted)
 
-    def simulate(self, x0, t, inputs=None, **options):
-        """Roll the best model out; see `EffectRegressor.simulate`."""
-        check_fitted(self, "best_estimator_")
-        return self.best_estimator_.simulate(x0, t, inputs, **options)
-
-    def equations(self, precision=3, format="text"):
-        """The laws of the best model; see `EffectRegressor.equations`."""
-        check_fitted(self, "best_estimator_")
-        return self.best_estimator_.equations(precision, format)
-
-    def surface_equations(self, precision=3, format="text"):
-        """The guards of the best model; see `EffectRegressor.surface_equations`."""
-        check_fitted(self, "best_estimator_")
-        return self.best_estimator_.surface_equations(precision, format)
+    predict_modes = _of_the_best(EffectRegressor.predict_modes)
+    simulate = _of_the_best(EffectRegressor.simulate)
+    equations = _of_the_best(EffectRegressor.equations)
+    surface_equations = _of_the_best(EffectRegressor.surface_equations)
 
     # -- parts of fit ------------------------------------------------------------------------------
 
-    def _search(self, records: Records, targets: Array, split: Split, rng: np.random.RandomState):
-        rows, everything = split.search, np.arange(len(records))
+    def _search(
+        self,
+        records: Records,
+        targets: Array,
+        split: Split,
+        rng: np.random.RandomState,
+        plain: JointFit,
+    ) -> JointFit:
+        """Effects beside the plain fit, a report of them, and the fit with them to all rows."""
+        rows = split.search
+        folds = self._folds(records.take(rows), targets[rows], rng)
         first = fit_jointly(self._declared, (), records, rows, targets[rows])
         context = SearchContext(
             estimator=with_parameters(self._declared, n_modes=first.n_modes),
             effects=all_effects() if isinstance(self.effects, str) else list(self.effects),
-            data=SearchData(
-                records, rows, targets[rows], self._folds(records.take(rows), targets[rows], rng)
-            ),
+            data=SearchData(records, rows, targets[rows], folds),
             declared=first,
             significance=self.significance,
         )
         search = Search(context, self.max_effects, self.n_jobs, self.verbose)
         structure, findings, rounds = search.run()
-        ladder = Ladder.of(context, structure, findings, targets, split)
-        plain = final = fit_jointly(self._declared, (), records, everything, targets)
+        ladder = Ladder(context, structure, findings, targets, split)
+        final, whole = plain, SearchData.whole(records, targets)
         if ladder.terms:
             modes = structure.fit.modes_along(records, rows)
             final = fit_jointly(
-                context.estimator, ladder.terms, records, everything, targets, modes
+                context.estimator, ladder.terms, records, whole.rows, targets, modes
             )
-        self.declared_estimator_ = self._regressor(plain, records)
-        self.best_estimator_ = (
-            self._regressor(final, records) if final.terms else self.declared_estimator_
-        )
-        self.effects_ = describe_findings(ladder, final)
-        without, within = (self._regressor(ladder.fits[place], records) for place in (0, -1))
-        models = (without, within, self.best_estimator_)
+            self.best_estimator_ = self._regressor(final, records)
+        covariances = term_covariances(final, whole)
+        self.effects_ = describe_findings(ladder, final, covariances)
+        models = [self._regressor(ladder.fits[place], records) for place in (0, -1)]
+        models.append(self.best_estimator_)
         self.report_ = EffectReport.of(
-            ladder, rounds, self.effects_, models, self._trajectory_names
+            ladder, rounds, self.effects_, models, covariances, self._trajectory_names
         )
-        warn_of_doubts(final, 3)
-        return self
+        return final
 
     def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
-        return EffectRegressor.around(clone(self._declared), fit, self, records.names)
+        regressor = EffectRegressor(clone(self._declared), fit.terms)
+        return regressor.around(fit, self, records.names)
 
     def _folds(self, records: Records, targets: Array, rng: np.random.RandomState) -> Folds:
         if self.cv is None or isinstance(self.cv, Integral):
@@ -235,27 +248,14 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         parts = list(check_cv(self.cv).split(records.X, targets, records.groups))
         return replace(folds, parts=parts)
 
-    def _too_short(self, records: Records, split: Split, targets: Array) -> bool:
-        n_columns = records.X.shape[1] + targets.shape[1]
-        return len(split.search) < max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
-
-    def _unchanged(self, records: Records, targets: Array):
-        warnings.warn(
-            f"{len(records)} samples are too few to hold any out: the declared model is returned "
-            "unchanged. Record more, or fit the declared model itself.",
-            IdentificationWarning,
-            stacklevel=3,
-        )
-        fit = fit_jointly(self._declared, (), records, np.arange(len(records)), targets)
-        warn_of_doubts(fit, 3)
-        self.best_estimator_ = self.declared_estimator_ = self._regressor(fit, records)
-        self.effects_ = []
-        self.report_ = EffectReport.nothing_done(records)
-        return self
-
     def _check_parameters(self) -> None:
         check_declared(self.estimator)
-        _check_effects(self.effects)
+        listed = isinstance(self.effects, Iterable) and not isinstance(self.effects, str)
+        known = listed and all(isinstance(effect, Effect) for effect in self.effects)
+        if not known and not (isinstance(self.effects, str) and self.effects == "all"):
+            raise ValueError(
+                f"effects={shown(self.effects)} must be 'all' or a list of swsysid.effects.Effect."
+            )
         if isinstance(self.cv, (str, bytes)) or not hasattr(self.cv, "split"):
             whole("cv", self.cv, least=2, also=(None,))
         function("scoring", self.scoring, "y_true and y_pred", also=(None,))
@@ -264,12 +264,3 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         jobs(self.n_jobs)
         random_numbers(self.random_state)
         verbosity(self.verbose)
-
-
-def _check_effects(effects: Any) -> None:
-    listed = isinstance(effects, Iterable) and not isinstance(effects, str)
-    if (isinstance(effects, str) and effects == "all") or (
-        listed and all(isinstance(effect, Effect) for effect in effects)
-    ):
-        return
-    raise ValueError(f"effects={shown(effects)} must be 'all' or a list of swsysid.effects.Effect.")

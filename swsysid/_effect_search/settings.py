@@ -1,10 +1,8 @@
-"""The numbers of a search for effects, and the reason behind each."""
+"""The numbers of a search for effects and of its report, and the reason behind each."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-__all__ = ["SETTINGS", "SearchSettings"]
 
 
 @dataclass(frozen=True)
@@ -51,9 +49,36 @@ class SearchSettings:
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
 
     # -- what is said of the result --------------------------------------------------------------
-    level: float = 0.95  # of confidence intervals
+    level: float = 0.95  # of confidence intervals and bands
     step: float = 0.05  # of a derivative, as a share of the distance between values of the scan
     apart: float = 0.05  # share of the samples on which two rivals differ most
 
 
-SETTINGS = SearchSettings()
+@dataclass(frozen=True)
+class ReportSettings:
+    """How much the text, the page and the pictures say and show."""
+
+    # -- what is worth telling ----------------------------------------------------------------
+    worth_telling: float = 0.01  # share by which an error is lowered
+    smallest_p_value: float = 1e-16  # smaller ones are rounding
+    exact: float = 1e-9  # of the spread of a velocity: a smaller error is rounding
+
+    # -- lists --------------------------------------------------------------------------------
+    names_in_text: int = 12  # lines of a terminal
+    names_on_page: int = 30  # words of a paragraph
+    most_rows: int = 40  # of a table of trajectories
+
+    # -- rollouts -----------------------------------------------------------------------------
+    most_rollouts: int = 4  # each has a picture of its own
+    most_samples: int = 1000  # of one rollout: seconds of work, and all that a picture resolves
+
+    # -- pictures -----------------------------------------------------------------------------
+    most_dots: int = 3000
+    most_bars: int = 24  # whose names can be read
+    longest_label: int = 34  # letters on one line
+    decades: float = 30.0  # errors that differ by a larger factor stand on a logarithmic axis
+    jump: float = 0.02  # neighbours of a function differ by less than this share of its range
+    stretch: int = 300  # samples of one trajectory that are shown where time is the axis
+
+
+SETTINGS, REPORT = SearchSettings(), ReportSettings()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from sklearn.base import BaseEstimator
 
 from swsysid._effect_model.joint_fit import JointFit, fit_jointly
 from swsysid._effect_search.candidates import (
@@ -20,15 +20,13 @@ from swsysid._effect_search.candidates import (
 )
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.held_out import held_out_cost, unseen_cost
-from swsysid._effect_search.proposals import proposals
-from swsysid._effect_search.scan import refined, scan
+from swsysid._effect_search.scan import proposals, refined, scan
 from swsysid._effect_search.settings import SearchSettings
 from swsysid._noise import robust_scale
 from swsysid._pipelines import switching_step
 from swsysid._results import Array
 from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, ResetEffect, StructureEffect
-
-__all__ = ["SearchContext", "Structure", "exchanged"]
+from swsysid.effects._base import Place
 
 Modes = NDArray[np.intp]
 Terms = tuple[PlacedEffect, ...]
@@ -36,23 +34,12 @@ Terms = tuple[PlacedEffect, ...]
 
 @dataclass(frozen=True)
 class Structure:
-    """A fitted structure and its price.
-
-    Attributes
-    ----------
-    fit : JointFit
-    cost : float
-        Negative log likelihood of held-out rows.
-    n_parameters : int
-        Beyond the declared model's.
-    rows : ndarray of shape (n_rows,)
-        Cost of each row.
-    """
+    """A fitted structure and its price."""
 
     fit: JointFit
-    cost: float
-    n_parameters: int
-    rows: Array
+    cost: float  # negative log likelihood of held-out rows
+    n_parameters: int  # beyond the declared model's
+    rows: Array  # cost of each row
 
     @property
     def terms(self) -> Terms:
@@ -65,6 +52,11 @@ class Structure:
         return self.terms[-1].effect
 
     @property
+    def adds_a_mode(self) -> bool:
+        """True if the last addition is another structure of the declared model."""
+        return isinstance(self.last, StructureEffect)
+
+    @property
     def price(self) -> float:
         """Cost and half a log of the number of rows for each parameter (Schwarz)."""
         return self.cost + 0.5 * self.n_parameters * np.log(len(self.rows))
@@ -72,26 +64,14 @@ class Structure:
 
 @dataclass(frozen=True)
 class SearchContext:
-    """The declared model, the data, the effects in question, and structures of them.
+    """The declared model, the data, the effects in question, and structures of them."""
 
-    Attributes
-    ----------
-    estimator : estimator
-        Declared model, with its number of modes fixed.
-    effects : sequence of Effect
-        The simplest explanation first.
-    data : SearchData
-    declared : JointFit
-        The declared model, fitted to the rows of the search.
-    significance : float
-        Largest probability of an addition by chance.
-    """
-
-    estimator: Any
-    effects: Sequence[Effect]
+    estimator: BaseEstimator  # declared model, with its number of modes fixed
+    effects: Sequence[Effect]  # the simplest explanation first
     data: SearchData
-    declared: JointFit
-    significance: float = 0.01
+    declared: JointFit  # fitted to the rows of the search
+    significance: float = 0.01  # largest probability of an addition by chance
+    kept: Columns = field(default_factory=dict, repr=False)  # of candidates on this record
 
     @property
     def settings(self) -> SearchSettings:
@@ -109,11 +89,6 @@ class SearchContext:
         return [effect for effect in self.effects if effect.missing(self.data.records) is None]
 
     @property
-    def n_structural(self) -> int:
-        """Number of effects that are more than columns."""
-        return sum(not effect.terms for effect in self.usable)
-
-    @cached_property
     def _n_declared_modes(self) -> int:
         return int(switching_step(self.estimator)[1].n_modes)
 
@@ -125,14 +100,14 @@ class SearchContext:
         most = self._n_declared_modes + sum(effect.n_more_modes for effect in more)
         if modes is not None and modes.max() >= most:
             modes = None  # modes of a structure that had more of them
-        return self.priced(self._fit(terms, modes, rounds))
+        return self._fitted(terms, modes, rounds)
 
     def with_modes_anew(self, structure: Structure) -> Structure:
         """The structure with its modes sought anew, if that is better."""
         fit = structure.fit
         if fit.n_modes == 1 or not any(term.effect.terms for term in fit.terms):
             return structure
-        anew = self.priced(self._fit(fit.terms, None, 2, like=fit.modes))
+        anew = self._fitted(fit.terms, None, 2, like=fit.modes)
         return min(structure, anew, key=lambda option: option.price)
 
     def priced(self, fit: JointFit) -> Structure:
@@ -149,28 +124,35 @@ class SearchContext:
         more = replace(fit, terms=(*fit.terms, reset), coef=(*fit.coef, np.zeros(0)))
         return Structure(more, structure.cost - gain, structure.n_parameters + 1, structure.rows)
 
+    def exchanged(self, structure: Structure, place: int, candidate: PlacedEffect) -> Structure:
+        """The structure with another effect in the place of one of its terms."""
+        terms = (*structure.terms[:place], candidate, *structure.terms[place + 1 :])
+        return self.structure(terms, structure.fit.modes)
+
     def without(self, structure: Structure, place: int) -> Structure:
         """The structure without one of its terms."""
-        fit, terms = structure.fit, exchanged(structure.terms, place)
-        if not isinstance(structure.terms[place].effect, ResetEffect):
+        fit = structure.fit
+        terms, coef = ((*each[:place], *each[place + 1 :]) for each in (fit.terms, fit.coef))
+        if not isinstance(fit.terms[place].effect, ResetEffect):
             return self.structure(terms, fit.modes)
-        coef = (*fit.coef[:place], *fit.coef[place + 1 :])
         return replace(structure, fit=replace(fit, terms=terms, coef=coef))
 
-    def _fit(self, terms: Terms, modes: Modes | None, rounds: int, like: Modes | None = None):
+    def _fitted(
+        self, terms: Terms, modes: Modes | None, rounds: int, like: Modes | None = None
+    ) -> Structure:
         data = self.data
-        return fit_jointly(
-            self.estimator, terms, data.records, data.rows, data.targets, modes, rounds, like
+        return self.priced(
+            fit_jointly(
+                self.estimator, terms, data.records, data.rows, data.targets, modes, rounds, like
+            )
         )
 
     # -- what is left over -----------------------------------------------------------------------
 
     def squared_errors(self, fit: JointFit, like: JointFit | None = None) -> Array:
-        """Mean squares of what a fit leaves over in each state, gross errors cut off.
-
-        What is gross may be said by another fit: of two models the one that explains most rows
-        exactly and the others not at all would otherwise have no errors.
-        """
+        """Mean squares of what a fit leaves over in each state, gross errors cut off."""
+        # What is gross may be said by another fit: of two models the one that explains most rows
+        # exactly and the others not at all would otherwise have no errors.
         data = self.data
         errors = fit.residuals(data.records, data.rows, data.targets)
         usual = errors if like is None else like.residuals(data.records, data.rows, data.targets)
@@ -183,11 +165,9 @@ class SearchContext:
         return np.maximum(self.squared_errors(self.declared), self.data.exact**2)
 
     def structural_chance(self, before: Structure, after: Structure) -> float:
-        """Of so large a gain in each block of rows by chance, for effects without columns.
-
-        One more surface is fitted to all rows and bends to those that are to be predicted; it is
-        judged by fits that have not seen them. A one-sided t-test of the mean gain of a block.
-        """
+        """Of so large a gain in each block of rows by chance, for effects without columns."""
+        # One more surface is fitted to all rows and bends to those that are to be predicted; it is
+        # judged by fits that have not seen them. A one-sided t-test of the mean gain of a block.
         gains = before.rows - after.rows
         if after.fit.n_modes > before.fit.n_modes:
             gains = self._unseen_cost(before) - self._unseen_cost(after)
@@ -208,34 +188,27 @@ class SearchContext:
 
     # -- candidates beside a structure -----------------------------------------------------------
 
-    @cached_property
-    def _kept_columns(self) -> Columns:
-        return {}
-
     def candidates(self, fit: JointFit, without: int | None = None) -> CandidateContext:
         """Candidates beside a fit, or in the place of one of its terms."""
-        return candidate_context(fit, self.data, without, self._kept_columns)
+        return candidate_context(fit, self.data, without, self.kept)
 
     def scanned(
         self, beside: CandidateContext, own: tuple | None = None
     ) -> tuple[list[Trial], int]:
-        """The most promising trials, refined, the best first; and how many there were.
-
-        That with the signature `own` is among them, if it is a trial at all.
-        """
+        """The most promising trials, refined, the best first; and how many there were."""
+        # That with the signature `own` is among them, if it is a trial at all.
         trials = [trial for effect in self.usable for trial in scan(beside, effect)]
         if not trials:
             return [], 0
         kinds: set[str] = set()
         chosen = []
-        for rank, place in enumerate(_best_first(beside, trials)):
-            candidate = trials[place].candidate
-            kind = candidate.effect.kind
+        for rank, trial in enumerate(_best_first(beside, trials)):
+            kind = trial.candidate.effect.kind
             hopeful = rank < self.settings.n_refined or kind not in kinds
-            if hopeful or candidate.signature == own:
-                chosen.append(refined(beside, trials[place]))
+            if hopeful or trial.candidate.signature == own:
+                chosen.append(refined(beside, trial))
             kinds.add(kind)
-        return [chosen[place] for place in _best_first(beside, chosen)], len(trials)
+        return _best_first(beside, chosen), len(trials)
 
     def corrections(
         self, structure: Structure, place: int, beside: CandidateContext
@@ -244,25 +217,25 @@ class SearchContext:
         for effect in self.usable:
             if isinstance(effect, MeasurementEffect):
                 for candidate in proposals(effect, beside):
-                    terms = exchanged(structure.terms, place, candidate)
-                    yield self.structure(terms, structure.fit.modes)
+                    yield self.exchanged(structure, place, candidate)
 
     def spanned(self) -> tuple[tuple[str, str], ...]:
-        """Kinds and places whose columns the declared library spans already on these data."""
+        """Kinds and places of columns that the declared library spans already on these data."""
         beside = self.candidates(self.declared)
+        records, background = beside.records, beside.backgrounds()[-1]
+
+        def leaves_nothing(effect: Effect, place: Place) -> bool:
+            columns = beside.columns(effect, place, np.empty((1, 0)))
+            return bool(background.normal_equations(columns).spanned.all())
+
         return tuple(
-            (effect.kind, effect.label(place, beside.records.names))
+            (effect.kind, effect.label(place, records.names))
             for effect in self.usable
-            for place in effect.places(beside.records)
-            if beside.is_spanned(effect, place)
+            for place in (effect.places(records) if effect.terms else ())
+            if not effect.parameters(records, place) and leaves_nothing(effect, place)
         )
 
 
-def exchanged(terms: Terms, place: int, *candidates: PlacedEffect) -> Terms:
-    """Terms with other ones in the place of one."""
-    return (*terms[:place], *candidates, *terms[place + 1 :])
-
-
-def _best_first(beside: CandidateContext, trials: list[Trial]) -> list[int]:
-    order: list[int] = np.argsort(-beside.gains(trials).sum(axis=1), kind="stable").tolist()
-    return order
+def _best_first(beside: CandidateContext, trials: list[Trial]) -> list[Trial]:
+    order = np.argsort(-beside.gains(trials).sum(axis=1), kind="stable")
+    return [trials[place] for place in order]

@@ -1,29 +1,131 @@
-"""A report of effects in plain text."""
+"""What is said of a search for effects: the words that all share, and a report in plain text."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from swsysid._effect_search import wording
-from swsysid._effect_search.contents import EffectContents
-from swsysid._effect_search.report_settings import REPORT
+import numpy as np
+
+from swsysid._effect_search.contents import EffectContents, Rollout
+from swsysid._effect_search.settings import REPORT
 from swsysid._rendering.columns import text_table
-from swsysid.effects import FoundEffect
+from swsysid._residual_report.report import ResidualReport
+from swsysid.effects import FoundEffect, Rival, StructureEffect
+from swsysid.effects._base import NOWHERE
 
-__all__ = ["report_text"]
+NOT_LOOKED_FOR = "Not looked for"
+SPANNED = f"{NOT_LOOKED_FOR}, since the declared model can take their shape"
+_DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
 
 
-def report_text(report: EffectContents) -> str:
+def rate(name: str, discrete: bool = False) -> str:
+    """What the law of a state gives: its velocity, or its next value."""
+    return f"next {name}" if discrete else f"{name}'"
+
+
+def named(kind: str, place: str) -> str:
+    """Kind of an effect, and its place where that says more."""
+    return kind.replace("_", " ") + ("" if place in NOWHERE else f" of {place}")
+
+
+def title(kind: str, place: str, state: str, mode: int | None, discrete: bool = False) -> str:
+    """Kind, place, equation and mode of an effect in a few words."""
+    where = "" if mode is None else f", mode {mode}"
+    return f"{named(kind, place)} in {rate(state, discrete)}{where}"
+
+
+def effect_title(effect: FoundEffect | Rival, report: EffectContents) -> str:
+    """`title` of an effect that was found, or of its rival."""
+    state = report.targets[effect.target]
+    return title(effect.kind, effect.place, state, effect.mode, report.discrete)
+
+
+def sentence(text: str, names: Sequence[str]) -> str:
+    """Text as a sentence; a channel's name that it begins with keeps its letters."""
+    first = text if any(text.startswith(name) for name in names) else text[:1].upper() + text[1:]
+    return f"{first}."
+
+
+def probability(value: float) -> str:
+    """A p-value, no smaller than means anything."""
+    least = REPORT.smallest_p_value
+    return f"p = {value:.1g}" if value >= least else f"p < {least:g}"
+
+
+def interval(effect: FoundEffect, name: str) -> str:
+    """95 % confidence interval of a parameter, "" if there is none."""
+    low, high = effect.intervals.get(name, (np.nan, np.nan))
+    return f"{low:.4g} to {high:.4g}" if np.isfinite(low) and np.isfinite(high) else ""
+
+
+def summary(report: EffectContents) -> str:
+    """What came out, in one sentence."""
+    if not report.n_held_out:
+        return "Nothing was searched: the record is too short to hold any of it out."
+    if not report.effects:
+        return "No effect is missing as far as these data show."
+    errors = np.array([report.errors[place]["held_out"] for place in (0, -1)])
+    target = int(np.argmin(errors[1] / np.where(errors[0] > 0, errors[0], np.inf)))
+    before, after = errors[:, target]
+    others = len(report.effects) - 1
+    more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
+    name = effect_title(report.effects[0], report)
+    name = f"{name[:1].upper()}{name[1:]}{more}"
+    if after > (1.0 - REPORT.worth_telling) * before:
+        return f"{name}: it does not lower the held-out error of any velocity."
+    return (
+        f"{name}: with it the held-out error of {rate(report.targets[target], report.discrete)} "
+        f"is {after:.4g} instead of {before:.4g}."
+    )
+
+
+def moved(report: EffectContents) -> str:
+    """What became of the modes, in a sentence."""
+    if any(isinstance(effect.placed.effect, StructureEffect) for effect in report.effects):
+        return "There is one more mode than declared."
+    return f"{report.guard_moved:.1%} of the samples changed their mode."
+
+
+def leftovers(report: EffectContents) -> list[tuple[str, ResidualReport]]:
+    """What the declared model leaves over, and what that with the effects."""
+    models = [(_DECLARED, report.residual_before)]
+    if report.effects:
+        models.append((_WITH_EFFECTS, report.residual_after))
+    return [(model, leftover) for model, leftover in models if leftover is not None]
+
+
+def verdicts(leftover: ResidualReport, report: EffectContents) -> list[tuple[str, str]]:
+    """Velocities, and the sentence on what is left of each."""
+    return [(rate(name, report.discrete), said) for name, said in leftover.verdicts.items()]
+
+
+def ends(rollout: Rollout) -> list[tuple[str, str]]:
+    """Models whose simulation ended early, and why."""
+    both = zip((_DECLARED, _WITH_EFFECTS), rollout.ended, strict=True)
+    return [(model, why) for model, why in both if why]
+
+
+def skipped(report: EffectContents) -> list[str]:
+    """Kinds that were not looked for, and why."""
+    return [f"{kind}: {why}" for kind, why in report.skipped.items()]
+
+
+def first_of(entries: Sequence[str], most: int) -> list[str]:
+    """The first entries, and how many more there are."""
+    rest = len(entries) - most
+    return [*entries[:most], *([f"and {rest} more"] if rest > 0 else [])]
+
+
+# -- the text -------------------------------------------------------------------------------------
+
+
+def report_lines(report: EffectContents) -> Iterator[str]:
     """The whole report."""
-    return "\n".join(_lines(report))
-
-
-def _lines(report: EffectContents) -> Iterator[str]:
     yield (
         f"Effect search: {report.n_search} rows searched, {report.n_held_out} held out "
         f"({report.held_out})."
     )
-    yield wording.summary(report)
+    yield summary(report)
     if report.errors:
         yield ""
         yield from _errors(report)
@@ -33,20 +135,20 @@ def _lines(report: EffectContents) -> Iterator[str]:
     if report.n_held_out:
         yield ""
     if report.effects:
-        yield f"Modes: {wording.moved(report)}"
+        yield f"Modes: {moved(report)}"
     when = [" without the effects", " with the effects"] if report.effects else [""]
-    for told, (_, leftover) in zip(when, wording.leftovers(report), strict=False):
-        for name, said in wording.verdicts(leftover, report):
+    for told, (_, leftover) in zip(when, leftovers(report), strict=False):
+        for name, said in verdicts(leftover, report):
             yield f"Left over of {name}{told}: {said}"
     if report.effects:
         yield from _rollouts(report)
     for heading, entries in (
-        (wording.NOT_LOOKED_FOR, wording.skipped(report)),
-        (wording.SPANNED, report.not_identifiable),
+        (NOT_LOOKED_FOR, skipped(report)),
+        (SPANNED, report.not_identifiable),
     ):
         if entries:
             yield f"{heading}:"
-            yield from (f"  {entry}" for entry in wording.first_of(entries, REPORT.names_in_text))
+            yield from (f"  {entry}" for entry in first_of(entries, REPORT.names_in_text))
 
 
 def _errors(report: EffectContents) -> list[str]:
@@ -54,22 +156,22 @@ def _errors(report: EffectContents) -> list[str]:
     columns = [("held-out RMS error", "<1", [row["model"] for row in report.errors])]
     for state, name in enumerate(report.targets):
         errors = [f"{row['held_out'][state]:.4g}" for row in report.errors]
-        columns.append((wording.rate(name, report.discrete), ">12", errors))
+        columns.append((rate(name, report.discrete), ">12", errors))
     return text_table(columns, gap="  ")
 
 
 def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterator[str]:
-    yield f"{number}. {wording.effect_title(effect, report)}: {effect.meaning}."
+    yield f"{number}. {effect_title(effect, report)}: {effect.meaning}."
     yield (
         f"   held-out error before {effect.error_before:.4g}, after {effect.error_after:.4g}; "
-        f"{wording.probability(effect.p_value)}"
+        f"{probability(effect.p_value)}"
     )
     for name, value in effect.parameters.items():
-        sure = wording.interval(effect, name)
+        sure = interval(effect, name)
         yield f"   {name} {value:.5g}" + (f"  (95 %: {sure})" if sure else "")
     for rival in effect.rivals:
         yield (
-            f"   rival, as good on these data: {wording.effect_title(rival, report)}, error "
+            f"   rival, as good on these data: {effect_title(rival, report)}, error "
             f"{rival.error:.4g}; to tell them apart: {rival.advice}"
         )
 
@@ -86,8 +188,6 @@ def _rollouts(report: EffectContents) -> Iterator[str]:
             f"Rollout of trajectory {rollout.name} over a time of {rollout.compared:.4g}: "
             f"RMS error {errors}."
         )
-        yield from (
-            f"  The rollout of the {model} ended: {why}" for model, why in wording.ends(rollout)
-        )
+        yield from (f"  The rollout of the {model} ended: {why}" for model, why in ends(rollout))
     if report.data.why_no_rollouts:
         yield f"No rollouts: {report.data.why_no_rollouts}."

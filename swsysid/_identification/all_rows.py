@@ -15,76 +15,35 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._identification.descent import descend
-from swsysid._identification.estimate import Estimate
+from swsysid._identification.descent import Descent, descend
 from swsysid._identification.passes import Pass, PassResult
-from swsysid._identification.trust_region import Sampled
+from swsysid._identification.trust_region import Estimate, Sampled
 from swsysid._results import Array, IterationRecord
 from swsysid._surfaces.fitted import FittedSurfaces, HingeSummary
 from swsysid._surfaces.margin_program import SurfaceFit
-
-__all__ = ["AllRowsAnswer", "descend_over_all_rows"]
 
 # What passes found at surfaces that were no better.
 Refused = Sequence[Sequence[HingeSummary]]
 RunPass = Callable[[Pass, NDArray[np.int8] | None], PassResult]
 
 
-@dataclass(frozen=True)
-class AllRowsAnswer:
-    """The answer of all rows.
-
-    Attributes
-    ----------
-    given : Pass
-        With the vector fields, and the surfaces that the labels were coupled to.
-    result : PassResult
-        Of that pass.
-    fits : list of SurfaceFit
-        Surfaces fitted to these labels; empty for a classifier that is no `FittedSurfaces`.
-    history : tuple of IterationRecord
-    converged : bool
-    stalled : bool
-        True if the passes ended because no trust region was enough.
-    """
-
-    given: Pass
-    result: PassResult
-    fits: list[SurfaceFit]
-    history: tuple[IterationRecord, ...]
-    converged: bool
-    stalled: bool
-
-
 def descend_over_all_rows(
     run: RunPass, first: Pass, sampled: Sampled, *, max_iter: int, tol: float
-) -> AllRowsAnswer:
-    """Pass over all rows until neither labels nor objective change.
+) -> tuple[Descent[Passed], list[SurfaceFit]]:
+    """Pass over all rows until neither labels nor objective change; `run` makes one pass.
 
-    Parameters
-    ----------
-    run : callable
-        The result of a pass over all rows, given the labels of the pass before.
-    first : Pass
-    sampled : Sampled
-        Some of the rows.
-    max_iter : int
-    tol : float
-        Relative improvement of the joint objective below which nothing more is to be had.
+    Where the descent ended, and surfaces fitted to its labels: none for a classifier that is no
+    `FittedSurfaces`.
     """
     rows = _InPasses(run, sampled, tol)
-    found = descend(rows, _Passed(first), max_iter=max_iter, tol=tol)
-    last = found.last
+    descent = descend(rows, Passed(first), max_iter=max_iter, tol=tol)
     if not first.problem.coupling:
-        last = rows.with_converged_surfaces(last)
-    fits = rows.refit(last)
-    return AllRowsAnswer(
-        last.given, last.result, fits, found.history, found.converged, found.stalled
-    )
+        descent = replace(descent, last=rows.with_converged_surfaces(descent.last))
+    return descent, rows.refit(descent.last)
 
 
 @dataclass(frozen=True)
-class _Passed:
+class Passed:
     """Vector fields and surfaces, and what a pass with them found; nothing yet for a start."""
 
     given: Pass
@@ -145,7 +104,7 @@ class _InPasses:
         self.run, self.sampled, self.tol = run, sampled, tol
         self.before: PassResult | None = None
 
-    def next(self, iterate: _Passed) -> _Passed | None:
+    def next(self, iterate: Passed) -> Passed | None:
         """The next vector fields and surfaces, with a wider trust region if they are worse."""
         if iterate.found is None:
             return self._passed(iterate.given)
@@ -160,27 +119,25 @@ class _InPasses:
             best = self._passed(best.given.widened())
         return None
 
-    def renewed(self, iterate: _Passed) -> _Passed:
+    def renewed(self, iterate: Passed) -> Passed:
         """The same: the mode-book of the sample is that of all rows."""
         return iterate
 
-    def refit(self, iterate: _Passed, refused: Refused = ()) -> list[SurfaceFit]:
+    def refit(self, iterate: Passed, refused: Refused = ()) -> list[SurfaceFit]:
         """Surfaces for the labels; none for a classifier that cannot be fitted to summaries."""
         given, surface = iterate.given, iterate.given.estimate.surface
         if not isinstance(surface, FittedSurfaces):
             return []
-        anchors = self.sampled.anchors(given.estimate, surface, given.region)
+        anchors = self.sampled.anchors(given.estimate, surface, given.regions)
         return surface.refit(iterate.result.surfaces, anchors, refused)
 
-    def with_converged_surfaces(self, best: _Passed) -> _Passed:
-        """A pass over all rows with surfaces that its summaries cannot improve.
-
-        Without coupling the labels converge whether the surfaces have converged or not.
-        """
+    def with_converged_surfaces(self, best: Passed) -> Passed:
+        """A pass over all rows with surfaces that its summaries cannot improve."""
+        # Without coupling the labels converge whether the surfaces have converged or not.
         for _ in range(best.given.problem.settings.most_surface_passes):
             fits = self.refit(best)
-            within_reach = sum(fit.objective for fit in fits)
-            if best.surface_objective - within_reach <= self.tol * best.surface_objective:
+            attained = sum(fit.objective for fit in fits)
+            if best.surface_objective - attained <= self.tol * best.surface_objective:
                 break
             trial = self._passed(self._moved(best.given, best.given.estimate.coef, fits))
             if trial.surface_objective < best.surface_objective:
@@ -189,7 +146,7 @@ class _InPasses:
                 best = self._passed(best.given.widened())
         return best
 
-    def _passed(self, given: Pass) -> _Passed:
+    def _passed(self, given: Pass) -> Passed:
         started, before, loss = perf_counter(), self.before, given.problem.loss
         if before is None:
             result = self.run(given, None)
@@ -201,9 +158,9 @@ class _InPasses:
                 pairs = zip(before.dynamics, result.dynamics, strict=True)
                 result = replace(result, dynamics=tuple(map(loss.summary.joined, pairs)))
         self.before = result
-        return _Passed(given, result, changes, perf_counter() - started)
+        return Passed(given, result, changes, perf_counter() - started)
 
-    def _following(self, iterate: _Passed, refused: Refused) -> Pass:
+    def _following(self, iterate: Passed, refused: Refused) -> Pass:
         """A pass with better vector fields and surfaces."""
         given, result = iterate.given, iterate.result
         problem, coef = given.problem, given.estimate.coef.copy()
@@ -225,10 +182,10 @@ class _InPasses:
                 surface, coef=np.reshape([fit.coef for fit in fits], surface.coef.shape)
             )
         now = Estimate(coef, surface)
-        within = sampled.holds(given.region, coef - before.coef, modes)
+        within = sampled.holds(given.regions, coef - before.coef, modes)
         return replace(
             given,
             estimate=now,
-            region=sampled.after(given.region, before, now, modes),
+            regions=sampled.after(given.regions, before, now, modes),
             exact=loss.additive or (within and loss.summary.exact),
         )

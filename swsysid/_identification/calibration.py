@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,51 +17,17 @@ from swsysid._noise import (
     weighted_quantile,
 )
 from swsysid._results import Array
-from swsysid._surfaces.surface import solves_margin_program
-
-__all__ = ["CALIBRATION", "attach_likelihood", "calibrate", "log_densities", "may_discard"]
-
-
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """When a row belongs to no mode, and what noise is assumed of the others.
-
-    Attributes
-    ----------
-    outlying : float
-        Residuals beyond this many scales belong to no mode ...
-    most_outlying : float
-        ... unless that would discard more than this share of a mode: then it is the mode that
-        fits badly, not the rows.
-    least_scale : float
-        Smallest scale of a residual, relative to the spread of the velocity: below it the data
-        are clean, and differences are roundoff.
-    outlier_share : float
-        Expected share of outliers; it bounds what a single row can say about its mode.
-    outlier_breadth : float
-        Their deviation over the median distance of a velocity from its median.
-    """
-
-    outlying: float = 10.0
-    most_outlying: float = 0.5
-    least_scale: float = 1e-9
-    outlier_share: float = 0.02
-    outlier_breadth: float = 7.4
-
-
-CALIBRATION = CalibrationSettings()
+from swsysid._surfaces.surface import Classifier, solves_margin_program
 
 
 def calibrate(problem: SwitchingProblem, coef: Array, modes: Modes) -> SwitchingProblem:
-    """The problem with the scale of some residuals, and with the rows that are outlying.
-
-    The scale is that of a Laplace law with the median size of the residuals, so that an l1 loss is
-    a negative log likelihood in nats.
-    """
+    """The problem with the scale of some residuals, and with the rows that are outlying."""
+    # The scale is that of a Laplace law with the median size of the residuals, so that an l1 loss
+    # is a negative log likelihood in nats.
     size = _sizes(problem, coef, modes)
     middle = weighted_quantile(problem.targets, problem.weight, 0.5, axis=0)
     spread = np.abs(problem.targets - middle).max(axis=0)
-    floor = CALIBRATION.least_scale * np.where(spread > 0, spread, 1.0)
+    floor = problem.settings.calibration.least_scale * np.where(spread > 0, spread, 1.0)
     scale = np.maximum(LAPLACE_SCALE * robust_scale(size, problem.weight), floor)
     problem = replace(problem, scale=scale)
     outlying = _outlying(problem, size)
@@ -74,7 +39,7 @@ def may_discard(problem: SwitchingProblem, coef: Array, modes: Modes) -> NDArray
     outlying = _outlying(problem, _sizes(problem, coef, modes))
     members = np.bincount(modes, problem.weight, problem.n_modes)
     discarded = np.bincount(modes, problem.weight * outlying, problem.n_modes)
-    return discarded <= CALIBRATION.most_outlying * members
+    return discarded <= problem.settings.calibration.most_outlying * members
 
 
 def log_densities(problem: SwitchingProblem, coef: Array) -> Array:
@@ -83,17 +48,18 @@ def log_densities(problem: SwitchingProblem, coef: Array) -> Array:
     Where the vector fields differ by less than the noise, as they do near a guard that they meet
     continuously, a row is no evidence for any mode.
     """
-    deviation = problem.scale / LAPLACE_SCALE
+    deviation, settings = problem.scale / LAPLACE_SCALE, problem.settings.calibration
     squares = np.square((problem.targets - problem.velocities(coef)) / deviation).sum(axis=2).T
     inside = NORMAL.log_density(squares, np.log(deviation).sum(), len(deviation))
-    outliers = Outliers.among(
-        problem.targets, problem.weight, CALIBRATION.outlier_breadth, least=deviation
-    )
+    breadth = settings.outlier_breadth
+    outliers = Outliers.among(problem.targets, problem.weight, breadth, least=deviation)
     outside = outliers.log_density(problem.targets)[:, None]
-    return mixed_with_outliers(inside, outside, CALIBRATION.outlier_share)[0]
+    return mixed_with_outliers(inside, outside, settings.outlier_share)[0]
 
 
-def attach_likelihood(surface: Any, problem: SwitchingProblem, coef: Array, modes: Modes) -> None:
+def attach_likelihood(
+    surface: Classifier, problem: SwitchingProblem, coef: Array, modes: Modes
+) -> None:
     """Attach the likelihood of the modes at every row to a surface that claims probabilities."""
     if problem.n_modes > 1 and solves_margin_program(surface):
         problem = calibrate(problem, coef, modes)
@@ -101,7 +67,7 @@ def attach_likelihood(surface: Any, problem: SwitchingProblem, coef: Array, mode
 
 
 def _outlying(problem: SwitchingProblem, size: Array) -> NDArray[np.bool_]:
-    return (size / problem.scale).max(axis=1) > CALIBRATION.outlying
+    return (size / problem.scale).max(axis=1) > problem.settings.calibration.outlying
 
 
 def _sizes(problem: SwitchingProblem, coef: Array, modes: Modes) -> Array:

@@ -9,46 +9,34 @@ are zero where modes cannot be told apart.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from sklearn.base import clone
 
-from swsysid._identification.alternation import AlternateFrom, Alternation
 from swsysid._identification.calibration import log_densities
-from swsysid._identification.problem import (
-    Modes,
-    SwitchingProblem,
-    one_hot,
-)
+from swsysid._identification.descent import AlternateFrom, Alternation
+from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._results import Array
 from swsysid._surfaces.relevance import Relevance, feature_relevance
-from swsysid._surfaces.surface import fit_weighted, solves_margin_program, takes_relevance
-
-__all__ = ["SurfaceCandidate", "SurfaceChoice", "choose_monomials", "surface_candidates"]
-
-# Each surface is a search of its own: that of a surface for each pair of twenty modes would take
-# longer than the fit.
-_MOST_SURFACES = 15
-# Below this a difference of log evidences is a rounding error.
-_NO_ADVANTAGE = 1e-6
-# Log evidences this close leave both surfaces in the race.
-_NEARLY_TIED = 5.0
+from swsysid._surfaces.surface import (
+    Classifier,
+    MarginClassifier,
+    fit_weighted,
+    option,
+    solves_margin_program,
+    takes_relevance,
+)
+from swsysid.relaxations._base import one_hot
 
 
 @dataclass(frozen=True)
 class SurfaceChoice:
-    """Surfaces of few monomials against those of all.
+    """Surfaces of few monomials against those of all."""
 
-    Attributes
-    ----------
-    advantage : float
-        Log evidence of the best few monomials minus that of all, in nats, over all surfaces.
-    relevance : ndarray of shape (n_surface_features,)
-        Posterior probability that a surface needs the monomial; the largest of the surfaces.
-    """
-
+    # Log evidence of the best few monomials minus that of all, in nats, over all surfaces.
     advantage: float
+    # (n_surface_features,): posterior probability that a surface needs the monomial; the largest of
+    # the surfaces.
     relevance: Array
 
 
@@ -67,7 +55,7 @@ class SurfaceCandidate:
         one that was chosen.
     """
 
-    surface: Any
+    surface: Classifier
     n_monomials: int | None
     shortfall: float
 
@@ -75,16 +63,14 @@ class SurfaceCandidate:
 def choose_monomials(
     problem: SwitchingProblem, best: Alternation, descent: AlternateFrom
 ) -> tuple[SwitchingProblem, Alternation, SurfaceChoice | None]:
-    """Alternate again with the relevant monomials if they explain the velocities better.
-
-    Nothing is chosen without coupling (the paper's method), for one mode, for more surfaces than
-    it takes to separate a handful of modes, or for a surface that knows no relevance or was given
-    one.
-    """
+    """Alternate again with the relevant monomials if they explain the velocities better."""
+    # Nothing is chosen without coupling (the paper's method), for one mode, for more surfaces than
+    # it takes to separate a handful of modes, or for a surface that knows no relevance or was given
+    # one.
     surface = best.surface
     if not (solves_margin_program(surface) and takes_relevance(problem.surface)):
         return problem, best, None
-    if not 1 <= surface.mode_book_.shape[1] <= _MOST_SURFACES:
+    if not 1 <= surface.mode_book_.shape[1] <= problem.settings.most_surfaces:
         return problem, best, None
     density = log_densities(problem, best.coef)
     features = surface.surface_features(problem.coordinates)
@@ -98,7 +84,7 @@ def choose_monomials(
     )
     if not choice.relevance.any():  # the velocities ask for no surface at all
         return problem, best, None
-    if choice.advantage < _NO_ADVANTAGE:
+    if choice.advantage < problem.settings.no_advantage:
         return problem, best, choice
     sparse = clone(problem.surface).set_params(relevance=choice.relevance)
     problem = replace(problem, surface=sparse)
@@ -107,34 +93,32 @@ def choose_monomials(
 
 
 def surface_candidates(
-    problem: SwitchingProblem, choice: SurfaceChoice | None, chosen: Any, modes: Modes
+    problem: SwitchingProblem, choice: SurfaceChoice | None, chosen: Classifier, modes: Modes
 ) -> list[SurfaceCandidate]:
-    """The chosen surface, and the other one where all monomials and few nearly tie.
-
-    The other is fitted to the same modes; two surfaces that nearly tie differ on few of them.
-    """
+    """The chosen surface, and the other one where all monomials and few nearly tie."""
+    # The other is fitted to the same modes; two surfaces that nearly tie differ on few of them.
     if choice is None:
         return [SurfaceCandidate(chosen, _n_monomials(chosen), 0.0)]
     lead = abs(choice.advantage)
     candidates = [SurfaceCandidate(chosen, _n_monomials(chosen), -lead)]
-    if lead < _NEARLY_TIED:
-        relevance = choice.relevance if problem.surface.relevance is None else None
+    if lead < problem.settings.nearly_tied:
+        relevance = choice.relevance if option(problem.surface, "relevance", None) is None else None
         other = clone(problem.surface).set_params(relevance=relevance)
         fit_weighted(other, problem.coordinates, modes, problem.weight)
         candidates.append(SurfaceCandidate(other, _n_monomials(other), lead))
     return candidates
 
 
-def _n_monomials(surface: Any) -> int | None:
+def _n_monomials(surface: Classifier) -> int | None:
     return int(np.count_nonzero(surface.coef_)) if solves_margin_program(surface) else None
 
 
-def _sides(problem: SwitchingProblem, surface, density: Array, column: int) -> tuple[Array, Array]:
-    """Log ratio of the two sides of one surface, and the weight of the samples it separates.
-
-    With two modes that is the ratio of their densities. With more, the modes of a side count as
-    far as the other surfaces allow them, at a nat for each margin of violation.
-    """
+def _sides(
+    problem: SwitchingProblem, surface: MarginClassifier, density: Array, column: int
+) -> tuple[Array, Array]:
+    """Log ratio of the two sides of one surface, and the weight of the samples it separates."""
+    # With two modes that is the ratio of their densities. With more, the modes of a side count as
+    # far as the other surfaces allow them, at a nat for each margin of violation.
     book = surface.mode_book_
     agreement = surface.surface_values(problem.coordinates)[:, None, :] * book
     violation = np.maximum(0.0, surface.margin_ - agreement) / surface.margin_
@@ -152,7 +136,9 @@ def _log_sum(values: Array) -> Array:
     return total
 
 
-def _gated_modes(surface, density: Array, features: Array, found: list[Relevance]) -> Modes:
+def _gated_modes(
+    surface: MarginClassifier, density: Array, features: Array, found: list[Relevance]
+) -> Modes:
     """Most probable modes by the densities and the averaged gates."""
     gates = features @ np.array([each.gate for each in found]).T
     agreement = gates[:, None, :] * surface.mode_book_

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._data.rows import thinned_rows
+from swsysid._identification.settings import ModeCountSettings
 from swsysid._noise import mixed_with_outliers, robust_scale
 from swsysid._results import Array
 from swsysid._seeding.designs import centre_and_scale, whiten
@@ -19,56 +20,7 @@ from swsysid._seeding.seeding import Preparation, Seed, seed_modes
 from swsysid._seeding.settings import SeedingSettings
 from swsysid._seeding.starts import split_labels
 
-__all__ = ["ModeCandidate", "compare_mode_counts", "smallest_sufficient", "smooth_rival"]
-
-
-@dataclass(frozen=True)
-class ModeCountSettings:
-    """How numbers of modes are compared.
-
-    Attributes
-    ----------
-    held_out : float
-        Share of the samples held out ...
-    trajectories : int
-        ... as whole trajectories where there are so many.
-    most_rows : int
-        Of either part; more rows say no more.
-    standard_errors, free_nats : float
-        Differences of fewer standard errors than this, and this many nats, are noise.
-    patience : int
-        Counts tried beyond the best one before the search gives up.
-    seeding : SeedingSettings
-        Two batches of random starts suffice beside the cuts of every smaller mode.
-    n_splits : int
-        So many cuts.
-    least_scale : float
-        Residuals below this share of an output's typical deviation are none: on exact data the
-        comparison must not be about rounding errors.
-    most_nats : float
-        A sample costs about this much at most, or a nat for every output if these are more.
-    smooth_degrees : tuple of int
-        One law with all monomials up to these degrees is compared with several modes, ...
-    most_monomials, rows_a_monomial : int
-        ... as long as there are not too many monomials for the rows.
-    """
-
-    held_out: float = 0.25
-    trajectories: int = 4
-    most_rows: int = 3000
-    standard_errors: float = 2.0
-    free_nats: float = 2.0
-    patience: int = 2
-    seeding: SeedingSettings = SeedingSettings(most_starts=32)
-    n_splits: int = 2
-    least_scale: float = 1e-4
-    most_nats: float = 3.0
-    smooth_degrees: tuple[int, ...] = (2, 3, 5, 7)
-    most_monomials: int = 60
-    rows_a_monomial: int = 10
-
-
-_SETTINGS = ModeCountSettings()
+DEFAULTS = ModeCountSettings()
 
 
 @dataclass(frozen=True)
@@ -95,38 +47,32 @@ class ModeCandidate:
     @property
     def sufficient(self) -> bool:
         """True if the data do not show that another candidate is better."""
-        noise = _SETTINGS.standard_errors * self.standard_error + _SETTINGS.free_nats
+        noise = DEFAULTS.standard_errors * self.standard_error + DEFAULTS.free_nats
         return self.excess <= noise
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Some rows of the problem, thinned; `points` are standardised coordinates."""
+    """Some rows of the problem, thinned."""
 
-    features: Array
-    targets: Array
-    coordinates: Array
-    points: Array
+    rows: tuple[Array, Array, Array]  # features, targets and coordinates
+    points: Array  # standardised coordinates
     weight: Array
     trajectory: NDArray[np.intp]
 
-    def seed(self, n_modes: int, gate_degree: int, random_state, first_labels=None) -> Seed:
+    def seed(
+        self, n_modes, gate_degree, random_state, settings: SeedingSettings, first_labels=None
+    ) -> Seed:
         """The most likely partition of these rows."""
         return seed_modes(
-            self.features,
-            self.targets,
-            self.coordinates,
+            *self.rows,
             n_modes=n_modes,
             gate_degree=gate_degree,
             sample_weight=self.weight,
             first_labels=first_labels,
             random_state=random_state,
-            settings=_SETTINGS.seeding,
+            settings=settings,
         )[0]
-
-    def held_out_residuals(self, seed: Seed) -> Array:
-        """Residuals of these rows under a seed of others."""
-        return seed.held_out_residuals(self.features, self.targets, self.coordinates)
 
 
 def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, ...]:
@@ -154,54 +100,50 @@ def compare_mode_counts(problem, search, random_state) -> tuple[ModeCandidate, .
     train, test = _split(problem, search.trajectory, random_state)
     residuals: list[Array] = []
     criteria: list[float] = []
-    first_labels = None
-    for n_modes in range(1, search.max_modes + 1):
-        seed = train.seed(n_modes, search.gate_degree, random_state, first_labels)
+    first_labels, settings = None, problem.settings.mode_count
+    for n_modes in range(1, search.parameters.max_modes + 1):
+        gate = search.gate_degree, random_state, settings.seeding
+        seed = train.seed(n_modes, *gate, first_labels)
         first_labels = split_labels(
-            seed.labels, train.points, train.weight, _SETTINGS.n_splits, random_state
+            seed.labels, train.points, train.weight, settings.n_splits, random_state
         )
-        residuals.append(test.held_out_residuals(seed))
+        residuals.append(seed.held_out_residuals(*test.rows))
         criteria.append(_information_criterion(seed, train.weight.sum()))
-        totals = [float(test.weight @ cost) for cost in _costs(residuals, test.weight)]
-        if _exhausted(totals, criteria):
+        totals = [float(test.weight @ cost) for cost in _costs(residuals, test.weight, settings)]
+        if _exhausted(totals, criteria, patience=settings.patience):
             break
-    return tuple(_candidates(_costs(residuals, test.weight), test))
+    return tuple(_candidates(_costs(residuals, test.weight, settings), test))
 
 
 def smooth_rival(problem, search, n_modes: int, random_state) -> int | None:
-    """Degree of one polynomial law that predicts held-out samples better than several modes do.
-
-    Where the library lacks a smooth term, modes tile the state space and each of them follows the
-    missing term over its tile. Then one law with the library's features and all monomials of the
-    coordinates up to some degree has a smaller held-out cost (`compare_mode_counts`). None if no
-    degree of at most seven has.
-    """
+    """Degree of one polynomial law that predicts held-out samples better than several modes do."""
+    # Where the library lacks a smooth term, modes tile the state space and each of them follows the
+    # missing term over its tile. Then one law with the library's features and all monomials of the
+    # coordinates up to some degree has a smaller held-out cost (`compare_mode_counts`). None if no
+    # degree of at most seven has.
     if n_modes == 1 or len(problem.weight) < 2:
         return None
+    settings = problem.settings.mode_count
     train, test = _split(problem, search.trajectory, random_state)
-    switching = train.seed(n_modes, search.gate_degree, random_state)
-    degrees = [degree for degree in _SETTINGS.smooth_degrees if _affordable(train, degree)]
-    residuals = [test.held_out_residuals(switching)]
+    switching = train.seed(n_modes, search.gate_degree, random_state, settings.seeding)
+    affordable = min(settings.most_monomials, train.weight.sum() / settings.rows_a_monomial)
+    n_columns = train.points.shape[1]
+    degrees = [d for d in settings.smooth_degrees if comb(n_columns + d, d) <= affordable]
+    residuals = [switching.held_out_residuals(*test.rows)]
     residuals += [_smooth_residuals(switching.preparation, train, test, d) for d in degrees]
-    cost, *smooth = (float(test.weight @ each) for each in _costs(residuals, test.weight))
-    limit = cost - _SETTINGS.free_nats
+    cost, *smooth = (float(test.weight @ each) for each in _costs(residuals, test.weight, settings))
+    limit = cost - settings.free_nats
     return next((d for d, own in zip(degrees, smooth, strict=True) if own < limit), None)
-
-
-def _affordable(train: _Part, degree: int) -> bool:
-    n_monomials = comb(train.points.shape[1] + degree, degree)
-    allowed = min(_SETTINGS.most_monomials, train.weight.sum() / _SETTINGS.rows_a_monomial)
-    return n_monomials <= allowed
 
 
 def _smooth_residuals(preparation: Preparation, train: _Part, test: _Part, degree: int) -> Array:
     """Held-out residuals of one robust law of features and monomials, in the units of a seed."""
 
     def design(part: _Part) -> Array:
-        return np.hstack([part.features, PolynomialFeatures(degree).fit_transform(part.points)])
+        return np.hstack([part.rows[0], PolynomialFeatures(degree).fit_transform(part.points)])
 
     def samples(part: _Part) -> Samples:
-        return preparation(part.features, part.targets, part.coordinates, part.weight)
+        return preparation(*part.rows, part.weight)
 
     basis = whiten(design(train), train.weight)
     _, coef, _ = single_model(replace(samples(train), features=basis(design(train))))
@@ -213,10 +155,10 @@ def smallest_sufficient(candidates: tuple[ModeCandidate, ...]) -> int:
     return min((candidate.n_modes for candidate in candidates if candidate.sufficient), default=1)
 
 
-def _exhausted(*criteria: list[float]) -> bool:
+def _exhausted(*criteria: list[float], patience: int = DEFAULTS.patience) -> bool:
     """True if the last counts are worse than an earlier one by each of some criteria."""
     latest_best = max(int(np.argmin(values)) for values in criteria)
-    return len(criteria[0]) - 1 - latest_best >= _SETTINGS.patience
+    return len(criteria[0]) - 1 - latest_best >= patience
 
 
 def _information_criterion(seed: Seed, n_samples: float) -> float:
@@ -225,11 +167,13 @@ def _information_criterion(seed: Seed, n_samples: float) -> float:
     return 0.5 * n_parameters * float(np.log(n_samples)) - seed.log_likelihood
 
 
-def _costs(residuals: list[Array], weight: Array) -> list[Array]:
+def _costs(
+    residuals: list[Array], weight: Array, settings: ModeCountSettings = DEFAULTS
+) -> list[Array]:
     """Cost of every held-out sample under every candidate."""
     smallest = np.min([robust_scale(each, weight) for each in residuals], axis=0)
-    scaled = np.array(residuals) / np.maximum(smallest, _SETTINGS.least_scale)
-    most = max(_SETTINGS.most_nats, scaled.shape[2])
+    scaled = np.array(residuals) / np.maximum(smallest, settings.least_scale)
+    most = max(settings.most_nats, scaled.shape[2])
     log_density, _ = mixed_with_outliers(-0.5 * np.square(scaled).sum(axis=2), -most, 0.5)
     return list(np.log(0.5 + 0.5 * np.exp(-most)) - log_density)  # nothing for no residual
 
@@ -256,20 +200,20 @@ def _standard_error(values: Array, part: _Part) -> float:
 
 def _split(problem, trajectory: NDArray[np.intp], random_state) -> tuple[_Part, _Part]:
     """Rows to fit and rows to judge on: whole trajectories, or single samples of few."""
-    n_trajectories = int(trajectory.max()) + 1
-    whole = n_trajectories >= _SETTINGS.trajectories
+    settings = problem.settings.mode_count
+    whole = int(trajectory.max()) + 1 >= settings.trajectories
     blocks = trajectory if whole else np.arange(len(trajectory))
     n_blocks = int(blocks.max()) + 1
     order = random_state.permutation(n_blocks)
     size = np.bincount(blocks, weights=problem.weight, minlength=n_blocks)[order]
-    chosen = order[np.cumsum(size) <= _SETTINGS.held_out * size.sum()]
+    chosen = order[np.cumsum(size) <= settings.held_out * size.sum()]
     held_out = np.isin(blocks, chosen if len(chosen) else order[:1])
     centre, scale = centre_and_scale(problem.coordinates, problem.weight)
     points = (problem.coordinates - centre) / scale
 
     def part(kept):
-        rows, weight = thinned_rows(np.where(kept, problem.weight, 0.0), _SETTINGS.most_rows)
-        taken = problem.features, problem.targets, problem.coordinates, points
-        return _Part(*(values[rows] for values in taken), weight, trajectory[rows])
+        rows, weight = thinned_rows(np.where(kept, problem.weight, 0.0), settings.most_rows)
+        taken = problem.features[rows], problem.targets[rows], problem.coordinates[rows]
+        return _Part(taken, points[rows], weight, trajectory[rows])
 
     return part(~held_out), part(held_out)

@@ -15,36 +15,21 @@ from numpy.typing import NDArray
 
 from swsysid._data.features import FeatureMap
 from swsysid._data.sources import Rows
-from swsysid._identification.calibration import CALIBRATION
-from swsysid._identification.estimate import Estimate
 from swsysid._identification.problem import Costs, Modes, SwitchingProblem
-from swsysid._identification.trust_region import TrustRegion
+from swsysid._identification.trust_region import Estimate, TrustRegions
 from swsysid._results import Array
 from swsysid._surfaces.fitted import FittedSurfaces, HingeSummary
-
-__all__ = ["Pass", "PassResult"]
 
 
 @dataclass(frozen=True)
 class PassResult:
-    """What a pass found in some rows.
+    """What a pass found in some rows."""
 
-    Attributes
-    ----------
-    labels : ndarray of shape (n_rows,), int8
-        Mode of every row; ``-1 - mode`` for a row that no mode explains.
-    costs : Costs
-    weight : ndarray of shape (n_modes,)
-        Of the rows of every mode.
-    dynamics : tuple
-        A summary of the rows of every mode, of the kind that the loss has.
-    surfaces : tuple of HingeSummary
-    """
-
+    # (n_rows,): mode of every row; ``-1 - mode`` for a row that no mode explains.
     labels: NDArray[np.int8]
     costs: Costs
-    weight: Array
-    dynamics: tuple
+    weight: Array  # (n_modes,): of the rows of every mode
+    dynamics: tuple  # a summary of the rows of every mode, of the kind that the loss has
     surfaces: tuple[HingeSummary, ...]
 
     @classmethod
@@ -68,38 +53,20 @@ class PassResult:
         return modes
 
 
-# Rows are suspected to be outliers from this share of the limit on: the vector fields have moved
-# since those of the reference.
-_SUSPECTED = 0.5
-
-
 @dataclass(frozen=True)
 class Pass:
-    """A pass over rows with one estimate.
+    """A pass over rows with one estimate."""
 
-    Attributes
-    ----------
-    problem : SwitchingProblem
-        Without rows.
-    feature_map : FeatureMap
-    estimate : Estimate
-    reference : ndarray of shape (n_modes, n_states, n_features_out)
-        Vector fields that say which rows no mode explains. They stay while those of the estimate
-        move: else rows would come and go, and the objective with them.
-    discards : ndarray of shape (n_modes,), bool
-        Modes whose rows may be outliers.
-    region : TrustRegion
-        How far residuals and margins may move; rows within it are kept.
-    exact : bool, default=False
-        True if the vector fields are known to be optimal for the labels of the pass before.
-    """
-
-    problem: SwitchingProblem
+    problem: SwitchingProblem  # without rows
     feature_map: FeatureMap
     estimate: Estimate
+    # (n_modes, n_states, n_features_out): vector fields that say which rows no mode explains. They
+    # stay while those of the estimate move: else rows would come and go, and the objective with
+    # them.
     reference: Array
-    discards: NDArray[np.bool_]
-    region: TrustRegion
+    discards: NDArray[np.bool_]  # (n_modes,): modes whose rows may be outliers
+    regions: TrustRegions  # how far residuals and margins may move; rows within it are kept
+    # True if the vector fields are known to be optimal for the labels of the pass before.
     exact: bool = False
 
     def __call__(self, rows: Rows, before: NDArray[np.int8] | None = None) -> PassResult:
@@ -113,7 +80,7 @@ class Pass:
 
     def widened(self) -> Pass:
         """The same pass, which keeps more rows."""
-        return replace(self, region=self.region.widened(self.problem.settings))
+        return replace(self, regions=self.regions.widened(self.problem.settings))
 
     def _piece(self, rows: Rows, before: NDArray[np.int8] | None) -> PassResult:
         # In memory one state after the other, as velocities are: passes over few long columns.
@@ -141,7 +108,8 @@ class Pass:
         if not (problem.coupling and self.discards.any()):
             return outlying
         # A loss is at least that of its largest residual.
-        near = np.full(len(problem.scale), _SUSPECTED * CALIBRATION.outlying)
+        calibration = problem.settings.calibration
+        near = np.full(len(problem.scale), calibration.suspected * calibration.outlying)
         near[1:] *= not problem.loss.separable
         far = np.flatnonzero(losses.min(axis=0) > problem.loss.values(near))
         some = problem.on_rows(
@@ -152,35 +120,30 @@ class Pass:
         size = np.abs(residuals[own, np.arange(len(far))])
         if not problem.loss.separable:
             size = size.mean(axis=1, keepdims=True)
-        outlying[far] = (size.max(axis=1, initial=0.0) > CALIBRATION.outlying) & self.discards[own]
+        beyond = size.max(axis=1, initial=0.0) > calibration.outlying
+        outlying[far] = beyond & self.discards[own]
         return outlying
 
     def _dynamics(self, problem: SwitchingProblem, labels, before) -> tuple:
         """Summaries of every mode; of the rows that joined or left it, if `before` says which."""
-        if before is None or not problem.loss.additive:
-            return tuple(
-                self._summary(problem, mode, np.flatnonzero(labels == mode), 1.0)
-                for mode in range(problem.n_modes)
-            )
-        changed = labels != before
-        return tuple(
-            problem.loss.summary.joined(
-                [
-                    self._summary(problem, mode, np.flatnonzero(changed & (which == mode)), sign)
-                    for which, sign in ((labels, 1.0), (before, -1.0))
-                ]
-            )
-            for mode in range(problem.n_modes)
-        )
 
-    def _summary(self, problem: SwitchingProblem, mode: int, rows: Modes, sign: float):
-        return problem.loss.summary.of(
-            np.take(problem.features.T, rows, axis=1).T,
-            problem.targets[rows],
-            sign * problem.weight[rows],
-            self.estimate.coef[mode],
-            self.region.residuals[mode],
-        )
+        def summary(mode: int, members: NDArray[np.bool_], sign: float = 1.0):
+            rows = np.flatnonzero(members)
+            return problem.loss.summary.of(
+                np.take(problem.features.T, rows, axis=1).T,
+                problem.targets[rows],
+                sign * problem.weight[rows],
+                self.estimate.coef[mode],
+                self.regions.residuals[mode],
+            )
+
+        modes = range(problem.n_modes)
+        if before is None or not problem.loss.additive:
+            return tuple(summary(mode, labels == mode) for mode in modes)
+        changed = labels != before
+        joining = (summary(mode, changed & (labels == mode)) for mode in modes)
+        leaving = (summary(mode, changed & (before == mode), -1.0) for mode in modes)
+        return tuple(map(problem.loss.summary.joined, zip(joining, leaving, strict=True)))
 
     def _surfaces(self, rows: Rows, values: Array | None, modes: Modes) -> tuple[HingeSummary, ...]:
         surface = self.estimate.surface
@@ -192,5 +155,5 @@ class Pass:
         known = labels >= 0
         if not known.all():  # a mode without samples has no surface
             rows, values, labels = rows.take(known), values[known], labels[known]
-        margins = self.region.margins
+        margins = self.regions.margins
         return tuple(surface.summarise(rows.X, values, labels, rows.weight, margins))

@@ -20,7 +20,6 @@ whose first term is the paper's objective and whose second is the margin LP's. W
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,59 +28,31 @@ from sklearn.base import clone
 from swsysid._identification.settings import IdentificationSettings
 from swsysid._losses import Loss
 from swsysid._results import Array, Assignment
-from swsysid._surfaces.surface import CoupledClassifier, fit_weighted, mode_book_of
-from swsysid.relaxations._base import Relaxation, one_hot
-
-__all__ = [
-    "Costs",
-    "CoupledSurface",
-    "Modes",
-    "SwitchingProblem",
-    "one_hot",
-]
+from swsysid._surfaces.surface import Classifier, CoupledClassifier, fit_weighted, mode_book_of
+from swsysid.relaxations._base import Relaxation
 
 Modes = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
 class CoupledSurface:
-    """A surface fitted to some modes, and what it asks of every sample.
-
-    Attributes
-    ----------
-    classifier : fitted classifier
-    penalty : ndarray of shape (n_samples, n_modes)
-        Slack of every sample in every mode.
-    book_modes : ndarray of shape (n_samples,), int
-        The modes for which its mode-book was chosen.
-    """
+    """A surface fitted to some modes, and what it asks of every sample."""
 
     classifier: CoupledClassifier
-    penalty: Array
-    book_modes: Modes
+    penalty: Array  # (n_samples, n_modes): slack of every sample in every mode
+    book_modes: Modes  # (n_samples,): the modes for which its mode-book was chosen
 
 
 @dataclass(frozen=True)
 class Costs:
-    """What an assignment costs.
+    """What an assignment costs."""
 
-    Attributes
-    ----------
-    loss : float
-        Weighted sum of the losses over their scale, of the rows that vote.
-    hard_loss, relaxed_loss : float
-        Weighted sums in the user's units, for the labels and for the relaxed memberships.
-    slack : float
-        Weighted sum of the slacks.
-    tight : float
-        Weight of the rows at which the relaxation was one-hot.
-    """
-
-    loss: float
+    loss: float  # weighted sum of the losses over their scale, of the rows that vote
+    # Weighted sums in the user's units, for the labels and for the relaxed memberships.
     hard_loss: float
     relaxed_loss: float
-    slack: float
-    tight: float
+    slack: float  # weighted sum of the slacks
+    tight: float  # weight of the rows at which the relaxation was one-hot
 
     def __add__(self, other: Costs) -> Costs:
         return Costs(*np.add(astuple(self), astuple(other)).tolist())
@@ -89,71 +60,44 @@ class Costs:
 
 @dataclass(frozen=True)
 class SwitchingProblem:
-    """Data and choices of one identification.
+    """Data and choices of one identification."""
 
-    Attributes
-    ----------
-    features : ndarray of shape (n_samples, n_features_out)
-        Phi(x_i).
-    targets : ndarray of shape (n_samples, n_states)
-        Measured velocities.
-    coordinates : ndarray of shape (n_samples, n_features_in)
-        What the surface is a function of.
-    weight : ndarray of shape (n_samples,)
-        Multiplicity of every row.
-    n_modes : int
-    loss : Loss
-    relaxation : Relaxation
-    surface : classifier, not fitted
-    coupling : float
-        Price of disagreeing with the surface.
-    scale : ndarray of shape (n_states,)
-        Size of a typical residual of each velocity; residuals are compared in this unit.
-    outlying : ndarray of shape (n_samples,), bool
-        Rows that no mode explains: they do not vote on the vector fields, and their mode is what
-        the surface says.
-    coef_bound : float or None
-    solver : str
-    support : ndarray of shape (n_modes, n_states, n_features_out), bool, or None
-        Coefficients that may differ from zero.
-    settings : IdentificationSettings
-    """
-
-    features: Array
-    targets: Array
-    coordinates: Array
-    weight: Array
+    features: Array  # (n_samples, n_features_out): Phi(x_i)
+    targets: Array  # (n_samples, n_states): measured velocities
+    coordinates: Array  # (n_samples, n_features_in): what the surface is a function of
+    weight: Array  # (n_samples,): multiplicity of every row
     n_modes: int
     loss: Loss
     relaxation: Relaxation
-    surface: Any
-    coupling: float
+    surface: Classifier
+    coupling: float  # price of disagreeing with the surface
+    # (n_states,): size of a typical residual of each velocity; residuals are compared in this unit.
     scale: Array
+    # (n_samples,): rows that no mode explains: they do not vote on the vector fields, and their
+    # mode is what the surface says.
     outlying: NDArray[np.bool_]
     coef_bound: float | None = None
     solver: str = "auto"
+    # (n_modes, n_states, n_features_out) or None: coefficients that may differ from zero.
     support: NDArray[np.bool_] | None = None
     settings: IdentificationSettings = IdentificationSettings()
 
     # -- the three steps -------------------------------------------------------------------
 
     def estimate(self, membership: Array, start: Array | None = None) -> Array:
-        """Vector fields that minimise the loss for given memberships.
-
-        A one-hot membership separates the modes. Otherwise the program is one regression whose
-        design has the blocks lambda_ij Phi(x_i), n_modes * n_features_out columns in all.
-        """
-        if _is_one_hot(membership):
+        """Vector fields that minimise the loss for given memberships."""
+        # A one-hot membership separates the modes. Otherwise the program is one regression whose
+        # design has the blocks lambda_ij Phi(x_i), n_modes * n_features_out columns in all.
+        if (membership.max(axis=1) > 1.0 - 1e-9).all():
             return self._estimate_each(membership.argmax(axis=1), start)
         return self._estimate_jointly(membership)
 
     def assign(self, coef: Array, penalty: Array | None = None) -> Assignment:
         """Memberships for given vector fields, and for a given surface if they are coupled.
 
-        `penalty` is that of the surface, (n_samples, n_modes), None if they are not coupled.
-
-        The penalty for disagreeing with the surface enters as one more coordinate of the
-        residual (`Loss.extra_coordinate`), so that a relaxation sees an ordinary assignment.
+        The penalty for disagreeing with the surface, (n_samples, n_modes), None if they are not
+        coupled, enters as one more coordinate of the residual (`Loss.extra_coordinate`), so that a
+        relaxation sees an ordinary assignment.
         """
         return self.assign_velocities(self.velocities(coef), penalty)
 
@@ -162,10 +106,8 @@ class SwitchingProblem:
         n_modes, n_samples, n_states = velocities.shape
         # In memory one state after the other, and the surface after them.
         n_coordinates = n_states + (penalty is not None)
-        candidates, targets = (
-            np.empty((n_modes, n_coordinates, n_samples)),
-            np.zeros((n_coordinates, n_samples)),
-        )
+        candidates = np.empty((n_modes, n_coordinates, n_samples))
+        targets = np.zeros((n_coordinates, n_samples))
         targets[:n_states] = self.targets.T / self.scale[:, None]
         scaled = candidates[:, :n_states]
         np.divide(velocities.transpose(0, 2, 1), self.scale[:, None], out=scaled)
@@ -181,20 +123,16 @@ class SwitchingProblem:
         return self._fit_surface(modes, modes) if self.coupling else None
 
     def refit_surface(self, modes: Modes, previous: CoupledSurface) -> CoupledSurface:
-        """A surface at least as good for the modes as the previous one, with its mode-book.
-
-        To choose a mode-book takes longer than to fit its surfaces.
-        """
+        """A surface at least as good for the modes as the previous one, with its mode-book."""
+        # To choose a mode-book takes longer than to fit its surfaces.
         fitted = self._fit_surface(modes, previous.book_modes, previous.classifier)
         # The margin LP is convex only for a given mode-book; another book can be worse.
         worse = self.surface_cost(previous, modes) < self.surface_cost(fitted, modes)
         return previous if worse else fitted
 
     def renew_book(self, modes: Modes, previous: CoupledSurface) -> CoupledSurface:
-        """A better surface with a new mode-book; the previous one if there is none.
-
-        It is looked for if the modes are no longer those for which the book was chosen.
-        """
+        """A better surface with a new mode-book; the previous one if there is none."""
+        # It is looked for if the modes are no longer those for which the book was chosen.
         changed = self.weight @ (modes != previous.book_modes)
         if changed <= self.settings.another_book * self.weight.sum():
             return previous
@@ -214,14 +152,14 @@ class SwitchingProblem:
         """What an assignment costs for the velocities of every mode and the slacks of a surface."""
         modes, each = assignment.modes, np.arange(len(self.targets))
         residuals = self.targets - velocities[modes, each]
-        hard_loss = float(self.weight @ self.loss.values(residuals))
+        hard_loss = relaxed_loss = float(self.weight @ self.loss.values(residuals))
         tight = assignment.tightness
+        if not tight.all():
+            relaxed_loss = self.relaxed_loss(velocities, assignment.membership)
         return Costs(
             loss=float(self.informative_weight @ self.loss.values(residuals / self.scale)),
             hard_loss=hard_loss,
-            relaxed_loss=hard_loss
-            if tight.all()
-            else self._relaxed_loss(velocities, assignment.membership),
+            relaxed_loss=relaxed_loss,
             slack=0.0 if penalty is None else float(self.weight @ penalty[each, modes]),
             tight=float(self.weight @ tight),
         )
@@ -231,17 +169,14 @@ class SwitchingProblem:
         slack = surface.penalty[np.arange(len(modes)), modes]
         return float(self.weight @ slack) + surface.classifier.complexity_
 
-    def relaxed_loss(self, coef: Array, membership: Array) -> float:
-        """Loss of a soft membership, in the user's units."""
-        return self._relaxed_loss(self.velocities(coef), membership)
-
     def hard_loss(self, coef: Array, modes: Modes) -> float:
         """Loss of hard labels, in the user's units."""
         return float(self.weight @ self.loss.values(self.residuals(coef, modes)))
 
     # -- parts -----------------------------------------------------------------------------
 
-    def _relaxed_loss(self, velocities: Array, membership: Array) -> float:
+    def relaxed_loss(self, velocities: Array, membership: Array) -> float:
+        """Loss of a soft membership for the velocities of every mode, in the user's units."""
         mixed = np.einsum("im,mik->ik", membership, velocities)
         return float(self.weight @ self.loss.values(self.targets - mixed))
 
@@ -251,10 +186,8 @@ class SwitchingProblem:
         return np.where(self.outlying, 0.0, self.weight)
 
     def velocities(self, coef: Array) -> Array:
-        """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states).
-
-        In memory it is one state after the other.
-        """
+        """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states)."""
+        # In memory it is one state after the other.
         n_modes, n_states, n_features = coef.shape
         every = coef.reshape(-1, n_features) @ self.features.T
         return every.reshape(n_modes, n_states, -1).transpose(0, 2, 1)
@@ -264,10 +197,8 @@ class SwitchingProblem:
         return self.targets - self.velocities(coef)[modes, np.arange(len(modes))]
 
     def penalty(self, surface: CoupledClassifier) -> Array:
-        """Slack of every sample in every mode, shape (n_samples, n_modes).
-
-        A mode unknown to the surface, because it had no samples, costs as much as the dearest.
-        """
+        """Slack of every sample in every mode, shape (n_samples, n_modes)."""
+        # A mode unknown to the surface, because it had no samples, costs as much as the dearest.
         return self.penalty_of_all(surface.classes_, surface.mode_penalty(self.coordinates))
 
     def penalty_of_all(self, classes: Modes, known: Array) -> Array:
@@ -281,14 +212,8 @@ class SwitchingProblem:
     def some(self, rows: NDArray[np.intp]) -> SwitchingProblem:
         """The problem on some of its rows, which carry the weight of all."""
         weight = self.weight[rows] * (self.weight.sum() / self.weight[rows].sum())
-        return replace(
-            self,
-            features=self.features[rows],
-            targets=self.targets[rows],
-            coordinates=self.coordinates[rows],
-            weight=weight,
-            outlying=self.outlying[rows],
-        )
+        taken = self.on_rows(self.features[rows], self.targets[rows], self.coordinates[rows])
+        return replace(taken, weight=weight, outlying=self.outlying[rows])
 
     def on_rows(self, features: Array, targets: Array, coordinates: Array) -> SwitchingProblem:
         """The same choices on other rows, each of weight one and none of them outlying."""
@@ -302,10 +227,12 @@ class SwitchingProblem:
             outlying=np.zeros(n_samples, dtype=bool),
         )
 
-    def _fit_surface(self, modes, book_modes, start=None) -> CoupledSurface:
+    def _fit_surface(
+        self, modes: Modes, book_modes: Modes, start: CoupledClassifier | None = None
+    ) -> CoupledSurface:
         """A surface fitted to the modes with the book of `start`, or one chosen for the modes."""
         surface, book = clone(self.surface), mode_book_of(start)
-        if book is None or not np.array_equal(np.unique(modes), start.classes_):
+        if start is None or book is None or not np.array_equal(np.unique(modes), start.classes_):
             book_modes = modes
         else:
             surface.set_params(mode_book="pairwise" if (book == 0).any() else book)
@@ -356,7 +283,3 @@ class SwitchingProblem:
             support=support,
         ).coef
         return stacked.reshape(n_states, self.n_modes, n_features).transpose(1, 0, 2)
-
-
-def _is_one_hot(membership: Array) -> bool:
-    return bool((membership.max(axis=1) > 1.0 - 1e-9).all())

@@ -1,16 +1,17 @@
-"""What the regressor's parameters mean: checks, and the problem and search they describe."""
+"""What the regressor's parameters mean: checks, and the rows, problem and search they describe."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.utils.validation import validate_data
 
 from swsysid._checks.arrays import labels, numbers
-from swsysid._checks.estimators import rows_to_fit
+from swsysid._checks.estimators import rows_and_velocities
 from swsysid._checks.parameters import (
     MOST_MODES,
     MOST_STARTS,
@@ -26,51 +27,39 @@ from swsysid._checks.parameters import (
 )
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
-from swsysid._data.rows import CanonicalRows
-from swsysid._data.sampling import Sample
-from swsysid._data.sources import holds_blocks, row_blocks
+from swsysid._data.rows import CanonicalRows, canonical_rows
+from swsysid._data.sampling import Sample, draw_sample
+from swsysid._data.sources import RowBlocks, Rows, columns_of_blocks, holds_blocks, row_blocks
+from swsysid._data.trajectories import group_labels
 from swsysid._identification.problem import SwitchingProblem
-from swsysid._identification.rows import TrainingRows
-from swsysid._identification.settings import IdentificationSettings
+from swsysid._identification.settings import Parameters
 from swsysid._identification.starts import Search
 from swsysid._losses import get_loss
 from swsysid._surfaces.surface import Classifier, is_classifier, offers_penalty, option
-from swsysid.relaxations import Relaxation, get_relaxation
-
-__all__ = [
-    "build_problem",
-    "build_search",
-    "check_parameters",
-    "checked_rows",
-    "Parameters",
-]
-
-
-class Parameters(Protocol):
-    """The parameters of a `SwitchingSystemRegressor`, which says what they mean."""
-
-    n_modes: int | str
-    relaxation: str | Relaxation
-    loss: str
-    coef_bound: float | None
-    sparsity: float | str | None
-    surface: Classifier | None
-    coupling: float | str
-    init: str | ArrayLike
-    n_init: int | str
-    max_modes: int
-    max_iter: int
-    tol: float
-    solver: str
-    discrete_time: bool
-    n_jobs: int | None
-    random_state: int | np.random.RandomState | None
-    verbose: int
-    settings: IdentificationSettings
-
+from swsysid.relaxations import get_relaxation
 
 # Unit of the coupling where the margin is only known after the fit.
 _USUAL_MARGIN = 1e-2
+
+
+@dataclass(frozen=True)
+class TrainingRows:
+    """All rows of a fit, and those of them that are in memory."""
+
+    blocks: RowBlocks  # all rows, as they were given
+    sample: Sample  # all of them if they are not too many, else some
+
+    @property
+    def in_memory(self) -> Rows:
+        """The rows in memory, in their own order."""
+        return self.sample.rows
+
+    @cached_property
+    def distinct(self) -> CanonicalRows:
+        """X, velocities and trajectory of the rows in memory, sorted, repetitions merged."""
+        rows = self.in_memory
+        _, codes = np.unique(group_labels(rows.groups, len(rows)), return_inverse=True)
+        return canonical_rows(rows.X, rows.targets, codes, sample_weight=rows.weight)
 
 
 def check_parameters(estimator: Parameters) -> None:
@@ -96,6 +85,25 @@ def check_parameters(estimator: Parameters) -> None:
         raise TypeError(
             f"surface={shown(estimator.surface)} is not a classifier; it must have fit and predict."
         )
+
+
+def checked_rows(
+    estimator: Parameters, X: object, y: object, sample_weight: object, groups: object
+) -> tuple[TrainingRows, bool]:
+    """The rows of a fit, and whether `y` has one velocity without a column of its own."""
+    settings = estimator.settings
+    # Rows in memory are checked at once, blocks when they are read.
+    if not holds_blocks(X):
+        X, y = rows_and_velocities(estimator, X, y, reset=True)
+        groups = None if groups is None else labels("groups", groups, len(X))
+        blocks, one_target = row_blocks(X, y, sample_weight, groups), y.ndim == 1
+    else:
+        read_at_once = settings.read_at_once
+        blocks = row_blocks(X, y, sample_weight, groups, read_at_once=read_at_once)
+        names, one_target = columns_of_blocks(X, y)
+        validate_data(estimator, names)
+    sample = draw_sample(blocks, settings.sampled, settings.whole)
+    return TrainingRows(blocks, sample), one_target
 
 
 def build_problem(
@@ -133,51 +141,15 @@ def build_search(
     estimator: Parameters, rows: CanonicalRows, sample: Sample | None = None
 ) -> Search:
     """How to look for the answer on the canonical rows, of all data or of a sample of them."""
-    return Search(
-        init=_resolve_init(estimator, rows, sample),
-        n_init=None if estimator.n_init == "auto" else int(estimator.n_init),
-        max_iter=estimator.max_iter,
-        tol=estimator.tol,
-        sparsity=estimator.sparsity,
-        gate_degree=option(estimator.surface, "degree", 2),
-        chooses_n_modes=estimator.n_modes == "auto",
-        max_modes=estimator.max_modes,
-        trajectory=rows.arrays[2],
-        n_jobs=estimator.n_jobs,
-        verbose=estimator.verbose,
-    )
+    return Search(estimator, _resolve_init(estimator, rows, sample), rows.arrays[2])
 
 
-def checked_rows(
-    estimator: Parameters,
-    X: Any,
-    y: Any,
-    sample_weight: Any,
-    groups: Any,
-    settings: IdentificationSettings,
-) -> tuple[TrainingRows, bool]:
-    """The rows of a fit, and whether `y` has one velocity without a column of its own.
-
-    Rows in memory are checked at once, blocks when they are read.
-    """
-    if not holds_blocks(X):
-        X, y = rows_to_fit(estimator, X, y)
-        groups = None if groups is None else labels("groups", groups, len(X))
-        blocks = row_blocks(X, y, sample_weight, groups)
-        return TrainingRows.of(blocks, settings), y.ndim == 1
-    blocks = row_blocks(X, y, sample_weight, groups)
-    first, target = (X, y) if hasattr(X, "shape") else (X[0], y[0])
-    names = first[:1] if hasattr(first, "columns") else np.zeros((1, np.shape(first)[1]))
-    one_target = len(np.shape(target)) == 1
-    del first, target  # they may be blocks, of which one at a time is in memory
-    validate_data(estimator, names)
-    return TrainingRows.of(blocks, settings), one_target
-
-
-def _resolve_coupling(coupling: float | str, surface: Any) -> float:
+def _resolve_coupling(coupling: float | str, surface: Classifier) -> float:
     """The coupling as a number; ``"auto"`` is one nat for each margin of violation."""
     if coupling == "auto":
-        return 1.0 / _margin(surface) if offers_penalty(surface) else 0.0
+        margin = option(surface, "margin", _USUAL_MARGIN)
+        unit = _USUAL_MARGIN if isinstance(margin, str) else margin
+        return 1.0 / unit if offers_penalty(surface) else 0.0
     if coupling and not offers_penalty(surface):
         raise ValueError(
             f"coupling={coupling} needs a surface with mode_penalty, which "
@@ -186,12 +158,9 @@ def _resolve_coupling(coupling: float | str, surface: Any) -> float:
     return float(coupling)
 
 
-def _margin(surface: Any) -> float:
-    margin = option(surface, "margin", "auto")
-    return _USUAL_MARGIN if isinstance(margin, str) else margin
-
-
-def _resolve_init(estimator: Parameters, rows: CanonicalRows, sample: Sample | None) -> Any:
+def _resolve_init(
+    estimator: Parameters, rows: CanonicalRows, sample: Sample | None
+) -> str | NDArray:
     """The start as a name, coefficients, or labels of the canonical rows."""
     if isinstance(estimator.init, str):
         return estimator.init

@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._identification.alternation import AlternateFrom, Alternation
-from swsysid._identification.problem import Modes, SwitchingProblem, one_hot
+from swsysid._identification.descent import AlternateFrom, Alternation
+from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._noise import robust_scale
 from swsysid._results import Array
-
-__all__ = ["choose_terms", "sparse_support"]
+from swsysid.relaxations._base import one_hot
 
 # A coefficient whose whole contribution is below this fraction of the velocity is round-off.
 _NEGLIGIBLE = 1e-9
@@ -35,13 +34,11 @@ def choose_terms(
 def sparse_support(
     problem: SwitchingProblem, coef: Array, modes: Modes, sparsity: float | str
 ) -> NDArray[np.bool_]:
-    """Coefficients to keep, shape (n_modes, n_states, n_features_out).
-
-    A number removes the coefficients below it in size, refits, and repeats (sequential
-    thresholding). ``"auto"`` removes, one at a time, the least significant term of each equation
-    while its squared t-statistic is below 2 log(n), the point where a Bayesian information
-    criterion with a penalty for the choice among the terms prefers the smaller model.
-    """
+    """Coefficients to keep, shape (n_modes, n_states, n_features_out)."""
+    # A number removes the coefficients below it in size, refits, and repeats (sequential
+    # thresholding). ``"auto"`` removes, one at a time, the least significant term of each equation
+    # while its squared t-statistic is below 2 log(n), the point where a Bayesian information
+    # criterion with a penalty for the choice among the terms prefers the smaller model.
     support = np.ones(coef.shape, dtype=bool)
     for mode in range(problem.n_modes):
         rows = np.flatnonzero((modes == mode) & (problem.informative_weight > 0))
@@ -49,10 +46,9 @@ def sparse_support(
             continue
         fit = _Refit(problem, rows)
         for state in range(coef.shape[1]):
-            if sparsity == "auto":
-                support[mode, state] = _eliminate(fit, state)
-            else:
-                support[mode, state] = _threshold(fit, state, float(sparsity))
+            automatic = sparsity == "auto"
+            choice = fit.significant(state) if automatic else fit.large(state, float(sparsity))
+            support[mode, state] = choice
     return support
 
 
@@ -75,15 +71,14 @@ class _Refit:
         ).coef[0]
 
     def squared_t(self, state: int, coef: Array, kept: NDArray[np.bool_]) -> Array:
-        """Squared t-statistics of the kept terms.
-
-        The scale is the median size of the residuals, without as many of the smallest as there
-        are terms: so many samples an l1 fit meets exactly.
-        """
+        """Squared t-statistics of the kept terms."""
+        # The scale is the median size of the residuals, without as many of the smallest as there
+        # are terms: so many samples an l1 fit meets exactly.
         design = self.design[:, kept]
         gram = (design * self.weight[:, None]).T @ design
         residual = np.abs(self.targets[:, state] - self.design @ coef)
-        residual = np.sort(np.repeat(residual, _counts(self.weight)))
+        repetitions = np.maximum(np.rint(self.weight).astype(int), 1)
+        residual = np.sort(np.repeat(residual, repetitions))
         sigma = robust_scale(residual[min(len(coef[kept]), len(residual) - 1) :])
         size = np.sqrt(np.average(design**2, axis=0, weights=self.weight))
         velocity = np.sqrt(np.average(self.targets[:, state] ** 2, weights=self.weight))
@@ -91,29 +86,24 @@ class _Refit:
         floor = (_NEGLIGIBLE * velocity / np.where(size > 0, size, np.inf)) ** 2
         return coef[kept] ** 2 / np.maximum(np.maximum(variance, floor), np.finfo(float).tiny)
 
+    def significant(self, state: int) -> NDArray[np.bool_]:
+        """Terms that are left when none is insignificant any more."""
+        kept = np.ones(self.design.shape[1], dtype=bool)
+        limit = 2.0 * np.log(max(self.weight.sum(), 2.0))
+        while kept.any():
+            squared_t = self.squared_t(state, self.coef(state, kept), kept)
+            weakest = squared_t.argmin()
+            if squared_t[weakest] >= limit:
+                break
+            kept[np.flatnonzero(kept)[weakest]] = False
+        return kept
 
-def _counts(weight: Array):
-    return np.maximum(np.rint(weight).astype(int), 1)
-
-
-def _eliminate(fit: _Refit, state: int) -> NDArray[np.bool_]:
-    kept = np.ones(fit.design.shape[1], dtype=bool)
-    limit = 2.0 * np.log(max(fit.weight.sum(), 2.0))
-    while kept.any():
-        squared_t = fit.squared_t(state, fit.coef(state, kept), kept)
-        weakest = squared_t.argmin()
-        if squared_t[weakest] >= limit:
-            break
-        kept[np.flatnonzero(kept)[weakest]] = False
-    return kept
-
-
-def _threshold(fit: _Refit, state: int, smallest: float) -> NDArray[np.bool_]:
-    kept = np.ones(fit.design.shape[1], dtype=bool)
-    while True:
-        still = kept & (np.abs(fit.coef(state, kept)) >= smallest)
-        if still.sum() == kept.sum():
-            return kept
-        kept = still
-        if not kept.any():
-            return kept
+    def large(self, state: int, smallest: float) -> NDArray[np.bool_]:
+        """Terms that are left when none is small any more."""
+        kept = np.ones(self.design.shape[1], dtype=bool)
+        while kept.any():
+            still = kept & (np.abs(self.coef(state, kept)) >= smallest)
+            if still.sum() == kept.sum():
+                break
+            kept = still
+        return kept

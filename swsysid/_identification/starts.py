@@ -7,73 +7,39 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._identification.problem import Modes, SwitchingProblem, one_hot
+from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._identification.settings import Parameters
 from swsysid._results import Array
 from swsysid._seeding.search import same_partition
 from swsysid._seeding.seeding import Seed, seed_modes
-
-__all__ = ["Search", "Starts", "draw_starts"]
+from swsysid._surfaces.surface import option
+from swsysid.relaxations._base import one_hot
 
 
 @dataclass(frozen=True)
 class Search:
-    """How to look for the best start.
+    """How to look for the answer on some rows: the regressor's parameters, and what they mean."""
 
-    Attributes
-    ----------
-    init : str or ndarray
-        ``"auto"``, ``"random"``, labels (n_samples,) or coefficients
-        (n_modes, n_states, n_features_out).
-    n_init : int or None
-        Number of starts, None for the default of `init`.
-    max_iter : int
-    tol : float
-    sparsity : float, "auto" or None
-    gate_degree : int
-    chooses_n_modes : bool
-        The number of modes is chosen, up to `max_modes`, by what held-out rows say.
-    max_modes : int
-    trajectory : ndarray of shape (n_samples,), int
-        Trajectory of every row, kept whole where rows are held out.
-    n_jobs : int or None
-    verbose : int
-    """
+    parameters: Parameters
+    init: str | NDArray  # ``"auto"``, ``"random"``, labels of these rows or coefficients
+    trajectory: Modes  # of every row, kept whole where rows are held out
 
-    init: str | NDArray
-    n_init: int | None
-    max_iter: int
-    tol: float
-    sparsity: float | str | None
-    gate_degree: int
-    chooses_n_modes: bool
-    max_modes: int
-    trajectory: Modes
-    n_jobs: int | None
-    verbose: int
+    @property
+    def gate_degree(self) -> int:
+        """Degree of the gate: that of the surface."""
+        return int(option(self.parameters.surface, "degree", 2))
 
 
 @dataclass(frozen=True)
 class Starts:
-    """Memberships to start from, the most promising first, and what is known of them.
+    """Memberships to start from, the most promising first, and what is known of them."""
 
-    Attributes
-    ----------
-    memberships : list of ndarray of shape (n_samples, n_modes)
-    hits : list of int
-        How often each was found; most starts of the seeding are thrown out early and count for
-        none.
-    n_drawn : int
-    suspected : ndarray of shape (n_samples,), bool
-        Samples that the best start takes for outliers.
-    log_likelihood_gap : float
-        As in `Identification`.
-    """
-
-    memberships: list[Array]
+    memberships: list[Array]  # each (n_samples, n_modes)
+    # How often each was found; most starts of the seeding are thrown out early and count for none.
     hits: list[int]
     n_drawn: int
-    suspected: NDArray[np.bool_]
-    log_likelihood_gap: float = np.inf
+    suspected: NDArray[np.bool_]  # (n_samples,): samples that the best start takes for outliers
+    log_likelihood_gap: float = np.inf  # as in `Identification`
 
 
 def draw_starts(problem: SwitchingProblem, search: Search, random_state) -> Starts:
@@ -83,10 +49,11 @@ def draw_starts(problem: SwitchingProblem, search: Search, random_state) -> Star
         return Starts([_given_start(problem, search.init)], [1], 1, no_outliers)
     if problem.n_modes == 1:
         return Starts([np.ones((len(problem.targets), 1))], [1], 1, no_outliers)
+    n_init = search.parameters.n_init
     if search.init == "random":
+        n_starts = problem.settings.random_starts if n_init == "auto" else int(n_init)
         starts = [
-            one_hot(_random_cells(problem, random_state), problem.n_modes)
-            for _ in range(search.n_init or problem.settings.random_starts)
+            one_hot(_random_cells(problem, random_state), problem.n_modes) for _ in range(n_starts)
         ]
         return Starts(starts, [1] * len(starts), len(starts), no_outliers)
     seeds = seed_modes(
@@ -96,8 +63,9 @@ def draw_starts(problem: SwitchingProblem, search: Search, random_state) -> Star
         n_modes=problem.n_modes,
         gate_degree=search.gate_degree,
         sample_weight=problem.weight,
-        n_starts=search.n_init or "auto",
+        n_starts=n_init,
         random_state=random_state,
+        settings=problem.settings.seeding,
     )
     return Starts(
         [one_hot(seed.labels, problem.n_modes) for seed in seeds],

@@ -4,10 +4,10 @@ from swsysid._checks.parameters import one_of
 from swsysid._losses.base import DynamicsFit, Loss
 from swsysid._losses.l1 import L1Loss
 from swsysid._losses.l2 import L2Loss
-from swsysid._losses.reach import Reach
 from swsysid._losses.squared import SquaredLoss
+from swsysid._losses.trust_region import TrustRegion
 
-__all__ = ["LOSSES", "DynamicsFit", "Loss", "Reach", "get_loss"]
+__all__ = ["LOSSES", "DynamicsFit", "Loss", "TrustRegion", "get_loss"]
 
 LOSSES = {loss.name: loss for loss in (L1Loss, L2Loss, SquaredLoss)}
 

@@ -23,11 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._losses.program import DynamicsProgram
-from swsysid._losses.reach import Reach
+from swsysid._losses.trust_region import TrustRegion
 from swsysid._results import Array, Status
 from swsysid._solvers.conic import modelling, require_solution, solve
-
-__all__ = ["DynamicsFit", "Loss", "NormLoss", "Summary"]
 
 PROVED = 1e-7  # relative gap up to which a fit counts as optimal; conic solvers reach 1e-8
 ROUNDING = 1e-12  # of the loss of the targets themselves
@@ -38,13 +36,15 @@ class Summary(Protocol):
 
     A summary is made of a block of rows at given coefficients, summaries of blocks are joined,
     and the joined one leads to better coefficients. It is `exact` if it equals the sum over all
-    rows while no residual leaves its reach.
+    rows while no residual leaves its trust region.
     """
 
     exact: bool
 
     @classmethod
-    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach) -> Self:
+    def of(
+        cls, design: Array, targets: Array, weight: Array, coef: Array, region: TrustRegion
+    ) -> Self:
         """Summary of a block at coefficients (n_outputs, n_features)."""
 
     @classmethod
@@ -57,20 +57,11 @@ class Summary(Protocol):
 
 @dataclass(frozen=True)
 class DynamicsFit:
-    """Coefficients that minimise a loss for given memberships.
+    """Coefficients that minimise a loss for given memberships."""
 
-    Attributes
-    ----------
-    coef : ndarray of shape (n_outputs, n_features)
-    objective : float
-        Weighted sum of the losses.
-    lower_bound : float
-        Value of a dual feasible point: no coefficients in the box have a smaller objective.
-    status : Status
-    """
-
-    coef: Array
-    objective: float
+    coef: Array  # (n_outputs, n_features)
+    objective: float  # weighted sum of the losses
+    # Value of a dual feasible point: no coefficients in the box have a smaller objective.
     lower_bound: float
     status: Status
 
@@ -120,32 +111,12 @@ class Loss(ABC):
     ) -> DynamicsFit:
         r"""Solve :math:`\min_C \sum_i w_i L(y_i - C d_i)` subject to :math:`|C| \le B`.
 
-        Parameters
-        ----------
-        design : ndarray of shape (n_samples, n_features)
-        targets : ndarray of shape (n_samples, n_outputs)
-        sample_weight : ndarray of shape (n_samples,), default=None
-            Nonnegative; a row of weight 2 counts as two rows, of weight 0 as none.
-        coef_bound : float, default=None
-            The bound B; infinite by default.
-        solver : str, default="auto"
-            ``"auto"`` is the method made for this loss. Any other name poses the program to that
-            solver (``"highs"`` for l1, ``"clarabel"``, ... for all), as a reference.
-        start : ndarray of shape (n_outputs, n_features), default=None
-            Coefficients of a similar program: saves time, does not change the optimum.
-        support : ndarray of shape (n_outputs, n_features), bool, default=None
-            Coefficients outside are exactly zero.
-
-        Returns
-        -------
-        DynamicsFit
-            Of minimum norm among the coefficients with the same residuals where the features
-            are dependent and the box allows it; zeros where there are no rows.
-
-        Raises
-        ------
-        SolverError
-            If `solver` is not installed or found no solution.
+        Coefficients off the `support`, (n_outputs, n_features), are exactly zero; they are of
+        least norm among those with the same residuals where the features are dependent and the
+        box allows it, and zeros where there are no rows. The solver ``"auto"`` is the method made
+        for this loss; any other name poses the program to that solver (``"highs"`` for l1,
+        ``"clarabel"``, ... for all), as a reference. A `start` saves time and does not change the
+        optimum.
 
         Examples
         --------

@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array, hstack, vstack
 
 from swsysid._losses.base import NormLoss
-from swsysid._losses.reach import Reach
+from swsysid._losses.trust_region import TrustRegion
 from swsysid._results import Array
 from swsysid._solvers.conic import linear_program, require_solution
 from swsysid._solvers.lad import least_absolute_deviations
-
-__all__ = ["L1Loss", "SignSummary"]
 
 
 @dataclass(frozen=True)
@@ -25,27 +23,21 @@ class SignSummary:
     A set G of rows with residuals of one sign s enters as
     :math:`|\sum_{i \in G} w_i r_i| \le \sum_{i \in G} w_i |r_i|`, with equality where all signs
     turn out right: the summary bounds the objective of all rows from below for any coefficients.
-
-    Attributes
-    ----------
-    near : tuple of ndarray of shape (n_near, n_features + 1)
-        For each output: features and target of its rows, times their weight.
-    sums : ndarray of shape (2, n_outputs, n_features + 1)
-        Weighted sums of the rows with positive and with negative residuals, for each output.
     """
 
+    # (n_near, n_features + 1) for each output: features and target of its rows, times their weight.
     near: tuple[Array, ...]
+    # (2, n_outputs, n_features + 1): weighted sums of the rows with positive and with negative
+    # residuals, for each output.
     sums: Array
-    exact = True  # within reach
+    exact = True  # within the trust region
 
     @classmethod
-    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
-        """Summary of a block at coefficients (n_outputs, n_features).
-
-        Rows with residuals within their reach are kept.
-        """
+    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, region: TrustRegion):
+        """Summary of a block at coefficients (n_outputs, n_features)."""
+        # Rows with residuals within the trust region are kept.
         residuals = targets.T - coef @ design.T
-        near = reach.near(design, residuals)
+        near = region.near(design, residuals)
         sides = np.concatenate([residuals > 0.0, residuals < 0.0]) * weight
         by_output = sides.reshape(2, *residuals.shape)
         for output, rows in enumerate(near):

@@ -9,22 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._losses.base import NormLoss
-from swsysid._losses.reach import Reach
+from swsysid._losses.trust_region import TrustRegion
 from swsysid._results import Array
 from swsysid._solvers.euclidean import gram_blocks, least_euclidean_norms, solve_scaled
 from swsysid._solvers.row_space import RowSpace
 
-__all__ = ["L2Loss", "NormSummary"]
 
-# Residuals shorter than this share of the longest ones have no direction.
-_NO_DIRECTION = 1e-12
-# Norms are rounded over a width that shrinks by this factor, so often, from the longest kept one.
-_FINER, _N_WIDTHS = 0.1, 9
-_MAX_NEWTON, _MAX_HALVINGS = 30, 30
-# Newton's method is done when it promises less than this share of the norms.
-_SETTLED = 1e-13
-# Share of the promised decrease with which a step is content (Armijo).
-_CONTENT = 1e-4
+@dataclass(frozen=True)
+class NormSettings:
+    """How the sum of many rows' norms is minimised."""
+
+    no_direction: float = 1e-12  # share of the longest residuals; shorter ones have no direction
+    # Norms are rounded over a width that shrinks by a factor, so often, from the longest kept one.
+    finer: float = 0.1
+    n_widths: int = 9
+    max_newton: int = 30
+    max_halvings: int = 30
+    settled: float = 1e-13  # share of the norms; Newton's method ends when it promises less
+    content: float = 1e-4  # share of the promised decrease with which a step is content (Armijo)
 
 
 @dataclass(frozen=True)
@@ -36,34 +38,24 @@ class NormSummary:
     :math:`\delta` changes what a row of length :math:`\ell` contributes by
     :math:`O(\delta^3 / \ell^2)` more than the summary says. For one output the Hessian vanishes,
     and the summary is exact.
-
-    Attributes
-    ----------
-    design : ndarray of shape (n_near, n_features)
-        Of the rows that are kept, times their weight.
-    targets : ndarray of shape (n_near, n_outputs)
-        The same.
-    gradient : ndarray of shape (n_outputs, n_features)
-    hessian : ndarray of shape (n_outputs, n_features, n_outputs, n_features)
     """
 
-    design: Array
-    targets: Array
-    gradient: Array
-    hessian: Array
+    design: Array  # (n_near, n_features): of the rows that are kept, times their weight
+    targets: Array  # (n_near, n_outputs): the same
+    gradient: Array  # (n_outputs, n_features)
+    hessian: Array  # (n_outputs, n_features, n_outputs, n_features)
     exact = False
+    settings = NormSettings()
 
     @classmethod
-    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
-        """Summary of a block at coefficients (n_outputs, n_features).
-
-        Rows with residuals within their reach are kept. If no output may move, nothing is told.
-        """
+    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, region: TrustRegion):
+        """Summary of a block at coefficients (n_outputs, n_features)."""
+        # Rows with residuals within the trust region are kept, none if no output may move.
         residuals = targets - design @ coef.T
         length = np.linalg.norm(residuals, axis=1)
-        movable = (reach.size >= 0.0).any()
-        near = movable & (length <= np.linalg.norm(np.maximum(reach.of(design), 0.0), axis=1))
-        far = movable & ~near & (length > _NO_DIRECTION * length.max(initial=0.0))
+        movable = (region.size >= 0.0).any()
+        near = movable & (length <= np.linalg.norm(np.maximum(region.of(design), 0.0), axis=1))
+        far = movable & ~near & (length > cls.settings.no_direction * length.max(initial=0.0))
         gradient, hessian = _derivatives(design[far], residuals[far], length[far], weight[far])
         scale = weight[near, None]
         return cls(design[near] * scale, targets[near] * scale, gradient, hessian)
@@ -81,14 +73,16 @@ class NormSummary:
         """Coefficients in the box that minimise the sum as the summary knows it, from `coef`."""
         start = np.clip(coef, -bound, bound)
         kept, moved = np.abs(self.targets).max(initial=0.0), start
-        longest = np.abs(self.targets - self.design @ start.T).max(initial=_NO_DIRECTION * kept)
-        for width in (longest or 1.0) * _FINER ** np.arange(_N_WIDTHS):
+        settings = self.settings
+        least = settings.no_direction * kept
+        longest = np.abs(self.targets - self.design @ start.T).max(initial=least)
+        for width in (longest or 1.0) * settings.finer ** np.arange(settings.n_widths):
             moved = self._settle(moved, start, bound, support, float(width))
         return moved
 
     def _settle(self, coef, start, bound, support, width) -> Array:
         """Newton's method on norms rounded over a width, inside the box."""
-        for _ in range(_MAX_NEWTON):
+        for _ in range(self.settings.max_newton):
             value, gradient, hessian = self._rounded(coef, start, width)
             # A coefficient at the box stays there while the sum falls outwards.
             inside = (np.abs(coef) < bound) | (gradient * coef > 0.0)
@@ -97,11 +91,11 @@ class NormSummary:
             curvature = hessian.reshape(coef.size, coef.size)[np.ix_(free, free)]
             step[free] = -solve_scaled(curvature, gradient.ravel()[free])
             step = step.reshape(coef.shape)
-            if -(gradient * step).sum() <= _SETTLED * self._size(start):
+            if -(gradient * step).sum() <= self.settings.settled * self._size(start):
                 return coef
-            for share in 0.5 ** np.arange(_MAX_HALVINGS):
+            for share in 0.5 ** np.arange(self.settings.max_halvings):
                 moved = np.clip(coef + share * step, -bound, bound)
-                promise = _CONTENT * (gradient * (moved - coef)).sum()
+                promise = self.settings.content * (gradient * (moved - coef)).sum()
                 if self._rounded_value(moved, start, width) <= value + min(promise, 0.0):
                     break
             else:

@@ -13,8 +13,6 @@ from scipy.optimize import lsq_linear
 from swsysid._results import Array
 from swsysid._solvers.row_space import RowSpace
 
-__all__ = ["DynamicsProgram", "boxed_least_squares"]
-
 # Indices of outputs (k, 1) and of features (1, p): together they pick a block of coefficients.
 Place = tuple[NDArray[np.intp], NDArray[np.intp]]
 

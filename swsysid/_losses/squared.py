@@ -10,36 +10,28 @@ from numpy.typing import NDArray
 
 from swsysid._losses.base import Loss
 from swsysid._losses.program import boxed_least_squares
-from swsysid._losses.reach import Reach
+from swsysid._losses.trust_region import TrustRegion
 from swsysid._results import Array
 from swsysid._solvers.row_space import RowSpace
-
-__all__ = ["GramSummary", "SquaredLoss"]
 
 
 @dataclass(frozen=True)
 class GramSummary:
-    """Sums of products of features and targets.
+    """Sums of products of features and targets."""
 
-    Attributes
-    ----------
-    gram : ndarray of shape (n_features + n_outputs, n_features + n_outputs)
-        Of combinations of the features that are nearly orthonormal, and the targets: a Gram matrix
-        has the square of the condition of its rows.
-    basis : ndarray of shape (n_features, n_features)
-        These combinations, by columns.
-    """
-
+    # (n_features + n_outputs, n_features + n_outputs): of combinations of the features that are
+    # nearly orthonormal, and the targets: a Gram matrix has the square of the condition of its
+    # rows.
     gram: Array
-    basis: Array
+    basis: Array  # (n_features, n_features): these combinations, by columns
     exact = True
 
     @classmethod
-    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, reach: Reach):
+    def of(cls, design: Array, targets: Array, weight: Array, coef: Array, region: TrustRegion):
         """Summary of a block; weights may be negative, to take rows away."""
         # Features that depend on others are not in the metric; they stand for themselves.
-        dependent = np.flatnonzero(~reach.metric.any(axis=1))
-        basis = np.hstack([reach.metric, np.eye(design.shape[1])[:, dependent]])
+        dependent = np.flatnonzero(~region.metric.any(axis=1))
+        basis = np.hstack([region.metric, np.eye(design.shape[1])[:, dependent]])
         rows = np.hstack([design @ basis, targets])
         return cls(rows.T @ (rows * weight[:, None]), basis)
 

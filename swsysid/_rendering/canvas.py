@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
-
-__all__ = ["PALETTE", "STYLE", "canvas"]
 
 #: Okabe and Ito's colours, the dark ones first; markers repeat the message without colour.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 #: Sizes that survive a projector and a two-column page, and the colours of `PALETTE`. Displays use
 #: them without being asked; a picture of one's own takes them with ``plt.style.use(STYLE)``.
-STYLE: Any = {
+STYLE: dict[str, object] = {
     "font.size": 13,
     "axes.labelsize": 14,
     "axes.titlesize": 14,

@@ -6,9 +6,10 @@ import base64
 import io
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING
 
-__all__ = ["code", "figure", "listing", "page", "paragraph", "preformatted", "section", "table"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _DPI = 100
 
@@ -75,18 +76,17 @@ def preformatted(summary: str, text: str) -> str:
     return f"<details><summary>{escape(summary)}</summary><pre>{escape(text)}</pre></details>"
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[Any]], kind: str = "") -> str:
+def table(head: Sequence[str], rows: Iterable[Sequence[object]], kind: str = "") -> str:
     """A table; numbers get four digits."""
     titles = "".join(f'<th scope="col">{escape(title)}</th>' for title in head)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(_cell(value))}</td>" for value in row) + "</tr>"
-        for row in rows
-    )
+    cells = ([f"{one:.4g}" if isinstance(one, float) else str(one) for one in row] for row in rows)
+    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in cells)
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
     inside = f"<thead><tr>{titles}</tr></thead><tbody>{body}</tbody>"
     return f'<div class="scroll"><table{_class(kind)}>{inside}</table></div>'
 
 
-def figure(drawn: Any, caption: str) -> str:
+def figure(drawn: Figure, caption: str) -> str:
     """A matplotlib figure as a picture inside the page; the figure is closed."""
     import matplotlib.pyplot as plt
 
@@ -104,7 +104,3 @@ def figure(drawn: Any, caption: str) -> str:
 
 def _class(kind: str) -> str:
     return f' class="{escape(kind)}"' if kind else ""
-
-
-def _cell(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -9,8 +9,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-__all__ = ["Parts", "plain"]
-
 
 class Parts(Mapping[str, Any]):
     """An object that is also a mapping of some of its attributes, by their names."""
@@ -29,20 +27,25 @@ class Parts(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(self._parts)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, object]:
         """Everything but `data`, in types that JSON knows; NaN becomes None."""
-        return plain(dict(self))
+        return entries_of(self)
 
     def __repr__(self) -> str:
         return str(self)
 
 
-def plain(value: Any) -> Any:
+def entries_of(values: Mapping[str, object]) -> dict[str, object]:
+    """A mapping in types that JSON knows; what is not finite becomes None."""
+    return {str(name): plain(entry) for name, entry in values.items()}
+
+
+def plain(value: object) -> object:
     """The same in types that JSON knows; what is not finite becomes None."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, Mapping):
-        return {str(name): plain(entry) for name, entry in value.items()}
+        return entries_of(value)
     if is_dataclass(value) and not isinstance(value, type):
         return plain(asdict(value))
     if isinstance(value, (tuple, list)):

@@ -7,8 +7,6 @@ from collections.abc import Iterable, Sequence
 
 from swsysid._checks.parameters import one_of, whole
 
-__all__ = ["check_format", "linear_combination", "merged", "rate", "symbol"]
-
 _MOST_DECIMALS = 50
 # Functions in the terms of effects stand upright in LaTeX; the feature names of a library stay as
 # the library gives them.

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 
 from tqdm import tqdm
 
-__all__ = ["progress"]
-
 
 @contextmanager
 def progress(most: int | None, what: str, verbose: bool) -> Iterator[tqdm]:

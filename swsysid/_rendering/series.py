@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["draw_series", "frame_of", "names_or_numbers", "span"]
+from swsysid._rendering.canvas import PALETTE, canvas
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
 
 Array = NDArray[np.float64]
 
@@ -24,7 +28,7 @@ def span(t: Array) -> str:
     return f"{counted} from {t.min():g} to {t.max():g}" if len(t) else counted
 
 
-def frame_of(t: Array, columns: Mapping[str, Array], further: Mapping[str, NDArray]) -> Any:
+def frame_of(t: Array, columns: Mapping[str, Array], further: Mapping[str, NDArray]) -> DataFrame:
     """A pandas data frame with one row for each time, which is its index.
 
     A signal that bears the name of a further column is kept beside it.
@@ -38,15 +42,16 @@ def frame_of(t: Array, columns: Mapping[str, Array], further: Mapping[str, NDArr
 
 
 def draw_series(
-    ax: Any, pieces: Iterable[tuple[Array, Array]], names: Sequence[str], changes: Iterable[float]
-) -> Any:
+    ax: Axes | None,
+    pieces: Iterable[tuple[Array, Array]],
+    names: Sequence[str],
+    changes: Iterable[float],
+) -> Axes:
     """Draw signals over time on one axes (of a new figure if None), and return it.
 
     `pieces` (t, values), of shapes (n_times,) and (n_times, n_signals), are not joined by a line;
     times of `changes` are marked by a thin one.
     """
-    from swsysid._rendering.canvas import PALETTE, canvas
-
     with canvas(ax, panel_size=(8.0, 4.0)) as (axes,):
         for time in changes:
             axes.axvline(time, color="0.75", linewidth=0.6, zorder=0)

@@ -8,18 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from swsysid._residual_report.settings import SETTINGS, Settings
+from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
-
-__all__ = [
-    "Channel",
-    "best_step",
-    "between_shares",
-    "lagged",
-    "make_channel",
-    "make_pair",
-    "without",
-]
 
 
 @dataclass(frozen=True)
@@ -31,7 +21,6 @@ class Channel:
     kind: str  # as in `Finding`
     bins: NDArray[np.intp]  # of the rows, -1 where the value is not known
     parts: tuple[Channel, Channel] | None = None  # of a pair
-    settings: Settings = SETTINGS
 
     @property
     def n_bins(self) -> int:
@@ -40,7 +29,7 @@ class Channel:
 
     def on(self, rows: NDArray[np.intp]) -> Channel:
         """The same channel on some rows, cut into bins anew."""
-        return make_channel(self.name, self.values[rows], self.kind, settings=self.settings)
+        return make_channel(self.name, self.values[rows], self.kind)
 
     def columns(self, values: Array) -> Array:
         """Columns whose span holds a line in each of finer bins, zero where nothing is known.
@@ -49,10 +38,14 @@ class Channel:
         `values` is an edge of the bins. For a pair there is a plane in each cell.
         """
         if self.parts is not None:
-            return self._planes(*self.parts)
+            both = np.column_stack([part.values for part in self.parts])
+            scaled = (both - both.mean(axis=0)) / both.std(axis=0)
+            plane = np.column_stack([np.ones(len(both)), scaled])
+            cells = self.bins[:, None] == np.arange(self.n_bins)
+            return (cells[:, :, None] * plane[:, None, :]).reshape(len(both), -1)
         known = np.flatnonzero(self.bins >= 0)
         coordinate = self.values[known]
-        n_bins = int(np.clip(len(known) // self.settings.rows_a_line, 1, self.settings.most_lines))
+        n_bins = int(np.clip(len(known) // SETTINGS.rows_a_line, 1, SETTINGS.most_lines))
         order = np.argsort(coordinate, kind="stable")
         response = values[known][order] - values[known].mean()
         step = best_step(coordinate[order], response)[1]
@@ -65,48 +58,52 @@ class Channel:
             columns[rows, 2 * number + 1] = (place - place.mean()) / max(np.ptp(coordinate), 1e-300)
         return columns
 
-    def _planes(self, first: Channel, second: Channel) -> Array:
-        both = np.column_stack([first.values, second.values])
-        plane = np.column_stack([np.ones(len(both)), (both - both.mean(axis=0)) / both.std(axis=0)])
-        cells = self.bins[:, None] == np.arange(self.n_bins)
-        return (cells[:, :, None] * plane[:, None, :]).reshape(len(both), -1)
 
-
-def make_channel(
-    name: str,
-    values: Array,
-    kind: str,
-    quantiles: Array | None = None,
-    settings: Settings = SETTINGS,
-) -> Channel:
-    """Cut a column into bins at its quantiles; equal values share a bin."""
+def make_channel(name: str, values: Array, kind: str, quantiles: Array | None = None) -> Channel:
+    """Cut a column into bins at its quantiles; values equal up to rounding share a bin."""
     known = np.isfinite(values)
+    values = _equal_up_to_rounding(values)
     some = np.sort(values[known])
     distinct = np.unique(some)
-    if kind == "mode" or len(distinct) <= settings.fewest_bins:
+    if kind == "mode" or len(distinct) <= SETTINGS.fewest_bins:
         edges = distinct[1:]
     else:
         if quantiles is None:
-            n_bins = len(some) // settings.rows_a_bin
-            n_bins = int(np.clip(n_bins, settings.fewest_bins, settings.most_bins))
+            n_bins = len(some) // SETTINGS.rows_a_bin
+            n_bins = int(np.clip(n_bins, SETTINGS.fewest_bins, SETTINGS.most_bins))
             quantiles = np.arange(1, n_bins) / n_bins
         edges = np.unique(np.quantile(some, quantiles, method="closest_observation"))
     bins = np.where(known, np.searchsorted(edges, values, side="right"), -1)
     # An edge at the smallest value leaves the bin below it empty.
     bins[known] = np.unique(bins[known], return_inverse=True)[1]
-    return Channel(name, values, kind, bins, settings=settings)
+    return Channel(name, values, kind, bins)
+
+
+def _equal_up_to_rounding(values: Array) -> Array:
+    """The values, each replaced by the smallest one of those that differ from it by rounding.
+
+    A filter leaves a column that rests at 1e-17 of one sign or the other; bins cut there would
+    differ from one processor to the next. NaN comes last and stays.
+    """
+    order = np.argsort(values, kind="stable")
+    ascending = values[order]
+    size = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    begins = np.diff(ascending, prepend=-np.inf) > SETTINGS.rounding * size
+    begins |= ~np.isfinite(ascending)
+    equal = np.empty_like(values)
+    equal[order] = ascending[np.maximum.accumulate(np.where(begins, np.arange(len(values)), 0))]
+    return equal
 
 
 def make_pair(first: Channel, second: Channel) -> Channel:
     """Two columns together, cut into cells: what depends on both may depend on neither alone."""
-    settings = first.settings
-    n_sides = np.sqrt(len(first.values) / settings.rows_a_line)
-    n_sides = int(np.clip(n_sides, 2, settings.most_sides))
+    n_sides = np.sqrt(len(first.values) / SETTINGS.rows_a_line)
+    n_sides = int(np.clip(n_sides, 2, SETTINGS.most_sides))
     quantiles = np.arange(1, n_sides) / n_sides
-    sides = [make_channel("", one.values, "", quantiles, settings).bins for one in (first, second)]
+    sides = [make_channel("", one.values, "", quantiles).bins for one in (first, second)]
     cells = np.unique(sides[0] * (n_sides + 1) + sides[1], return_inverse=True)[1]
     name = f"{first.name} and {second.name} together"
-    return Channel(name, first.values, "pair", cells, (first, second), settings)
+    return Channel(name, first.values, "pair", cells, (first, second))
 
 
 def lagged(values: Array, codes: NDArray[np.intp], lag: int, beyond: bool = True) -> Array:

@@ -22,11 +22,9 @@ from swsysid._residual_report.rearrangement import (
     rearrangements,
     robust_clip,
 )
-from swsysid._residual_report.settings import SETTINGS, Settings
+from swsysid._residual_report.settings import SETTINGS
 from swsysid._residual_report.spectrum import Clock, Oscillation
 from swsysid._results import Array
-
-__all__ = ["Rounds", "Test", "examine"]
 
 
 @dataclass
@@ -65,56 +63,46 @@ def examine(
     n_permutations: int,
     significance: float,
     rng: np.random.RandomState,
-    settings: Settings = SETTINGS,
 ) -> tuple[list[Test], Array | None]:
     """All tests of one residual, and its shares at the frequencies of the clock.
 
     `base` (n_rows, n_columns) holds what the model could use itself: it had taken what it could
     of every effect that it lacks, and gives it back when the effect is found.
     """
-    values = robust_clip(residual, settings)
+    values = robust_clip(residual)
     spread = values.std()
-    constant = spread <= settings.rounding * np.abs(residual).max(initial=0.0)
+    constant = spread <= SETTINGS.rounding * np.abs(residual).max(initial=0.0)
     values = np.zeros_like(values) if constant else values / spread
-    channels = _varying(rounds.channels)
-    block = 1
-    if ordered:
-        block = block_length(_without_strong(channels, values, settings), codes, settings)
+    block = block_length(_without_strong(rounds.channels, values), codes) if ordered else 1
     orders = rearrangements(len(values), block, n_permutations, rng)
-    tester = _Tester(orders, base, significance, settings)
+    tester = _Tester(orders, base, significance)
 
     periodogram = None
-    tests = tester.test(channels, values)
+    tests = tester.test(rounds.channels, values)
     if rounds.clock is not None:
         test, periodogram = tester.test_spectrum(rounds.clock, values)
         tests.append(test)
     left = tester.take_away(tests, values)
-    second = [] if rounds.later is None else tester.test(_varying(rounds.later(left)), left)
+    second = [] if rounds.later is None else tester.test(rounds.later(left), left)
     left = tester.take_away(second, left)
-    third = []
-    if rounds.spread:
-        size = np.abs(robust_clip(left, settings))
-        size = size - size.mean()
-        third = tester.test(_varying(rounds.spread), size, "spread")
-        tester.take_away(third, size)
+    size = np.abs(robust_clip(left))
+    size = size - size.mean()
+    third = tester.test(rounds.spread, size, "spread")
+    tester.take_away(third, size)
     return tests + second + third, periodogram
 
 
-def _varying(channels: Sequence[Channel]) -> list[Channel]:
-    return [channel for channel in channels if channel.n_bins > 1]
-
-
-def _without_strong(channels: list[Channel], values: Array, settings: Settings) -> Array:
+def _without_strong(channels: Sequence[Channel], values: Array) -> Array:
     """What is left of `values` when the one or two strongest dependences are taken away.
 
     The correlation in time of a residual that follows a slow channel is the channel's; blocks as
     long as that would leave few rearrangements.
     """
-    left = values
+    left, channels = values, [channel for channel in channels if channel.n_bins > 1]
     for _ in range(2 if channels else 0):
         chance = np.array([channel.n_bins - 1 for channel in channels]) / len(values)
         shares = between_shares(channels, left[None])[:, 0] - chance
-        if shares.max() < settings.strong:
+        if shares.max() < SETTINGS.strong:
             break
         left = without(channels[int(shares.argmax())].columns(left), left)
     return left
@@ -123,12 +111,12 @@ def _without_strong(channels: list[Channel], values: Array, settings: Settings) 
 class _Tester:
     """Tests values in the same rearrangements, and takes away what they depend on."""
 
-    def __init__(self, orders: NDArray, base: Array, significance: float, settings: Settings):
-        self.orders, self.base = orders, base
-        self.significance, self.settings = significance, settings
+    def __init__(self, orders: NDArray, base: Array, significance: float):
+        self.orders, self.base, self.significance = orders, base, significance
 
-    def test(self, channels: list[Channel], values: Array, aspect: str = "mean") -> list[Test]:
-        """One test for each channel; none of values that are constant."""
+    def test(self, channels: Sequence[Channel], values: Array, aspect: str = "mean") -> list[Test]:
+        """One test for each channel that varies; none of values that are constant."""
+        channels = [channel for channel in channels if channel.n_bins > 1]
         if not channels or values.var() == 0.0:
             return []
         parts = [between_shares(channels, some) for some in self._rearranged(values)]
@@ -159,7 +147,7 @@ class _Tester:
         left, columns = values, [self.base]
         # Each test of the values that is significant still, beside the same test of what is left.
         found = self._significant(tests, tests)
-        for _ in range(self.settings.most_removed):
+        for _ in range(SETTINGS.most_removed):
             if not found:
                 break
             best = max(found, key=lambda pair: pair[1].share)[0]
@@ -167,7 +155,7 @@ class _Tester:
             columns.append(best.source.columns(left))
             left = without(np.hstack(columns), values)
             others = [test for test, _ in found if test is not best]
-            if not others or left.var() <= self.settings.rounding * values.var():
+            if not others or left.var() <= SETTINGS.rounding * values.var():
                 break
             found = self._significant(others, self._again(others, left))
         return left
@@ -175,7 +163,7 @@ class _Tester:
     def _rearranged(self, values: Array) -> Iterator[Array]:
         """The values in all orders, (n_orders, n_rows), some at a time."""
         single = values.astype(np.float32)
-        step = max(1, self.settings.entries_at_once // len(values))
+        step = max(1, SETTINGS.entries_at_once // len(values))
         for start in range(0, len(self.orders), step):
             yield single[self.orders[start : start + step]]
 
@@ -185,14 +173,10 @@ class _Tester:
         return [(test, new) for test, new, p_value in pairs if p_value <= self.significance]
 
     def _again(self, tests: list[Test], left: Array) -> list[Test]:
-        channels = [test.source for test in tests if isinstance(test.source, Channel)]
-        renewed = iter(self.test(channels, left))
-        return [
-            next(renewed)
-            if isinstance(test.source, Channel)
-            else self.test_spectrum(test.source.clock, left)[0]
-            for test in tests
-        ]
+        sources = [test.source for test in tests]  # the oscillation, if there is one, comes last
+        again = self.test([one for one in sources if isinstance(one, Channel)], left)
+        oscillations = [one for one in sources if isinstance(one, Oscillation)]
+        return again + [self.test_spectrum(one.clock, left)[0] for one in oscillations]
 
 
 def _beyond_chance(row: Array) -> float:

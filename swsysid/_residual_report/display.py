@@ -13,18 +13,16 @@ import numpy as np
 from swsysid._checks.parameters import shown, whole
 from swsysid._displays.style import (
     PALETTE,
-    STYLE,
     Display,
     axis_label,
     bins_along,
     frame_most,
     thinned,
 )
+from swsysid._rendering.canvas import STYLE
 from swsysid._residual_report.contents import ResidualContents
 from swsysid._residual_report.findings import Finding
 from swsysid._results import Array
-
-__all__ = ["ResidualReportDisplay"]
 
 _POINTS, _MIDDLE, _WARNING = "0.55", PALETTE[0], PALETTE[1]
 # Half width of the band in which 99 of 100 autocorrelations of white noise lie, times sqrt(n).
@@ -178,14 +176,9 @@ class ResidualReportDisplay(Display):
         return self
 
     def _panels(self, max_points):
-        panels = [
-            partial(
-                self._draw_pair if len(panel.names) == 2 else self._draw_channel,
-                panel=panel,
-                max_points=max_points,
-            )
-            for panel in self.panels
-        ]
+        draw = {1: self._draw_channel, 2: self._draw_pair}
+        options = {"max_points": max_points}
+        panels = [partial(draw[len(one.names)], panel=one, **options) for one in self.panels]
         if self.autocorrelation is not None:
             panels.append(self._draw_autocorrelation)
         if self.periodogram is not None:
@@ -196,15 +189,8 @@ class ResidualReportDisplay(Display):
         (values,) = panel.values
         known = np.flatnonzero(np.isfinite(values))
         shown = known[thinned(len(known), max_points)]
-        ax.scatter(
-            values[shown],
-            self.residual[shown],
-            s=8,
-            color=_POINTS,
-            alpha=0.35,
-            linewidths=0,
-            rasterized=len(shown) > 1000,
-        )
+        look = {"s": 8, "color": _POINTS, "alpha": 0.35, "linewidths": 0}
+        ax.scatter(values[shown], self.residual[shown], rasterized=len(shown) > 1000, **look)
         ax.axhline(0.0, color="0.2", linewidth=1.0)
         middle, mean, deviation = _binned(values[known], self.residual[known])
         if len(middle) <= _FEW_VALUES:  # a channel of few values: nothing lies between them
@@ -212,9 +198,8 @@ class ResidualReportDisplay(Display):
             ax.set_xticks(middle)
             ax.margins(x=0.25)
         else:
-            ax.fill_between(
-                middle, mean - deviation, mean + deviation, color=_MIDDLE, alpha=0.2, linewidth=0
-            )
+            band = middle, mean - deviation, mean + deviation
+            ax.fill_between(*band, color=_MIDDLE, alpha=0.2, linewidth=0)
             ax.plot(middle, mean, color="white", linewidth=4.5)
             ax.plot(middle, mean, color=_MIDDLE, linewidth=2.4, marker="o", markersize=4)
         frame_most(ax, self.residual, 0.08)
@@ -223,17 +208,9 @@ class ResidualReportDisplay(Display):
     def _draw_pair(self, ax, panel, max_points):
         shown = thinned(len(self.residual), max_points)
         limit = np.quantile(np.abs(self.residual), 0.98)
-        points = ax.scatter(
-            panel.values[0][shown],
-            panel.values[1][shown],
-            c=self.residual[shown],
-            s=14,
-            cmap="RdBu_r",
-            vmin=-limit,
-            vmax=limit,
-            linewidths=0,
-            rasterized=True,
-        )
+        colours = {"c": self.residual[shown], "cmap": "RdBu_r", "vmin": -limit, "vmax": limit}
+        places = [values[shown] for values in panel.values]
+        points = ax.scatter(*places, s=14, linewidths=0, rasterized=True, **colours)
         ax.figure.colorbar(points, ax=ax, label=self.labels[0])
         ax.set(xlabel=panel.names[0], ylabel=panel.names[1], title=panel.found)
 
@@ -246,13 +223,9 @@ class ResidualReportDisplay(Display):
         for rows, colour in ((outside, _WARNING), (~outside, _MIDDLE)):
             ax.vlines(lags[rows], 0.0, self.autocorrelation[rows], color=colour, linewidth=3.0)
             ax.plot(lags[rows], self.autocorrelation[rows], "o", color=colour, markersize=6)
-        largest = max(1.3 * np.abs(self.autocorrelation).max(), 2.0 * self.band.max())
-        ax.set(
-            xlabel="lag (rows)",
-            ylabel="autocorrelation",
-            ylim=(-min(largest, 1.05), min(largest, 1.05)),
-            title="memory",
-        )
+        largest = min(max(1.3 * np.abs(self.autocorrelation).max(), 2.0 * self.band.max()), 1.05)
+        ax.set(xlabel="lag (rows)", ylabel="autocorrelation", title="memory")
+        ax.set_ylim(-largest, largest)
         ax.xaxis.get_major_locator().set_params(integer=True)
 
     def _draw_spectrum(self, ax):
@@ -285,17 +258,11 @@ def _chosen(
 ) -> list[_Panel]:
     """Channels of the findings first, then those of the largest shares."""
     channels = report.data.channels
-    ranked = [test for test in report.findings if test.equation == equation]
-    ranked += [
-        test
-        for test in report.tests
-        if test.equation == equation
-        and test.mode is None
-        and test.kind not in ("lag", "residual lag")
-    ]
+    of_all = [test for test in report.tests if test.mode is None]
+    others = [test for test in of_all if test.kind not in ("lag", "residual lag")]
     panels: dict[str, _Panel] = {}
-    for test in ranked:
-        if test.channel in channels and test.channel not in panels:
+    for test in [*report.findings, *others]:
+        if test.equation == equation and test.channel in channels and test.channel not in panels:
             parts = report.data.pairs.get(test.channel, (test.channel,))
             named = ("time",) if test.kind == "time" else parts
             # of a lag only what is new beyond the channel now is drawn, as it was tested

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations, islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._residual_report.channels import Channel, lagged, make_channel, make_pair
+from swsysid._residual_report.channels import (
+    Channel,
+    best_step,
+    lagged,
+    make_channel,
+    make_pair,
+    without,
+)
 from swsysid._residual_report.dependence import Rounds, Test, examine
 from swsysid._residual_report.rearrangement import max_statistic
 from swsysid._residual_report.samples import ResidualSamples
-from swsysid._residual_report.settings import Settings
-from swsysid._residual_report.shapes import describe
+from swsysid._residual_report.settings import SETTINGS
 from swsysid._residual_report.spectrum import Clock, Oscillation
 from swsysid._results import Array
-
-__all__ = ["Case", "Finding", "Peak", "examine_all", "findings_of"]
 
 
 @dataclass(frozen=True)
@@ -84,14 +87,8 @@ class Peak:
     significant: bool
 
 
-@dataclass(frozen=True)
-class Case:
-    """One equation in all rows, or in those of one mode: its tests, and its spectrum if asked."""
-
-    equation: str
-    mode: object
-    tests: list[Test]
-    periodogram: Array | None
+# A test of one equation, in all rows (mode None) or in those of one mode.
+Case = tuple[str, object, Test]
 
 
 def examine_all(
@@ -102,20 +99,20 @@ def examine_all(
     n_permutations: int,
     significance: float,
     rng: np.random.RandomState,
-    settings: Settings,
-) -> list[Case]:
-    """Examine some equations, each in all rows first and then in those of each mode."""
-    whole = _rounds(samples, clock, n_lags, settings)
+) -> tuple[list[Case], dict[str, Array]]:
+    """Tests of some equations, in all rows first and then in those of each mode; their spectra."""
+    whole = _rounds(samples, clock, n_lags)
     base = _linear_in_each_mode(samples)
-    everything = np.arange(len(samples.residual))
+    (_, everything), *modes = samples.parts()
     parts: list[tuple[object, NDArray[np.intp], Rounds]] = [(None, everything, whole)]
-    for mode, rows in samples.rows_of_modes(settings):
+    for mode, rows in modes:
         others = [channel.on(rows) for channel in whole.channels if channel.kind != "mode"]
         parts.append((mode, rows, Rounds(others)))
-    cases = []
+    cases: list[Case] = []
+    spectra = {}
     for i in equations:
         for mode, rows, rounds in parts:
-            residual = samples.residual[rows, i]
+            equation, residual = samples.equations[i], samples.residual[rows, i]
             if mode is not None and np.ptp(residual) == 0.0:
                 continue
             tests, periodogram = examine(
@@ -127,35 +124,33 @@ def examine_all(
                 n_permutations=n_permutations,
                 significance=significance,
                 rng=rng,
-                settings=settings,
             )
-            cases.append(Case(samples.equations[i], mode, tests, periodogram))
-    return cases
+            cases += [(equation, mode, test) for test in tests]
+            if periodogram is not None:
+                spectra[equation] = periodogram
+    return cases, spectra
 
 
-def _rounds(
-    samples: ResidualSamples, clock: Clock | None, n_lags: int, settings: Settings
-) -> Rounds:
+def _rounds(samples: ResidualSamples, clock: Clock | None, n_lags: int) -> Rounds:
     """Everything that the residual in all rows may depend on."""
-    records, make = samples.records, partial(make_channel, settings=settings)
+    records = samples.records
 
-    def column(number: int, kind: str) -> Channel:
-        return make(records.names[number], records.channel(number), kind)
+    def made(numbers: range, kind: str) -> list[Channel]:
+        return [make_channel(records.names[k], records.channel(k), kind) for k in numbers]
 
-    columns = [column(number, "state") for number in records.states]
-    columns += [column(number, "input") for number in records.inputs]
-    signals = [column(number, "signal") for number in records.signal_channels]
-    t = records.t if records.timed else None
-    time = [] if t is None else [make("t", t, "time")]
-    channels, spread = columns + time + signals, []
+    columns = made(records.states, "state") + made(records.inputs, "input")
+    channels, spread = list(columns), []
+    if records.t is not None and records.timed:
+        channels.append(make_channel("t", records.t, "time"))
+    channels += made(records.signal_channels, "signal")
     if samples.modes is not None:
         numbers = np.unique(samples.modes, return_inverse=True)[1]
-        channels.append(make("mode", numbers.astype(float), "mode"))
+        channels.append(make_channel("mode", numbers.astype(float), "mode"))
     if samples.nearness is not None:
-        quantiles = np.array(settings.near_surface)
-        spread = [make("the switching surface", samples.nearness, "surface", quantiles)]
+        quantiles = np.array(SETTINGS.near_surface)
+        spread = [make_channel("the switching surface", samples.nearness, "surface", quantiles)]
 
-    pairs = [make_pair(*both) for both in islice(combinations(columns, 2), settings.most_pairs)]
+    pairs = [make_pair(*both) for both in islice(combinations(columns, 2), SETTINGS.most_pairs)]
     codes, longest = samples.codes, int(np.bincount(samples.codes).max())
     lags = range(1, min(n_lags, longest // 4) + 1) if records.ordered else range(0)
 
@@ -170,7 +165,7 @@ def _rounds(
             (f"the residual {_ago(lag)}", lagged(left, codes, lag, beyond=False), "residual lag")
             for lag in lags
         ]
-        return pairs + [make(*one) for one in past + own]
+        return pairs + [make_channel(*one) for one in past + own]
 
     return Rounds(channels, clock, later, channels + spread)
 
@@ -188,20 +183,17 @@ def _linear_in_each_mode(samples: ResidualSamples) -> Array:
     return np.hstack([linear * (modes == mode)[:, None] for mode in np.unique(modes)])
 
 
-def findings_of(
-    cases: list[Case], significance: float, settings: Settings
-) -> tuple[list[Finding], list[Peak]]:
+def findings_of(cases: list[Case], significance: float) -> tuple[list[Finding], list[Peak]]:
     """All tests of all cases, their p-values corrected together, and those of the spectrum."""
-    pairs = [(case, test) for case in cases for test in case.tests]
-    p_values = max_statistic(np.array([test.statistics for _, test in pairs]))
-    p_values = np.minimum(1.0, p_values / settings.weight_of_rearrangements)
+    p_values = max_statistic(np.array([test.statistics for _, _, test in cases]))
+    p_values = np.minimum(1.0, p_values / SETTINGS.weight_of_rearrangements)
     findings, peaks = [], []
-    for (case, test), p_value in zip(pairs, p_values.tolist(), strict=True):
+    for (equation, mode, test), p_value in zip(cases, p_values.tolist(), strict=True):
         significant, source = p_value <= significance, test.source
         findings.append(
             Finding(
-                equation=case.equation,
-                mode=case.mode,
+                equation=equation,
+                mode=mode,
                 channel=source.name,
                 kind=source.kind,
                 aspect=test.aspect,
@@ -209,16 +201,15 @@ def findings_of(
                 p_value=p_value,
                 significant=significant,
                 direct=significant and test.direct,
-                shape=_shape(test, settings) if significant else "",
+                shape=_shape(test) if significant else "",
             )
         )
         if isinstance(source, Oscillation):
-            peak = Peak(case.equation, source.frequency, test.share, p_value, significant)
-            peaks.append(peak)
+            peaks.append(Peak(equation, source.frequency, test.share, p_value, significant))
     return findings, peaks
 
 
-def _shape(test: Test, settings: Settings) -> str:
+def _shape(test: Test) -> str:
     source = test.source
     if isinstance(source, Oscillation):
         return f"{source.frequency:.3g} Hz"
@@ -232,4 +223,49 @@ def _shape(test: Test, settings: Settings) -> str:
     tested = float(test.values.var()) if test.aspect == "mean" else 1.0
     name = "it" if source.kind in ("lag", "residual lag") else source.name
     share = test.share / max(tested, 1e-12)
-    return describe(name, source.values, test.values, share, settings)
+    return describe(name, source.values, test.values, share)
+
+
+def describe(name: str, coordinate: Array, values: Array, share: float) -> str:
+    """A few words on how `values` depend on a coordinate, empty if no simple shape fits.
+
+    `share` is the share of the variance of `values` that any function of the coordinate explains;
+    a line, a step and a parabola are measured against it.
+    """
+    known = np.isfinite(coordinate)
+    order = np.argsort(coordinate[known], kind="stable")
+    x, y = coordinate[known][order], values[known][order] - values[known].mean()
+    total = float(y @ y)
+    if total == 0.0 or x[0] == x[-1] or share <= 0.0:
+        return ""
+    z = (x - x.mean()) / x.std()
+    line = float(z @ y) / len(z)
+    step, place = best_step(x, y)
+    kink, other = best_step(x, y - line * z, z)
+    simple = {"line": len(z) * line**2 / total, "step": step / total}
+    parabola = np.square(y - without(np.polynomial.polynomial.polyvander(z, 2), y)).sum()
+    both = {"step and line": simple["line"] + kink / total, "parabola": parabola / total}
+    direction = "rising" if line > 0 else "falling"
+    words = {
+        "line": f"{direction} in a line",
+        "step": f"a step at {name}={rounded(place, x)}",
+        "step and line": f"a step at {name}={rounded(other, x)} and a line",
+        "parabola": "a parabola",
+    }
+    for shapes in (simple, both):
+        best = max(shapes, key=lambda shape: shapes[shape])
+        if shapes[best] >= SETTINGS.named_shape * share:
+            return words[best]
+    return "a curve"
+
+
+def rounded(place: float, x: Array) -> str:
+    """A threshold with the digits that its neighbours deserve."""
+    low, high = np.quantile(x, [0.05, 0.95])
+    if low == high:  # nearly all rows have one value, as of a switch that is hardly ever on
+        low, high = x[0], x[-1]
+    digits = int(np.ceil(-np.log10((high - low) / 20.0)))
+    rounded = round(place, digits) + 0.0
+    if digits > SETTINGS.most_digits or abs(rounded) >= 10.0**SETTINGS.most_digits:
+        return f"{rounded:.3g}"
+    return f"{rounded:.{max(digits, 0)}f}"

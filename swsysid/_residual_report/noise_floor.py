@@ -11,12 +11,11 @@ from sklearn.neighbors import NearestNeighbors
 
 from swsysid._checks.arrays import column, labels, refuse_vanishing, table
 from swsysid._data.rows import spread_rows
+from swsysid._data.trajectories import trajectories
 from swsysid._noise import robust_scale
 from swsysid._residual_report.samples import ResidualSamples
-from swsysid._residual_report.settings import SETTINGS, Settings
+from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
-
-__all__ = ["NoiseFloor", "Size", "noise_floor", "sizes"]
 
 
 @dataclass(frozen=True)
@@ -123,11 +122,9 @@ def noise_floor(
         refuse_vanishing("X", columns)
         in_space = _in_space(values, columns)
     estimates = {"neighbours in time": in_time, "neighbours in space": in_space}
-    known = {how: value for how, value in estimates.items() if np.isfinite(value)}
-    if not known:
-        return NoiseFloor(np.nan, "not estimated", in_time, in_space)
-    how = min(known, key=lambda name: known[name])
-    return NoiseFloor(float(known[how]), how, float(in_time), float(in_space))
+    known = [(value, how) for how, value in estimates.items() if np.isfinite(value)]
+    value, how = min(known, default=(np.nan, "not estimated"), key=lambda pair: pair[0])
+    return NoiseFloor(float(value), how, float(in_time), float(in_space))
 
 
 def _clipped_size(values: Array) -> float:
@@ -145,10 +142,8 @@ def _clipped_size(values: Array) -> float:
 
 
 def _in_time(values: Array, groups) -> float:
-    order = np.argsort(groups, kind="stable")
-    values, groups = values[order], groups[order]
-    together = groups[2:] == groups[:-2]
-    second = (values[2:] - 2.0 * values[1:-1] + values[:-2])[together] / np.sqrt(6.0)
+    pieces = [np.diff(values[rows], 2) for _, rows in trajectories(groups)]
+    second = np.concatenate(pieces) / np.sqrt(6.0)
     return _clipped_size(second) if len(second) >= SETTINGS.fewest_neighbours else np.nan
 
 
@@ -172,25 +167,19 @@ def _in_space(values: Array, X: Array) -> float:
     return float(np.sqrt(np.clip(intercept, 0.0, None)))
 
 
-def sizes(samples: ResidualSamples, settings: Settings) -> list[Size]:
+def sizes(samples: ResidualSamples) -> list[Size]:
     """All equations in all rows first, then mode by mode."""
-    parts = [(None, np.arange(len(samples.residual))), *samples.rows_of_modes(settings)]
-    return [
-        _size(samples, i, mode, rows, settings)
-        for mode, rows in parts
-        for i in range(len(samples.equations))
-    ]
+    equations = range(len(samples.equations))
+    return [_size(samples, i, *part) for part in samples.parts() for i in equations]
 
 
-def _size(
-    samples: ResidualSamples, i: int, mode: object, rows: NDArray[np.intp], settings: Settings
-) -> Size:
+def _size(samples: ResidualSamples, i: int, mode: object, rows: NDArray[np.intp]) -> Size:
     residual, target = samples.residual[rows, i], samples.target[rows, i]
     # Rows of one mode are not neighbours in time.
     in_time = samples.codes if samples.records.ordered and mode is None else None
     floor = noise_floor(residual, samples.records.X[rows], in_time)
     rmse, scale = float(np.sqrt(np.square(residual).mean())), float(target.std())
-    smallest = settings.exact * (scale if scale > 0.0 else float(np.abs(target).max()))
+    smallest = SETTINGS.exact * (scale if scale > 0.0 else float(np.abs(target).max()))
     exact = rmse <= smallest
     size = _clipped_size(residual)
     known = np.isfinite(floor.value) and not exact

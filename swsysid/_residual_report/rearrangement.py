@@ -11,32 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._noise import robust_scale
-from swsysid._residual_report.settings import SETTINGS, Settings
+from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
 
-__all__ = [
-    "block_length",
-    "correlation_length",
-    "holm",
-    "max_statistic",
-    "rearrangements",
-    "robust_clip",
-]
 
-
-def robust_clip(values: Array, settings: Settings = SETTINGS) -> Array:
+def robust_clip(values: Array) -> Array:
     """`values` about their median, cut off at a few robust standard deviations, then centred."""
     centred = values - np.median(values)
     spread = robust_scale(centred)
     if spread == 0.0:  # more than half of them are equal
         spread = np.abs(centred).mean()
-    clipped = np.clip(centred, -settings.clip * spread, settings.clip * spread)
+    clipped = np.clip(centred, -SETTINGS.clip * spread, SETTINGS.clip * spread)
     return clipped - clipped.mean()
 
 
-def correlation_length(
-    values: Array, codes: NDArray[np.intp], settings: Settings = SETTINGS
-) -> float:
+def correlation_length(values: Array, codes: NDArray[np.intp]) -> float:
     r"""Rows that count as one: :math:`1 + 2\sum_k \rho_k` up to the first lag that is noise.
 
     `codes` name the trajectory of each row; a trajectory is a contiguous stretch of rows.
@@ -44,7 +33,7 @@ def correlation_length(
     centred = values - values.mean()
     variance = float(np.square(centred).mean())
     total, noise = 0.0, 2.0 / np.sqrt(len(values))
-    for lag in range(1, min(settings.longest_lag, len(values) // 4) + 1):
+    for lag in range(1, min(SETTINGS.longest_lag, len(values) // 4) + 1):
         together = codes[lag:] == codes[:-lag]
         if variance == 0.0 or not together.any():
             break
@@ -55,13 +44,13 @@ def correlation_length(
     return 1.0 + 2.0 * total
 
 
-def block_length(values: Array, codes: NDArray[np.intp], settings: Settings = SETTINGS) -> int:
+def block_length(values: Array, codes: NDArray[np.intp]) -> int:
     """Rows that must stay together: a few correlation lengths of the values and of their size."""
-    length = max(correlation_length(one, codes, settings) for one in (values, np.abs(values)))
+    length = max(correlation_length(one, codes) for one in (values, np.abs(values)))
     if length == 1.0:
         return 1
-    longest = len(values) // settings.fewest_blocks
-    return int(max(1, min(np.ceil(settings.lengths_a_block * length), longest)))
+    longest = len(values) // SETTINGS.fewest_blocks
+    return int(max(1, min(np.ceil(SETTINGS.lengths_a_block * length), longest)))
 
 
 def rearrangements(n_rows: int, block: int, n_permutations: int, rng) -> NDArray[np.int32]:

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from swsysid._checks.parameters import random_numbers, real, whole
 from swsysid._residual_report.channels import Channel
-from swsysid._residual_report.contents import ReportData, ResidualContents
+from swsysid._residual_report.contents import (
+    ReportData,
+    ResidualContents,
+    table_of_findings,
+    table_of_sizes,
+)
 from swsysid._residual_report.display import ResidualReportDisplay
 from swsysid._residual_report.findings import Case, examine_all, findings_of
 from swsysid._residual_report.noise_floor import sizes
-from swsysid._residual_report.samples import ResidualSamples, collect
-from swsysid._residual_report.settings import SETTINGS, Settings
+from swsysid._residual_report.samples import Predictor, ResidualSamples, collect
+from swsysid._residual_report.settings import SETTINGS
 from swsysid._residual_report.spectrum import Clock
-from swsysid._residual_report.text import table_of_findings, table_of_sizes
 from swsysid._residual_report.whiteness import biases, whiteness
-
-__all__ = ["ResidualReport", "report_on", "residual_report"]
+from swsysid._results import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,22 +62,18 @@ class ResidualReport(ResidualContents):
         trajectories = {0: "rows without order", 1: "1 trajectory"}.get(
             self.n_trajectories, f"{self.n_trajectories} trajectories"
         )
+        head = f"Residual report: {self.n_samples} rows, {trajectories}, "
+        lines = [f"{head}significance {self.significance:g}"]
+        lines += [*table_of_sizes(self.size, self.whiteness), ""]
         found = [test for test in self.tests if test.direct]
-        return "\n".join(
-            [
-                f"Residual report: {self.n_samples} rows, {trajectories}, "
-                f"significance {self.significance:g}",
-                *table_of_sizes(self.size, self.whiteness),
-                "",
-                *([*table_of_findings(found), ""] if found else []),
-                *(f"{name}: {text}" for name, text in self.verdicts.items()),
-                *(f"skipped: {part} ({reason})" for part, reason in self.skipped.items()),
-            ]
-        )
+        lines += [*table_of_findings(found), ""] if found else []
+        lines += [f"{name}: {text}" for name, text in self.verdicts.items()]
+        lines += [f"skipped: {part} ({reason})" for part, reason in self.skipped.items()]
+        return "\n".join(lines)
 
 
 def residual_report(
-    model: Any,
+    model: Predictor,
     X: ArrayLike,
     Xdot: ArrayLike,
     t: ArrayLike | None = None,
@@ -156,7 +155,7 @@ def residual_report(
             f"n_permutations={n_permutations} cannot reach significance {significance:g}; use at "
             f"least {fewest}."
         )
-    samples = collect(model, X, Xdot, t, groups, signals, SETTINGS)
+    samples = collect(model, X, Xdot, t, groups, signals)
     return report_on(samples, n_lags, n_permutations, significance, random_state)
 
 
@@ -165,19 +164,19 @@ def report_on(
     n_lags: int = 10,
     n_permutations: int = 499,
     significance: float = 0.01,
-    random_state: Any = None,
-    settings: Settings = SETTINGS,
+    random_state: int | np.random.RandomState | None = None,
 ) -> ResidualReport:
     """The report of samples that have been collected; see `residual_report`."""
-    clock, skipped = _clock(samples, settings)
-    size = sizes(samples, settings)
+    clock, skipped = _clock(samples)
+    size = sizes(samples)
     live = [i for i in range(len(samples.equations)) if not size[i].exact]
     rng = random_numbers(random_state)
-    cases = examine_all(samples, live, clock, n_lags, n_permutations, significance, rng, settings)
-    findings, peaks = findings_of(cases, significance, settings)
-    findings += biases(samples, live, significance, settings)
+    options = n_lags, n_permutations, significance, rng
+    cases, spectra = examine_all(samples, live, clock, *options)
+    findings, peaks = findings_of(cases, significance)
+    findings += biases(samples, live, significance)
     try:
-        white = whiteness(samples, live, n_lags, significance, settings)
+        white = whiteness(samples, live, n_lags, significance)
     except ValueError as error:  # trajectories are too short
         white, skipped["whiteness"] = [], str(error).rstrip(".")
     return ResidualReport(
@@ -191,11 +190,11 @@ def report_on(
         tests=tuple(sorted(findings, key=lambda found: -found.share)),
         spectrum=tuple(peaks),
         skipped=skipped,
-        data=_data(samples, cases, clock),
+        data=_data(samples, cases, spectra, clock),
     )
 
 
-def _clock(samples: ResidualSamples, settings: Settings) -> tuple[Clock | None, dict[str, str]]:
+def _clock(samples: ResidualSamples) -> tuple[Clock | None, dict[str, str]]:
     """Times for the spectrum, and what is skipped and why."""
     records, skipped = samples.records, {}
     if not records.ordered:
@@ -207,16 +206,17 @@ def _clock(samples: ResidualSamples, settings: Settings) -> tuple[Clock | None, 
         skipped["surface"] = samples.why_no_nearness
     if records.t is None or not records.timed:
         return None, skipped
-    clock = Clock.of(records.t, samples.codes, settings)
+    clock = Clock.of(records.t, samples.codes)
     if clock is None:
-        skipped["spectrum"] = f"no trajectory has {settings.fewest_rows_of_a_piece} rows"
+        skipped["spectrum"] = f"no trajectory has {SETTINGS.fewest_rows_of_a_piece} rows"
     return clock, skipped
 
 
-def _data(samples: ResidualSamples, cases: list[Case], clock: Clock | None) -> ReportData:
+def _data(
+    samples: ResidualSamples, cases: list[Case], spectra: dict[str, Array], clock: Clock | None
+) -> ReportData:
     """Arrays behind the pictures."""
-    whole = [case for case in cases if case.mode is None]
-    sources = [test.source for case in whole for test in case.tests]
+    sources = [test.source for _, mode, test in cases if mode is None]
     channels = [source for source in sources if isinstance(source, Channel)]
     return ReportData(
         residual=samples.residual,
@@ -227,7 +227,5 @@ def _data(samples: ResidualSamples, cases: list[Case], clock: Clock | None) -> R
             if channel.parts is not None
         },
         frequency=None if clock is None else clock.frequency,
-        periodogram={
-            case.equation: case.periodogram for case in whole if case.periodogram is not None
-        },
+        periodogram=spectra,
     )

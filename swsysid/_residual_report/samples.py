@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import NotFittedError
 
 from swsysid._checks.arrays import labels, names_of, numbers, refuse_vanishing, table
-from swsysid._checks.columns import column_names, in_fitted_form
+from swsysid._checks.estimators import column_names, in_fitted_form
 from swsysid._data.records import Records, make_records
 from swsysid._pipelines import switching_step
-from swsysid._residual_report.settings import Settings
+from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
+from swsysid._surfaces.surface import gives_values, has_decisions
 
-__all__ = ["ResidualSamples", "collect"]
+
+class Predictor(Protocol):
+    """A fitted model, whose `predict` may also take `t`, `groups` and `signals` by name."""
+
+    @property
+    def predict(self) -> Callable[..., ArrayLike]: ...
 
 
 @dataclass(frozen=True)
@@ -35,13 +42,13 @@ class ResidualSamples:
     @classmethod
     def of(
         cls,
-        model: Any,
+        model: object,
         records: Records,
         target: Array,
         predicted: Array,
         modes: NDArray | None,
         trajectories: list,
-        X: Any = None,
+        X: object = None,
     ) -> ResidualSamples:
         """Subtract what was predicted, ask the model for its surface, and sort the rows.
 
@@ -79,26 +86,27 @@ class ResidualSamples:
         n_equations = self.target.shape[1]
         return [names[i] if i < len(names) else f"output {i}" for i in range(n_equations)]
 
-    def rows_of_modes(self, settings: Settings) -> list[tuple[object, NDArray[np.intp]]]:
-        """Modes with rows enough to be examined, and their rows; none if there is one mode."""
-        if self.modes is None:
-            return []
-        modes = np.unique(self.modes)
-        rows = [(mode.item(), np.flatnonzero(self.modes == mode)) for mode in modes]
-        enough = [pair for pair in rows if len(pair[1]) >= settings.fewest_rows_of_a_mode]
-        return enough if len(modes) > 1 else []
+    def parts(self) -> list[tuple[object, NDArray[np.intp]]]:
+        """All rows as mode None, then those of each of several modes that has enough."""
+        parts: list[tuple[object, NDArray[np.intp]]] = [(None, np.arange(len(self.records)))]
+        if self.modes is None or (self.modes == self.modes[0]).all():
+            return parts
+        for mode in np.unique(self.modes):
+            rows = np.flatnonzero(self.modes == mode)
+            if len(rows) >= SETTINGS.fewest_rows_of_a_mode:
+                parts.append((mode.item(), rows))
+        return parts
 
 
 def collect(
-    model: Any, X: Any, Xdot: Any, t: Any, groups: Any, signals: Any, settings: Settings
+    model: Predictor,
+    X: ArrayLike,
+    Xdot: ArrayLike,
+    t: ArrayLike | None,
+    groups: ArrayLike | None,
+    signals: ArrayLike | None,
 ) -> ResidualSamples:
-    """Check everything, predict, subtract, and sort the rows.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If something is missing, of the wrong length or not finite; the message says what to do.
-    """
+    """Check everything, predict, subtract, and sort the rows."""
     if isinstance(model, type) or not hasattr(model, "predict"):
         kind = model if isinstance(model, type) else type(model)
         raise TypeError(f"{kind.__name__} has no predict; give a fitted model.")
@@ -109,9 +117,9 @@ def collect(
     for name, values in (("X", columns), ("Xdot", target), ("signals", channels)):
         if values is not None:
             refuse_vanishing(name, values)
-    if n_rows < settings.fewest_rows:
+    if n_rows < SETTINGS.fewest_rows:
         raise ValueError(
-            f"X has {n_rows} rows; a residual report needs at least {settings.fewest_rows}."
+            f"X has {n_rows} rows; a residual report needs at least {SETTINGS.fewest_rows}."
         )
     records = make_records(
         columns,
@@ -123,13 +131,8 @@ def collect(
         signal_names=None if channels is None else names_of(signals, channels.shape[1], "signal"),
     )
     frame = in_fitted_form(model, X)
-    predicted = _predicted(
-        model,
-        frame,
-        t=records.t if records.timed else None,
-        groups=groups,
-        signals=channels,
-    )
+    t = records.t if records.timed else None
+    predicted = _predicted(model, frame, t=t, groups=groups, signals=channels)
     if predicted.shape != target.shape:
         raise ValueError(
             f"the model predicts an array of shape {predicted.shape}, but Xdot has shape "
@@ -142,7 +145,7 @@ def collect(
     return ResidualSamples.of(model, records, target, predicted, modes, named, X)
 
 
-def _predicted(model: Any, X: Any, **extras: Any) -> Array:
+def _predicted(model: Predictor, X: ArrayLike, **extras: ArrayLike | None) -> Array:
     """Predictions as columns; the model is told what its signature asks for."""
     accepted = inspect.signature(model.predict).parameters
     told = {name: value for name, value in extras.items() if name in accepted and value is not None}
@@ -153,7 +156,7 @@ def _predicted(model: Any, X: Any, **extras: Any) -> Array:
     return predicted[:, None] if predicted.ndim == 1 else predicted
 
 
-def _nearness(model: Any, X: Any) -> tuple[Array | None, str]:
+def _nearness(model: object, X: object) -> tuple[Array | None, str]:
     """How far each row is from the nearest place where the surface changes the mode.
 
     The surface is that of the regressor inside: of a search's best model, of a model with effects,
@@ -166,14 +169,14 @@ def _nearness(model: Any, X: Any) -> tuple[Array | None, str]:
     if surface is None:
         return None, "the model has no switching surface"
     seen = np.asarray(transform(in_fitted_form(model, X)), dtype=float)
-    if hasattr(surface, "surface_values"):
+    if gives_values(surface):
         values = np.abs(np.asarray(surface.surface_values(seen), dtype=float))
         values = values.reshape(len(seen), -1)
         if not values.shape[1]:
             return None, "the model has one mode"
         typical = np.median(values, axis=0)
         return (values / np.where(typical > 0.0, typical, 1.0)).min(axis=1), ""
-    if not hasattr(surface, "decision_function"):
+    if not has_decisions(surface):
         return None, f"a {type(surface).__name__} does not say how far its surface is"
     values = np.asarray(surface.decision_function(seen), dtype=float)
     if values.ndim == 1:

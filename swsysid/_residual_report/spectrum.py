@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from swsysid._residual_report.settings import SETTINGS, Settings
 from swsysid._results import Array
 
-__all__ = ["Clock", "Oscillation"]
-
 
 @dataclass(frozen=True)
 class Clock:

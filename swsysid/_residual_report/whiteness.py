@@ -13,17 +13,8 @@ from swsysid._checks.parameters import whole
 from swsysid._residual_report.findings import Finding
 from swsysid._residual_report.rearrangement import correlation_length, holm
 from swsysid._residual_report.samples import ResidualSamples
-from swsysid._residual_report.settings import SETTINGS, Settings
+from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
-
-__all__ = [
-    "Whiteness",
-    "WhitenessTest",
-    "biases",
-    "normal_scores",
-    "whiteness",
-    "whiteness_test",
-]
 
 
 @dataclass(frozen=True)
@@ -153,18 +144,14 @@ def _coloured(scores: Array, codes: NDArray, names: NDArray, n_lags: int) -> tup
 
 
 def whiteness(
-    samples: ResidualSamples,
-    equations: list[int],
-    n_lags: int,
-    significance: float,
-    settings: Settings,
+    samples: ResidualSamples, equations: list[int], n_lags: int, significance: float
 ) -> list[Whiteness]:
     """The test of some equations; a ValueError where trajectories are too short for it."""
     if not samples.records.ordered or not equations:
         return []
     residuals, codes = samples.residual[:, equations].T, samples.codes
     tests = [whiteness_test(residual, codes, n_lags=n_lags) for residual in residuals]
-    p_values = holm([test.p_value for test in tests]) / settings.weight_of_whiteness
+    p_values = holm([test.p_value for test in tests]) / SETTINGS.weight_of_whiteness
     p_values = np.minimum(1.0, p_values)
     return [
         Whiteness(
@@ -182,17 +169,13 @@ def whiteness(
     ]
 
 
-def biases(
-    samples: ResidualSamples, equations: list[int], significance: float, settings: Settings
-) -> list[Finding]:
+def biases(samples: ResidualSamples, equations: list[int], significance: float) -> list[Finding]:
     """Tests of the means of some equations."""
-    if not equations:
-        return []
     # Rows without order are independent.
     codes = samples.codes if samples.records.ordered else np.arange(len(samples.residual))
     residuals = [samples.residual[:, i] for i in equations]
-    p_values = holm([_bias_p_value(residual, codes, settings) for residual in residuals])
-    p_values = np.minimum(1.0, p_values / settings.weight_of_bias)
+    p_values = holm([_bias_p_value(residual, codes) for residual in residuals])
+    p_values = np.minimum(1.0, p_values / SETTINGS.weight_of_bias)
     found = []
     for i, residual, p_value in zip(equations, residuals, p_values.tolist(), strict=True):
         significant, mean = p_value <= significance, residual.mean()
@@ -213,14 +196,13 @@ def biases(
     return found
 
 
-def _bias_p_value(residual: Array, codes: NDArray[np.intp], settings: Settings) -> float:
+def _bias_p_value(residual: Array, codes: NDArray[np.intp]) -> float:
     """P-value of a residual that is not centred: both its mean and its signs must say so.
 
     A skewed residual has a mean or a median away from zero, depending on the loss that was
     fitted; only an offset moves both to the same side.
     """
-    n_rows = len(residual)
-    length = correlation_length(residual, codes, settings)
+    n_rows, length = len(residual), correlation_length(residual, codes)
     mean = residual.mean() / max(residual.std(), np.finfo(float).tiny)
     signs = np.sign(residual).mean()
     if mean * signs <= 0.0:

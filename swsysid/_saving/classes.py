@@ -23,13 +23,10 @@ from swsysid._pipelines import ModePipeline
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import IterationRecord
 from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis
-from swsysid._surfaces.posterior import SurfaceEvidence
-from swsysid._surfaces.probability import ModePosterior
+from swsysid._surfaces.probability import ModePosterior, SurfaceEvidence
 from swsysid.effects import PlacedEffect, all_effects
 from swsysid.effects._guards import Guard
 from swsysid.relaxations import ExactRelaxation, MomentRelaxation, SimplexRelaxation
-
-__all__ = ["class_named", "made", "name_of", "state_of"]
 
 _OWN = {
     each.__name__: each
@@ -94,12 +91,8 @@ def state_of(value: object) -> dict[str, object]:
 def made(kind: type, state: dict[str, object]) -> object:
     """An object with given attributes.
 
-    Parameters of an estimator that the file does not know have their defaults.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the class does not have such attributes.
+    Parameters of an estimator that the file does not know have their defaults. Attributes that the
+    class does not have are a TypeError or a ValueError.
     """
     if is_dataclass(kind):
         return kind(**state)

@@ -19,8 +19,6 @@ from swsysid._pipelines import switching_step
 from swsysid._saving.classes import name_of
 from swsysid._saving.values import read_objects, write_objects
 
-__all__ = ["Recording", "load_model", "save_model"]
-
 _NAME = "swsysid model"
 _MODELS = (
     "SwitchingSystemRegressor",
@@ -211,14 +209,13 @@ def _content(path: Path) -> dict[str, Any]:
 
 def _text(content: dict[str, Any]) -> str:
     """The file, with each object of the model in a line of its own."""
-    *outer, (name, objects) = [(key, content[key]) for key in sorted(content, key=_is_objects)]
-    lines = [f" {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in outer]
-    listed = ",\n  ".join(json.dumps(entry, allow_nan=False) for entry in objects)
-    return "{\n" + ",\n".join([*lines, f' "{name}": [\n  {listed}\n ]']) + "\n}\n"
-
-
-def _is_objects(key: str) -> bool:
-    return key == "objects"
+    lines = [
+        f" {json.dumps(key)}: {json.dumps(value, allow_nan=False)}"
+        for key, value in content.items()
+        if key != "objects"
+    ]
+    listed = ",\n  ".join(json.dumps(entry, allow_nan=False) for entry in content["objects"])
+    return "{\n" + ",\n".join([*lines, f' "objects": [\n  {listed}\n ]']) + "\n}\n"
 
 
 def _checksum(content: dict[str, Any]) -> str:

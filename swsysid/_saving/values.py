@@ -7,16 +7,19 @@ shared is written once and nothing can refer to itself.
 
 from __future__ import annotations
 
+import base64
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._results import Status
-from swsysid._saving.arrays import array_of, json_of_array, json_of_float
 from swsysid._saving.classes import class_named, made, name_of, state_of
 
-__all__ = ["read_objects", "write_objects"]
+_SHORT = 100  # entries; longer arrays are not for reading
+_KINDS = "biufU"  # truth values, whole and floating-point numbers, fixed-length texts
 
 
 def write_objects(model: object) -> list[dict[str, object]]:
@@ -35,11 +38,11 @@ def read_objects(table: Sequence[Mapping[str, Any]]) -> Any:
     A table that `write_objects` did not write is a ValueError, TypeError, KeyError, IndexError or
     AttributeError.
     """
-    reader = _Reader()
+    known: list[object] = []
     for entry in table:
-        state = {str(name): reader.read(value) for name, value in entry["state"].items()}
-        reader.known.append(made(class_named(entry["class"]), state))
-    return reader.known[-1]
+        state = {str(name): _read(value, known) for name, value in entry["state"].items()}
+        known.append(made(class_named(entry["class"]), state))
+    return known[-1]
 
 
 class _Writer:
@@ -57,7 +60,7 @@ class _Writer:
             case np.generic():
                 return self.write(np.asarray(value), where)
             case float():
-                return json_of_float(float(value))
+                return _json_of_float(float(value))
             case list():
                 return [self.write(part, f"{where}[{place}]") for place, part in enumerate(value)]
             case tuple():
@@ -73,11 +76,11 @@ class _Writer:
                 return {"slice": self.write([value.start, value.stop, value.step], where)}
             case np.ndarray():
                 try:
-                    return json_of_array(value)
+                    return _json_of_array(value)
                 except TypeError as error:
                     raise TypeError(_refusal(where, str(error))) from None
-            case np.ufunc() if _is_named_by_numpy(value):
-                return {"ufunc": value.__name__}
+            case np.ufunc(__name__=str(name)) if vars(np).get(name) is value:
+                return {"ufunc": name}
             case np.random.RandomState():
                 return {"random_state": self.write(value.get_state(legacy=False), where)}
             case Status():
@@ -97,10 +100,6 @@ class _Writer:
         return {"object": self.places[id(value)]}
 
 
-def _is_named_by_numpy(function: np.ufunc) -> bool:
-    return vars(np).get(function.__name__) is function
-
-
 def _described(value: object) -> str:
     name = getattr(value, "__name__", None)
     return f"the function {name}" if name else f"an object of the class {type(value).__name__}"
@@ -114,39 +113,90 @@ def _refusal(where: str, what: str) -> str:
     )
 
 
-class _Reader:
-    """Reads values; `known` are the objects that the table has had so far."""
+def _read(told: Any, known: list[object]) -> Any:
+    """The value of some JSON; `known` are the objects that the table has had so far."""
+    if isinstance(told, list):
+        return [_read(part, known) for part in told]
+    if not isinstance(told, dict):
+        return told
+    if "shape" in told:
+        values = _array_of(told)
+        return values if values.shape else values[()]
+    ((kind, inner),) = told.items()
+    match kind:
+        case "object" if type(inner) is int and inner >= 0:
+            return known[inner]
+        case "tuple":
+            return tuple(_read(inner, known))
+        case "dict":
+            return {_read(key, known): _read(part, known) for key, part in inner}
+        case "slice":
+            return slice(*_read(inner, known))
+        case "float":
+            return float(inner)
+        case "ufunc" if isinstance(getattr(np, inner, None), np.ufunc):
+            return getattr(np, inner)
+        case "random_state":
+            random_state = np.random.RandomState()
+            random_state.set_state(_read(inner, known))
+            return random_state
+        case "status":
+            return Status[inner]
+    raise ValueError(f"{told!r} stands for nothing")
 
-    def __init__(self) -> None:
-        self.known: list[object] = []
 
-    def read(self, told: Any) -> Any:
-        """The value of some JSON."""
-        if isinstance(told, list):
-            return [self.read(part) for part in told]
-        if not isinstance(told, dict):
-            return told
-        if "shape" in told:
-            values = array_of(told)
-            return values if values.shape else values[()]
-        ((kind, inner),) = told.items()
-        match kind:
-            case "object" if type(inner) is int and inner >= 0:
-                return self.known[inner]
-            case "tuple":
-                return tuple(self.read(inner))
-            case "dict":
-                return {self.read(key): self.read(part) for key, part in inner}
-            case "slice":
-                return slice(*self.read(inner))
-            case "float":
-                return float(inner)
-            case "ufunc" if isinstance(getattr(np, inner, None), np.ufunc):
-                return getattr(np, inner)
-            case "random_state":
-                random_state = np.random.RandomState()
-                random_state.set_state(self.read(inner))
-                return random_state
-            case "status":
-                return Status[inner]
-        raise ValueError(f"{told!r} stands for nothing")
+def _json_of_float(value: float) -> float | dict[str, str]:
+    """A number that JSON knows, or its name; reading the digits gives the same bits back.
+
+    Examples
+    --------
+    >>> _json_of_float(0.1), _json_of_float(float("-inf"))
+    (0.1, {'float': '-inf'})
+    """
+    return value if math.isfinite(value) else {"float": repr(value)}
+
+
+def _json_of_array(values: NDArray) -> dict[str, Any]:
+    """An array with its type and shape: its entries if it is short, else its bytes in base 64.
+
+    Examples
+    --------
+    >>> _json_of_array(np.array([[1.0, 2.5]]))
+    {'array': [1.0, 2.5], 'type': '<f8', 'shape': [1, 2]}
+    """
+    shape = list(values.shape)
+    if values.dtype == object:
+        entries = values.ravel().tolist()
+        if not all(isinstance(entry, str) for entry in entries):
+            raise TypeError("an array of Python objects")
+        return {"array": entries, "type": "object", "shape": shape}
+    if values.dtype.kind not in _KINDS:
+        raise TypeError(f"an array of type {values.dtype}")
+    ordered = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False)
+    told = {"type": ordered.dtype.str, "shape": shape}
+    is_number = values.dtype.kind in "biuf"
+    if ordered.size <= _SHORT and (not is_number or bool(np.isfinite(ordered).all())):
+        return {"array": ordered.ravel().tolist(), **told}
+    return {"bytes": base64.b64encode(ordered.tobytes()).decode("ascii"), **told}
+
+
+def _array_of(told: dict[str, Any]) -> NDArray:
+    """The array of a JSON object."""
+    shape = tuple(told["shape"])
+    if not all(type(length) is int and length >= 0 for length in shape):
+        raise ValueError(f"the shape {shape} of an array")
+    if told["type"] == "object":
+        if not all(type(entry) is str for entry in told["array"]):
+            raise ValueError("an array of text with other entries")
+        values = np.empty(len(told["array"]), dtype=object)
+        values[:] = told["array"]
+        return values.reshape(shape)
+    dtype = np.dtype(str(told["type"]))
+    if dtype.kind not in _KINDS:
+        raise ValueError(f"the type {told['type']} of an array")
+    if "bytes" in told:
+        values = np.frombuffer(base64.b64decode(told["bytes"], validate=True), dtype=dtype)
+    else:
+        values = np.array(told["array"], dtype=dtype)
+    # a copy, since what lies over bytes cannot be written to
+    return values.reshape(shape).astype(dtype.newbyteorder("="))

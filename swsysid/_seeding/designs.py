@@ -15,24 +15,16 @@ from scipy.linalg import solve_triangular
 
 from swsysid._results import Array
 
-__all__ = ["Basis", "WhitenedRows", "centre_and_scale", "whiten"]
-
 # A column whose part outside the earlier ones is below this share of it depends on them.
 _RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class WhitenedRows:
-    """Values of a whitened basis at some rows, and sums over those rows.
+    """Values of a whitened basis at some rows, and sums over those rows."""
 
-    Attributes
-    ----------
-    values : ndarray of shape (rank, n_samples)
-    most_products : int
-        Size of the table of products of all pairs; larger ones are not made.
-    """
-
-    values: Array
+    values: Array  # (rank, n_samples)
+    # Size of the table of products of all pairs; larger ones are not made.
     most_products: int = 8_000_000
 
     def gram(self, weights: Array) -> Array:
@@ -80,14 +72,10 @@ class WhitenedRows:
 
 @dataclass(frozen=True)
 class Basis:
-    """A change of basis: the columns of ``design @ transform`` are orthonormal on average.
+    """A change of basis: the columns of ``design @ transform`` are orthonormal on average."""
 
-    Attributes
-    ----------
-    transform : ndarray of shape (n_features, rank)
-        Upper triangular up to columns left out: function number r uses the first features only.
-    """
-
+    # (n_features, rank): upper triangular up to columns left out: function number r uses the first
+    # features only.
     transform: Array
 
     def __call__(self, design: Array) -> WhitenedRows:
@@ -100,12 +88,10 @@ class Basis:
 
 
 def whiten(design: Array, weights: Array) -> Basis:
-    """Basis Q of the column space of `design` with Sum_i w_i q_i q_i' = (Sum_i w_i) I.
-
-    Gram-Schmidt in the order of the columns: the first functions of the basis span the first
-    columns of the design, and columns that depend on earlier ones are left out. A ridge on
-    coefficients of Q penalises the mean squared value of the function, whatever the features.
-    """
+    """Basis Q of the column space of `design` with Sum_i w_i q_i q_i' = (Sum_i w_i) I."""
+    # Gram-Schmidt in the order of the columns: the first functions of the basis span the first
+    # columns of the design, and columns that depend on earlier ones are left out. A ridge on
+    # coefficients of Q penalises the mean squared value of the function, whatever the features.
     size = np.abs(design).max(axis=0, initial=0.0)
     size[size == 0] = 1.0
     # R of the QR decomposition has the inner products of the columns in a few rows

@@ -26,84 +26,64 @@ from swsysid._seeding.designs import WhitenedRows
 from swsysid._seeding.gate import newton_step
 from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 
-__all__ = ["Experts", "Posterior", "Samples", "em", "initial_experts", "single_model"]
-
 
 @dataclass(frozen=True)
 class Samples:
-    """The rows that a batch of mixtures is fitted to.
+    """The rows that a batch of mixtures is fitted to."""
 
-    Attributes
-    ----------
-    features : WhitenedRows
-        Dynamics features, (n_features, n_samples).
-    gate_features : WhitenedRows
-        Polynomials of the coordinates, low degrees first, (n_gate_features, n_samples).
-    targets : ndarray of shape (n_outputs, n_samples)
-        Scaled to order one.
-    weights : ndarray of shape (n_samples,)
-    outlier_log_density : ndarray of shape (n_samples,)
-    """
-
-    features: WhitenedRows
+    features: WhitenedRows  # dynamics features, (n_features, n_samples)
+    # Polynomials of the coordinates, low degrees first, (n_gate_features, n_samples).
     gate_features: WhitenedRows
-    targets: Array
-    weights: Array
-    outlier_log_density: Array
+    targets: Array  # (n_outputs, n_samples): scaled to order one
+    weights: Array  # (n_samples,)
+    outlier_log_density: Array  # (n_samples,)
+    n_coarse: int  # how many gate features span the coarse polynomials
+    settings: SeedingSettings = DEFAULTS
 
     def take(self, rows: NDArray[np.intp], weights: Array) -> Samples:
         """Some of the rows, with weights of their own."""
-        return Samples(
-            self.features.take(rows),
-            self.gate_features.take(rows),
-            self.targets[:, rows],
-            weights,
-            self.outlier_log_density[rows],
+        return replace(
+            self,
+            features=self.features.take(rows),
+            gate_features=self.gate_features.take(rows),
+            targets=self.targets[:, rows],
+            weights=weights,
+            outlier_log_density=self.outlier_log_density[rows],
         )
+
+    @property
+    def tolerance(self) -> float:
+        """Iterations end where none gains so many nats."""
+        settings = self.settings
+        return max(settings.tolerance, settings.tolerance_a_sample * self.weights.sum())
+
+    def gate_ridges(self, ridge: float) -> Array:
+        """Prices of the gate features; those beyond the coarse polynomials cost more."""
+        fine = np.arange(len(self.gate_features.values)) >= self.n_coarse
+        return np.where(fine, max(ridge, self.settings.fine_ridge), ridge)
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What a batch of mixtures says about the samples.
+    """What a batch of mixtures says about the samples."""
 
-    Attributes
-    ----------
-    modes : ndarray of shape (R, n_modes, n_samples)
-        Probability of every mode given that the sample is no outlier.
-    inlier : ndarray of shape (R, n_samples)
-        Probability that it is none.
-    squares : ndarray of shape (R, n_modes, n_samples)
-        Sum of the squared residuals in units of the noise.
-    log_density : ndarray of shape (R, n_samples)
-    """
-
+    # (R, n_modes, n_samples): probability of every mode given that the sample is no outlier.
     modes: Array
-    inlier: Array
-    squares: Array
-    log_density: Array
+    inlier: Array  # (R, n_samples): probability that it is none
+    squares: Array  # (R, n_modes, n_samples): sum of the squared residuals in units of the noise
+    log_density: Array  # (R, n_samples)
 
 
 @dataclass(frozen=True)
 class Experts:
-    """A batch of R mixtures, with their residuals and gates at the samples.
+    """A batch of R mixtures, with their residuals and gates at the samples."""
 
-    Attributes
-    ----------
-    coef : ndarray of shape (R, n_modes, n_outputs, n_features)
-    gate : ndarray of shape (R, n_modes, n_gate_features)
-    variance : ndarray of shape (R, n_outputs)
-    outlier_share : ndarray of shape (R,)
-        Zero switches the outlier class off for good.
-    residuals : ndarray of shape (R, n_modes, n_outputs, n_samples)
-    log_gate : ndarray of shape (R, n_modes, n_samples)
-    """
-
-    coef: Array
-    gate: Array
-    variance: Array
-    outlier_share: Array
-    residuals: Array
-    log_gate: Array
+    coef: Array  # (R, n_modes, n_outputs, n_features)
+    gate: Array  # (R, n_modes, n_gate_features)
+    variance: Array  # (R, n_outputs)
+    outlier_share: Array  # (R,): zero switches the outlier class off for good
+    residuals: Array  # (R, n_modes, n_outputs, n_samples)
+    log_gate: Array  # (R, n_modes, n_samples)
 
     def at(self, samples: Samples) -> Experts:
         """The same mixtures at other samples."""
@@ -116,6 +96,18 @@ class Experts:
     def take(self, members) -> Experts:
         """Some members of the batch."""
         return Experts(*(values[members] for values in vars(self).values()))
+
+    def most_populated_first(self, weights: Array) -> Experts:
+        """The same mixtures with their modes in an order that no rounding decides."""
+        order = np.argsort(-np.exp(self.log_gate) @ weights, axis=1, kind="stable")
+        members = np.arange(len(order))[:, None]
+        return replace(
+            self,
+            coef=self.coef[members, order],
+            gate=self.gate[members, order],
+            residuals=self.residuals[members, order],
+            log_gate=self.log_gate[members, order],
+        )
 
     @classmethod
     def concatenate(cls, batches: list[Experts]) -> Experts:
@@ -148,33 +140,16 @@ def em(
     *,
     ridge: float | Array,
     max_iter: int,
-    tol: float,
+    tol: float | None = None,
     floor: float | Array = 0.0,
-    settings: SeedingSettings = DEFAULTS,
 ) -> tuple[Experts, Array]:
-    """Run EM until no mixture of the batch gains more than `tol` nats in an iteration.
-
-    Parameters
-    ----------
-    samples : Samples
-    experts : Experts
-    noise : Noise
-    ridge : float or ndarray of shape (n_gate_features,)
-        Price of a unit of the gate's mean squared score, per unit of weight.
-    max_iter : int
-    tol : float
-    floor : float or ndarray of shape (n_outputs,)
-        Variances stay above it.
-    settings : SeedingSettings
-
-    Returns
-    -------
-    experts : Experts
-    history : ndarray of shape (n_iter + 1, R)
-        Penalised log-likelihoods before every iteration and at the end; non-decreasing as long
-        as the floor does not lift a variance.
-    """
-    floor = np.maximum(floor, settings.exact**2)
+    """Run EM until no mixture of the batch gains more than the tolerance in an iteration."""
+    # `ridge` is the price of a unit of the gate's mean squared score, per unit of weight; variances
+    # stay above the `floor` of their output. The history (n_iter + 1, R) holds the penalised
+    # log-likelihoods before every iteration and at the end: they do not decrease as long as the
+    # floor does not lift a variance.
+    floor = np.maximum(floor, samples.settings.exact**2)
+    tol = samples.tolerance if tol is None else tol
     price = 0.5 * samples.weights.sum() * ridge
     history: list[Array] = []
     while True:
@@ -185,15 +160,15 @@ def em(
             break
         if len(history) > 1 and (history[-1] - history[-2]).max() < tol:
             break
-        experts = _maximise(samples, experts, posterior, noise, ridge, floor, settings)
+        experts = _maximise(samples, experts, posterior, noise, ridge, floor)
     return experts, np.array(history)
 
 
-def _maximise(samples, experts, posterior, noise, ridge, floor, settings) -> Experts:
-    weights, n_outputs = samples.weights, len(samples.targets)
+def _maximise(samples, experts, posterior, noise, ridge, floor) -> Experts:
+    weights, n_outputs, settings = samples.weights, len(samples.targets), samples.settings
     soft_labels = posterior.modes * posterior.inlier[:, None]
     pulled = weights * soft_labels * noise.weight(posterior.squares, n_outputs)
-    coef = _weighted_fit(samples, pulled, experts.coef, settings)
+    coef = _weighted_fit(samples, pulled, experts.coef)
     residuals = samples.targets - samples.features.evaluate(coef)
     inlier_weight = posterior.inlier @ weights
     spread = (pulled[:, :, None] * np.square(residuals)).sum(axis=(1, 3))
@@ -208,67 +183,52 @@ def _maximise(samples, experts, posterior, noise, ridge, floor, settings) -> Exp
     return Experts(coef, gate, np.maximum(variance, least), share, residuals, log_gate)
 
 
-def _weighted_fit(samples, weights, previous, settings) -> Array:
-    """Proximal weighted least squares of every mode: weights (R, M, N) -> coef (R, M, K, P).
-
-    Minimises Sum_i w_i |y_i - C q_i|^2 + tau |C - C_previous|^2. The proximal term leaves the
-    fixed points of an iteration alone, and keeps a mode without samples where it was.
-    """
-    tau = settings.proximal * samples.weights.sum()
+def _weighted_fit(samples, weights, previous) -> Array:
+    """Proximal weighted least squares of every mode: weights (R, M, N) -> coef (R, M, K, P)."""
+    # Minimises Sum_i w_i |y_i - C q_i|^2 + tau |C - C_previous|^2. The proximal term leaves the
+    # fixed points of an iteration alone, and keeps a mode without samples where it was.
+    tau = samples.settings.proximal * samples.weights.sum()
     gram = samples.features.gram(weights) + tau * np.eye(len(samples.features.values))
     moment = samples.features.cross(weights[:, :, None] * samples.targets) + tau * previous
     return np.linalg.solve(gram, moment.swapaxes(-1, -2)).swapaxes(-1, -2)
 
 
-def _towards_l1(samples, weights, coef, n_steps, settings) -> tuple[Array, Array]:
+def _towards_l1(samples, weights, coef, n_steps) -> tuple[Array, Array]:
     """Coefficients and residuals after least squares and some reweightings by 1 / |residual|."""
     reweighted = weights
     for _ in range(n_steps + 1):
-        coef = _weighted_fit(samples, reweighted, coef, settings)
+        coef = _weighted_fit(samples, reweighted, coef)
         residuals = samples.targets - samples.features.evaluate(coef)
-        reweighted = weights / np.maximum(np.abs(residuals).sum(axis=2), settings.small)
+        size = np.abs(residuals).sum(axis=2)
+        reweighted = weights / np.maximum(size, samples.settings.small)
     return coef, residuals
 
 
-def single_model(
-    samples: Samples, settings: SeedingSettings = DEFAULTS
-) -> tuple[Array, Array, Array]:
-    """One model of all samples: least-squares residuals, then robust coefficients and residuals.
-
-    Returns
-    -------
-    least_squares : ndarray of shape (n_outputs, n_samples)
-    coef : ndarray of shape (n_outputs, n_features)
-    residuals : ndarray of shape (n_outputs, n_samples)
-    """
+def single_model(samples: Samples) -> tuple[Array, Array, Array]:
+    """One model of all samples: least-squares residuals, then robust coefficients and residuals."""
     everything = samples.weights[None, None]
     zero = np.zeros((1, 1, len(samples.targets), len(samples.features.values)))
-    start, least_squares = _towards_l1(samples, everything, zero, 0, settings)
-    coef, residuals = _towards_l1(samples, everything, start, 5, settings)
+    start, least_squares = _towards_l1(samples, everything, zero, 0)
+    coef, residuals = _towards_l1(samples, everything, start, 5)
     return least_squares[0, 0], coef[0, 0], residuals[0, 0]
 
 
 def initial_experts(
-    samples: Samples,
-    soft_labels: Array,
-    coef: Array,
-    ridge: float | Array,
-    settings: SeedingSettings = DEFAULTS,
+    samples: Samples, soft_labels: Array, coef: Array, ridge: float | Array
 ) -> Experts:
-    """Mixtures from soft labels (R, M, N): robust experts, then two steps of the gate.
-
-    `coef` (n_outputs, n_features) is the single model, where modes without samples stay.
-    """
+    """Mixtures from soft labels (R, M, N): robust experts, then two steps of the gate."""
+    # `coef` (n_outputs, n_features) is the single model, where modes without samples stay.
     n_batch, n_modes, _ = soft_labels.shape
     start = np.broadcast_to(coef, (n_batch, n_modes, *coef.shape))
-    fitted, residuals = _towards_l1(samples, samples.weights * soft_labels, start, 2, settings)
+    fitted, residuals = _towards_l1(samples, samples.weights * soft_labels, start, 2)
     nearest = np.square(residuals).min(axis=1)
     variance = 2 * weighted_quantile(nearest, samples.weights, 0.5)
     gate = np.zeros((n_batch, n_modes, len(samples.gate_features.values)))
     log_gate = np.full(soft_labels.shape, -np.log(n_modes))
     for _ in range(2):
         gate, log_gate = newton_step(
-            samples.gate_features, gate, log_gate, soft_labels, samples.weights, ridge, settings
-        )
-    variance = np.maximum(variance, settings.exact**2)
+            samples.gate_features, gate, log_gate, soft_labels, samples.weights, ridge,
+            samples.settings,
+        )  # fmt: skip
+    variance = np.maximum(variance, samples.settings.exact**2)
     return Experts(fitted, gate, variance, np.zeros(n_batch), residuals, log_gate)

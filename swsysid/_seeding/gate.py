@@ -14,22 +14,13 @@ from swsysid._results import Array
 from swsysid._seeding.designs import Basis, WhitenedRows, centre_and_scale, whiten
 from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 
-__all__ = ["GateFeatures", "gate_degree_within", "newton_step"]
-
 
 @dataclass(frozen=True)
 class GateFeatures:
-    """Whitened monomials of standardised coordinates.
+    """Whitened monomials of standardised coordinates."""
 
-    Attributes
-    ----------
-    centre, scale : ndarray of shape (n_coordinates,)
-    degree : int
-    basis : Basis
-    """
-
-    centre: Array
-    scale: Array
+    centre: Array  # (n_coordinates,)
+    scale: Array  # (n_coordinates,)
     degree: int
     basis: Basis
 
@@ -58,10 +49,8 @@ def gate_degree_within(
     n_modes: int,
     settings: SeedingSettings = DEFAULTS,
 ) -> int:
-    """The largest degree up to `degree` whose monomials the samples can support.
-
-    Never below one, where the ridge on the gate takes over.
-    """
+    """The largest degree up to `degree` whose monomials the samples can support."""
+    # Never below one, where the ridge on the gate takes over.
     supported = total_weight / (settings.samples_a_coefficient * max(n_modes - 1, 1))
     allowed = min(settings.most_gate_features, supported)
     while degree > 1 and comb(n_coordinates + degree, degree) > allowed:

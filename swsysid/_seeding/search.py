@@ -17,22 +17,13 @@ from swsysid._seeding.misfit import shared_residual
 from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 from swsysid._seeding.starts import Scene, draw_labels, law_labels
 
-__all__ = ["Pool", "refine", "same_partition", "search"]
-
 
 @dataclass(frozen=True)
 class Pool:
-    """Mixtures found so far, the most likely first, no two of the same partition.
-
-    Attributes
-    ----------
-    experts : Experts
-    hits : ndarray of shape (R,), int
-        How many starts led to each.
-    """
+    """Mixtures found so far, the most likely first, no two of the same partition."""
 
     experts: Experts
-    hits: NDArray[np.intp]
+    hits: NDArray[np.intp]  # (R,): how many starts led to each
 
     def best(self, count: int) -> Pool:
         """The first of them."""
@@ -46,66 +37,38 @@ def search(
     n_modes: int,
     n_starts: int | str,
     first_labels: NDArray[np.intp],
-    n_coarse: int,
     random_state,
-    settings: SeedingSettings = DEFAULTS,
 ) -> tuple[Pool, int]:
-    """Search with Student-t noise, on a part of the rows.
-
-    Parameters
-    ----------
-    samples : Samples
-    points : ndarray of shape (n_samples, n_coordinates)
-        Standardised coordinates.
-    n_modes : int
-    n_starts : int or "auto"
-        An int is that many starts. ``"auto"`` draws batches until the best partition was found
-        often enough.
-    first_labels : ndarray of shape (n_given, n_samples), int
-        Starts that join the first batch.
-    n_coarse : int
-        How many gate features span the coarse polynomials; the first stages use only those.
-    random_state : RandomState
-    settings : SeedingSettings
-
-    Returns
-    -------
-    pool : Pool
-    n_starts : int
-        How many starts were drawn.
-    """
+    """Search with Student-t noise, on a part of the rows; also how many starts were drawn."""
+    # `points` are standardised coordinates. An int for `n_starts` is that many starts, ``"auto"``
+    # draws batches until the best partition was found often enough. `first_labels`, (n_given,
+    # n_samples), are starts that join the first batch.
+    settings = samples.settings
     rows, weights = thinned_rows(samples.weights, settings.most_searched)
     samples, points, first_labels = samples.take(rows, weights), points[rows], first_labels[:, rows]
-    least_squares, single, residuals = single_model(samples, settings)
+    least_squares, single, residuals = single_model(samples)
     if n_modes == 1 or len(samples.targets) == 0:
         one_mode = np.zeros((1, n_modes, len(rows)))
         one_mode[:, 0] = 1.0
-        experts = initial_experts(samples, one_mode, single, settings.ridge, settings)
+        experts = initial_experts(samples, one_mode, single, settings.ridge)
         return Pool(experts, np.ones(1, int)), 1
     typical = np.maximum(weighted_quantile(np.abs(residuals), weights, 0.5), settings.exact)
     scene = Scene(points, (residuals / typical[:, None]).T, weights)
     size = np.minimum(np.abs(least_squares), 1.0) @ weights / weights.sum()
     noise_floor = np.square(settings.coarse_noise * size)
-    context = _Context(samples, scene, n_modes, single, n_coarse, noise_floor, settings)
-    return context.search(n_starts, first_labels, random_state)
+    return _Context(samples, scene, n_modes, single, noise_floor).search(
+        n_starts, first_labels, random_state
+    )
 
 
-def refine(
-    samples: Samples, experts: Experts, n_coarse: int, settings: SeedingSettings = DEFAULTS
-) -> Experts:
+def refine(samples: Samples, experts: Experts) -> Experts:
     """Final fit: normal noise with the outlier class, the ridge on the gate falling."""
+    settings = samples.settings
     share = np.full(len(experts.gate), settings.outlier_share)
     experts = replace(experts.at(samples), outlier_share=share)
     for ridge in settings.final_ridges:
-        experts, _ = em(
-            samples,
-            experts,
-            NORMAL,
-            ridge=_gate_ridges(samples, ridge, n_coarse, settings),
-            max_iter=settings.final_iterations,
-            tol=_tolerance(samples, settings),
-            settings=settings,
-        )
+        ridges, max_iter = samples.gate_ridges(ridge), settings.final_iterations
+        experts, _ = em(samples, experts, NORMAL, ridge=ridges, max_iter=max_iter)
     return experts
 
 
@@ -122,28 +85,13 @@ def same_partition(
 
 @dataclass(frozen=True)
 class _Context:
-    """What all starts of one search share.
-
-    Attributes
-    ----------
-    samples : Samples
-    scene : Scene
-    n_modes : int
-    single : ndarray of shape (n_outputs, n_features)
-        The robust model of all samples.
-    n_coarse : int
-    noise_floor : ndarray of shape (n_outputs,)
-        Least variances of the first stages.
-    settings : SeedingSettings
-    """
+    """What all starts of one search share."""
 
     samples: Samples
     scene: Scene
     n_modes: int
-    single: Array
-    n_coarse: int
-    noise_floor: Array
-    settings: SeedingSettings
+    single: Array  # (n_outputs, n_features): the robust model of all samples
+    noise_floor: Array  # (n_outputs,): least variances of the first stages
 
     def search(self, n_starts, first_labels, random_state) -> tuple[Pool, int]:
         """Draw batches until the best partition was found often enough."""
@@ -175,6 +123,11 @@ class _Context:
         return pool.best(settings.n_kept), drawn + len(first_labels)
 
     @property
+    def settings(self) -> SeedingSettings:
+        """Those of the samples."""
+        return self.samples.settings
+
+    @property
     def noise(self) -> Noise:
         """Heavy tails: outliers have a bounded pull."""
         return Noise(self.settings.dof)
@@ -188,29 +141,28 @@ class _Context:
     def _from_labels(self, labels: NDArray[np.intp]) -> Pool:
         """Soft EM from every start; those that meet before the last stage go on as one."""
         settings, samples = self.settings, self.samples
-        coarse = replace(samples, gate_features=samples.gate_features.first(self.n_coarse))
+        coarse = replace(samples, gate_features=samples.gate_features.first(samples.n_coarse))
         soft_labels = self._soft(labels, settings.first_probability)
-        experts = initial_experts(coarse, soft_labels, self.single, settings.ridge, settings)
+        experts = initial_experts(coarse, soft_labels, self.single, settings.ridge)
         for iterations, kept in settings.halving:
-            experts, history = self._em(
-                coarse, experts, settings.ridge, iterations, self.noise_floor
-            )
+            experts, history = em(
+                coarse, experts, self.noise,
+                ridge=settings.ridge, max_iter=iterations, floor=self.noise_floor,
+            )  # fmt: skip
             experts = experts.take(np.argsort(-history[-1], kind="stable")[:kept])
         gate = np.zeros((*experts.gate.shape[:2], len(samples.gate_features.values)))
-        gate[..., : self.n_coarse] = experts.gate
+        gate[..., : samples.n_coarse] = experts.gate
         return self._last_stage(replace(experts, gate=gate))
 
     def _from_laws(self, found: Pool, random_state) -> list[Pool]:
-        """Those starts from laws that are soon more likely than all that was found so far.
-
-        The stages that tolerate noise would forget that a law is exact, so there are none. The
-        best of many draws are no independent starts: together they find a partition once.
-        """
+        """Those starts from laws that are soon more likely than all that was found so far."""
+        # The stages that tolerate noise would forget that a law is exact, so there are none. The
+        # best of many draws are no independent starts: together they find a partition once.
         samples, settings = self.samples, self.settings
-        labels = law_labels(samples, self.scene, self.n_modes, random_state, settings)
-        ridges = _gate_ridges(samples, settings.ridge, self.n_coarse, settings)
-        experts = initial_experts(samples, self._soft(labels, 1.0), self.single, ridges, settings)
-        experts, _ = self._em(samples, experts, ridges, settings.law_iterations)
+        labels = law_labels(samples, self.scene, self.n_modes, random_state)
+        ridges, max_iter = samples.gate_ridges(settings.ridge), settings.law_iterations
+        experts = initial_experts(samples, self._soft(labels, 1.0), self.single, ridges)
+        experts, _ = em(samples, experts, self.noise, ridge=ridges, max_iter=max_iter)
         reached = self._log_likelihood(experts)
         better = reached > self._log_likelihood(found.experts).max() - settings.tied
         if not better.any():
@@ -221,21 +173,10 @@ class _Context:
     def _last_stage(self, experts: Experts) -> Pool:
         """All gate features, and whatever noise the samples have."""
         pool = self._merged([Pool(experts, np.ones(len(experts.gate), int))])
-        ridges = _gate_ridges(self.samples, self.settings.ridge, self.n_coarse, self.settings)
-        experts, _ = self._em(self.samples, pool.experts, ridges, self.settings.last_iterations)
+        ridges = self.samples.gate_ridges(self.settings.ridge)
+        max_iter = self.settings.last_iterations
+        experts, _ = em(self.samples, pool.experts, self.noise, ridge=ridges, max_iter=max_iter)
         return replace(pool, experts=experts)
-
-    def _em(self, samples, experts, ridge, max_iter, floor=0.0) -> tuple[Experts, Array]:
-        return em(
-            samples,
-            experts,
-            self.noise,
-            ridge=ridge,
-            max_iter=max_iter,
-            tol=_tolerance(samples, self.settings),
-            floor=floor,
-            settings=self.settings,
-        )
 
     def _soft(self, labels: NDArray[np.intp], share: float) -> Array:
         """Labels (R, N) as probabilities (R, M, N), `share` of them for the label itself."""
@@ -274,14 +215,3 @@ class _Context:
             else:
                 leaders[member] = hits[member]
         return Pool(experts.take(list(leaders)), np.array(list(leaders.values())))
-
-
-def _gate_ridges(samples: Samples, ridge: float, n_coarse: int, settings: SeedingSettings) -> Array:
-    """Prices of the gate features; those beyond the coarse polynomials cost more."""
-    ridges = np.full(len(samples.gate_features.values), max(ridge, settings.fine_ridge))
-    ridges[:n_coarse] = ridge
-    return ridges
-
-
-def _tolerance(samples: Samples, settings: SeedingSettings) -> float:
-    return max(settings.tolerance, settings.tolerance_a_sample * samples.weights.sum())

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import softmax
 from sklearn.utils import check_random_state
 
 from swsysid._data.rows import thinned_rows
@@ -24,32 +23,20 @@ from swsysid._seeding.gate import GateFeatures, gate_degree_within
 from swsysid._seeding.search import refine, same_partition, search
 from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 
-__all__ = ["Preparation", "Seed", "seed_modes"]
-
 
 @dataclass(frozen=True)
 class Preparation:
-    """What turns features, targets and coordinates into samples of the mixtures.
+    """What turns features, targets and coordinates into samples of the mixtures."""
 
-    Attributes
-    ----------
-    basis : Basis
-        Of the dynamics features.
-    gate_features : GateFeatures
-    informative : ndarray of shape (n_outputs,), bool
-        False for an output that one model of all samples explains exactly (a known equation,
-        a constant): it says nothing about the modes and is left out.
-    scale : ndarray of shape (n_informative,)
-        Typical deviation of the informative outputs; the targets are divided by it.
-    outliers : Outliers
-        Of the scaled targets.
-    """
-
-    basis: Basis
+    basis: Basis  # of the dynamics features
     gate_features: GateFeatures
+    # (n_outputs,): false for an output that one model of all samples explains exactly (a known
+    # equation, a constant): it says nothing about the modes and is left out.
     informative: NDArray[np.bool_]
+    # (n_informative,): typical deviation of the informative outputs; the targets are divided by it.
     scale: Array
-    outliers: Outliers
+    outliers: Outliers  # of the scaled targets
+    settings: SeedingSettings
 
     @classmethod
     def of(
@@ -81,7 +68,7 @@ class Preparation:
         centre = middle[informative] / scale[informative]
         outliers = Outliers(centre, np.full(len(centre), settings.outlier_breadth))
         gate_features = GateFeatures.of(coordinates, degree, weights)
-        return cls(basis, gate_features, informative, scale[informative], outliers)
+        return cls(basis, gate_features, informative, scale[informative], outliers, settings)
 
     def __call__(
         self, features: Array, targets: Array, coordinates: Array, weights: Array
@@ -94,52 +81,32 @@ class Preparation:
             np.ascontiguousarray(scaled.T),
             weights,
             self.outliers.log_density(scaled),
+            self.gate_features.count(self.settings.coarse_degree),
+            self.settings,
         )
 
 
 @dataclass(frozen=True)
 class Seed:
-    """One partition of the samples, and the mixture that made it.
+    """One partition of the samples, and the mixture that made it."""
 
-    Attributes
-    ----------
-    labels : ndarray of shape (n_samples,), int
-        Most probable mode of every sample, given its coordinates and its target.
-    responsibilities : ndarray of shape (n_samples, n_modes)
-        Their probabilities; those of an outlier come from the gate alone.
-    inlier : ndarray of shape (n_samples,)
-        Probability that a sample is no outlier.
-    log_likelihood : float
-        Weighted sum of the log densities of the targets in the user's units, given the
-        coordinates, over the informative outputs.
-    hits : int
-        How many of the starts that reached the last stage of the search found this partition.
-    n_starts : int
-        How many starts were drawn.
-    experts : Experts
-        A batch of one mixture.
-    preparation : Preparation
-    """
-
+    # (n_samples,): most probable mode of every sample, given its coordinates and its target.
     labels: NDArray[np.intp]
+    # (n_samples, n_modes): their probabilities; those of an outlier come from the gate alone.
     responsibilities: Array
-    inlier: Array
+    inlier: Array  # (n_samples,): probability that a sample is no outlier
+    # Weighted sum of the log densities of the targets in the user's units, given the coordinates,
+    # over the informative outputs.
     log_likelihood: float
+    # How many of the starts that reached the last stage of the search found this partition.
     hits: int
-    n_starts: int
-    experts: Experts
+    n_starts: int  # how many starts were drawn
+    experts: Experts  # a batch of one mixture
     preparation: Preparation
 
-    def gate_probabilities(self, coordinates: Array) -> Array:
-        """Probabilities of the modes at coordinates alone, (n_samples, n_modes)."""
-        gate_features = self.preparation.gate_features(coordinates)
-        return softmax(gate_features.evaluate(self.experts.gate[0]), axis=0).T
-
     def held_out_residuals(self, features: Array, targets: Array, coordinates: Array) -> Array:
-        """Residuals of held-out samples in the mode that their coordinates alone say.
-
-        Shape (n_samples, n_informative), each output in units of its typical deviation.
-        """
+        """Residuals of held-out samples in the mode that their coordinates alone say."""
+        # Shape (n_samples, n_informative), each output in units of its typical deviation.
         samples = self.preparation(features, targets, coordinates, np.ones(len(features)))
         experts = self.experts.at(samples)
         modes = experts.log_gate[0].argmax(axis=0)
@@ -169,32 +136,11 @@ def seed_modes(
 
     with q the monomials of the coordinates and u a broad normal law for outliers.
 
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_features)
-        :math:`\Phi(X)`.
-    targets : ndarray of shape (n_samples, n_outputs)
-        Velocities.
-    coordinates : ndarray of shape (n_samples, n_coordinates)
-        Where the gate lives.
-    n_modes : int
-    gate_degree : int, default=2
-        Lowered where the samples do not support so many monomials; never below 1.
-    sample_weight : ndarray of shape (n_samples,), default=None
-        Repetitions of the rows.
-    n_starts : int or "auto", default="auto"
-        Number of random starts; ``"auto"`` stops when the best partition repeats.
-    first_labels : ndarray of shape (n_given, n_samples), default=None
-        Labels to start from besides the random ones.
-    random_state : int, RandomState or None, default=None
-    settings : SeedingSettings
-
-    Returns
-    -------
-    list of Seed
-        One to three, no two of the same partition. A mode may be empty where the samples do not
-        determine it. Many rows are thinned for the search and for the fit; labels are given to
-        all of them.
+    One to three seeds, no two of the same partition; a mode may be empty where the samples do not
+    determine it. `gate_degree` is lowered where the samples do not support so many monomials, never
+    below 1. ``n_starts="auto"`` stops when the best partition repeats; `first_labels`, (n_given,
+    n_samples), are starts besides the random ones. Many rows are thinned for the search and for
+    the fit; labels are given to all of them.
 
     Examples
     --------
@@ -212,7 +158,6 @@ def seed_modes(
     degree = gate_degree_within(gate_degree, coordinates.shape[1], counts.sum(), n_modes, settings)
     preparation = Preparation.of(*fitted, degree, settings)
     samples = preparation(*fitted)
-    n_coarse = preparation.gate_features.count(settings.coarse_degree)
     given = np.empty((0, len(weights)), dtype=np.intp) if first_labels is None else first_labels
     pool, drawn = search(
         samples,
@@ -220,26 +165,24 @@ def seed_modes(
         n_modes=n_modes,
         n_starts=n_starts,
         first_labels=given[:, rows],
-        n_coarse=n_coarse,
         random_state=check_random_state(random_state),
-        settings=settings,
     )
-    experts = refine(samples, pool.experts, n_coarse, settings)
+    experts = refine(samples, pool.experts).most_populated_first(samples.weights)
     everything = features, targets, coordinates, weights
     seeds = [
-        _seed(preparation, experts.take([member]), everything, int(hits), drawn, settings)
+        _seed(preparation, experts.take([member]), everything, int(hits), drawn)
         for member, hits in enumerate(pool.hits)
     ]
     return _distinct(sorted(seeds, key=lambda seed: -seed.log_likelihood), weights)
 
 
-def _seed(preparation, experts, everything, hits, n_starts, settings) -> Seed:
+def _seed(preparation, experts, everything, hits, n_starts) -> Seed:
     """The partition of all rows by a mixture, some of them at a time."""
-    weights = everything[-1]
+    weights, n_at_once = everything[-1], preparation.settings.most_rows
     parts, inliers = [], []
     log_likelihood = -weights.sum() * np.log(preparation.scale).sum()
-    for start in range(0, len(weights), settings.most_rows):
-        some = slice(start, start + settings.most_rows)
+    for start in range(0, len(weights), n_at_once):
+        some = slice(start, start + n_at_once)
         samples = preparation(*(values[some] for values in everything))
         moved = experts.at(samples)
         posterior = moved.posterior(samples, NORMAL)

@@ -22,9 +22,6 @@ from scipy.spatial import cKDTree
 from swsysid._noise import weighted_quantile
 from swsysid._results import Array
 from swsysid._seeding.experts import Samples
-from swsysid._seeding.settings import DEFAULTS, SeedingSettings
-
-__all__ = ["Scene", "draw_labels", "law_labels", "split_labels"]
 
 # Which score the level sets of start number i are taken of, in turn. "centre" and "ball" are
 # the ones that find small enclosed modes; Voronoi cells lead where there are many modes.
@@ -37,20 +34,13 @@ _MANY_MODE_KINDS = (
 
 @dataclass(frozen=True)
 class Scene:
-    """What starts are drawn from.
+    """What starts are drawn from."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (n_samples, n_coordinates)
-        Standardised coordinates.
-    residuals : ndarray of shape (n_samples, n_outputs)
-        Residuals of one robust model of all samples, each output over its typical size.
-    weights : ndarray of shape (n_samples,)
-    """
-
-    points: Array
+    points: Array  # (n_samples, n_coordinates): standardised coordinates
+    # (n_samples, n_outputs): residuals of one robust model of all samples, each output over its
+    # typical size.
     residuals: Array
-    weights: Array
+    weights: Array  # (n_samples,)
 
     @cached_property
     def neighbours(self) -> NDArray[np.intp]:
@@ -70,11 +60,9 @@ class Scene:
         return np.average(values[self.neighbours], axis=1, weights=self.weights[self.neighbours])
 
     def random_row(self, weights: Array, random_state) -> int:
-        """A row, with probabilities proportional to the weights.
-
-        It is the one at a random share of the weight along a random direction. Different points
-        have different projections almost surely, so the order of the rows does not matter.
-        """
+        """A row, with probabilities proportional to the weights."""
+        # It is the one at a random share of the weight along a random direction. Different points
+        # have different projections almost surely, so the order of the rows does not matter.
         share = random_state.uniform()
         along = self.points @ random_state.standard_normal(self.points.shape[1])
         order = np.argsort(along, kind="stable")
@@ -152,10 +140,8 @@ _SCORES = {
 def split_labels(
     labels: NDArray[np.intp], points: Array, weights: Array, n_splits: int, random_state
 ) -> NDArray[np.intp]:
-    """Partitions with one mode more: every mode cut in two, in `n_splits` random directions.
-
-    Shape (n_splits * n_modes, n_samples).
-    """
+    """Partitions with one mode more: every mode cut in two, in `n_splits` random directions."""
+    # Shape (n_splits * n_modes, n_samples).
     n_modes = int(labels.max()) + 1
     splits = np.repeat(labels[None], n_splits * n_modes, axis=0)
     for number, split in enumerate(splits):
@@ -170,9 +156,7 @@ def split_labels(
 # -- laws of neighbourhoods -------------------------------------------------------------------
 
 
-def law_labels(
-    samples: Samples, scene: Scene, n_modes: int, random_state, settings: SeedingSettings = DEFAULTS
-) -> NDArray[np.intp]:
+def law_labels(samples: Samples, scene: Scene, n_modes: int, random_state) -> NDArray[np.intp]:
     """Labels by the nearest of `n_modes` laws, for the best of some random sets of laws.
 
     The first law is that of the rows around a random row, each further one that of the rows around
@@ -182,19 +166,19 @@ def law_labels(
 
     Shape (n_laws, n_samples), the best first.
     """
+    settings = samples.settings
     joint = np.hstack([scene.points, np.tanh(scene.residuals / settings.law_reach)])
     drawn = [
-        _draw_laws(samples, scene, joint, n_modes, random_state, settings)
-        for _ in range(settings.law_draws)
+        _draw_laws(samples, scene, joint, n_modes, random_state) for _ in range(settings.law_draws)
     ]
     cost = [samples.weights @ np.log(sizes.min(axis=0) + settings.exact) for sizes in drawn]
     best = np.argsort(cost, kind="stable")[: settings.n_laws]
     return np.array([drawn[number].argmin(axis=0) for number in best])
 
 
-def _draw_laws(samples, scene, joint, n_modes, random_state, settings) -> Array:
+def _draw_laws(samples, scene, joint, n_modes, random_state) -> Array:
     """Sizes of the residuals from some laws, (n_modes, n_samples)."""
-    n_features, n_samples = samples.features.values.shape
+    (n_features, n_samples), settings = samples.features.values.shape, samples.settings
     # few rows are in one mode, many average their noise
     fewest = max(1, min(2 * n_features, n_samples))
     most = max(fewest, n_samples // (2 * n_modes))

@@ -17,10 +17,9 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
+from swsysid._simulation.signals import trajectory_records
 from swsysid._simulation.system import SwitchingSystem
 from swsysid.effects import PlacedEffect
-
-__all__ = ["ActingTerm", "EffectSystem", "Memory"]
 
 
 class Memory:
@@ -51,44 +50,22 @@ class Memory:
 
 @dataclass(frozen=True)
 class ActingTerm:
-    """An effect with its coefficients in each mode.
-
-    Attributes
-    ----------
-    term : PlacedEffect
-    gains : ndarray of shape (n_modes, n_columns)
-    breaks : tuple of int
-        The surfaces of the system that are breaks of its columns.
-    tabulated : slice or None
-        Where its columns lie among the given channels, if they are known beforehand.
-    memory : Memory or None
-        Its memory, if it remembers the state.
-    """
+    """An effect with its coefficients in each mode."""
 
     term: PlacedEffect
-    gains: Array
-    breaks: tuple[int, ...]
-    tabulated: slice | None
-    memory: Memory | None
+    gains: Array  # (n_modes, n_columns)
+    breaks: tuple[int, ...]  # the surfaces of the system that are breaks of its columns
+    tabulated: slice | None  # its columns among the given channels, if known beforehand
+    memory: Memory | None  # if it remembers the state
 
 
 class EffectSystem(SwitchingSystem):
     """Vector fields with effects, for composite modes ``mode + n_modes * sides``.
 
-    Bit b of `sides` says that the state lies above the level of break b.
-
-    Parameters
-    ----------
-    model : SwitchingModel
-    transform : callable
-        What happens to rows of states and inputs before the model sees them.
-    acting : sequence of ActingTerm
-    breaks : sequence of (channel, level)
-    sizes : (n_states, n_inputs, n_signals)
-    guard : Memory, default=None
-        Of the effect that decides the mode, if there is one.
-    resets : sequence of ((before, after), state, factor)
-        Jumps of a state where the mode changes from one to another.
+    Bit b of `sides` says that the state lies above the level of break b, a (channel, level). Rows
+    of states and inputs pass the `transform` before the model sees them; `sizes` are the numbers of
+    states, inputs and signals. The effect in the memory `guard` decides the mode, if there is one.
+    `resets` are jumps of a state where the mode changes: ((before, after), state, factor).
     """
 
     def __init__(
@@ -111,8 +88,6 @@ class EffectSystem(SwitchingSystem):
         n_states, self.n_given, n_signals = sizes
         self._n_states = n_states
         self._signals = slice(self.n_given + 1, self.n_given + 1 + n_signals)
-        self._names = tuple(f"channel{number}" for number in range(sum(sizes)))
-        self._group = np.zeros(1, dtype=np.intp)
         self._channels = np.array([channel for channel, _ in breaks], dtype=np.intp)
         self._levels = np.array([level for _, level in breaks], dtype=float)
 
@@ -178,18 +153,15 @@ class EffectSystem(SwitchingSystem):
     def field(self, x: Array, u: Array, mode: int, sides: int) -> Array:
         """Velocity in a mode on given sides."""
         velocity = self.model.velocity(*self._seen(x, u), mode)
-        now = None
         for acting in self.acting:
             gain = acting.gains[mode]
             if not gain.any():
                 continue
             if acting.tabulated is not None:
                 columns = u[acting.tabulated]
-            elif acting.breaks:
-                columns = acting.term.columns(self._record(self._held(x, acting, sides), u))[-1]
             else:
-                now = self._record(x, u) if now is None else now
-                seen = now if acting.memory is None else acting.memory.until(now)
+                now = self._record(self._held(x, acting, sides), u)
+                seen = now if acting.memory is None or acting.breaks else acting.memory.until(now)
                 columns = acting.term.columns(seen)[-1]
             velocity[acting.term.target] += columns @ gain
         return velocity
@@ -198,8 +170,7 @@ class EffectSystem(SwitchingSystem):
         """One row with everything that an effect can ask for."""
         row = np.concatenate([x, u[: self.n_given]])[None]
         time = u[self.n_given : self.n_given + 1]
-        signals = u[None, self._signals]
-        return Records(row, self._n_states, time, self._group, signals, self._names, True)
+        return trajectory_records(row, self._n_states, time, u[None, self._signals])
 
     def _held(self, x: Array, acting: ActingTerm, sides: int) -> Array:
         """The state, moved to the number next to a level on the given side of it."""

@@ -8,39 +8,41 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from swsysid._results import Array, Status, SwitchEvent
+from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.inputs import Signal
+from swsysid._simulation.settings import SETTINGS
 from swsysid._simulation.system import GuardedSystem, SimulationEnded
-
-__all__ = ["EventLog", "Piece", "first_switch", "last_and_next"]
-
-_PARTS = np.linspace(0.0, 1.0, 5)  # of a step, at which the mode is compared
-# So many switches in so small a fraction of the requested time are Zeno behaviour.
-_ZENO_SWITCHES, _ZENO_FRACTION = 64, 1e-9
 
 
 @dataclass
-class EventLog:
-    """Events of one rollout over `span` in time, at most `most` of them."""
+class History:
+    """What one rollout over the times `t` has come through, with at most `most_events`."""
 
-    span: float
-    most: int
+    t: Array
+    most_events: float = np.inf
+    states: list[Array] = field(default_factory=list)
+    modes: list[int] = field(default_factory=list)
     events: list[SwitchEvent] = field(default_factory=list)
 
     def add(self, event: SwitchEvent) -> None:
         """One more event; the simulation ends where they crowd or are too many."""
-        recent = self.events[-_ZENO_SWITCHES:]
-        crowded = len(recent) == _ZENO_SWITCHES and (
-            event.time - recent[0].time < _ZENO_FRACTION * self.span
-        )
-        if crowded or len(self.events) >= self.most:
+        recent = self.events[-SETTINGS.zeno_switches :]
+        span = SETTINGS.zeno_fraction * (self.t[-1] - self.t[0])
+        crowded = len(recent) == SETTINGS.zeno_switches and event.time - recent[0].time < span
+        if crowded or len(self.events) >= self.most_events:
             raise SimulationEnded(Status.SWITCH_LIMIT)
         self.events.append(event)
+
+    def trajectory(self, status: Status, n_states: int) -> Trajectory:
+        """The trajectory up to the last state whose mode is known."""
+        reached = len(self.modes)
+        x = np.array(self.states[:reached]).reshape(reached, n_states)
+        modes = np.array(self.modes, np.intp)
+        return Trajectory(self.t[:reached], x, modes, tuple(self.events), status)
 
 
 def last_and_next(
@@ -65,7 +67,7 @@ class Piece:
 
     start: float
     stop: float
-    state: Callable[[Any], Array]
+    state: Callable[[float | Array], Array]
     inputs: Signal
 
     def at(self, time: float) -> tuple[Array, Array]:
@@ -85,17 +87,17 @@ def first_switch(
     accuracy of the integration and are no switch. Where only modes are known, a visit shorter
     than a quarter of the step can be missed.
     """
-    times = piece.start + (piece.stop - piece.start) * _PARTS
+    parts = np.linspace(0.0, 1.0, SETTINGS.n_parts + 1)
+    times = piece.start + (piece.stop - piece.start) * parts
     states = piece.state(times).T
-    if not system.within(states).all():
-        n_within = int(system.within(states).cumprod().sum())
-        times, states = times[:n_within], states[:n_within]
+    n_within = int(system.within(states).cumprod().sum())
+    times, states = times[:n_within], states[:n_within]
     points = [(x, piece.inputs(time)) for x, time in zip(states, times, strict=True)]
-    values = [system.values(*point) for point in points] if system.has_values else []
-    labels = [
-        system.decode(values[i]) if system.has_values else system.mode(*point)
-        for i, point in enumerate(points)
-    ]
+    if system.has_values:
+        values = [system.values(*point) for point in points]
+        labels = [system.decode(each) for each in values]
+    else:
+        values, labels = [], [system.mode(*point) for point in points]
     # the first time is the end of the previous piece: in this mode by construction
     left = next((i for i in range(1, len(times)) if labels[i] != mode), len(times))
     visit = _short_visit(system, piece, mode, depth, times[:left], np.array(values[:left]))
@@ -132,26 +134,20 @@ def _short_visit(system, piece, mode, depth, times, values):
 
 def _locate(system, piece, mode, inside, outside):
     """Shrink a bracket of a mode change to neighbouring floating-point times."""
-    if system.has_values:
-        inside, outside = _bracket_root(system, piece, mode, inside, outside)
     resolution = np.spacing(max(abs(piece.start), abs(piece.stop)))
+    if system.has_values:
+        # around the first root of a surface that changes sign in it
+
+        def value(time, surface):
+            return system.values(*piece.at(time))[surface]
+
+        ends = [system.values(*piece.at(time)) for time in (inside, outside)]
+        changed = np.flatnonzero(ends[0] * ends[1] <= 0)
+        roots = [brentq(value, inside, outside, args=(k,), xtol=1e-15) for k in changed]
+        first, around = min(roots, default=inside), 4 * resolution
+        early, late = max(inside, first - around), min(outside, first + around)
+        if roots and system.mode(*piece.at(early)) == mode != system.mode(*piece.at(late)):
+            inside, outside = early, late
     return last_and_next(
         lambda time: system.mode(*piece.at(time)) == mode, inside, outside, resolution
     )
-
-
-def _bracket_root(system, piece, mode, inside, outside):
-    """Shrink the bracket around the first root of a surface that changes sign in it."""
-
-    def value(time, surface):
-        return system.values(*piece.at(time))[surface]
-
-    ends = [system.values(*piece.at(time)) for time in (inside, outside)]
-    changed = np.flatnonzero(ends[0] * ends[1] <= 0)
-    roots = [brentq(value, inside, outside, args=(k,), xtol=1e-15) for k in changed]
-    for root in sorted(roots)[:1]:
-        around = 4 * np.spacing(max(abs(piece.start), abs(piece.stop)))
-        early, late = max(inside, root - around), min(outside, root + around)
-        if system.mode(*piece.at(early)) == mode != system.mode(*piece.at(late)):
-            return early, late
-    return inside, outside

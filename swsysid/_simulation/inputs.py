@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from scipy.integrate import DOP853, RK45, Radau
@@ -15,52 +14,46 @@ from swsysid._checks.parameters import one_of, real, whole
 from swsysid._results import Array
 from swsysid._simulation.system import SwitchingSystem
 
-__all__ = [
-    "METHODS",
-    "Options",
-    "Signal",
-    "Stretch",
-    "check_sizes",
-    "checked_inputs",
-    "checked_options",
-    "checked_times",
-    "probe",
-    "stretches",
-]
-
 Signal = Callable[[float], Array]
 Stretch = tuple[float, Signal]
 
 METHODS = {"DOP853": DOP853, "RK45": RK45, "Radau": Radau}
-_CHECKS: dict[str, Callable[[str, Any], Any]] = {
-    "max_switches": partial(whole, least=0),
-    "max_steps": whole,
-    "state_bound": partial(real, above=0),
-    "rtol": partial(real, least=0, below=1),
-    "atol": partial(real, least=0),
-    "method": partial(one_of, choices=("auto", *METHODS)),
-}
 
 
 @dataclass(frozen=True)
 class Options:
-    """Limits and tolerances of a simulation, as `simulate` describes them."""
+    """Limits and tolerances of a simulation, the options of `simulate`."""
 
+    # The trajectory ends with SWITCH_LIMIT after so many events, or when 64 of them follow each
+    # other within 1e-9 of the requested time (not in discrete time),
     max_switches: int = 10000
+    # with STEP_FAILURE after so many integration steps,
     max_steps: int = 200000
+    # and with STATE_LIMIT before a state exceeds this in magnitude.
     state_bound: float = 1e9
     rtol: float = 1e-8
     atol: float = 1e-10
+    # "Radau" is for stiff systems; "auto" is "RK45" with inputs, whose samples cut the time into
+    # short steps, and "DOP853" without.
     method: str = "auto"
 
 
-def checked_options(options: Mapping[str, Any]) -> Options:
+def checked_options(options: Mapping[str, object]) -> Options:
     """Options of a simulation; one that there is not is refused."""
-    names = [field.name for field in fields(Options)]
+    usual = vars(Options())
     for name in options:
-        if name not in names:
-            raise TypeError(f"simulate has no option {name!r}; choose among {', '.join(names)}.")
-    return Options(**{name: _CHECKS[name](name, value) for name, value in options.items()})
+        if name not in usual:
+            known = ", ".join(usual)
+            raise TypeError(f"simulate has no option {name!r}; choose among {known}.")
+    asked = {**usual, **options}
+    return Options(
+        max_switches=whole("max_switches", asked["max_switches"], least=0),
+        max_steps=whole("max_steps", asked["max_steps"]),
+        state_bound=real("state_bound", asked["state_bound"], above=0),
+        rtol=real("rtol", asked["rtol"], least=0, below=1),
+        atol=real("atol", asked["atol"], least=0),
+        method=one_of("method", asked["method"], ("auto", *METHODS)),
+    )
 
 
 def checked_times(x0, t) -> tuple[Array, Array]:
@@ -81,19 +74,6 @@ def checked_inputs(inputs, t: Array, name: str = "inputs") -> Array:
     return inputs
 
 
-def check_sizes(system: SwitchingSystem, n_states: int, n_inputs: int) -> None:
-    """Refuse other numbers of states and inputs than the system has, if it tells."""
-    wanted = (
-        n_states if system.n_states is None else system.n_states,
-        n_inputs if system.n_inputs is None else system.n_inputs,
-    )
-    if (n_states, n_inputs) != wanted:
-        raise ValueError(
-            f"x0 holds {n_states} states and inputs hold {n_inputs} columns; give {wanted[0]} and "
-            f"{wanted[1]}."
-        )
-
-
 def probe(system: SwitchingSystem, x0: Array, u: Array) -> None:
     """Let errors of the system itself, such as a wrong number of inputs, speak at the start."""
     velocity = np.asarray(system.velocity(x0, u, int(system.mode(x0, u))))
@@ -110,15 +90,17 @@ def stretches(t: Array, inputs: Array | None, hold: str) -> Iterator[Stretch]:
     The last stretch has length zero: it tells the inputs at the last time.
     """
     if inputs is None:
-        yield t[-1], partial(_line, 0.0, np.empty(0), np.empty(0))
+        yield t[-1], partial(parabola, 0.0, np.empty(0), np.empty(0), 0.0)
         return
     for row, (start, u) in enumerate(zip(t, inputs, strict=False)):
         end = t[min(row + 1, len(inputs) - 1)]
         slope = 0.0 * u
         if hold == "linear" and end > start:
             slope = (inputs[row + 1] - u) / (end - start)
-        yield end, partial(_line, start, u, slope)
+        yield end, partial(parabola, start, u, slope, 0.0)
 
 
-def _line(start, value, slope, time):
-    return value + slope * (time - start)
+def parabola(begin: float, value: Array, slope: Array, bend: Array | float, time: float) -> Array:
+    """Value at a time of what has a value, a slope and half a curvature at the begin."""
+    since = time - begin
+    return value + since * (slope + since * bend)

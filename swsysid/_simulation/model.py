@@ -5,43 +5,38 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.parameters import shown
 from swsysid._data.features import FeatureMap
-from swsysid._data.pieces import pieces
+from swsysid._data.sources import pieces
 from swsysid._rendering.printing import check_format, linear_combination, merged, rate, symbol
 from swsysid._results import Array, Trajectory
 from swsysid._simulation.inputs import checked_options
 from swsysid._simulation.simulate import simulate
 from swsysid._simulation.system import SwitchingSystem
-from swsysid._surfaces.surface import locates_events, probabilities_of
-
-__all__ = ["AddedTerms", "FittedModel", "SwitchingModel", "fitted_system"]
+from swsysid._surfaces.surface import (
+    Surface,
+    WithEquations,
+    has_equations,
+    locates_events,
+    probabilities_of,
+)
 
 AddedTerms = Callable[[int, int], Iterable[tuple[float, str, float]]]
 
 
 @dataclass(frozen=True)
 class SwitchingModel(SwitchingSystem):
-    """Vector fields C_j Phi(x) and the surface that says which of them is active.
+    """Vector fields C_j Phi(x) and the surface that says which of them is active."""
 
-    Attributes
-    ----------
-    coef : ndarray of shape (n_modes, n_states, n_features_out)
-    feature_map : FeatureMap
-    surface : classifier of the states and inputs
-    discrete_time : bool
-        The targets are next states instead of velocities.
-    """
-
-    coef: Array
+    coef: Array  # (n_modes, n_states, n_features_out)
     feature_map: FeatureMap
-    surface: Any
-    discrete_time: bool
+    surface: Surface  # classifier of the states and inputs
+    discrete_time: bool  # the targets are next states instead of velocities
 
     def velocities(self, X: Array) -> Array:
         """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states)."""
@@ -74,14 +69,8 @@ class SwitchingModel(SwitchingSystem):
     ) -> list[str]:
         """One equation for every mode and state.
 
-        Parameters
-        ----------
-        precision : int
-        style : {"text", "latex"}
-        states, columns : sequence of str, default=None
-            Names of the states and of the columns of X, if they are not those of the fit.
-        added : callable, default=None
-            ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
+        `states` and `columns` name the states and the columns of X, if not as in the fit;
+        ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
         """
         check_format(style, precision)
         named = self.feature_map.names_in
@@ -90,8 +79,7 @@ class SwitchingModel(SwitchingSystem):
         for mode, state in product(range(len(self.coef)), range(self.n_states)):
             row = self.coef[mode, state].tolist()
             own = zip(row, features, self.feature_map.sizes, strict=True)
-            terms = [*own, *(added(mode, state) if added else ())]
-            coef, names, sizes = merged(terms)
+            coef, names, sizes = merged([*own, *(added(mode, state) if added else ())])
             law = linear_combination(coef, names, precision=precision, style=style, sizes=sizes)
             left = self._left_side(state, style, mode, named if states is None else states)
             lines.append(f"{left} = {law}")
@@ -101,7 +89,7 @@ class SwitchingModel(SwitchingSystem):
         self, precision: int, style: str, columns: Sequence[str] | None = None
     ) -> list[str]:
         """One equation for every surface, and the modes on its two sides."""
-        if not hasattr(self.surface, "equations"):
+        if not has_equations(self.surface):
             raise TypeError(
                 f"{type(self.surface).__name__} is a surface without equations; use "
                 "PolynomialSurfaceClassifier as surface to have them."
@@ -149,10 +137,12 @@ class SwitchingModel(SwitchingSystem):
 
     def surface_values(self, x: Array, u: Array) -> Array:
         """Values of the surfaces at one point, shape (n_surfaces,)."""
+        assert locates_events(self.surface), "asked for only where it has values"
         return self.surface.surface_values_at(np.concatenate([x, u]))
 
     def decode(self, values: Array) -> int:
         """Active mode for given values of the surfaces."""
+        assert locates_events(self.surface), "asked for only where it has values"
         return int(self.surface.decode(values[None, :])[0])
 
     @property
@@ -172,7 +162,7 @@ class FittedModel(Protocol):
         """Vector fields, feature map and surface as one system."""
 
 
-def _sides(number: int, surface: Any, style: str) -> str:
+def _sides(number: int, surface: WithEquations, style: str) -> str:
     """The modes on the two sides of a surface, in brackets."""
     listed = [
         [str(mode) for mode, signs in zip(surface.classes_, surface.mode_book_, strict=True)
@@ -189,7 +179,7 @@ def _sides(number: int, surface: Any, style: str) -> str:
     return rf" \quad \text{{{told}}}" if style == "latex" else f"   {told}"
 
 
-def fitted_system(model: Any) -> SwitchingModel:
+def fitted_system(model: object) -> SwitchingModel:
     """The switching system of a fitted or a stated model; anything else is refused."""
     if isinstance(model, type) or not hasattr(model, "coef_"):
         raise TypeError(

@@ -4,30 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from swsysid._checks.parameters import one_of
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
-from swsysid._simulation.events import EventLog, Piece, first_switch, last_and_next
+from swsysid._simulation.events import History, Piece, first_switch, last_and_next
 from swsysid._simulation.inputs import (
     METHODS,
     Options,
     Signal,
     Stretch,
-    check_sizes,
     checked_inputs,
     checked_options,
     checked_times,
     probe,
     stretches,
 )
+from swsysid._simulation.settings import SETTINGS
 from swsysid._simulation.sliding import SlidingSurface
 from swsysid._simulation.system import FAILURES, GuardedSystem, SimulationEnded, SwitchingSystem
-
-__all__ = ["follow", "iterate", "simulate"]
 
 
 def simulate(
@@ -38,7 +35,7 @@ def simulate(
     *,
     input_hold: str = "zero",
     discrete_time: bool = False,
-    **options: Any,
+    **options: object,
 ) -> Trajectory:
     """Roll a switching system out from a state, with its switching events located.
 
@@ -48,46 +45,17 @@ def simulate(
     state slides along it with Filippov's convex combination of the two, which vanishes where
     the state sticks (Coulomb friction at rest), until one of them turns away.
 
-    Parameters
-    ----------
-    system : SwitchingSystem
-    x0 : array-like of shape (n_states,)
-        State at the first time.
-    t : array-like of shape (n_times,)
-        Strictly increasing times at which the state is wanted, in the unit of time of the
-        velocities. In discrete time they only count the steps.
-    inputs : array-like of shape (n_samples,) or (n_samples, n_inputs), default=None
-        Inputs at the first n_samples times of `t`. They are never extrapolated: the trajectory
-        ends with ``Status.INPUT_RANGE`` at the last of these times if `t` goes on.
-    input_hold : {"zero", "linear"}, default="zero"
-        Inputs between the samples: constant until the next one, or linear in between.
-    discrete_time : bool, default=False
-        Iterate the map x[k+1] = velocity(x[k], u[k], mode(x[k], u[k])).
-    max_switches : int, default=10000
-        The trajectory ends with ``Status.SWITCH_LIMIT`` after so many events, or when 64 of
-        them follow each other within 1e-9 of the requested time. Not used in discrete time.
-    max_steps : int, default=200000
-        The trajectory ends with ``Status.STEP_FAILURE`` after so many integration steps.
-    state_bound : float, default=1e9
-        The trajectory ends with ``Status.STATE_LIMIT`` before a state exceeds it in magnitude.
-    rtol, atol : float, default=1e-8, 1e-10
-        Relative and absolute tolerance of the integration.
-    method : {"auto", "DOP853", "RK45", "Radau"}, default="auto"
-        Integrator; "Radau" for stiff systems. "auto" is "RK45" with inputs, whose samples cut
-        the time into short steps, and "DOP853" without.
+    ``x0`` is the state at the first of the strictly increasing times ``t``, in the unit of time of
+    the velocities. ``inputs`` (n_samples, n_inputs) are those at the first of these times, constant
+    until the next sample or, with ``input_hold="linear"``, linear in between. They are never
+    extrapolated: the trajectory ends with ``Status.INPUT_RANGE`` if `t` goes on. In discrete time
+    the map x[k+1] = velocity(x[k], u[k], mode(x[k], u[k])) is iterated and times only count the
+    steps. The further options are the fields of `Options`.
 
-    Returns
-    -------
-    Trajectory
-        Cut at the last time reached; ``status`` says why. Its ``modes`` name the mode that a
-        slide came from for as long as it lasts. Its ``events`` are crossings, begins
-        ("sliding") and ends ("leaving") of slides, and changes caused by a jump of the inputs
-        ("input").
-
-    Raises
-    ------
-    ValueError
-        If the arguments have wrong shapes or values.
+    The trajectory is cut at the last time reached; ``status`` says why. Its ``modes`` name the
+    mode that a slide came from for as long as it lasts. Its ``events`` are crossings, begins
+    ("sliding") and ends ("leaving") of slides, and changes caused by a jump of the inputs
+    ("input").
 
     Examples
     --------
@@ -110,10 +78,17 @@ def simulate(
     start, times = checked_times(x0, t)
     one_of("input_hold", input_hold, ("zero", "linear"))
     samples = None if inputs is None else checked_inputs(inputs, times)
-    check_sizes(system, len(start), 0 if samples is None else samples.shape[1])
+    given = len(start), 0 if samples is None else samples.shape[1]
+    asked = (system.n_states, system.n_inputs)  # None for any number
+    wanted = tuple(has if asks is None else asks for asks, has in zip(asked, given, strict=True))
+    if given != wanted:
+        raise ValueError(
+            f"x0 holds {given[0]} states and inputs hold {given[1]} columns; give {wanted[0]} and "
+            f"{wanted[1]}."
+        )
     if discrete_time:
-        given = np.empty((len(times), 0)) if samples is None else samples
-        return iterate(system, start, times, given, checked)
+        rows = np.empty((len(times), 0)) if samples is None else samples
+        return iterate(system, start, times, rows, checked)
     return follow(system, start, times, list(stretches(times, samples, input_hold)), checked)
 
 
@@ -121,10 +96,7 @@ def iterate(
     system: SwitchingSystem, x0: Array, t: Array, inputs: Array, options: Options
 ) -> Trajectory:
     """Iterate a map along the rows of the inputs; arguments as `simulate` takes them, checked."""
-    guarded = GuardedSystem(system, options.state_bound)
-    states: list[Array] = []
-    modes: list[int] = []
-    events: list[SwitchEvent] = []
+    guarded, done = GuardedSystem(system, options.state_bound), History(t)
     status = Status.COMPLETED if len(inputs) == len(t) else Status.INPUT_RANGE
     x = x0
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
@@ -139,15 +111,16 @@ def iterate(
             except SimulationEnded as ended:
                 status = ended.status
                 break
-            if modes and mode != modes[-1]:
-                events.append(SwitchEvent(float(time), x, modes[-1], mode, "crossing"))
-                x = system.jumped(x, modes[-1], mode)
-            states.append(x)
-            modes.append(mode)
+            before = done.modes[-1] if done.modes else mode
+            if mode != before:
+                done.events.append(SwitchEvent(float(time), x, before, mode, "crossing"))
+                x = system.jumped(x, before, mode)
+            done.states.append(x)
+            done.modes.append(mode)
             following = guarded.velocity(x, u, mode)
             system.keep(x, u)
             x = following
-    return _trajectory(t, states, modes, events, status, len(x0))
+    return done.trajectory(status, len(x0))
 
 
 def follow(
@@ -161,7 +134,7 @@ def follow(
     guarded = GuardedSystem(system, options.state_bound)
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
         if not guarded.within(x0):
-            return _trajectory(t, [], [], [], Status.STATE_LIMIT, len(x0))
+            return History(t).trajectory(Status.STATE_LIMIT, len(x0))
         probe(system, x0, pieces[0][1](t[0]))
         auto = "DOP853" if len(pieces) == 1 else "RK45"
         method = METHODS[auto if options.method == "auto" else options.method]
@@ -170,27 +143,17 @@ def follow(
         return _Rollout(guarded, x0, t, solver, options).run(pieces)
 
 
-def _trajectory(t, states, modes, events, status, n_states) -> Trajectory:
-    """The trajectory up to the last state whose mode is known."""
-    reached = len(modes)
-    x = np.array(states[:reached]).reshape(reached, n_states)
-    return Trajectory(t[:reached], x, np.array(modes, np.intp), tuple(events), status)
-
-
 class _Rollout:
     """State of one simulation in continuous time."""
 
     def __init__(self, system: GuardedSystem, x0, t, solver: Callable, options: Options):
-        self.system, self.times = system, t
-        self.solver, self.depth = solver, options.rtol
+        self.system, self.solver, self.depth = system, solver, options.rtol
         self.steps_left = options.max_steps
-        self.log = EventLog(t[-1] - t[0], options.max_switches)
+        self.done = History(t, options.max_switches, states=[x0])
         self.time, self.x = float(t[0]), x0
         self.scale = float(np.linalg.norm(x0)) or 1.0
         self.slide: SlidingSurface | None = None
         self.step_size: float | None = None
-        self.states = [x0]
-        self.modes: list[int] = []
 
     def run(self, pieces: Sequence[Stretch]) -> Trajectory:
         """Simulate until the last time, or as far as possible."""
@@ -203,28 +166,24 @@ class _Rollout:
                         self._flow(end, signal)
                     else:
                         self._slide(self.slide, end, signal)
-            if len(self.states) < len(self.times):
+            if len(self.done.states) < len(self.done.t):
                 status = Status.INPUT_RANGE
         except SimulationEnded as ended:
             status = ended.status
-        return _trajectory(
-            self.times, self.states, self.modes, self.log.events, status, len(self.x)
-        )
+        return self.done.trajectory(status, len(self.x))
 
     def _enter(self, signal: Signal) -> None:
         """Begin a stretch of smooth inputs; their jump may have changed the mode."""
-        if not self.modes:
+        if not self.done.modes:
             self.mode = self.system.mode(self.x, signal(self.time))
-            self.modes.append(self.mode)
+            self.done.modes.append(self.mode)
         elif self.slide is not None:
             if not self.slide.margin(self.x, self.time, signal) > 0:
                 self._leave(self.slide, signal)
         else:
-            mode = self.system.mode(self.x, signal(self.time))
-            if mode != self.mode:
-                self._change_mode(mode, "input")
+            self._enter_mode(self.system.mode(self.x, signal(self.time)), "input")
         # the row of this time holds the inputs after the jump, and so the mode after it
-        self.modes[-1] = self.mode
+        self.done.modes[-1] = self.mode
 
     def _flow(self, end: float, signal: Signal) -> None:
         """Follow the field of one mode to the end of the stretch or to the next event."""
@@ -250,9 +209,9 @@ class _Rollout:
         surface = SlidingSurface.at(self.system, piece, switch, modes, self.scale, span)
         if surface.attracts(self.x, self.time, piece.inputs):
             self.slide = surface
-            self._record_event(*modes, "sliding")
+            self._record_event(modes[1], "sliding")
         else:
-            self._change_mode(modes[1], "crossing")
+            self._enter_mode(modes[1], "crossing")
 
     def _slide(self, slide: SlidingSurface, end: float, signal: Signal) -> None:
         """Slide along a surface to the end of the stretch or until a field turns away."""
@@ -264,7 +223,8 @@ class _Rollout:
             return slide.margin(piece.state(time), time, signal) > 0
 
         for piece in self._pieces(field, end, signal):
-            last = _end_of(goes_on, np.linspace(piece.start, piece.stop, 5))
+            times = np.linspace(piece.start, piece.stop, SETTINGS.n_parts + 1)
+            last = _end_of(goes_on, times)
             self._advance(piece, last)
             if last < piece.stop:
                 self._leave(slide, signal)
@@ -273,7 +233,8 @@ class _Rollout:
     def _leave(self, slide: SlidingSurface, signal: Signal) -> None:
         mode, self.x = slide.leave(self.x, self.time, signal)
         self.slide = None
-        self._change_mode(mode, "leaving")
+        self._record_event(mode, "leaving")
+        self.mode = mode
 
     def _pieces(self, field: Callable, end: float, signal: Signal) -> Iterator[Piece]:
         """Steps of the integrator from the present state to `end`."""
@@ -304,28 +265,27 @@ class _Rollout:
     def _advance(self, piece: Piece, until: float) -> None:
         """Move to a time within the piece, and note the requested times on the way."""
         # the state that `first_switch` saw at this time, bit for bit
-        x = piece.state(until)
-        asked = self.times[len(self.states) : np.searchsorted(self.times, until, side="right")]
+        x, known = piece.state(until), len(self.done.states)
+        asked = self.done.t[known : np.searchsorted(self.done.t, until, side="right")]
         if asked.size:
-            self._note(piece.state(asked).T)
+            states = piece.state(asked).T
+            reached = int(self.system.within(states).cumprod().sum())
+            self.done.states.extend(states[:reached])
+            self.done.modes.extend([self.mode] * reached)
+            if reached < len(states):
+                raise SimulationEnded(Status.STATE_LIMIT)
         if not self.system.within(x):
             raise SimulationEnded(Status.STATE_LIMIT)
         self.time, self.x = float(until), x
         self.scale = max(self.scale, float(np.linalg.norm(self.x)))
 
-    def _note(self, states: Array) -> None:
-        reached = int(self.system.within(states).cumprod().sum())
-        self.states.extend(states[:reached])
-        self.modes.extend([self.mode] * reached)
-        if reached < len(states):
-            raise SimulationEnded(Status.STATE_LIMIT)
+    def _enter_mode(self, mode: int, kind: str) -> None:
+        if mode != self.mode:
+            self._record_event(mode, kind)
+            self.mode = mode
 
-    def _change_mode(self, mode: int, kind: str) -> None:
-        before, self.mode = self.mode, mode
-        self._record_event(before, mode, kind)
-
-    def _record_event(self, before: int, after: int, kind: str) -> None:
-        self.log.add(SwitchEvent(self.time, self.x, before, after, kind))
+    def _record_event(self, after: int, kind: str) -> None:
+        self.done.add(SwitchEvent(self.time, self.x, self.mode, after, kind))
         self.step_size = None
 
 

@@ -12,44 +12,38 @@ from dataclasses import dataclass
 import numpy as np
 
 from swsysid._results import Array
+from swsysid._simulation.events import last_and_next
 from swsysid._simulation.inputs import Signal
+from swsysid._simulation.settings import SETTINGS
 from swsysid._simulation.system import GuardedSystem
 
-__all__ = ["SlidingSurface"]
 
-# Share of the size of the states over which differences are taken and sides are asked.
-_SHIFT = 1e-6
+def sliding_share(a: float, b: float) -> float:
+    """Share w of the second of two fields in Filippov's convex combination along a surface g = 0.
+
+    With dg/dt = a along the first and b along the second, (1 - w) a + w b = 0 where
+    w = a / (a - b), between 0 and 1 while a >= 0 >= b.
+    """
+    return float(np.clip(a / (a - b), 0.0, 1.0)) if a != b else 0.5
 
 
 @dataclass(frozen=True)
 class SlidingSurface:
-    """The surface between two modes near a state, as a function g < 0 before and g > 0 after.
-
-    Attributes
-    ----------
-    system : GuardedSystem
-    before, after : int
-        The modes on the two sides.
-    guard : callable
-        g(x, u, direction), where the direction is one that crosses the surface.
-    scale : float
-        Size of the states met so far: differences are taken over a millionth of it.
-    span : float
-        Length in time of the stretch over which the inputs are smooth.
-    """
+    """The surface between two modes near a state, as a function g < 0 before and g > 0 after."""
 
     system: GuardedSystem
-    before: int
+    before: int  # the modes on the two sides
     after: int
+    # g(x, u, direction), where the direction is one that crosses the surface
     guard: Callable[[Array, Array, Array], float]
-    scale: float
-    span: float
+    scale: float  # size of the states met so far: differences are taken over a millionth of it
+    span: float  # length in time of the stretch over which the inputs are smooth
 
     @classmethod
     def at(cls, system, piece, times, modes, scale, span) -> SlidingSurface:
         """The surface that the piece meets between two neighbouring times."""
         points = [piece.at(time) for time in times]
-        guard = _sign_change(system, points) or _Offset(system, modes[1], scale)
+        guard = _sign_change(system, points) or _offset(system, modes[1], scale)
         return cls(system, modes[0], modes[1], guard, scale, span)
 
     def rates(self, x: Array, time: float, inputs: Signal) -> tuple[Array, Array, float, float]:
@@ -63,7 +57,8 @@ class SlidingSurface:
         return first, second, rates[0], rates[1]
 
     def _rate(self, x, time, inputs, velocity, direction):
-        lag = min(_SHIFT * self.scale / max(np.linalg.norm(velocity), 1e-300), 1e-3 * self.span)
+        shift = SETTINGS.shift * self.scale
+        lag = min(shift / max(np.linalg.norm(velocity), 1e-300), 1e-3 * self.span)
         ahead = self.guard(x + lag * velocity, inputs(time + lag), direction)
         behind = self.guard(x - lag * velocity, inputs(time - lag), direction)
         return (ahead - behind) / (2 * lag)
@@ -74,14 +69,9 @@ class SlidingSurface:
         return a > 0 and b < -1e-9 * (a - b)
 
     def velocity(self, x: Array, time: float, inputs: Signal) -> Array:
-        """Filippov's velocity: the convex combination of the two fields along the surface.
-
-        (1 - w) f_before + w f_after keeps g constant where (1 - w) a + w b = 0, so
-        w = a / (a - b), between 0 and 1 while a >= 0 >= b.
-        """
+        """Filippov's velocity: the convex combination of the two fields along the surface."""
         f_before, f_after, a, b = self.rates(x, time, inputs)
-        weight = np.clip(a / (a - b), 0.0, 1.0) if a != b else 0.5
-        return f_before + weight * (f_after - f_before)
+        return f_before + sliding_share(a, b) * (f_after - f_before)
 
     def margin(self, x: Array, time: float, inputs: Signal) -> float:
         """Positive while the slide goes on: min(a, -b), or -1 where the two modes are no more."""
@@ -91,7 +81,7 @@ class SlidingSurface:
 
     def _sides(self, x, u, jump):
         # g falls along f_after - f_before (its rate is b - a < 0): ahead lies `before`
-        shift = _SHIFT * self.scale * _unit(jump)
+        shift = SETTINGS.shift * self.scale * _unit(jump)
         return self.system.mode(x + shift, u), self.system.mode(x - shift, u)
 
     def leave(self, x: Array, time: float, inputs: Signal) -> tuple[int, Array]:
@@ -121,36 +111,29 @@ def _sign_change(system, points):
     return lambda x, u, direction: sign * system.values(x, u)[surface]
 
 
-@dataclass(frozen=True)
-class _Offset:
+def _offset(system: GuardedSystem, after: int, scale: float):
     """Guard of a system that only tells modes: distance to the change of mode along a line.
 
     Positive where the mode is `after`; no more than a hundredth of `scale` away.
     """
 
-    system: GuardedSystem
-    after: int
-    scale: float
+    def guard(x: Array, u: Array, direction: Array) -> float:
+        def stays(length: float) -> bool:
+            return (system.mode(x + length * direction, u) == after) == inside
 
-    def __call__(self, x: Array, u: Array, direction: Array) -> float:
-        inside = self._is_after(x, u)
+        inside = system.mode(x, u) == after
         sign = 1.0 if inside else -1.0
-        near, far = 0.0, _SHIFT * self.scale
-        while (line := self._changing(x, u, far * direction, inside)) is None:
+        near, far = 0.0, SETTINGS.shift * scale
+        while stays(far) and stays(-far):
             near, far = far, 4 * far
-            if far > 1e-2 * self.scale:
+            if far > 1e-2 * scale:
                 return sign * far
-        while near < (middle := (near + far) / 2) < far and far - near > 1e-16 * self.scale:
-            changed = self._is_after(x + middle * line * direction, u) != inside
-            near, far = (near, middle) if changed else (middle, far)
-        return sign * far
+        line = -1.0 if stays(far) else 1.0
+        return (
+            sign * last_and_next(lambda length: stays(line * length), near, far, 1e-16 * scale)[1]
+        )
 
-    def _changing(self, x, u, shift, inside):
-        """Sign of the first of two opposite shifts across the surface, None for neither."""
-        return next((s for s in (1.0, -1.0) if self._is_after(x + s * shift, u) != inside), None)
-
-    def _is_after(self, x, u):
-        return self.system.mode(x, u) == self.after
+    return guard
 
 
 def _unit(vector: Array) -> Array:

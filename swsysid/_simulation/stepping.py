@@ -8,22 +8,26 @@ bisection of its length, and the integration starts anew there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.effect_system import EffectSystem
-from swsysid._simulation.events import EventLog, last_and_next
-from swsysid._simulation.fixed_steps import runge_kutta
+from swsysid._simulation.events import History, last_and_next
 from swsysid._simulation.inputs import Options, Signal, Stretch
+from swsysid._simulation.settings import SETTINGS
+from swsysid._simulation.sliding import sliding_share
 from swsysid._simulation.system import FAILURES, SimulationEnded
 
-__all__ = ["step_along"]
 
-_SUBSTEPS = 4  # of a sample interval
-# Share of the requested time that a state is moved along a field to see where that leads.
-_AHEAD = 1e-6
+def runge_kutta(field: Callable[[Array, float], Array], x: Array, step: float | Array) -> Array:
+    """One step of the classical method; ``field(x, part)`` at the parts 0, 1/2 and 1 of it."""
+    first = field(x, 0.0)
+    second = field(x + step / 2 * first, 0.5)
+    third = field(x + step / 2 * second, 0.5)
+    fourth = field(x + step * third, 1.0)
+    return x + step / 6 * (first + 2 * (second + third) + fourth)
 
 
 def step_along(
@@ -35,24 +39,15 @@ def step_along(
     `max_switches` and `state_bound` count.
     """
     stepping = _Stepping(system, x0, t, options)
-    states: list[Array] = []
-    modes: list[int] = []
     status = Status.COMPLETED if len(pieces) == len(t) else Status.INPUT_RANGE
     with np.errstate(all="ignore"):
         try:
-            stepping.start(pieces[0][1])
-            for end, signal in pieces:
-                stepping.enter(signal)
-                states.append(stepping.x.copy())
-                modes.append(stepping.mode)
-                stepping.advance(end, signal)
+            stepping.run(pieces)
         except SimulationEnded as ended:
             status = ended.status
         except FAILURES:
             status = Status.STEP_FAILURE
-    reached = np.array(states).reshape(len(states), len(x0))
-    events = tuple(stepping.log.events)
-    return Trajectory(t[: len(states)], reached, np.array(modes, np.intp), events, status)
+    return stepping.done.trajectory(status, len(x0))
 
 
 class _Stepping:
@@ -60,11 +55,10 @@ class _Stepping:
 
     def __init__(self, system: EffectSystem, x0: Array, t: Array, options: Options):
         self.system, self.bound = system, options.state_bound
-        self.time, self.x, self.last = float(t[0]), x0.copy(), t[-1]
-        self.span = t[-1] - t[0]
+        self.time, self.x = float(t[0]), x0.copy()
         self.mode, self.sides = 0, 0
         self.stuck: frozenset[int] = frozenset()
-        self.log = EventLog(self.span, options.max_switches)
+        self.done = History(t, options.max_switches)
 
     # -- where the state is ----------------------------------------------------------------------
 
@@ -78,8 +72,7 @@ class _Stepping:
         for number in self.stuck:
             channel = self.system.breaks[number][0]
             above, below = self._both_sides(x, u, number)
-            a, b = below[channel], above[channel]
-            weight = np.clip(a / (a - b), 0.0, 1.0) if a != b else 0.5
+            weight = sliding_share(below[channel], above[channel])
             velocity = velocity + (below + weight * (above - below)) - present
             velocity[channel] = 0.0
         return velocity
@@ -90,15 +83,13 @@ class _Stepping:
         above, below = (self.system.field(x, u, self.mode, side) for side in sides)
         return above, below
 
-    def _pushes(self, x: Array, u: Array, number: int) -> tuple[float, float]:
-        """Velocities of the channel above and below its level."""
+    def _push(self, x: Array, u: Array, number: int) -> float:
+        """Positive if a state on a level is pushed up, negative if down, zero if it is held."""
         channel = self.system.breaks[number][0]
-        above, below = self._both_sides(x, u, number)
-        return float(above[channel]), float(below[channel])
-
-    def _is_held(self, x: Array, u: Array, number: int) -> bool:
-        above, below = self._pushes(x, u, number)
-        return above <= 0.0 <= below and above < below
+        above, below = (float(side[channel]) for side in self._both_sides(x, u, number))
+        if above <= 0.0 <= below and above < below:
+            return 0.0
+        return 1.0 if above > 0.0 else -1.0
 
     def _is_valid(self, x: Array, u: Array) -> bool:
         """True if the mode and the sides are still the present ones."""
@@ -106,7 +97,7 @@ class _Stepping:
             return False
         for number, height in enumerate(self.system.heights(x).tolist()):
             stuck = number in self.stuck
-            if not self._is_held(x, u, number) if stuck else self._passed(number, height):
+            if self._push(x, u, number) if stuck else self._passed(number, height):
                 return False
         return True
 
@@ -116,25 +107,26 @@ class _Stepping:
 
     # -- moves -------------------------------------------------------------------------------------
 
-    def start(self, signal: Signal) -> None:
-        """Mode and sides of the first state."""
+    def run(self, pieces: Sequence[Stretch]) -> None:
+        """Step along stretches at whose ends the inputs may jump."""
+        u = pieces[0][1](self.time)
         self._check()
-        u = signal(self.time)
         self.mode, self.sides = self.system.base_mode(self.x, u), self.system.sides(self.x)
         for number, height in enumerate(self.system.heights(self.x).tolist()):
             if height == 0.0:
                 self._choose_side(number, u)
         self.system.keep(self.x, u)
+        for end, signal in pieces:
+            u = signal(self.time)
+            if not self._is_valid(self.x, u):
+                self._change(self.x, u, "input")
+            self.done.states.append(self.x.copy())
+            self.done.modes.append(self.mode)
+            self._advance(end, signal)
 
-    def enter(self, signal: Signal) -> None:
-        """Begin a stretch of smooth inputs; their jump may have changed the mode."""
-        u = signal(self.time)
-        if not self._is_valid(self.x, u):
-            self._change(self.x, u, "input")
-
-    def advance(self, end: float, signal: Signal) -> None:
+    def _advance(self, end: float, signal: Signal) -> None:
         """Move to a time without a jump of the inputs on the way."""
-        length = (end - self.time) / _SUBSTEPS
+        length = (end - self.time) / SETTINGS.n_substeps
         while self.time < end:
             last = end - self.time <= 1.000001 * length
             step = end - self.time if last else length
@@ -160,34 +152,33 @@ class _Stepping:
         def holds(step: float) -> bool:
             return self._is_valid(self._stepped(step, signal), signal(self.time + step))
 
-        resolution = np.spacing(max(abs(self.time), abs(self.last), length))
+        resolution = np.spacing(max(abs(self.time), abs(self.done.t[-1]), length))
         inside, outside = last_and_next(holds, 0.0, length, resolution)
         before = self._stepped(inside, signal) if inside else self.x
         after = self._stepped(outside, signal)
         self.time += outside
         u = signal(self.time)
-        if self.system.base_mode(after, u) == self.mode or not self._bounces(before, after, u):
+        mode = self.system.base_mode(after, u)
+        before, after = (self.system.jumped(x, self.mode, mode) for x in (before, after))
+        if self._turns(before, mode, u):
+            self.x = before
+            self._note(mode, "crossing")
+        else:
             self.x = after
             self._change(after, u, "crossing")
         self._check()
         self.system.keep(self.x, u)
 
-    def _bounces(self, before: Array, after: Array, u: Array) -> bool:
-        """Let the state jump at a change of modes; True if it then stays on its side."""
-        mode = self.system.base_mode(after, u)
-        jumps = [(k, factor) for pair, k, factor in self.system.resets if pair == (self.mode, mode)]
-        if not jumps:
+    def _turns(self, x: Array, mode: int, u: Array) -> bool:
+        """True if a jump at the change to a mode turned the state away from the surface: an impact.
+
+        Otherwise the jump lets it through.
+        """
+        if all(pair != (self.mode, mode) for pair, *_ in self.system.resets):
             return False
-        for state, factor in jumps:
-            before[state] *= factor
-            after[state] *= factor
-        # the jump may turn the state away from the surface, an impact, or let it through
-        ahead = before + _AHEAD * self.span * self.field(before, u)
-        turned = all(self.system.base_mode(x, u) == self.mode for x in (before, ahead))
-        if turned:
-            self.x = before
-            self._note(mode, "crossing")
-        return turned
+        span = self.done.t[-1] - self.done.t[0]
+        ahead = x + SETTINGS.ahead * span * self.field(x, u)
+        return all(self.system.base_mode(place, u) == self.mode for place in (x, ahead))
 
     def _change(self, x: Array, u: Array, kind: str) -> None:
         """Take the mode and the sides of a state that is at a change of them."""
@@ -197,7 +188,7 @@ class _Stepping:
             self.mode = mode
         for number, height in enumerate(self.system.heights(x).tolist()):
             if number in self.stuck:
-                if not self._is_held(x, u, number):
+                if self._push(x, u, number):
                     self._choose_side(number, u)
                     self._note(self.mode, "leaving")
             elif self._passed(number, height):
@@ -209,13 +200,11 @@ class _Stepping:
 
     def _choose_side(self, number: int, u: Array) -> None:
         """Side of a state that is on a level: that to which it is pushed, or none."""
-        self.stuck = self.stuck - {number}
-        above, below = self._pushes(self.x, u, number)
-        if above <= 0.0 <= below and above < below:
-            self.stuck = self.stuck | {number}
-        elif above > 0.0:
+        push = self._push(self.x, u, number)
+        self.stuck = self.stuck - {number} if push else self.stuck | {number}
+        if push > 0.0:
             self.sides |= 1 << number
-        else:
+        elif push < 0.0:
             self.sides &= ~(1 << number)
 
     def _check(self) -> None:
@@ -223,4 +212,4 @@ class _Stepping:
             raise SimulationEnded(Status.STATE_LIMIT)
 
     def _note(self, after: int, kind: str) -> None:
-        self.log.add(SwitchEvent(self.time, self.x.copy(), self.mode, after, kind))
+        self.done.add(SwitchEvent(self.time, self.x.copy(), self.mode, after, kind))

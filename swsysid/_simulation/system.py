@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
 
 from swsysid._results import Array, Status
-
-__all__ = ["FAILURES", "GuardedSystem", "SimulationEnded", "SwitchingSystem"]
 
 # what a vector field or a surface may raise far away from its data
 FAILURES = (ValueError, ArithmeticError, np.linalg.LinAlgError)
@@ -72,17 +71,10 @@ class SwitchingSystem(Protocol):
 
 @dataclass(frozen=True)
 class GuardedSystem:
-    """A switching system whose failures are non-finite velocities or an orderly end.
-
-    Attributes
-    ----------
-    system : SwitchingSystem
-    state_bound : float
-        The system is not asked about states far beyond this bound.
-    """
+    """A switching system whose failures are non-finite velocities or an orderly end."""
 
     system: SwitchingSystem
-    state_bound: float
+    state_bound: float  # the system is not asked about states far beyond it
 
     @property
     def has_values(self) -> bool:
@@ -91,12 +83,10 @@ class GuardedSystem:
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity in a mode; NaN, which makes the integrator shorten its step, on failure."""
-        if not np.abs(x).max() <= 1e3 * self.state_bound:
-            return np.full(len(x), np.nan)
-        try:
-            return np.asarray(self.system.velocity(x, u, mode), dtype=float)
-        except FAILURES:
-            return np.full(len(x), np.nan)
+        if np.abs(x).max() <= 1e3 * self.state_bound:
+            with suppress(*FAILURES):
+                return np.asarray(self.system.velocity(x, u, mode), dtype=float)
+        return np.full(len(x), np.nan)
 
     def mode(self, x: Array, u: Array) -> int:
         """Active mode."""

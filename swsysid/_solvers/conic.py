@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -19,45 +19,22 @@ from scipy.sparse import issparse
 
 from swsysid._results import Array, SolverError, Status
 
-__all__ = [
-    "HAS_VALUES",
-    "LinearSolution",
-    "linear_program",
-    "mixed_integer_program",
-    "modelling",
-    "require_solution",
-    "solve",
-]
-
 # Ends of `solve` after which the variables hold the solver's last point.
 HAS_VALUES = (Status.OPTIMAL, Status.INACCURATE, Status.ITERATION_LIMIT)
 
 
 @dataclass(frozen=True)
 class LinearSolution:
-    """Solution of a linear program, mixed-integer or not.
+    """Solution of a linear program, mixed-integer or not."""
 
-    Attributes
-    ----------
-    x : ndarray of shape (n_variables,)
-        The best point found; NaN where there is none, and `status` says why.
-    objective : float
-    dual_ub : ndarray of shape (n_inequalities,)
-        Multipliers, not negative.
-    dual_eq : ndarray of shape (n_equalities,)
-        Multipliers. With those of the bounds left out,
-        ``cost + A_ub.T @ dual_ub + A_eq.T @ dual_eq`` is the reduced cost: zero at variables
-        strictly between their bounds.
-    status : Status
-    bound : float
-        Proved lower bound on the optimum of a mixed-integer program, which has no multipliers.
-    """
-
-    x: Array
+    x: Array  # (n_variables,): the best point found; NaN where there is none, and `status` says why
     objective: float
-    dual_ub: Array
+    dual_ub: Array  # (n_inequalities,): multipliers, not negative
+    # (n_equalities,): multipliers. With those of the bounds left out, ``cost + A_ub.T @ dual_ub +
+    # A_eq.T @ dual_eq`` is the reduced cost: zero at variables strictly between their bounds.
     dual_eq: Array
     status: Status
+    # Proved lower bound on the optimum of a mixed-integer program, which has no multipliers.
     bound: float = -np.inf
 
 
@@ -71,15 +48,9 @@ def linear_program(
 ) -> LinearSolution:
     r"""Solve :math:`\min_x c^T x` s.t. :math:`A_{ub} x \le b_{ub}`, :math:`A_{eq} x = b_{eq}`.
 
-    Parameters
-    ----------
-    cost : array-like of shape (n_variables,)
-    A_ub, A_eq : array-like or sparse matrix of shape (n_rows, n_variables), default=None
-    b_ub, b_eq : array-like of shape (n_rows,), default=None
-    bounds : (low, high) or array-like of shape (n_variables, 2), default=None
-        Infinite entries stand for no bound. None leaves every variable free.
-    solver : str, default="auto"
-        ``"auto"`` and ``"highs"`` are HiGHS through SciPy, any other name is a solver of cvxpy.
+    Matrices may be sparse. `bounds` are (low, high) or one such pair for each variable, infinite
+    for no bound; None leaves every variable free. The solvers ``"auto"`` and ``"highs"`` are HiGHS
+    through SciPy, any other name is one of cvxpy.
 
     Examples
     --------
@@ -104,10 +75,8 @@ def linear_program(
 
 
 def solve(problem, solver: str = "auto") -> Status:
-    """Solve a cvxpy problem in place, ``"auto"`` with Clarabel, and say how it ended.
-
-    Variables hold values of this solve only where the status is in `HAS_VALUES`.
-    """
+    """Solve a cvxpy problem in place, ``"auto"`` with Clarabel, and say how it ended."""
+    # Variables hold values of this solve only where the status is in `HAS_VALUES`.
     error, name = modelling().error, _installed(solver)
     # A program that is not convex is a mistake of this package, not of the solver.
     mistakes = (error.DCPError, error.DPPError, error.DGPError, error.ParameterError)
@@ -122,10 +91,8 @@ def solve(problem, solver: str = "auto") -> Status:
 def mixed_integer_program(
     cost, *, matrix, low, high, integrality, bounds, time_limit: float = np.inf
 ) -> LinearSolution:
-    """Solve min cost @ x s.t. low <= matrix @ x <= high, some x integer, with HiGHS.
-
-    `integrality` is 1 for an integer variable, 0 for a continuous one; `time_limit` is in s.
-    """
+    """Solve min cost @ x s.t. low <= matrix @ x <= high, some x integer, with HiGHS."""
+    # `integrality` is 1 for an integer variable, 0 for a continuous one; `time_limit` is in s.
     cost = np.asarray(cost, dtype=float)
     answer, broke = _answer(
         lambda: milp(
@@ -148,16 +115,19 @@ def mixed_integer_program(
 
 
 def require_solution(status: Status, program: str) -> None:
-    """Raise `SolverError` unless a solver came back with a point.
-
-    The programs of this package have solutions: a solver that finds none, whatever it says of the
-    program (`program` is its name, such as ``"margin LP"``), has failed on these numbers.
-    """
+    """Raise `SolverError` unless a solver came back with a point."""
+    # The programs of this package have solutions: a solver that finds none, whatever it says of the
+    # program (`program` is its name, such as ``"margin LP"``), has failed on these numbers.
     if status not in HAS_VALUES:
         raise SolverError(
             f"the solver found no solution of the {program} ({status.value}); rescale the data to "
             "order one, or choose another solver."
         )
+
+
+def worst_status(statuses: Iterable[Status]) -> Status:
+    """`OPTIMAL` if all are, else the first that is not."""
+    return next((status for status in statuses if not status.ok), Status.OPTIMAL)
 
 
 def modelling():

@@ -18,12 +18,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from swsysid._results import Array
-
-__all__ = ["EuclideanFit", "gram_blocks", "least_euclidean_norms", "solve_scaled"]
-
-MAX_ITER = 80
-MAX_HALVINGS = 30
-ROUNDING = 1e-14
+from swsysid._solvers.settings import EUCLIDEAN, EuclideanSettings
 
 
 class EuclideanFit(NamedTuple):
@@ -34,7 +29,11 @@ class EuclideanFit(NamedTuple):
 
 
 def least_euclidean_norms(
-    design: Array, targets: Array, start: Array, support: Array, *, tol: float = 1e-10
+    design: Array,
+    targets: Array,
+    start: Array,
+    support: Array,
+    settings: EuclideanSettings = EUCLIDEAN,
 ) -> EuclideanFit:
     """Minimise the sum of Euclidean norms of the residuals, up to a relative duality gap.
 
@@ -52,13 +51,13 @@ def least_euclidean_norms(
     >>> fit.coef.ravel().round(12), round(fit.lower_bound**2)
     (array([2., 2.]), 128)
     """
-    iterate = _Iterate(design, targets, start, support)
-    for _ in range(MAX_ITER):
-        if iterate.gap <= tol * iterate.objective + ROUNDING * iterate.size:
+    iterate = _Iterate(design, targets, start, support, settings.max_halvings)
+    rounding = settings.rounding * float(np.linalg.norm(targets, axis=1).sum())
+    for _ in range(settings.max_iter):
+        if iterate.gap <= settings.tight * iterate.objective + rounding or not iterate.advance():
             break
-        if not iterate.advance():
-            break
-    coef = _with_met_samples(design, targets, iterate.coef, iterate.residuals, support)
+    met = settings.met * np.linalg.norm(targets, axis=1).max()
+    coef = _with_met_samples(design, targets, iterate.coef, iterate.residuals, support, met)
     lower_bound = float((iterate.feasible * (targets - design @ coef.T)).sum())
     return EuclideanFit(coef, max(lower_bound, 0.0))
 
@@ -66,13 +65,12 @@ def least_euclidean_norms(
 class _Iterate:
     """C, residuals r (n, k), dual u (n, k) with ||u_i|| <= 1, and the best feasible one."""
 
-    def __init__(self, design, targets, start, support):
-        self.design, self.support = design, support
+    def __init__(self, design, targets, start, support, max_halvings):
+        self.design, self.support, self.max_halvings = design, support, max_halvings
         self.coef = start.copy()
         self.residuals = targets - design @ start.T
         self.dual = np.zeros_like(targets)
         self.feasible = self.dual  # the one of them with sum_i u_i d_i^T = 0 that bounds best
-        self.size = float(np.linalg.norm(targets, axis=1).sum())
         self._refresh()
 
     def _refresh(self):
@@ -121,14 +119,12 @@ class _Iterate:
         """Move C, half as far each time until the smoothed objective does not grow."""
         squared = smoothing**2
         value = np.sqrt(np.square(self.residuals).sum(axis=1) + squared).sum()
-        share = 1.0
-        for _ in range(MAX_HALVINGS):
+        for share in 0.5 ** np.arange(self.max_halvings):
             moved = self.residuals + share * change
             if np.sqrt(np.square(moved).sum(axis=1) + squared).sum() <= value * (1 + 1e-15):
                 self.coef = self.coef + share * move
                 self.residuals = moved
                 return
-            share *= 0.5
 
     def _update_dual(self, dual):
         # The next step wants every sample inside its ball; the bound wants all of them scaled
@@ -170,20 +166,18 @@ def _orthogonal(design, dual, support):
     return dual
 
 
-def _with_met_samples(design, targets, coef, residuals, support):
-    """Coefficients at which the samples with vanishing residuals are met exactly.
-
-    Where so many vanish that they determine the coefficients, least squares on them removes
-    the error that smoothing leaves.
-    """
+def _with_met_samples(design, targets, coef, residuals, support, met):
+    """Coefficients at which the samples with vanishing residuals are met exactly."""
+    # Where so many vanish that they determine the coefficients, least squares on them removes the
+    # error that smoothing leaves.
     norms = np.linalg.norm(residuals, axis=1)
-    met = norms <= 1e-6 * max(np.linalg.norm(targets, axis=1).max(), np.finfo(float).tiny)
-    if met.sum() < design.shape[1]:
+    exactly = norms <= max(met, np.finfo(float).tiny)
+    if exactly.sum() < design.shape[1]:
         return coef
     exact = np.zeros_like(coef)
     for output, columns in enumerate(support):
         exact[output, columns] = np.linalg.lstsq(
-            design[met][:, columns], targets[met, output], rcond=None
+            design[exactly][:, columns], targets[exactly, output], rcond=None
         )[0]
     value = np.linalg.norm(targets - design @ exact.T, axis=1).sum()
     return exact if value <= norms.sum() else coef

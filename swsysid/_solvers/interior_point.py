@@ -17,11 +17,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv, dpotrs
 
 from swsysid._results import Array
-
-__all__ = ["InteriorPoint", "interior_point"]
-
-STEP_SHARE = 0.9995  # of the way to the boundary
-MAX_ITER = 60
+from swsysid._solvers.settings import INTERIOR_POINT, InteriorPointSettings
 
 
 @dataclass(frozen=True)
@@ -34,18 +30,22 @@ class InteriorPoint:
 
 
 def interior_point(
-    design: Array, targets: Array, start: Array, *, n_heavy: int = 0, tol: float = 1e-8
+    design: Array,
+    targets: Array,
+    start: Array,
+    *,
+    n_heavy: int = 0,
+    tol: float = 1e-8,
+    settings: InteriorPointSettings = INTERIOR_POINT,
 ) -> InteriorPoint:
-    """Least absolute deviations of n rows on p columns of full rank.
-
-    `tol` is the duality gap to reach, relative to the sum of absolute residuals of all but the
-    last `n_heavy` rows, which stand for many (see `lad`). Where rounding forbids it the last
-    iterate is returned.
-    """
+    """Least absolute deviations of n rows on p columns of full rank."""
+    # `tol` is the duality gap to reach, relative to the sum of absolute residuals of all but the
+    # last `n_heavy` rows, which stand for many (see `lad`). Where rounding forbids it the last
+    # iterate is returned.
     n_light = len(targets) - n_heavy
-    rounding = 1e-14 * np.abs(targets[:n_light]).sum()
-    iterate = _Iterate(design, targets, start, n_light)
-    for _ in range(MAX_ITER):
+    rounding = settings.rounding * np.abs(targets[:n_light]).sum()
+    iterate = _Iterate(design, targets, start, n_light, settings.step_share)
+    for _ in range(settings.max_iter):
         if iterate.gap <= tol * np.abs(iterate.residuals[:n_light]).sum() + rounding:
             break
         if not iterate.advance():
@@ -56,8 +56,8 @@ def interior_point(
 class _Iterate:
     """u, its slacks s = 1 - u and t = 1 + u, and their multipliers z - w = y - D c."""
 
-    def __init__(self, design, targets, start, n_light):
-        self.design = design
+    def __init__(self, design, targets, start, n_light, step_share):
+        self.design, self.step_share = design, step_share
         self.coef = start.copy()
         self.residuals = targets - design @ start
         size = 0.5 * np.abs(self.residuals[:n_light]).mean()
@@ -100,11 +100,9 @@ class _Iterate:
         return True
 
     def _corrections(self, down, up):
-        """mu_z / s and mu_w / t for the predictor's relative steps a = du/s, b = du/t.
-
-        The predictor has dz = z (a - 1) and dw = -w (b + 1), so that its longest steps, the
-        gap after them and the neglected products follow from a and b alone.
-        """
+        """mu_z / s and mu_w / t for the predictor's relative steps a = du/s, b = du/t."""
+        # The predictor has dz = z (a - 1) and dw = -w (b + 1), so that its longest steps, the gap
+        # after them and the neglected products follow from a and b alone.
         dual_share = _share(down.max(), -up.min(), 1.0)
         primal_share = _share(1.0 - down.min(), 1.0 + up.max(), 1.0)
         rising, falling = self.upper * (down - 1.0), self.lower * (up + 1.0)
@@ -118,14 +116,13 @@ class _Iterate:
         step_upper = pull_upper - self.upper + self.upper_ratio * step
         step_lower = pull_lower - self.lower - self.lower_ratio * step
         down, up = step / self.below, step / self.above
-        share = _share(down.max(), -up.min(), STEP_SHARE)
+        share = _share(down.max(), -up.min(), self.step_share)
         self.dual += share * step
         # Slacks are updated by factors: 1 - u would lose them to rounding near the boundary.
         self.below *= 1.0 - share * down
         self.above *= 1.0 + share * up
-        share = _share(
-            -(step_upper / self.upper).min(), -(step_lower / self.lower).min(), STEP_SHARE
-        )
+        falling = -(step_upper / self.upper).min(), -(step_lower / self.lower).min()
+        share = _share(*falling, self.step_share)
         self.upper += share * step_upper
         self.lower += share * step_lower
         self.coef += share * move

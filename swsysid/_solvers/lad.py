@@ -32,29 +32,18 @@ from swsysid._solvers.row_space import RowSpace, rounding
 from swsysid._solvers.settings import SETTINGS, SolverSettings
 from swsysid._solvers.vertex import Certified, along_edges, certify, to_vertex
 
-__all__ = ["LadFit", "least_absolute_deviations"]
-
 ROUNDING = 1e-13  # of the targets: residuals and gaps below it are errors of floats
 
 
 @dataclass(frozen=True)
 class LadFit:
-    """Coefficients of least absolute deviations, with their proof.
+    """Coefficients of least absolute deviations, with their proof."""
 
-    Attributes
-    ----------
-    coef : ndarray of shape (n_outputs, n_features)
-    objective : ndarray of shape (n_outputs,)
-        Weighted sums of absolute residuals.
-    lower_bound : ndarray of shape (n_outputs,)
-        Values of dual feasible points: no coefficients in the box do better.
-    status : Status
-        `INACCURATE` if the two differ by more than ``settings.proved`` for some output.
-    """
-
-    coef: Array
-    objective: Array
+    coef: Array  # (n_outputs, n_features)
+    objective: Array  # (n_outputs,): weighted sums of absolute residuals
+    # (n_outputs,): values of dual feasible points: no coefficients in the box do better.
     lower_bound: Array
+    # `INACCURATE` if the two differ by more than ``settings.proved`` for some output.
     status: Status
 
 
@@ -112,21 +101,8 @@ def least_absolute_deviations(
     its norm) the regression is solved in its row space, and of all coefficients with the
     optimal residuals found the ones of least Euclidean norm are returned. If these violate the
     box, a vertex of the optimal set inside the box is returned instead. With no rows the
-    coefficients are zero.
-
-    Parameters
-    ----------
-    design : ndarray of shape (n_samples, n_features)
-    targets : ndarray of shape (n_samples, n_outputs)
-    sample_weight : ndarray of shape (n_samples,), default=None
-        Nonnegative; a row of weight 2 counts as two rows, of weight 0 as none.
-    coef_bound : float, default=None
-        The bound B, infinite by default.
-    start : ndarray of shape (n_outputs, n_features), default=None
-        Coefficients thought to be near the optimum. They save time and do not change it.
-    n_heavy : int, default=0
-        The last rows stand for many others, whose sum they are; positive weights only.
-    settings : SolverSettings
+    coefficients are zero. A `start`, (n_outputs, n_features), saves time and does not change the
+    optimum; the last `n_heavy` rows, of positive weight, stand for many others whose sum they are.
 
     Examples
     --------
@@ -231,10 +207,12 @@ def _solve(rows: _Rows, start: Array, *, near: bool = False) -> Certified:
     objective = np.abs(residuals).sum()
     wrong = np.empty(0, dtype=np.intp)
     while settings.fewest_kept * size <= 2 * rows.n_light:
-        kept = np.union1d(_smallest(residuals, size), wrong)
+        sizes = np.abs(residuals)
+        smallest_rows = np.flatnonzero(sizes <= np.partition(sizes, size)[size])[:size]
+        kept = np.union1d(smallest_rows, wrong)
         signs = np.sign(residuals)
         # A vanishing residual tells no sign; s = 0 leaves its row out of the bound.
-        signs[np.abs(residuals) <= smallest] = 0.0
+        signs[sizes <= smallest] = 0.0
         signs[kept] = 0.0
         fit = _solve(_merge(rows, kept, signs), coef, near=near)
         moved = rows.residuals(fit.coef)[: rows.n_light]
@@ -254,11 +232,6 @@ def _solve(rows: _Rows, start: Array, *, near: bool = False) -> Certified:
         else:
             objective = previous
     return _direct(rows, coef)
-
-
-def _smallest(values, size):
-    sizes = np.abs(values)
-    return np.flatnonzero(sizes <= np.partition(sizes, size)[size])[:size]
 
 
 def _merge(rows, kept, signs) -> _Rows:

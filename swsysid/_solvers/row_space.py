@@ -14,8 +14,6 @@ from scipy.linalg import cho_factor, cho_solve
 
 from swsysid._results import Array
 
-__all__ = ["RowSpace", "rounding"]
-
 # Residuals below ROUNDOFF * (|y_i| + |d_i| . |c|) are zero as far as floats can tell.
 ROUNDOFF = 64 * np.finfo(float).eps
 
@@ -53,10 +51,8 @@ class RowSpace:
         self.rank = design.shape[1]
 
     def coef(self, inner: Array) -> Array:
-        """Coefficients of the features, shape (k, n_features), from those of `self.design`.
-
-        Where the rank is deficient they are the ones of least norm with the same residuals.
-        """
+        """Coefficients of the features, shape (k, n_features), from those of `self.design`."""
+        # Where the rank is deficient they are the ones of least norm with the same residuals.
         return inner if self._lift is None else inner @ self._lift
 
     def inner(self, coef: Array) -> Array:
@@ -74,10 +70,8 @@ class RowSpace:
         return _normal_equations(self.design, targets)
 
     def first_guess(self, targets: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Least squares (k, rank), and whether it leaves nothing beyond rounding, (k,).
-
-        Of more than 20 000 rows only a sample is fitted, unless some fit may be perfect.
-        """
+        """Least squares (k, rank), and whether it leaves nothing beyond rounding, (k,)."""
+        # Of more than 20 000 rows only a sample is fitted, unless some fit may be perfect.
         design, sampled = self.design[:: self._every], targets[:, :: self._every]
         coef = _normal_equations(design, sampled)
         # Most data fail at once; only those near rounding are worth a row-by-row look.
@@ -105,31 +99,22 @@ def _normal_equations(design: Array, targets: Array) -> Array:
     return coef
 
 
-def _equilibrated_gram(design: Array) -> tuple[Array, Array]:
-    largest = np.abs(design).max(axis=0)
-    if not largest.all():
-        return np.zeros((1, 1)), largest
-    gram = design.T @ design
-    scale = np.sqrt(np.diagonal(gram))
-    return gram / np.outer(scale, scale), scale
-
-
 def _is_well_conditioned(design: Array) -> bool:
     if design.shape[1] == 0:
         return True
-    if len(design) < design.shape[1]:
+    if len(design) < design.shape[1] or not design.any(axis=0).all():
         return False
-    gram, _ = _equilibrated_gram(design)
+    gram = design.T @ design
+    scale = np.sqrt(np.diagonal(gram))
+    gram = gram / np.outer(scale, scale)
     return bool(np.isfinite(gram).all() and np.linalg.eigvalsh(gram)[0] > WELL_CONDITIONED)
 
 
 def _orthonormal(design: Array) -> tuple[Array, Array]:
-    """Orthonormal basis of the column space, and the matrix that lifts its coefficients.
-
-    With D = U diag(s) V^T diag(scale), the residuals of U z are those of the coefficients
-    diag(1/scale) V diag(1/s) z. These differ from the ones of least norm by a vector of the
-    null space, diag(1/scale) times the remaining columns of V, which is projected away.
-    """
+    """Orthonormal basis of the column space, and the matrix that lifts its coefficients."""
+    # With D = U diag(s) V^T diag(scale), the residuals of U z are those of the coefficients
+    # diag(1/scale) V diag(1/s) z. These differ from the ones of least norm by a vector of the null
+    # space, diag(1/scale) times the remaining columns of V, which is projected away.
     scale = np.abs(design).max(axis=0)
     scale[scale == 0] = 1.0
     scale *= np.sqrt(np.square(design / scale).sum(axis=0)).clip(min=1.0)

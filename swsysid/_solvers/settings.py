@@ -1,10 +1,12 @@
-"""How exact regressions are solved: what their time depends on, and their optima do not."""
+"""How exact regressions are solved: what their time depends on, and their optima do not.
+
+Numbers of steps are those of sixty regressions of 50 to 5000 rows on 2 to 20 columns, exact, with
+heavy tails, and a tenth of the rows gross errors.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-__all__ = ["SETTINGS", "SolverSettings"]
 
 
 @dataclass(frozen=True)
@@ -25,4 +27,25 @@ class SolverSettings:
     proved: float = 1e-9  # relative gap up to which an answer counts as optimal
 
 
+@dataclass(frozen=True)
+class InteriorPointSettings:
+    """Settings of `interior_point`."""
+
+    step_share: float = 0.9995  # of the way to the boundary
+    max_iter: int = 60  # 9 in the median, 14 at most
+    rounding: float = 1e-14  # gap, of the sum of the targets, below which there is none
+
+
+@dataclass(frozen=True)
+class EuclideanSettings:
+    """Settings of `least_euclidean_norms`."""
+
+    tight: float = 1e-10  # relative duality gap that ends the iterations
+    rounding: float = 1e-14  # the same, of the norms of the targets, where all are met
+    max_iter: int = 80  # 7 in the median, 35 at most
+    max_halvings: int = 30  # of a step: then it is a billionth of itself
+    met: float = 1e-6  # residual, of the longest target, that only the smoothing has left
+
+
 SETTINGS = SolverSettings()
+INTERIOR_POINT, EUCLIDEAN = InteriorPointSettings(), EuclideanSettings()

@@ -23,8 +23,6 @@ from scipy.linalg.lapack import dposv, dpotrf, dtrtri
 
 from swsysid._results import Array
 
-__all__ = ["Certified", "along_edges", "certify", "to_vertex"]
-
 SLOPE_TOL = 1e-10  # of the slope of an edge, in units of the row that leaves
 FEASIBLE = 1e-9  # of D^T u, in units of the column sums of |D|
 MOVED = 1e4  # movement of the targets of `along_edges`, in units of their rounding errors
@@ -46,25 +44,10 @@ def certify(design: Array, targets: Array, coef: Array, dual: Array) -> Certifie
 def to_vertex(
     design: Array, targets: Array, weight: Array, dual: Array, rounding: Array, *, max_steps: int
 ) -> Certified | None:
-    """The vertex at the heaviest rows, improved by edge steps until it is optimal.
-
-    Parameters
-    ----------
-    design : ndarray of shape (n, p), rank p
-    targets : ndarray of shape (n,)
-    weight : ndarray of shape (n,)
-        Large at rows whose residual is thought to vanish.
-    dual : ndarray of shape (n,)
-        Decides at degenerate vertices, where more than p residuals vanish; zeros if unknown.
-    rounding : ndarray of shape (n,)
-        Residuals up to this size count as zero.
-    max_steps : int
-
-    Returns
-    -------
-    Certified or None
-        None where no p independent rows were found among the heaviest.
-    """
+    """The vertex at the heaviest rows, improved by edge steps until it is optimal."""
+    # A row whose residual is thought to vanish has a large weight; residuals up to `rounding` (n,)
+    # count as zero. The dual, zeros if unknown, decides at degenerate vertices, where more than p
+    # residuals vanish. None where no p independent rows were found among the heaviest.
     basis = _basic_rows(design, weight)
     for step in range(max_steps + 1):
         inverse = _basis_inverse(design[basis])
@@ -180,11 +163,9 @@ class _Walk:
 
 
 def _crossings(ahead, residuals, speed, excess) -> tuple[NDArray[np.intp], int]:
-    """Rows in the order in which their residuals vanish, and the place of the lowest point.
-
-    Past its crossing a residual adds 2 |speed| to the slope of an edge, which starts at -excess.
-    Only the nearest rows are sorted; the place is behind them all where the slope stays negative.
-    """
+    """Rows in the order in which their residuals vanish, and the place of the lowest point."""
+    # Past its crossing a residual adds 2 |speed| to the slope of an edge, which starts at -excess.
+    # Only the nearest rows are sorted; the place is behind them all where the slope stays negative.
     times, n_sorted = residuals[ahead] / speed[ahead], 32
     while True:
         nearest = ahead
@@ -246,10 +227,8 @@ def _leaving(design, residuals, basis, inverse, dual):
 
 
 def _spread(design, dual, free):
-    """Dual with D^T u = 0 and |u| <= 1, changed at the free rows only, if a few rounds find it.
-
-    A semismooth Newton method for the u of least change: clip, and let the others make up.
-    """
+    """Dual with D^T u = 0 and |u| <= 1, changed at the free rows only, if a few rounds find it."""
+    # A semismooth Newton method for the u of least change: clip, and let the others make up.
     moving, inside = free, 0.99
     for _ in range(12):
         dual = _made_feasible(design, dual, moving.astype(float))

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._losses import Reach
+from swsysid._losses import TrustRegion
 from swsysid._results import Array
 from swsysid._surfaces.hinge import MarginProgram
 from swsysid._surfaces.margin_program import SurfaceFit, fit_programs
-
-__all__ = ["Anchors", "FittedSurfaces", "HingeSummary"]
+from swsysid._surfaces.polynomials import Basis
 
 
 @dataclass(frozen=True)
@@ -23,20 +21,11 @@ class HingeSummary:
 
     A row beyond its margin costs nothing while the surface moves a little, and one with much slack
     enters linearly: the rows of slack are one row, their sum.
-
-    Attributes
-    ----------
-    near : ndarray of shape (n_near, n_surface_features)
-        Features times the sign of the row.
-    weight : ndarray of shape (n_near,)
-    slack : ndarray of shape (n_surface_features,)
-        Weighted sum of the rows with much slack.
-    slack_weight : float
     """
 
-    near: Array
-    weight: Array
-    slack: Array
+    near: Array  # (n_near, n_surface_features): features times the sign of the row
+    weight: Array  # (n_near,)
+    slack: Array  # (n_surface_features,): weighted sum of the rows with much slack
     slack_weight: float
 
     @classmethod
@@ -65,46 +54,25 @@ class HingeSummary:
 
 @dataclass(frozen=True)
 class Anchors:
-    """Some rows that hold a surface where it is, beyond the reach within which all are kept.
+    """Some rows that hold a surface where it is, beyond the region in which all are kept.
 
     A surface that is left alone by the rows far away could move among them.
-
-    Attributes
-    ----------
-    X : ndarray of shape (n_anchors, n_features_in)
-    labels : ndarray of shape (n_anchors,), int
-        Places in the classes of the surfaces.
-    weight : ndarray of shape (n_anchors,)
-        Of the rows that each stands for.
-    reach : Reach
-        How far from their margin rows are kept.
     """
 
-    X: Array
-    labels: NDArray[np.intp]
-    weight: Array
-    reach: Reach
+    X: Array  # (n_anchors, n_features_in)
+    labels: NDArray[np.intp]  # (n_anchors,): places in the classes of the surfaces
+    weight: Array  # (n_anchors,): of the rows that each stands for
+    region: TrustRegion  # how far from their margin rows are kept
 
 
 @dataclass(frozen=True)
 class FittedSurfaces:
-    """Surfaces in fitting coordinates and the margin LP that they solve.
+    """Surfaces in fitting coordinates and the margin LP that they solve."""
 
-    Attributes
-    ----------
-    basis : callable
-        Features (n_rows, n_surface_features) of coordinates.
-    coef : ndarray of shape (n_surfaces, n_surface_features)
-    book : ndarray of shape (n_classes, n_surfaces)
-    classes : ndarray of shape (n_classes,)
-    margin, beta, bound : float
-    solver : str
-    """
-
-    basis: Any
-    coef: Array
-    book: NDArray[np.int64]
-    classes: NDArray
+    basis: Basis  # features (n_rows, n_surface_features) of coordinates
+    coef: Array  # (n_surfaces, n_surface_features)
+    book: NDArray[np.int64]  # (n_classes, n_surfaces)
+    classes: NDArray  # (n_classes,)
     margin: float
     beta: float
     bound: float
@@ -145,19 +113,17 @@ class FittedSurfaces:
         return np.where(signs == 0, np.inf, signs * values - self.margin)
 
     def summarise(
-        self, X: Array, values: Array, labels: NDArray, weight: Array, reach: Reach
+        self, X: Array, values: Array, labels: NDArray, weight: Array, region: TrustRegion
     ) -> list[HingeSummary]:
-        """One summary for each surface; rows within reach of their margin are kept.
-
-        `labels` are places in `classes`.
-        """
+        """One summary for each surface; rows of the trust region around their margin are kept."""
+        # `labels` are places in `classes`.
         distance = self._distance(values, labels)
         summaries = []
         for surface, signs in enumerate(self.book.T):
-            some = np.flatnonzero(distance[:, surface] <= reach.farthest)
+            some = np.flatnonzero(distance[:, surface] <= region.farthest)
             signed = self.basis(X[some]) * signs[labels[some], None] if some.size else self.empty
             beyond = distance[some, surface]
-            within = reach.of(signed)[:, 0]
+            within = region.of(signed)[:, 0]
             is_near = np.abs(beyond) <= within
             slack_weight = np.where(beyond < -within, weight[some], 0.0)
             summaries.append(
@@ -176,14 +142,12 @@ class FittedSurfaces:
         anchors: Anchors,
         refused: Sequence[Sequence[HingeSummary]] = (),
     ) -> list[SurfaceFit]:
-        """Solve the margin LPs of the summaries, from these surfaces.
-
-        `refused` are summaries at surfaces that were no better: what had much slack there is one
-        row more, so that they are not found again.
-        """
+        """Solve the margin LPs of the summaries, from these surfaces."""
+        # `refused` are summaries at surfaces that were no better: what had much slack there is one
+        # row more, so that they are not found again.
         programs = []
         features, distance = self.basis(anchors.X), self.distance(anchors.X, anchors.labels)
-        within = anchors.reach.of(features)[:, 0]
+        within = anchors.region.of(features)[:, 0]
         for surface, summary in enumerate(summaries):
             beyond = distance[:, surface]
             far = np.flatnonzero((beyond > within) & np.isfinite(beyond))

@@ -19,11 +19,7 @@ from numpy.typing import NDArray
 
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
-from swsysid._surfaces.settings import MarginSettings
-
-__all__ = ["MarginProgram", "approach", "best_multiple", "least_squares"]
-
-SETTINGS = MarginSettings()
+from swsysid._surfaces.settings import MARGIN, MarginSettings
 
 
 @dataclass(frozen=True)
@@ -56,11 +52,9 @@ class MarginProgram:
         return MarginProgram(self.signed[rows], weight, self.margin, self.beta, self.bound)
 
     def near(self, coef: Array, n_rows: int) -> MarginProgram:
-        """A program that has the same objective around `coef`, with few more than `n_rows` rows.
-
-        A row far beyond its margin costs nothing there. Rows with much slack are affine there,
-        and so is their sum: one row at their mean with the weight of them all.
-        """
+        """A program that has the same objective around `coef`, with few more than `n_rows` rows."""
+        # A row far beyond its margin costs nothing there. Rows with much slack are affine there,
+        # and so is their sum: one row at their mean with the weight of them all.
         shortfall = self.margin - self.signed @ coef
         distance = np.abs(shortfall)
         far = distance > np.partition(distance, n_rows)[n_rows]
@@ -84,13 +78,11 @@ def least_squares(features: Array, targets: Array, weight: Array) -> Array:
 
 
 def approach(
-    program: MarginProgram, start: Array | None = None, settings: MarginSettings = SETTINGS
+    program: MarginProgram, start: Array | None = None, settings: MarginSettings = MARGIN
 ) -> Array:
-    """Coefficients in the box near the optimum, from `start` or from least squares.
-
-    Large programs without a start take one from an eighth of their rows. Where it is good, most
-    rows stay on their side of the kink from then on, and a program of the nearest ones will do.
-    """
+    """Coefficients in the box near the optimum, from `start` or from least squares."""
+    # Large programs without a start take one from an eighth of their rows. Where it is good, most
+    # rows stay on their side of the kink from then on, and a program of the nearest ones will do.
     n_samples = len(program.weight)
     if n_samples <= settings.large:
         if start is not None:
@@ -109,11 +101,9 @@ def approach(
 
 
 def _descend(program: MarginProgram, start: Array, n_near: int, settings: MarginSettings) -> Array:
-    """Newton's method on smoothed programs.
-
-    The width of the smoothing is the distance of the n-th nearest row from its kink, and shrinks
-    to a few rows for each coefficient.
-    """
+    """Newton's method on smoothed programs."""
+    # The width of the smoothing is the distance of the n-th nearest row from its kink, and shrinks
+    # to a few rows for each coefficient.
     n_samples, n_features = program.signed.shape
     coef = np.clip(best_multiple(program, start), -program.bound, program.bound)
     fewest = min(max(4 * n_features, 30), n_samples - 1)
@@ -128,11 +118,9 @@ def _descend(program: MarginProgram, start: Array, n_near: int, settings: Margin
 
 
 def best_multiple(program: MarginProgram, direction: Array) -> Array:
-    """The positive multiple of a direction that minimises F, exactly.
-
-    F is convex in the factor; its slope starts at beta |direction|_1 - sum_i w_i m_i with the
-    margins m_i of the direction, and grows by w_i m_i at the factor margin / m_i.
-    """
+    """The positive multiple of a direction that minimises F, exactly."""
+    # F is convex in the factor; its slope starts at beta |direction|_1 - sum_i w_i m_i with the
+    # margins m_i of the direction, and grows by w_i m_i at the factor margin / m_i.
     margins = program.signed @ direction
     gain = program.weight * margins
     ahead = np.flatnonzero(margins > 0.0)
@@ -165,7 +153,10 @@ def _minimise_smoothed(
             bend = moved / np.sqrt(moved**2 + roundness**2)
             return float(program.beta * (bend @ step) - pull @ closing)
 
-        longest = _room(coef, step, program.bound)
+        # The part of the step after which a coefficient meets the box, at most 1.
+        moving = step != 0.0
+        room = (program.bound - np.sign(step[moving]) * coef[moving]) / np.abs(step[moving])
+        longest = float(min(1.0, room.min(initial=1.0)))
         length = _line_minimum(slope_at, slope, longest, settings.secant_steps)
         coef = np.clip(coef + length * step, -program.bound, program.bound)
         shortfall = program.margin - program.signed @ coef
@@ -177,10 +168,8 @@ def _minimise_smoothed(
 
 
 def _pull(program: MarginProgram, shortfall: Array, width: float) -> Array:
-    """Derivative of the smoothed hinges: 0 beyond the width, the weight on the wrong side.
-
-    Each hinge max(0, t) is replaced by (t + width)^2 / (4 width) for |t| <= width.
-    """
+    """Derivative of the smoothed hinges: 0 beyond the width, the weight on the wrong side."""
+    # Each hinge max(0, t) is replaced by (t + width)^2 / (4 width) for |t| <= width.
     return program.weight * np.clip(0.5 + shortfall / (2.0 * width), 0.0, 1.0)
 
 
@@ -200,21 +189,12 @@ def _derivatives(program, coef, shortfall, width, roundness) -> tuple[Array, Arr
     return gradient, hessian
 
 
-def _room(coef: Array, step: Array, bound: float) -> float:
-    """The part of a step after which a coefficient meets the box, at most 1."""
-    moving = step != 0.0
-    room = (bound - np.sign(step[moving]) * coef[moving]) / np.abs(step[moving])
-    return float(min(1.0, room.min(initial=1.0)))
-
-
 def _line_minimum(
     slope_at: Callable[[float], float], slope: float, longest: float, most_steps: int
 ) -> float:
-    """Where a convex function on [0, longest] has about its minimum: secants on its slope.
-
-    Few rows near their kinks leave directions without curvature, in which Newton's step is far
-    too long; halving it blindly would take many trials.
-    """
+    """Where a convex function on [0, longest] has about its minimum: secants on its slope."""
+    # Few rows near their kinks leave directions without curvature, in which Newton's step is far
+    # too long; halving it blindly would take many trials.
     low, high, slope_low, slope_high = 0.0, longest, slope, slope_at(longest)
     if slope_high <= 0.0:
         return longest

@@ -20,36 +20,20 @@ from scipy.sparse import block_diag
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array, Status
 from swsysid._solvers.conic import linear_program, require_solution
-from swsysid._surfaces.hinge import SETTINGS, MarginProgram, approach, best_multiple
-from swsysid._surfaces.settings import MarginSettings
-
-__all__ = [
-    "SurfaceFit",
-    "fit_programs",
-    "fit_surface",
-    "worst_status",
-]
+from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
+from swsysid._surfaces.settings import MARGIN, MarginSettings
 
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """A surface and the proof that it is optimal.
+    """A surface and the proof that it is optimal."""
 
-    Attributes
-    ----------
-    coef : ndarray of shape (n_surface_features,)
-    objective : float
-        Value of the margin LP at `coef`.
-    lower_bound : float
-        Value of the dual program at `multipliers`: no coefficients in the box do better.
-    multipliers : ndarray of shape (n_samples,)
-        Dual variables of the margins: 0 beyond the margin, the weight where there is slack.
-    status : Status
-    """
-
-    coef: Array
-    objective: float
+    coef: Array  # (n_surface_features,)
+    objective: float  # value of the margin LP at `coef`
+    # Value of the dual program at `multipliers`: no coefficients in the box do better.
     lower_bound: float
+    # (n_samples,): dual variables of the margins: 0 beyond the margin, the weight where there is
+    # slack.
     multipliers: Array
     status: Status
 
@@ -158,12 +142,10 @@ def fit_programs(
     programs: Iterable[MarginProgram],
     solver: str = "auto",
     starts: Sequence[Array] | Array = (),
-    settings: MarginSettings = SETTINGS,
+    settings: MarginSettings = MARGIN,
 ) -> list[SurfaceFit]:
-    """Solve independent margin LPs exactly, the small ones together.
-
-    `starts` are surfaces one of which, or its negative, may be near a wanted one.
-    """
+    """Solve independent margin LPs exactly, the small ones together."""
+    # `starts` are surfaces one of which, or its negative, may be near a wanted one.
     growing = [
         _WorkingSet(program, _nearest(program, starts, settings), settings) for program in programs
     ]
@@ -183,10 +165,8 @@ def fit_programs(
 def _nearest(
     program: MarginProgram, starts: Sequence[Array] | Array, settings: MarginSettings
 ) -> Array | None:
-    """The best of some surfaces and their negatives.
-
-    None if the zero surface is better, and for small programs, which need no start.
-    """
+    """The best of some surfaces and their negatives."""
+    # None if the zero surface is better, and for small programs, which need no start.
     n_samples = len(program.weight)
     if n_samples <= settings.small or len(starts) == 0:
         return None
@@ -221,9 +201,8 @@ class _WorkingSet:
     def is_tight(self) -> bool:
         """True if there is nothing left to do."""
         negligible = 1e-12 * self.program.margin * self.largest
-        return (
-            self.objective - self.lower_bound <= self.settings.tight * self.objective + negligible
-        )
+        gap = self.objective - self.lower_bound
+        return gap <= self.settings.tight * self.objective + negligible
 
     def restricted(self) -> _Restricted:
         rows = np.flatnonzero(self.is_free)
@@ -247,9 +226,11 @@ class _WorkingSet:
         self.scale = finer
 
     def fit(self) -> SurfaceFit:
-        coef, objective = self.coef, self.objective
-        if not self.is_tight:
-            coef, objective = _at_best_multiple(self.program, coef, objective)
+        program, coef, objective = self.program, self.coef, self.objective
+        if not self.is_tight:  # a multiple may be without the solver's last tiny violations
+            scaled = np.clip(best_multiple(program, coef), -program.bound, program.bound)
+            value = program.objective(scaled, program.signed @ scaled)
+            coef, objective = (scaled, value) if value < objective else (coef, objective)
         gap = objective - self.lower_bound
         # Where the optimum is 0 there is no relative gap: a billionth of a margin is none.
         floor = 1e-9 * self.program.margin * self.largest
@@ -258,24 +239,15 @@ class _WorkingSet:
         return SurfaceFit(coef, objective, self.lower_bound, self.multipliers, status)
 
 
-def _at_best_multiple(program: MarginProgram, coef: Array, objective: float) -> tuple[Array, float]:
-    """A multiple of the coefficients without the solver's last tiny violations, if it is better."""
-    scaled = np.clip(best_multiple(program, coef), -program.bound, program.bound)
-    value = program.objective(scaled, program.signed @ scaled)
-    return (scaled, value) if value < objective else (coef, objective)
-
-
 def _scale(total_multiplier: float, largest: float) -> float:
     """Unit of the multipliers: their sum, about objective / margin, but at most a weight."""
     return min(max(total_multiplier, 1e-8 * largest), largest)
 
 
 def _wrong_side(program, margins, multipliers, is_free) -> NDArray[np.intp]:
-    """Rows outside the working set whose fixed multiplier is wrong, the costliest first.
-
-    As many as the working set has at most: a poor start puts many rows on the wrong side, and
-    a few of them usually bring the others back.
-    """
+    """Rows outside the working set whose fixed multiplier is wrong, the costliest first."""
+    # As many as the working set has at most: a poor start puts many rows on the wrong side, and a
+    # few of them usually bring the others back.
     beyond = margins - program.margin
     cost = np.where(multipliers > 0.0, beyond, -beyond) * program.weight
     cost[is_free] = 0.0
@@ -284,8 +256,3 @@ def _wrong_side(program, margins, multipliers, is_free) -> NDArray[np.intp]:
     if len(wrong) > limit:
         wrong = wrong[np.argpartition(-cost[wrong], limit - 1)[:limit]]
     return wrong
-
-
-def worst_status(statuses: Iterable[Status]) -> Status:
-    """`OPTIMAL` if all are, else the first that is not."""
-    return next((status for status in statuses if not status.ok), Status.OPTIMAL)

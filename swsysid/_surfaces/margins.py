@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array, Status
-from swsysid._solvers.conic import linear_program, require_solution
-from swsysid._surfaces.hinge import SETTINGS, least_squares
-from swsysid._surfaces.margin_program import SurfaceFit, fit_surface, worst_status
-
-__all__ = ["MarginCertificate", "certify_margin", "max_margin", "nonzero_margin"]
+from swsysid._solvers.conic import linear_program, require_solution, worst_status
+from swsysid._surfaces.hinge import least_squares
+from swsysid._surfaces.margin_program import SurfaceFit, fit_surface
+from swsysid._surfaces.settings import MARGIN, MarginSettings
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,12 @@ class MarginCertificate:
 
 
 def max_margin(
-    features: Array, signs: Array, bound: float, solver: str = "auto", start: Array | None = None
+    features: Array,
+    signs: Array,
+    bound: float,
+    solver: str = "auto",
+    start: Array | None = None,
+    settings: MarginSettings = MARGIN,
 ) -> tuple[float, Array, Status]:
     r"""Largest margin of a surface inside the box (paper, remark after the margin theorem).
 
@@ -58,14 +62,8 @@ def max_margin(
               |a| \le \eta
 
     Solved on a working set like the margin LP: a restricted value is an upper bound, the
-    smallest margin of its solution over all rows a lower one.
-
-    Returns
-    -------
-    margin : float
-        Attained by `coef`; 0 where no surface separates the signs.
-    coef : ndarray of shape (n_surface_features,)
-    status : Status
+    smallest margin of its solution over all rows a lower one. The margin is attained by the
+    coefficients, and 0 where no surface separates the signs.
 
     Examples
     --------
@@ -82,16 +80,16 @@ def max_margin(
     negligible = 1e-12 * bound * float(np.abs(signed).max(initial=0.0))
     margins, working = signed @ start, np.zeros(n_samples, dtype=bool)
     upper = np.inf
-    for _ in range(SETTINGS.max_rounds):
+    for _ in range(settings.max_rounds):
         candidates = np.flatnonzero(~working & (margins < upper))
         size = max(6 * n_features + 30, int(working.sum()))
         working[candidates[np.argsort(margins[candidates])[:size]]] = True
         upper, coef = _max_margin_of(signed[working], bound, solver)
         margins = signed @ coef
         gap = upper - margins.min()
-        if gap <= SETTINGS.tight * upper + negligible or working[margins < upper].all():
+        if gap <= settings.tight * upper + negligible or working[margins < upper].all():
             break
-    status = Status.OPTIMAL if gap <= SETTINGS.accepted * upper + negligible else Status.INACCURATE
+    status = Status.OPTIMAL if gap <= settings.accepted * upper + negligible else Status.INACCURATE
     attained = float(margins.min())
     return (attained if attained > negligible else 0.0), coef, status
 
@@ -180,10 +178,8 @@ def nonzero_margin(
     bound: float,
     solver: str = "auto",
 ) -> float | None:
-    """Middle of the margins that certify all surfaces nonzero, None if there are none.
-
-    `fits` are surfaces near those of largest margin; the rest is as in `certify_margin`.
-    """
+    """Middle of the margins that certify all surfaces nonzero, None if there are none."""
+    # `fits` are surfaces near those of largest margin; the rest is as in `certify_margin`.
     least, largest = 0.0, np.inf
     for sign, fit in zip(signs.T.astype(float), fits, strict=True):
         rows = sign != 0.0

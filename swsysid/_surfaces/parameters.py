@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from swsysid._checks.arrays import numbers
 from swsysid._checks.parameters import flag, one_of, random_numbers, real, solver_name, whole
 from swsysid._results import Array
 
-__all__ = ["check_parameters", "check_relevance"]
+
+class Parameters(Protocol):
+    """The parameters of a `PolynomialSurfaceClassifier`, which says what they mean."""
+
+    degree: int
+    margin: float | str
+    beta: float | str
+    coef_bound: float
+    mode_book: str | ArrayLike
+    standardize: bool
+    solver: str
+    random_state: int | np.random.RandomState | None
 
 
-def check_parameters(classifier: Any) -> None:
+def check_parameters(classifier: Parameters) -> None:
     """Refuse parameters of `PolynomialSurfaceClassifier` that no data could make sense of."""
     whole("degree", classifier.degree, least=0)
     real("margin", classifier.margin, above=0, also=("auto",))

@@ -1,7 +1,7 @@
 r"""The features of a surface, in the coordinates in which it is fitted and in the user's.
 
 A surface :math:`f(x) = a^\top \phi(x)` is one function; its coefficients depend on the
-coordinates. The bases of this file at_rows features in fitting coordinates, in which the
+coordinates. The bases of this file evaluate features in fitting coordinates, in which the
 margin LP is well scaled, and convert coefficients into the user's units exactly.
 """
 
@@ -18,15 +18,6 @@ from sklearn.preprocessing import PolynomialFeatures
 from swsysid._data.features import FeatureMap, Monomials, check_degree
 from swsysid._results import Array
 from swsysid._surfaces.parameters import check_relevance
-
-__all__ = [
-    "Basis",
-    "LibraryBasis",
-    "PolynomialBasis",
-    "RelevantBasis",
-    "shifted_monomials",
-    "surface_basis",
-]
 
 
 class Basis(ABC):

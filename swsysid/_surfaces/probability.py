@@ -1,4 +1,16 @@
-"""Probabilities of the modes: how many of the surfaces that the data allow agree."""
+r"""Probabilities of the modes, from surfaces that the data allow: a sample of them, by hit-and-run.
+
+Samples on both sides of a surface leave it room to move. With the log odds :math:`o_i` for the
+positive side of row i, which are :math:`\pm\infty` where its label is certain, and a flat prior,
+the surface :math:`f(x) = a^\top \phi(x)` has the posterior
+
+.. math:: p(a) \propto \prod_i \big( \epsilon + (1 - 2 \epsilon) \,
+          \sigma(\pm o_i) \big)^{w_i}, \qquad \pm = \mathrm{sign} f(x_i),
+
+where :math:`\epsilon` is the chance of a wrong label: piecewise constant in a, with a jump where f
+passes a row. Of coefficients that differ by a factor one is kept, by a linear condition
+:math:`g^\top a = g^\top \hat a`.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +19,161 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.linalg import solve_triangular
+from scipy.special import log_expit, logsumexp
 from sklearn.isotonic import IsotonicRegression
 
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
 from swsysid._surfaces.mode_books import Book, decisions
-from swsysid._surfaces.posterior import SETTINGS, SurfaceEvidence, sample_surface
+from swsysid._surfaces.settings import POSTERIOR, PosteriorSettings
 
-__all__ = ["ModePosterior"]
+
+@dataclass(frozen=True)
+class SurfaceEvidence:
+    """What is known about one surface."""
+
+    features: Array  # (n_samples, n_surface_features)
+    odds: Array  # (n_samples,): log odds for the positive side, also infinite; 0 says nothing
+    weight: Array  # (n_samples,)
+    coef: Array  # (n_surface_features,): the surface that was fitted
+    error_rate: float  # chance of a label on the wrong side
+
+    @classmethod
+    def of(
+        cls,
+        features: Array,
+        odds: Array,
+        weight: Array,
+        coef: Array,
+        settings: PosteriorSettings = POSTERIOR,
+    ) -> SurfaceEvidence:
+        """Evidence with the error rate that the fitted surface shows, half an error added."""
+        wrong = ((features @ coef) * np.sign(odds) < 0.0) & (np.abs(odds) > settings.certain)
+        rows = np.flatnonzero(odds)
+        rate = (weight[wrong].sum() + 0.5) / (weight[rows].sum() + 1.0)
+        most = settings.most_rows
+        if len(rows) > most:
+            some = features[rows]
+            distance = np.abs(some @ coef) / np.linalg.norm(some, axis=1)
+            rows = rows[np.sort(np.argpartition(distance, most - 1)[:most])]
+        return cls(features[rows], odds[rows], weight[rows], coef, float(min(rate, 0.5)))
+
+    @property
+    def log_odds(self) -> Array:
+        """Log odds for the positive side in view of the error rate, times the weight."""
+        with np.errstate(divide="ignore"):
+            right, wrong = np.log(1.0 - 2.0 * self.error_rate), np.log(self.error_rate)
+        sides = (np.logaddexp(wrong, right + log_expit(side * self.odds)) for side in (1.0, -1.0))
+        return self.weight * np.subtract(*sides)
+
+
+def sample_surface(
+    evidence: SurfaceEvidence,
+    random_state: np.random.RandomState,
+    settings: PosteriorSettings = POSTERIOR,
+) -> Array:
+    """Coefficients drawn from the posterior, shape (n_draws, n_surface_features)."""
+    # Hit-and-run: from where a chain is, a random direction is taken, and the posterior along it, a
+    # step function, is drawn from exactly. Directions are those of an ellipsoid that fits between
+    # the rows, or differences of the other chains, which have found the posterior's shape.
+    columns = np.sqrt(np.mean(evidence.features**2, axis=0))
+    columns[columns == 0.0] = 1.0
+    features, coef = evidence.features / columns, evidence.coef * columns
+    odds = evidence.log_odds
+    informed = np.minimum(np.abs(odds), evidence.weight)
+    gauge = (np.sign(odds) * informed) @ features
+    if not gauge @ coef > 0.0:  # the surface vanished, or the labels say nothing
+        return np.repeat(evidence.coef[None, :], settings.chains * settings.kept, axis=0)
+    root = _ellipsoid(features, informed, coef)
+    rows = _stopping_rows(features, informed, coef, root, settings)
+    line = _Line(features[rows], odds[rows], settings)
+
+    chains, kept = np.repeat(coef[None, :], settings.chains, axis=0), []
+    halves = np.arange(settings.chains).reshape(2, -1)
+    farthest = settings.farthest * np.linalg.norm(coef)
+    burn_in = settings.burn_in + settings.burn_in_a_coefficient * len(coef)
+    for step in range(burn_in + settings.kept * settings.every):
+        for half, other in (halves, halves[::-1]):
+            if step >= settings.first_steps and random_state.random_sample() < 0.5:
+                spread = chains[other] - chains[other].mean(axis=0)
+                moves = random_state.standard_normal((len(half), len(other))) @ spread
+                moves /= np.sqrt(len(other))
+            else:
+                moves = random_state.standard_normal((len(half), len(coef))) @ root
+                moves -= np.outer(moves @ gauge / (gauge @ coef), coef)
+            moved = chains[half] + line.draw(chains[half], moves, random_state)[:, None] * moves
+            inside = np.linalg.norm(moved, axis=1) <= farthest
+            chains[half[inside]] = moved[inside]
+        if step >= burn_in and (step - burn_in + 1) % settings.every == 0:
+            kept.append(chains / columns)
+    return np.concatenate(kept)
+
+
+@dataclass(frozen=True)
+class _Line:
+    """The posterior along lines in the space of coefficients."""
+
+    features: Array
+    odds: Array
+    settings: PosteriorSettings
+
+    def draw(self, chains: Array, moves: Array, random_state) -> Array:
+        """How far every chain goes along its move, drawn from the posterior on that line."""
+        # f passes row i at t_i = -f_i / (change of f_i), where the log posterior jumps by the log
+        # odds if f becomes positive, by their negative if it becomes negative.
+        longest, n_met = self.settings.longest, self.settings.met
+        values, change = chains @ self.features.T, moves @ self.features.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            passing = np.nan_to_num(-values / change, nan=longest).clip(-longest, longest)
+        jump = np.where(change > 0.0, self.odds, -self.odds)
+        chain = np.arange(len(chains))[:, None]
+        end = np.full((len(chains), 1), longest)
+        if passing.shape[1] > n_met:
+            met = np.argpartition(np.abs(passing), n_met - 1, axis=1)[:, :n_met]
+            passing, jump = passing[chain, met], jump[chain, met]
+            end = np.abs(passing).max(axis=1, keepdims=True)
+        order = passing.argsort(axis=1, kind="stable")
+        edges = np.hstack([-end, passing[chain, order], end])
+        height = np.hstack([np.zeros_like(end), jump[chain, order].cumsum(axis=1)])
+        height = np.exp(height - height.max(axis=1, keepdims=True))
+        area = np.cumsum(np.diff(edges, axis=1) * height, axis=1)
+        drawn = random_state.random_sample((len(chains), 1)) * area[:, -1:]
+        step = np.minimum((area < drawn).sum(axis=1, keepdims=True), area.shape[1] - 1)
+        before_edge = (area - drawn)[chain, step] / np.maximum(height[chain, step], 1e-300)
+        distance: Array = np.clip(edges[chain, step + 1] - before_edge, -end, end)[:, 0]
+        return distance
+
+
+def _ellipsoid(features: Array, informed: Array, coef: Array) -> Array:
+    """Rows span the ellipsoid a'Ha <= 1, H = sum_i i_i phi_i phi_i' / (f_i^2 + w^2), as z @ root.
+
+    It is that of a logarithmic barrier, rounded off where about five rows for each coefficient
+    are nearer.
+    """
+    values = np.abs(features @ coef)
+    order = np.argsort(values, kind="stable")
+    known = informed[order].cumsum()
+    enough = min(5.0 * len(coef), 0.5 * known[-1])
+    width = values[order[np.searchsorted(known, enough)]]
+    share = informed / np.maximum(values**2 + width**2, np.finfo(float).tiny)
+    barrier = features.T @ (features * share[:, None])
+    barrier[np.diag_indices(len(coef))] += 1e-9 * np.trace(barrier) / len(coef)
+    lower = np.linalg.cholesky(barrier)
+    root: Array = solve_triangular(lower, np.eye(len(coef)), lower=True)
+    return root
+
+
+def _stopping_rows(features, informed, coef, root, settings) -> NDArray[np.intp]:
+    """Rows that a surface meets first, and some of all others that stop it far away."""
+    rows = np.flatnonzero(informed > 0.0)
+    if len(rows) <= settings.near + settings.anywhere:
+        return rows
+    some = features[rows]
+    deviation = np.linalg.norm(some @ root.T, axis=1)
+    steps = np.abs(some @ coef) / (deviation * np.maximum(informed[rows], 1e-3))
+    near = np.argpartition(steps, settings.near - 1)[: settings.near]
+    return rows[np.union1d(near, spread_rows(len(rows), settings.anywhere))]
 
 
 @dataclass(frozen=True)
@@ -31,26 +189,16 @@ class ModePosterior:
     .. math:: P_j = (1 - \epsilon) v_j + \epsilon \frac{1 - v_j}{M - 1} .
 
     Surfaces are drawn when probabilities are first asked for.
-
-    Attributes
-    ----------
-    evidence : tuple of SurfaceEvidence
-        One for each surface.
-    book : ndarray of shape (n_classes, n_surfaces)
-    scale : ndarray of shape (n_surfaces,)
-        What makes surfaces comparable.
-    n_effective : float
-        Number of samples; a mode that no surface votes for gets half a sample.
-    misfits : tuple of ndarray
-        Difference of the largest two decisions, whether the label is another one, and weight, of
-        some training samples.
     """
 
-    evidence: tuple[SurfaceEvidence, ...]
-    book: Book
-    scale: Array
-    n_effective: float
+    evidence: tuple[SurfaceEvidence, ...]  # one for each surface
+    book: Book  # (n_classes, n_surfaces)
+    scale: Array  # (n_surfaces,): what makes surfaces comparable
+    n_effective: float  # number of samples; a mode that no surface votes for gets half a sample
+    # Difference of the largest two decisions, whether the label is another one,
+    # and weight, of some training samples.
     misfits: tuple[Array, Array, Array]
+    settings = POSTERIOR
 
     @classmethod
     def of_labels(
@@ -64,12 +212,12 @@ class ModePosterior:
     ) -> ModePosterior:
         """What certain labels say about fitted surfaces `coef`, (n_surfaces, n_features)."""
         values = features @ coef.T
-        some = spread_rows(len(values), SETTINGS.misfits)
-        decided = decisions(values[some] / scale, book)
+        some = spread_rows(len(values), cls.settings.misfits)
+        decided = decisions(values[some], book, scale)
         wrong = decided.argmax(axis=1) != labels[some]
         odds = np.choose(book[labels] + 1, [-np.inf, 0.0, np.inf])
         return cls(
-            _evidence(features, odds, weight, coef),
+            _evidence(features, odds, weight, coef, cls.settings),
             book,
             scale,
             float(weight.sum()),
@@ -87,19 +235,16 @@ class ModePosterior:
         odds = np.array([positive - negative for positive, negative in sides]).T
         # A surface between two of more modes is not told by samples that are likely in a third.
         odds[self.book[log_likelihood.argmax(axis=1)] == 0] = 0.0
-        return replace(self, evidence=_evidence(features, odds, weight, self._coef))
+        evidence = _evidence(features, odds, weight, self._coef, self.settings)
+        return replace(self, evidence=evidence)
 
     def __call__(self, features: Array) -> Array:
         """Probabilities (n_samples, n_classes); the largest is that of the fitted surfaces."""
         if not self.evidence:  # a single class
             return np.ones((len(features), 1))
-        votes = np.concatenate(
-            [
-                self._votes(features[start : start + SETTINGS.at_once])
-                for start in range(0, len(features), SETTINGS.at_once)
-            ]
-        )
-        decided = decisions(features @ self._coef.T / self.scale, self.book)
+        n_parts = -(-len(features) // self.settings.at_once)
+        votes = np.concatenate(list(map(self._votes, np.array_split(features, n_parts))))
+        decided = decisions(features @ self._coef.T, self.book, self.scale)
         error = self._error_share.predict(_lead(decided))[:, None]
         mixed = (1.0 - error) * votes + error * (1.0 - votes) / (len(self.book) - 1)
         return _led_by(mixed, decided.argmax(axis=1))
@@ -111,7 +256,7 @@ class ModePosterior:
         would not do as places: the surfaces that the data allow agree on these.
         """
         known, asked = (
-            decisions(part @ self._coef.T / self.scale, self.book) for part in (places, features)
+            decisions(part @ self._coef.T, self.book, self.scale) for part in (places, features)
         )
         mean = IsotonicRegression(y_min=0.0, y_max=1.0, out_of_bounds="clip")
         second = mean.fit(known[:, 1], self(places)[:, 1]).predict(asked[:, 1])
@@ -127,7 +272,7 @@ class ModePosterior:
     def _draws(self) -> Array:
         """Drawn surfaces, shape (n_features, n_draws, n_surfaces)."""
         random_state = np.random.RandomState(0)  # the same probabilities at every call
-        drawn = [sample_surface(known, random_state) for known in self.evidence]
+        drawn = [sample_surface(known, random_state, self.settings) for known in self.evidence]
         return np.array(drawn).transpose(2, 1, 0)
 
     @cached_property
@@ -140,8 +285,8 @@ class ModePosterior:
     def _votes(self, features: Array) -> Array:
         n_features, n_draws, n_surfaces = self._draws.shape
         values = features @ self._draws.reshape(n_features, -1)
-        values = values.reshape(-1, n_surfaces) / self.scale
-        chosen = decisions(values, self.book).argmax(axis=1).reshape(-1, n_draws)
+        decided = decisions(values.reshape(-1, n_surfaces), self.book, self.scale)
+        chosen = decided.argmax(axis=1).reshape(-1, n_draws)
         n_classes = len(self.book)
         votes = np.stack([(chosen == mode).mean(axis=1) for mode in range(n_classes)], axis=1)
         half = 0.5 / self.n_effective
@@ -150,10 +295,10 @@ class ModePosterior:
 
 
 def _evidence(
-    features: Array, odds: Array, weight: Array, coef: Array
+    features: Array, odds: Array, weight: Array, coef: Array, settings: PosteriorSettings
 ) -> tuple[SurfaceEvidence, ...]:
     return tuple(
-        SurfaceEvidence.of(features, known, weight, surface)
+        SurfaceEvidence.of(features, known, weight, surface, settings)
         for known, surface in zip(odds.T, coef, strict=True)
     )
 
@@ -168,11 +313,9 @@ def _lead(decided: Array) -> Array:
 
 
 def _led_by(probability: Array, predicted: NDArray[np.intp]) -> Array:
-    """Classes more probable than the predicted one share with it what they have together.
-
-    The prediction is the fitted surface's, which need not be in the middle of those that the
-    data allow. A trace more decides the tie for it.
-    """
+    """Classes more probable than the predicted one share with it what they have together."""
+    # The prediction is the fitted surface's, which need not be in the middle of those that the data
+    # allow. A trace more decides the tie for it.
     own = np.take_along_axis(probability, predicted[:, None], axis=1)
     above = np.flatnonzero((probability >= own).sum(axis=1) > 1)
     sharing = probability[above] >= own[above]

@@ -29,32 +29,19 @@ from scipy.special import expit
 
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
-from swsysid._surfaces.settings import RelevanceSettings
-
-__all__ = ["Relevance", "feature_relevance"]
+from swsysid._surfaces.settings import RELEVANCE, RelevanceSettings
 
 Subset = tuple[int, ...]
-
-SETTINGS = RelevanceSettings()
 
 
 @dataclass(frozen=True)
 class Relevance:
-    """What the samples say about the features of one surface.
+    """What the samples say about the features of one surface."""
 
-    Attributes
-    ----------
-    share : ndarray of shape (n_features,)
-        Posterior probability that the surface needs the feature; 0 for less than 0.05.
-    advantage : float
-        Log evidence of the best subset minus that of all features, in nats.
-    gate : ndarray of shape (n_features,)
-        Coefficients of the gate, averaged over the subsets.
-    """
-
+    # (n_features,): posterior probability that the surface needs the feature; 0 for less than 0.05.
     share: Array
-    advantage: float
-    gate: Array
+    advantage: float  # log evidence of the best subset minus that of all features, in nats
+    gate: Array  # (n_features,): coefficients of the gate, averaged over the subsets
 
 
 @dataclass(frozen=True)
@@ -66,7 +53,9 @@ class _Gate:
     evidence: float
 
 
-def feature_relevance(features: Array, log_ratio: Array, weight: Array) -> Relevance:
+def feature_relevance(
+    features: Array, log_ratio: Array, weight: Array, settings: RelevanceSettings = RELEVANCE
+) -> Relevance:
     """Search subsets of features, the best first, and sum up their evidence.
 
     `log_ratio` is what the velocity of each sample says for the positive side, in nats.
@@ -82,9 +71,8 @@ def feature_relevance(features: Array, log_ratio: Array, weight: Array) -> Relev
     """
     size = np.sqrt(np.average(features**2, axis=0, weights=weight))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
-    subsets = _Subsets(
-        features * scale, np.clip(log_ratio, -SETTINGS.certain, SETTINGS.certain), weight
-    )
+    log_ratio = np.clip(log_ratio, -settings.certain, settings.certain)
+    subsets = _Subsets(features * scale, log_ratio, weight, settings)
     everything = subsets.everything()
     subsets.grow()
     best = max(gate.evidence for gate in subsets.found.values())
@@ -94,82 +82,79 @@ def feature_relevance(features: Array, log_ratio: Array, weight: Array) -> Relev
         probability = np.exp(gate.evidence - best) / total
         share[list(subset)] += probability
         mean[list(subset)] += probability * gate.coef
-    share[share < SETTINGS.negligible] = 0.0
+    share[share < settings.negligible] = 0.0
     return Relevance(np.minimum(share, 1.0), float(best - everything.evidence), mean * scale)
 
 
 class _Subsets:
     """Gates on subsets of features of root mean square one, found so far."""
 
-    def __init__(self, features: Array, log_ratio: Array, weight: Array):
+    def __init__(self, features, log_ratio, weight, settings: RelevanceSettings):
         self.features, self.log_ratio, self.weight = features, log_ratio, weight
+        self.settings = settings
         self.n_features = features.shape[1]
         self.found: dict[Subset, _Gate] = {}
 
     def everything(self) -> _Gate:
         """The gate on all features; where there are many rows, those near it are kept."""
         full = tuple(range(self.n_features))
-        n_rows = len(self.features)
-        if n_rows > SETTINGS.near + SETTINGS.far:
-            self._thin(spread_rows(n_rows, SETTINGS.near + SETTINGS.far), full)
-        self._fit([full], [np.zeros(self.n_features)])
+        n_rows, n_kept = len(self.features), self.settings.near + self.settings.far
+        if n_rows > n_kept:
+            self._thin(spread_rows(n_rows, n_kept), full)
+        self.fit([full], [np.zeros(self.n_features)])
         return self.found[full]
 
     def grow(self) -> None:
         """Add one feature after another to the best subsets of each size."""
         front: list[Subset] = [()]
-        self.found[()] = self._empty()
-        best, stall = self.found[()].evidence, 0
-        while stall < SETTINGS.patience and len(front[0]) < min(
-            SETTINGS.largest, self.n_features - 1
-        ):
+        nothing = np.zeros(len(self.weight))
+        best, stall = -float(_loss(nothing, self.log_ratio, self.weight)), 0
+        self.found[()] = _Gate(np.zeros(0), nothing, best)
+        largest = min(self.settings.largest, self.n_features - 1)
+        while stall < self.settings.patience and len(front[0]) < largest:
             starts = {child: start for parent in front for child, start in self._children(parent)}
-            self._fit(list(starts), list(starts.values()))
-            front = sorted(starts, key=lambda subset: -self.found[subset].evidence)[: SETTINGS.beam]
+            self.fit(list(starts), list(starts.values()))
+            ranked = sorted(starts, key=lambda subset: -self.found[subset].evidence)
+            front = ranked[: self.settings.beam]
             top = self.found[front[0]].evidence
             stall = 0 if top > best else stall + 1
             best = max(best, top)
 
     def _thin(self, some: NDArray[np.intp], full: Subset) -> None:
-        """Keep the rows nearest to a gate fitted to some, and a few of the others.
-
-        Any gate in question explains the others; each counts once, as a weight of hundreds would
-        let a single odd velocity decide about the monomials.
-        """
-        rows = self.features, self.log_ratio, self.weight
-        sample = _Subsets(*(part[some] for part in rows))
-        sample._fit([full], [np.zeros(self.n_features)])
+        """Keep the rows nearest to a gate fitted to some, and a few of the others."""
+        # Any gate in question explains the others; each counts once, as a weight of hundreds would
+        # let a single odd velocity decide about the monomials.
+        rows, near = (self.features, self.log_ratio, self.weight), self.settings.near
+        features, log_ratio, weight = (part[some] for part in rows)
+        sample = _Subsets(features, log_ratio, weight, self.settings)
+        sample.fit([full], [np.zeros(self.n_features)])
         order = np.argsort(np.abs(self.features @ sample.found[full].coef), kind="stable")
-        far = order[SETTINGS.near :][spread_rows(len(order) - SETTINGS.near, SETTINGS.far)]
-        kept = np.concatenate([order[: SETTINGS.near], far])
+        far = order[near:][spread_rows(len(order) - near, self.settings.far)]
+        kept = np.concatenate([order[:near], far])
         self.features, self.log_ratio, self.weight = (part[kept] for part in rows)
-
-    def _empty(self) -> _Gate:
-        nothing = np.zeros(len(self.weight))
-        value = -_loss(nothing, self.log_ratio, self.weight)
-        return _Gate(np.zeros(0), nothing, float(value))
 
     def _children(self, parent: Subset) -> Iterable[tuple[Subset, Array]]:
         """Subsets with one more feature, those of the largest score statistic."""
         gate = self.found[parent]
         slope, curvature = _derivatives(gate.values, self.log_ratio, self.weight)
         gradient = self.features.T @ slope
-        score = gradient**2 / (np.square(self.features).T @ curvature + SETTINGS.prior**-2)
+        score = gradient**2 / (np.square(self.features).T @ curvature + self.settings.prior**-2)
         score[list(parent)] = -1.0
-        n_tried = SETTINGS.first_additions if len(parent) < 3 else SETTINGS.additions
+        n_tried = self.settings.first_additions if len(parent) < 3 else self.settings.additions
         for feature in np.argsort(-score, kind="stable")[:n_tried]:
             if score[feature] >= 0.0:
                 child = (*parent, int(feature))
                 order = np.argsort(child)
                 yield tuple(child[k] for k in order), np.append(gate.coef, 0.0)[order]
 
-    def _fit(self, subsets: list[Subset], starts: list[Array]) -> None:
+    def fit(self, subsets: list[Subset], starts: list[Array]) -> None:
         """Fit the gates of subsets of one size together."""
         gates = _fit_gates(
             np.ascontiguousarray(self.features.T[np.array(subsets)].transpose(0, 2, 1)),
             self.log_ratio,
             self.weight,
             np.array(starts),
+            self.settings,
         )
         n_features, size = self.n_features, len(subsets[0])
         prior = lgamma(size + 1) + lgamma(n_features - size + 1) - lgamma(n_features + 1)
@@ -193,11 +178,9 @@ def _softplus(values: Array) -> Array:
 
 
 def _derivatives(values: Array, log_ratio: Array, weight: Array) -> tuple[Array, Array]:
-    """First and second derivative of minus the loss, and of it, by every z_i.
-
-    The loss is concave where a sample is doubtful; a share of the convex part keeps the second
-    derivative positive.
-    """
+    """First and second derivative of minus the loss, and of it, by every z_i."""
+    # The loss is concave where a sample is doubtful; a share of the convex part keeps the second
+    # derivative positive.
     prior, posterior = expit(values), expit(values + log_ratio)
     convex = prior * (1.0 - prior)
     curvature = np.maximum(convex - posterior * (1.0 - posterior), 0.05 * convex)
@@ -205,35 +188,39 @@ def _derivatives(values: Array, log_ratio: Array, weight: Array) -> tuple[Array,
 
 
 def _fit_gates(
-    features: Array, log_ratio: Array, weight: Array, coef: Array
+    features: Array,
+    log_ratio: Array,
+    weight: Array,
+    coef: Array,
+    settings: RelevanceSettings = RELEVANCE,
 ) -> tuple[Array, Array, Array]:
-    """Newton's method with step halving, for a batch of gates, from `coef` (n_gates, size).
-
-    `features` are (n_gates, n_samples, size). Returns coefficients, values (n_gates, n_samples)
-    and evidence (n_gates,), without the prior of the subset.
-    """
+    """Newton's method with step halving, for a batch of gates, from `coef` (n_gates, size)."""
+    # `features` are (n_gates, n_samples, size). Returns coefficients, values (n_gates, n_samples)
+    # and evidence (n_gates,), without the prior of the subset.
     transposed = np.ascontiguousarray(features.transpose(0, 2, 1))
-    precision = SETTINGS.prior**-2 * np.eye(features.shape[2])
+    precision = settings.prior**-2
+
+    ridge = precision * np.eye(features.shape[2])
 
     def objective(values, coef):
-        penalty = 0.5 * SETTINGS.prior**-2 * np.square(coef).sum(axis=1)
+        penalty = 0.5 * precision * np.square(coef).sum(axis=1)
         return _loss(values, log_ratio, weight) + penalty
 
     values = _product(features, coef)
     objectives = objective(values, coef)
     active = np.arange(len(coef))
-    for _ in range(SETTINGS.newton_steps):
+    for _ in range(settings.newton_steps):
         now, at = values[active], coef[active]
         slope, curvature = _derivatives(now, log_ratio, weight)
-        gradient = SETTINGS.prior**-2 * at - _product(transposed[active], slope)
+        gradient = precision * at - _product(transposed[active], slope)
         hessian = np.matmul(transposed[active] * curvature[:, None, :], features[active])
-        step = -np.linalg.solve(hessian + precision, gradient[..., None])[..., 0]
+        step = -np.linalg.solve(hessian + ridge, gradient[..., None])[..., 0]
         change = _product(features[active], step)
         descent = 1e-4 * (gradient * step).sum(axis=1)
         before = objectives[active]
         length, after = np.ones(len(active)), before.copy()
         waiting = np.arange(len(active))
-        for _ in range(SETTINGS.halvings):
+        for _ in range(settings.halvings):
             moved = length[waiting, None]
             tried = objective(
                 now[waiting] + moved * change[waiting], at[waiting] + moved * step[waiting]
@@ -246,19 +233,23 @@ def _fit_gates(
         coef[active] = at + length[:, None] * step
         values[active] = now + length[:, None] * change
         objectives[active] = after
-        active = active[before - after > SETTINGS.tolerance]
+        active = active[before - after > settings.tolerance]
         if not active.size:
             break
-    return coef, values, -objectives - _occam(features, transposed, values, log_ratio, weight)
+    return (
+        coef,
+        values,
+        -objectives - _occam(features, transposed, values, log_ratio, weight, settings.prior),
+    )
 
 
-def _occam(features, transposed, values, log_ratio, weight) -> Array:
+def _occam(features, transposed, values, log_ratio, weight, prior) -> Array:
     """|S| log tau + log det(H) / 2; directions that no sample bends keep the prior's curvature."""
-    prior, posterior = expit(values), expit(values + log_ratio)
-    curvature = weight * (prior * (1.0 - prior) - posterior * (1.0 - posterior))
+    before, after = expit(values), expit(values + log_ratio)
+    curvature = weight * (before * (1.0 - before) - after * (1.0 - after))
     hessian = np.matmul(transposed * curvature[:, None, :], features)
-    bends = np.maximum(np.linalg.eigvalsh(hessian) + SETTINGS.prior**-2, SETTINGS.prior**-2)
-    return features.shape[2] * np.log(SETTINGS.prior) + 0.5 * np.log(bends).sum(axis=1)
+    bends = np.maximum(np.linalg.eigvalsh(hessian) + prior**-2, prior**-2)
+    return features.shape[2] * np.log(prior) + 0.5 * np.log(bends).sum(axis=1)
 
 
 def _product(matrices: Array, vectors: Array) -> Array:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["MarginSettings", "PosteriorSettings", "RelevanceSettings"]
-
 
 @dataclass(frozen=True)
 class MarginSettings:
@@ -66,3 +64,6 @@ class RelevanceSettings:
     newton_steps: int = 30
     halvings: int = 12  # of a Newton step
     tolerance: float = 1e-3  # in nats
+
+
+MARGIN, POSTERIOR, RELEVANCE = MarginSettings(), PosteriorSettings(), RelevanceSettings()

@@ -6,8 +6,9 @@ give the values of its surfaces, solve margin programs) is asked here and nowher
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeGuard
+from typing import Any, Protocol, Self, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,37 +19,22 @@ from swsysid._surfaces.fitted import FittedSurfaces
 from swsysid._surfaces.margin_program import SurfaceFit
 from swsysid._surfaces.mode_books import decisions
 
-__all__ = [
-    "Classifier",
-    "CoupledClassifier",
-    "MarginClassifier",
-    "SurfaceFunctions",
-    "decisions_of",
-    "fit_weighted",
-    "gives_values",
-    "LevelSets",
-    "LinearForm",
-    "LinearSurface",
-    "locates_events",
-    "is_classifier",
-    "is_linear",
-    "mode_book_of",
-    "offers_penalty",
-    "option",
-    "probabilities_of",
-    "solves_margin_program",
-    "takes_relevance",
-]
 
-
-class Classifier(Protocol):
-    """Any classifier; `classes_` are known after `fit`."""
+class Surface(Protocol):
+    """What says which mode is active, and is asked nothing else: fitted, or stated."""
 
     classes_: NDArray
 
-    def fit(self, X: Array, y: NDArray) -> Any: ...
-
     def predict(self, X: Array) -> NDArray: ...
+
+
+class Classifier(Surface, Protocol):
+    """Any classifier; `classes_` are known after `fit`."""
+
+    def fit(self, X: Array, y: NDArray) -> Self: ...
+
+
+Fitted = TypeVar("Fitted", bound=Classifier)
 
 
 class CoupledClassifier(Classifier, Protocol):
@@ -60,8 +46,8 @@ class CoupledClassifier(Classifier, Protocol):
         """Slack that each class would cost each sample, (n_samples, n_classes)."""
 
 
-class LevelSets(Classifier, Protocol):
-    """A classifier whose surfaces are the zeros of functions."""
+class LevelSets(Surface, Protocol):
+    """Surfaces that are the zeros of functions."""
 
     def surface_values(self, X: Array) -> Array: ...
 
@@ -74,6 +60,20 @@ class SurfaceFunctions(LevelSets, Protocol):
     def decode(self, values: Array) -> NDArray: ...
 
 
+class WithEquations(Surface, Protocol):
+    """Surfaces that can be written down, and the modes on their sides."""
+
+    mode_book_: NDArray[np.int64]
+
+    def equations(self, precision: int, format: str, names: Sequence[str], /) -> list[str]: ...
+
+
+class WithDecisions(Surface, Protocol):
+    """A classifier that decides by the largest of some values."""
+
+    def decision_function(self, X: Array) -> Array: ...
+
+
 class MarginClassifier(CoupledClassifier, SurfaceFunctions, Protocol):
     """A classifier whose surfaces solve margin programs, of which many rows can be summarised."""
 
@@ -84,51 +84,37 @@ class MarginClassifier(CoupledClassifier, SurfaceFunctions, Protocol):
     @property
     def fitted_surfaces(self) -> FittedSurfaces: ...
 
+    def relabelled(self, names: NDArray[np.intp]) -> MarginClassifier: ...
+
     def refitted(
         self, fits: list[SurfaceFit], X: Array, y: NDArray, sample_weight: Array
     ) -> MarginClassifier: ...
 
     def surface_features(self, X: Array) -> Array: ...
 
-    def use_likelihood(self, X: Array, log_likelihood: Array, sample_weight: Array) -> Any: ...
-
-
-class SurfaceBasis(Protocol):
-    """Features of a surface in the coordinates of its fit."""
-
-    def at_rows(self, X: Array) -> Array:
-        """Features of every row, (n_rows, n_features), without checks of their values."""
+    def use_likelihood(self, X: Array, log_likelihood: Array, sample_weight: Array) -> object: ...
 
 
 @dataclass(frozen=True)
 class LinearForm:
-    """Surfaces f_l(x) = coef_l . basis(x), as functions of their coefficients too.
+    """Surfaces f_l(x) = coef_l . basis(x), as functions of their coefficients too."""
 
-    Attributes
-    ----------
-    basis : SurfaceBasis
-    coef : ndarray of shape (n_surfaces, n_features)
-        In the coordinates of the fit.
-    scale : ndarray of shape (n_surfaces,)
-        What the values of each surface are divided by before surfaces are compared.
-    mode_book : ndarray of shape (n_modes, n_surfaces)
-    classes : ndarray of shape (n_modes,)
-    """
-
-    basis: SurfaceBasis
-    coef: Array
+    # Features of every row in the coordinates of the fit, without checks of their values.
+    features: Callable[[Array], Array]
+    coef: Array  # (n_surfaces, n_features): in the coordinates of the fit
+    # (n_surfaces,): what the values of each surface are divided by before surfaces are compared.
     scale: Array
-    mode_book: NDArray[np.int64]
-    classes: NDArray[np.intp]
+    mode_book: NDArray[np.int64]  # (n_modes, n_surfaces)
+    classes: NDArray[np.intp]  # (n_modes,)
 
     def decisions(self, X: Array, coef: Array) -> Array:
         """Decision of every class at every row, which has coefficients of its own."""
-        values = np.einsum("rlf,rf->rl", coef, self.basis.at_rows(X))
-        return decisions(values / self.scale, self.mode_book)
+        values = np.einsum("rlf,rf->rl", coef, self.features(X))
+        return decisions(values, self.mode_book, self.scale)
 
 
-class LinearSurface(Classifier, Protocol):
-    """A classifier whose surfaces are linear in coefficients that can be varied."""
+class LinearSurface(Surface, Protocol):
+    """Surfaces that are linear in coefficients that can be varied."""
 
     def linear_form(self, n_columns: int) -> LinearForm:
         """The surfaces for rows of so many columns."""
@@ -137,65 +123,75 @@ class LinearSurface(Classifier, Protocol):
         """Take other coefficients, in the coordinates of the form."""
 
 
-def is_classifier(given: Any) -> TypeGuard[Classifier]:
+def is_classifier(given: object) -> TypeGuard[Classifier]:
     """True for an instance with fit and predict."""
     return not isinstance(given, type) and _has(given, "fit", "predict")
 
 
-def offers_penalty(surface: Any) -> TypeGuard[CoupledClassifier]:
+def offers_penalty(surface: object) -> TypeGuard[CoupledClassifier]:
     """True if a classifier can say what disagreeing with it costs."""
     return _has(surface, "mode_penalty")
 
 
-def gives_values(surface: Any) -> TypeGuard[LevelSets]:
+def gives_values(surface: object) -> TypeGuard[LevelSets]:
     """True if the surfaces are known as functions, not only as a classifier."""
     return _has(surface, "surface_values")
 
 
-def locates_events(surface: Any) -> TypeGuard[SurfaceFunctions]:
+def locates_events(surface: object) -> TypeGuard[SurfaceFunctions]:
     """True if a simulation can locate events on the values of the surfaces."""
     return _has(surface, "surface_values_at", "decode")
 
 
-def solves_margin_program(surface: Any) -> TypeGuard[MarginClassifier]:
+def solves_margin_program(surface: object) -> TypeGuard[MarginClassifier]:
     """True if the surfaces are those of margin programs."""
     return _has(surface, "refitted", "surface_features", "use_likelihood")
 
 
-def is_linear(surface: Any) -> TypeGuard[LinearSurface]:
+def has_equations(surface: object) -> TypeGuard[WithEquations]:
+    """True if the surfaces can be written down."""
+    return _has(surface, "equations")
+
+
+def has_decisions(surface: object) -> TypeGuard[WithDecisions]:
+    """True if a classifier gives the values that it decides by."""
+    return _has(surface, "decision_function")
+
+
+def is_linear(surface: object) -> TypeGuard[LinearSurface]:
     """True if the coefficients of the surfaces can be varied."""
     return _has(surface, "linear_form", "use_coef")
 
 
-def takes_relevance(surface: Any) -> bool:
-    """True if a classifier can be told which features matter, and was not told.
-
-    One that is not to standardise is the paper's program to the letter.
-    """
+def takes_relevance(surface: object) -> bool:
+    """True if a classifier can be told which features matter, and was not told."""
+    # One that is not to standardise is the paper's program to the letter.
     return option(surface, "relevance", ()) is None and bool(option(surface, "standardize", True))
 
 
-def option(surface: Any, name: str, default: Any) -> Any:
+def option(surface: object, name: str, default: object) -> Any:
     """A parameter of a classifier, or the default where it has no such parameter."""
     return getattr(surface, name, default)
 
 
-def mode_book_of(surface: Any) -> NDArray[np.int64] | None:
+def mode_book_of(surface: object) -> NDArray[np.int64] | None:
     """Signs of the surfaces in the modes, (n_modes, n_surfaces), where there are any."""
     return getattr(surface, "mode_book_", None)
 
 
 def fit_weighted(
-    classifier: Any, X: Array, modes: NDArray, weight: Array, start: Any = None
-) -> Any:
+    classifier: Fitted, X: Array, modes: NDArray, weight: Array, start: Surface | None = None
+) -> Fitted:
     """Fit a classifier, with weights if it takes them, from a fitted one if it can start there."""
-    options = {"sample_weight": weight} if has_fit_parameter(classifier, "sample_weight") else {}
+    options: dict[str, object] = {}
+    if has_fit_parameter(classifier, "sample_weight"):
+        options["sample_weight"] = weight
     if start is not None and has_fit_parameter(classifier, "start"):
         options["start"] = start
     return classifier.fit(X, modes, **options)
 
 
-def probabilities_of(surface: Any, X: Array, n_modes: int) -> Array:
+def probabilities_of(surface: Surface, X: Array, n_modes: int) -> Array:
     """Probability of every mode at every sample, 0 or 1 if the classifier gives none."""
     for name in ("class_posterior", "predict_proba"):
         if _has(surface, name):
@@ -203,13 +199,13 @@ def probabilities_of(surface: Any, X: Array, n_modes: int) -> Array:
     return np.eye(n_modes)[surface.predict(X)]
 
 
-def decisions_of(surface: Any, X: Array) -> Array | None:
+def decisions_of(surface: Surface, X: Array) -> Array | None:
     """Decision of every class, (n_samples, n_classes), the largest its prediction; None if none."""
-    if not _has(surface, "decision_function"):
+    if not has_decisions(surface):
         return None
     given = np.asarray(surface.decision_function(X), dtype=float)
     return given if given.ndim == 2 else np.column_stack([-given, given])
 
 
-def _has(given: Any, *names: str) -> bool:
+def _has(given: object, *names: str) -> bool:
     return all(hasattr(given, name) for name in names)

@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MISSING", "column_of", "is_clock", "is_missing", "is_number", "number_in"]
-
 # Words for a missing value; compared without regard to case.
 MISSING = frozenset(
     "|na|n/a|#n/a|#na|nan|-nan|null|none|nil|-|--|---|----|?|*|missing|#value!|#div/0!|#num!|"
@@ -116,22 +114,13 @@ def _seconds(clock: list[str]) -> NDArray[np.float64]:
     if re.fullmatch(r"[\d:.]+", "".join(cells)) and cells[0].find(":") in (1, 2):
         full = [text if text.count(":") == 2 else f"{text}:00" for text in cells]
         seconds = pd.to_timedelta(full).total_seconds().to_numpy(dtype=float)
-        return _past_midnight(seconds - seconds[0])
+        midnights = np.cumsum(np.diff(seconds, prepend=seconds[0]) < -DAY / 2)
+        return seconds - seconds[0] + DAY * midnights
     try:
         times = pd.to_datetime(cells, format="ISO8601", utc=True)
     except ValueError:
-        day_first = _day_first(clock)
+        # Dots put the day first; so does a first number above twelve.
+        first = [int(re.split(r"\D", text, maxsplit=1)[0]) for text in clock]
+        day_first = "." in clock[0][:3] or max(first) > 12
         times = pd.to_datetime(cells, format="mixed", utc=True, dayfirst=day_first)
     return (times - times[0]).total_seconds().to_numpy(dtype=float)
-
-
-def _past_midnight(seconds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Times of the day go on after midnight."""
-    midnights = np.cumsum(np.diff(seconds, prepend=0.0) < -DAY / 2)
-    return seconds + DAY * midnights
-
-
-def _day_first(clock: list[str]) -> bool:
-    """Dots put the day first; so does a first number above twelve."""
-    first = [int(text[: re.match(r"\d+", text).end()]) for text in clock]  # type: ignore[union-attr]
-    return "." in clock[0][:3] or max(first) > 12

@@ -12,30 +12,19 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import compress, product
 from statistics import mode
 
 from swsysid._tables.cells import is_clock, is_missing, is_number
 from swsysid._tables.units import is_unit
-
-__all__ = ["READING", "COMMENTS", "WHITE", "Layout", "ReadingSettings", "layout_of", "split_row"]
 
 WHITE = r"\s+"  # the delimiter of columns that stand apart by blanks
 DELIMITERS = (",", ";", "\t", "|", WHITE)
 COMMENTS = ("#", "%", "//")
 
 
-@dataclass(frozen=True)
-class ReadingSettings:
-    """How much of a text decides, and how much of it may be left out."""
-
-    # Rows that decide about delimiter and columns: a few dozen agree, whatever the file's length.
-    sampled: int = 60
-    # Share of damaged rows above which the layout itself was not understood.
-    damaged: float = 0.01
-
-
-READING = ReadingSettings()
+# Rows that decide about delimiter and columns: a few dozen agree, whatever the file's length.
+SAMPLED = 60
 
 
 @dataclass(frozen=True)
@@ -52,24 +41,24 @@ class Layout:
 
     def is_data(self, cells: Sequence[str]) -> bool:
         """True if the cells that should be numbers are, or are missing."""
-        return all(
-            _is_understood(cell, self.decimal)
-            for cell, numeric in zip(cells, self.numeric, strict=False)
-            if numeric
-        )
+        return all(_is_understood(cell, self.decimal) for cell in compress(cells, self.numeric))
 
 
-def layout_of(lines: Sequence[str], settings: ReadingSettings) -> Layout:
+def layout_of(lines: Sequence[str]) -> Layout:
     """The layout of a file; ValueError if no data stand below names, or a name occurs twice."""
     filled = [k for k, line in enumerate(lines) if line.strip()]
     if len(filled) < 2:
         raise ValueError("it holds no row below its header.")
     later = [k for k in filled[len(filled) // 2 :] if not _is_comment(lines[k])] or filled[-1:]
-    sample = [lines[k] for k in later[:: -(-len(later) // settings.sampled)]]
+    sample = [lines[k] for k in later[:: -(-len(later) // SAMPLED)]]
     delimiter, decimal = max(product(DELIMITERS, ".,"), key=lambda way: _sense(sample, *way))
     rows = [split_row(line, delimiter) for line in sample]
     width = mode(map(len, rows))
-    numeric = _numeric([row for row in rows if len(row) == width], decimal)
+    # Columns of numbers and times; a column that is always missing is one too.
+    numeric = tuple(
+        sum(_is_understood(cell, decimal) for cell in column) > len(column) / 2
+        for column in zip(*(row for row in rows if len(row) == width), strict=True)
+    )
     first = _first_row(lines, filled, delimiter, decimal, numeric)
     header, names, units = _header(lines, [k for k in filled if k < first], delimiter, width)
     _check_names(names, width, first)
@@ -112,14 +101,6 @@ def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(COMMENTS)
 
 
-def _numeric(rows: list[list[str]], decimal: str) -> tuple[bool, ...]:
-    """Columns of numbers and times; a column that is always missing is one too."""
-    return tuple(
-        sum(_is_understood(cell, decimal) for cell in column) > len(column) / 2
-        for column in zip(*rows, strict=True)
-    )
-
-
 def _first_row(lines, filled, delimiter, decimal, numeric) -> int:
     """The first line whose cells are numbers where those of most rows are."""
     if not any(numeric):
@@ -128,7 +109,7 @@ def _first_row(lines, filled, delimiter, decimal, numeric) -> int:
         if _is_comment(lines[k]):
             continue
         cells = split_row(lines[k], delimiter)
-        asked = [cell for cell, number in zip(cells, numeric, strict=False) if number]
+        asked = list(compress(cells, numeric))
         understood = all(_is_understood(cell, decimal) for cell in asked)
         if len(cells) == len(numeric) and understood and not all(map(is_missing, asked)):
             return k
@@ -144,7 +125,8 @@ def _header(lines, above: list[int], delimiter: str, width: int):
         return line, names, []
     nearest = wide[0]
     line, names = rows[nearest]
-    if nearest + 1 in wide and _are_units(names):
+    units = [cell for cell in names if cell]
+    if nearest + 1 in wide and sum(map(is_unit, units)) > len(units) / 2:
         units = [_bare(unit) for unit in names]
         line, names = rows[nearest + 1]
         return line, names, (units + [""] * len(names))[: len(names)]
@@ -159,11 +141,6 @@ def _named_cells(line: str, delimiter: str, width: int) -> list[str]:
     if delimiter == WHITE and len(text.split()) > width:
         return re.split(r"\s+(?![\[(])", text)
     return split_row(text, delimiter)
-
-
-def _are_units(cells: list[str]) -> bool:
-    filled = [cell for cell in cells if cell]
-    return bool(filled) and sum(map(is_unit, filled)) > len(filled) / 2
 
 
 def _bare(unit: str) -> str:

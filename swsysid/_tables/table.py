@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from swsysid._tables.cells import is_number
 from swsysid._tables.units import unit_of, without_unit
 
-__all__ = ["Table", "TableError"]
-
 
 class TableError(ValueError):
     """A file cannot be read or a column cannot be used; one sentence says what to do instead."""

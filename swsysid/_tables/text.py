@@ -10,21 +10,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._rendering.columns import counted, rows_listed
 from swsysid._tables.cells import MISSING, column_of, is_missing
-from swsysid._tables.layout import (
-    COMMENTS,
-    READING,
-    WHITE,
-    Layout,
-    ReadingSettings,
-    layout_of,
-    split_row,
-)
+from swsysid._tables.layout import COMMENTS, WHITE, Layout, layout_of, split_row
 from swsysid._tables.table import Table
-from swsysid._tables.wording import counted, rows_listed
 
-__all__ = ["decoded", "table_of_text"]
-
+# Share of damaged rows above which the layout itself was not understood.
+DAMAGED = 0.01
 _MARKS = {  # UTF-32 before UTF-16, whose mark it begins with
     codecs.BOM_UTF8: "utf-8-sig",
     codecs.BOM_UTF32_LE: "utf-32",
@@ -51,12 +43,7 @@ def decoded(content: bytes) -> str:
         return content.decode("cp1252", errors="replace")
 
 
-def table_of_text(
-    source: str,
-    text: str,
-    missing: Sequence[str] = (),
-    settings: ReadingSettings = READING,
-) -> Table:
+def table_of_text(source: str, text: str, missing: Sequence[str] = ()) -> Table:
     r"""The table in a text, with the rows of the file and what had to be left out.
 
     A layout that cannot be made out is a ValueError, in a sentence that begins with "it" or "its".
@@ -68,8 +55,8 @@ def table_of_text(
     (array([1.5, nan]), 'm/s', 4)
     """
     lines = re.split(r"\r\n|\r|\n", text)
-    layout = layout_of(lines, settings)
-    kept, remarks = _rows_of_data(lines, layout, settings.damaged)
+    layout = layout_of(lines)
+    kept, remarks = _rows_of_data(lines, layout)
     words = {word.strip().lower() for word in missing}
     columns, units = {}, dict(zip(layout.names, layout.units, strict=True))
     frame = _frame([lines[k] for k in kept], layout, words)
@@ -96,9 +83,7 @@ def _told(layout: Layout) -> tuple[str, ...]:
     return (f"{'; '.join(parts).capitalize()}.",) if parts else ()
 
 
-def _rows_of_data(
-    lines: list[str], layout: Layout, most_damaged: float
-) -> tuple[list[int], list[str]]:
+def _rows_of_data(lines: list[str], layout: Layout) -> tuple[list[int], list[str]]:
     """Numbers of the lines that hold data, and sentences on those that do not."""
     header = {lines[k].strip() for k in range(layout.header, layout.first)}
     filled = [
@@ -107,24 +92,21 @@ def _rows_of_data(
         if lines[k].strip() and not lines[k].lstrip().startswith(COMMENTS)
     ]
     repeated = [k for k in filled if lines[k].strip() in header]
-    below = [k for k in filled if lines[k].strip() not in header] if repeated else filled
+    below = [k for k in filled if lines[k].strip() not in header]
     damaged = [k for k in below if not _is_whole(lines[k], layout)]
-    if len(damaged) > most_damaged * len(below):
+    if len(damaged) > DAMAGED * len(below):
         cells = len(split_row(lines[damaged[0]], layout.delimiter))
         raise ValueError(
             f"its row {damaged[0] + 1} has {cells} cells and its header {len(layout.names)} "
             f"names; {counted(len(damaged), 'row')} of {len(below)} do not fit the header."
         )
-    left_out = set(damaged)
     sentences = []
     if repeated:
         sentences.append(f"The header is repeated in {rows_listed(k + 1 for k in repeated)}.")
     if damaged:
-        sentences.append(
-            f"Left out as damaged: {rows_listed(k + 1 for k in damaged)} "
-            f"({counted(len(damaged), 'row')})."
-        )
-    return [k for k in below if k not in left_out], sentences
+        listed, count = rows_listed(k + 1 for k in damaged), counted(len(damaged), "row")
+        sentences.append(f"Left out as damaged: {listed} ({count}).")
+    return sorted(set(below) - set(damaged)), sentences
 
 
 def _is_whole(line: str, layout: Layout) -> bool:
@@ -134,15 +116,10 @@ def _is_whole(line: str, layout: Layout) -> bool:
     columns nobody can tell which of the cells are missing.
     """
     white, width = layout.delimiter == WHITE, len(layout.names)
-    if white or '"' in line:
-        cells = split_row(line, layout.delimiter)
-        n_cells = len(cells)
-    else:
-        cells, n_cells = [], line.count(layout.delimiter) + 1
-    if n_cells == width:
-        return True
-    cells = cells or split_row(line, layout.delimiter)
-    if n_cells > width:
+    if not white and '"' not in line and line.count(layout.delimiter) + 1 == width:
+        return True  # most rows, and the cells need not be parted
+    cells = split_row(line, layout.delimiter)
+    if len(cells) >= width:
         return all(map(is_missing, cells[width:]))
     return not white and layout.is_data(cells)
 
@@ -151,16 +128,15 @@ def _frame(lines: list[str], layout: Layout, words: set[str]):
     """The cells, numbers where pandas finds a whole column of them."""
     import pandas as pd
 
-    gaps = MISSING | words
-    widest = (
-        max(line.count(layout.delimiter) + 1 for line in lines) if layout.delimiter != WHITE else 0
-    )
+    gaps, widest = MISSING | words, len(layout.names)
+    if layout.delimiter != WHITE:
+        widest = max(widest, *(line.count(layout.delimiter) + 1 for line in lines))
     return pd.read_csv(
         io.StringIO("\n".join(lines)),
         sep=layout.delimiter,
         decimal=layout.decimal,
         header=None,
-        names=list(range(max(len(layout.names), widest))),
+        names=list(range(widest)),
         na_values=[form(word) for word in gaps for form in (str, str.upper, str.title)],
         keep_default_na=False,
         skipinitialspace=True,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["is_unit", "rate_unit", "unit_of", "without_unit"]
-
 # Symbols recognised at the end of a column name such as v_m_per_s; single letters that are
 # commoner as labels than as units (T, C, F, d, g, h) are left out and can be given by the user.
 _IN_NAMES = frozenset(

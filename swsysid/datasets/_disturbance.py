@@ -9,11 +9,8 @@ from numpy.typing import NDArray
 from swsysid._checks.parameters import one_of, real
 from swsysid._results import Array
 
-__all__ = ["MOST_ROWS", "check_disturbance", "disturbed"]
-
 # Gigabytes of rows: more are no data set to try something on.
 MOST_ROWS = 10**8
-_GROSS = 5.0  # standard deviations of a gross error
 
 
 def check_disturbance(noise: float, outliers: float, kind: str = "gaussian") -> None:
@@ -36,5 +33,5 @@ def disturbed(
     drawn = rng.standard_t(3, clean.shape) if student else rng.standard_normal(clean.shape)
     hit = np.zeros(len(clean), dtype=bool)
     hit[rng.permutation(len(clean))[: round(outliers * len(clean))]] = True
-    gross = _GROSS * spread * rng.standard_normal(clean.shape)
+    gross = 5.0 * spread * rng.standard_normal(clean.shape)  # as the docstrings of users say
     return clean + noise * spread * drawn + np.where(hit[:, np.newaxis], gross, 0.0), hit

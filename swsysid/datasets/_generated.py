@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
 
 import numpy as np
 from sklearn.utils import Bunch
 
 from swsysid._checks.parameters import one_of, random_numbers, real, whole
 from swsysid.datasets._disturbance import MOST_ROWS, check_disturbance, disturbed
-from swsysid.datasets._polynomial_system import PolynomialSwitchingSystem
-from swsysid.datasets._trajectories import integrate_grid
-
-__all__ = ["make_damped_oscillator", "make_quartic_oscillator", "make_switching_network"]
+from swsysid.datasets._polynomial_system import PolynomialSwitchingSystem, integrate_grid
 
 
 def make_damped_oscillator(
@@ -80,7 +76,6 @@ def make_damped_oscillator(
         make_damped_oscillator,
         _damped_oscillator(),
         box=5.0,
-        names=["x", "v"],
         grid=(n_trajectories, t_end, time_step),
         sampling=(n_samples, noise, outliers, random_state),
         return_X_y=return_X_y,
@@ -112,20 +107,10 @@ def make_quartic_oscillator(
 
     Parameters
     ----------
-    n_samples : int or None, default=2000
-        Number of samples; None takes every point of every trajectory.
     variant : {"paper", "code"}, default="paper"
         Which field acts where.
-    noise, outliers : float, default=0.0
+    n_samples, noise, outliers, n_trajectories, t_end, time_step, random_state, return_X_y
         As in `make_damped_oscillator`.
-    n_trajectories : int, default=300
-    t_end : float, default=20.0
-        Length of each trajectory in s.
-    time_step : float, default=0.01
-        Spacing of the grid in s.
-    random_state : int, RandomState or None, default=None
-    return_X_y : bool, default=False
-        Return ``(X, Xdot)`` in place of the Bunch.
 
     Returns
     -------
@@ -144,7 +129,6 @@ def make_quartic_oscillator(
         make_quartic_oscillator,
         _quartic_oscillator(exchanged=variant == "code"),
         box=4.5,
-        names=["x", "y"],
         grid=(n_trajectories, t_end, time_step),
         sampling=(n_samples, noise, outliers, random_state),
         return_X_y=return_X_y,
@@ -172,18 +156,8 @@ def make_switching_network(
 
     Parameters
     ----------
-    n_samples : int or None, default=2000
-        Number of samples; None takes every point of every trajectory.
-    noise, outliers : float, default=0.0
+    n_samples, noise, outliers, n_trajectories, t_end, time_step, random_state, return_X_y
         As in `make_damped_oscillator`.
-    n_trajectories : int, default=200
-    t_end : float, default=3.0
-        Length of each trajectory in s.
-    time_step : float, default=0.01
-        Spacing of the grid in s.
-    random_state : int, RandomState or None, default=None
-    return_X_y : bool, default=False
-        Return ``(X, Xdot)`` in place of the Bunch.
 
     Returns
     -------
@@ -201,7 +175,6 @@ def make_switching_network(
         make_switching_network,
         _switching_network(),
         box=4.0,
-        names=["x1", "x2", "x3"],
         grid=(n_trajectories, t_end, time_step),
         sampling=(n_samples, noise, outliers, random_state),
         return_X_y=return_X_y,
@@ -211,18 +184,19 @@ def make_switching_network(
 def _damped_oscillator() -> PolynomialSwitchingSystem:
     fields = [[[0.0, 1.0], [-1.0, -damping]] for damping in (0.1, 0.5)]
     # monomials 1, x, v; positive where x < 0
-    return PolynomialSwitchingSystem(np.array(fields), None, np.array([0.0, -1.0, 0.0]), 1)
+    return PolynomialSwitchingSystem(fields, None, [0.0, -1.0, 0.0], 1, ["x", "v"])
 
 
 def _quartic_oscillator(exchanged: bool) -> PolynomialSwitchingSystem:
-    # monomials                 1   x   y  xx   xy  yy   xxx xxy xyy   yyy
-    velocity = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    first = np.array([-0.1, -1.0, 0.0, 0.2, 0.3, 0.0, -0.3, 0.0, 0.0, -0.1])
-    second = np.array([0.0, -1.0, -0.1, 0.1, 0.1, 0.0, -0.3, 0.0, 0.0, -0.1])
+    # monomials  1   x   y  xx   xy  yy   xxx xxy xyy   yyy
+    velocity = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    first = [-0.1, -1.0, 0.0, 0.2, 0.3, 0.0, -0.3, 0.0, 0.0, -0.1]
+    second = [0.0, -1.0, -0.1, 0.1, 0.1, 0.0, -0.3, 0.0, 0.0, -0.1]
     laws = (second, first) if exchanged else (first, second)
     energy = np.zeros(15)  # monomials up to degree 4: xxxx comes after the ten above
     energy[[0, 3, 5, 10]] = -3.0, 0.5, 0.5, 0.3 / 4
-    return PolynomialSwitchingSystem(np.array([[velocity, law] for law in laws]), 3, energy, 4)
+    fields = [[velocity, law] for law in laws]
+    return PolynomialSwitchingSystem(fields, 3, energy, 4, ["x", "y"])
 
 
 def _switching_network() -> PolynomialSwitchingSystem:
@@ -237,7 +211,7 @@ def _switching_network() -> PolynomialSwitchingSystem:
         coef[mode, range(3), squares] = 0.01
     sphere = np.zeros(10)
     sphere[[0, *squares]] = -9.0, 1.0, 1.0, 1.0
-    return PolynomialSwitchingSystem(coef, 2, sphere, 2)
+    return PolynomialSwitchingSystem(coef, 2, sphere, 2, ["x1", "x2", "x3"])
 
 
 def _make(
@@ -245,15 +219,30 @@ def _make(
     system: PolynomialSwitchingSystem,
     *,
     box: float,
-    names: Sequence[str],
     grid: tuple[int, float, float],
     sampling: tuple[int | None, float, float, object],
     return_X_y: bool,
 ):
     n_trajectories, t_end, time_step = grid
     n_samples, noise, outliers, random_state = sampling
-    n_steps = _check(n_samples, noise, outliers, n_trajectories, t_end, time_step)
-    rng = random_numbers(random_state)
+    whole("n_trajectories", n_trajectories)
+    whole("n_samples", n_samples, also=(None,))
+    check_disturbance(noise, outliers)
+    n_steps = round(real("t_end", t_end, above=0) / real("time_step", time_step, above=0))
+    if n_steps < 1:
+        raise ValueError("give at least one trajectory, longer than one time_step.")
+    available = n_trajectories * (n_steps + 1)
+    if available > MOST_ROWS:
+        raise ValueError(
+            f"{n_trajectories} trajectories of {n_steps} steps have more than {MOST_ROWS:.0e} "
+            "points; reduce n_trajectories or t_end, or choose a longer time_step."
+        )
+    if n_samples is not None and n_samples > available:
+        raise ValueError(
+            f"n_samples={n_samples}, but the trajectories have {available} points; increase "
+            "n_trajectories or t_end, or shorten time_step."
+        )
+    rng, names = random_numbers(random_state), system.feature_map.names_in
     x0 = rng.uniform(-box, box, size=(n_trajectories, len(names)))
     states = integrate_grid(system, x0, n_steps, time_step).reshape(-1, len(names))
     rows = np.arange(len(states))
@@ -280,31 +269,9 @@ def _make(
         target_names=[f"{name}'" for name in names],
         DESCR=inspect.getdoc(function),
         system=system,
-        coef=system.coef,
+        coef=system.coef_,
         library_degree=system.degree,
         guard=system.guard,
         guard_coef=system.guard_coef,
         guard_degree=system.guard_degree,
     )
-
-
-def _check(n_samples, noise, outliers, n_trajectories, t_end, time_step) -> int:
-    """Number of steps of each trajectory."""
-    whole("n_trajectories", n_trajectories)
-    whole("n_samples", n_samples, also=(None,))
-    check_disturbance(noise, outliers)
-    n_steps = round(real("t_end", t_end, above=0) / real("time_step", time_step, above=0))
-    if n_steps < 1:
-        raise ValueError("give at least one trajectory, longer than one time_step.")
-    available = n_trajectories * (n_steps + 1)
-    if available > MOST_ROWS:
-        raise ValueError(
-            f"{n_trajectories} trajectories of {n_steps} steps have more than {MOST_ROWS:.0e} "
-            "points; reduce n_trajectories or t_end, or choose a longer time_step."
-        )
-    if n_samples is not None and n_samples > available:
-        raise ValueError(
-            f"n_samples={n_samples}, but the trajectories have {available} points; increase "
-            "n_trajectories or t_end, or shorten time_step."
-        )
-    return n_steps

@@ -13,17 +13,7 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from swsysid._tables.readers import read_table
-from swsysid.datasets._sources import (
-    DAMPER,
-    DRIVES,
-    EMPS,
-    INCUBATOR,
-    SILVERBOX,
-    TANKS,
-    VEHICLE,
-    Source,
-    locate,
-)
+from swsysid.datasets._sources import SOURCES, locate
 
 __all__ = [
     "fetch_cascaded_tanks",
@@ -34,8 +24,6 @@ __all__ = [
     "fetch_rc_vehicle",
     "fetch_silverbox",
 ]
-
-EMPS_FORCE_PER_VOLT = 35.15065  # gtau of the original files, N/V
 
 
 def fetch_emps() -> Bunch:
@@ -67,12 +55,12 @@ def fetch_emps() -> Bunch:
     Nonlinear System Identification Benchmarks, Eindhoven, 2019.
     """
 
-    def recording(name):
-        columns = _columns(EMPS[name])
+    def recording(file):
+        columns = _columns(f"emps/{file}")
         signals = {"q_ref_m": columns["qg"], "u_V": columns["vir"]}
         if "pulses_N" in columns:
             signals["pulses"] = columns["pulses_N"]
-        force = EMPS_FORCE_PER_VOLT * columns["vir"]
+        force = 35.15065 * columns["vir"]  # gtau of the original files, N/V
         return _recording(columns["t"], columns["qm"], force, **signals)
 
     published = {
@@ -85,8 +73,8 @@ def fetch_emps() -> Bunch:
         fetch_emps,
         {"q": "m", "force": "N"},
         published,
-        train=recording("train"),
-        test=recording("test"),
+        train=recording("DATA_EMPS.mat"),
+        test=recording("DATA_EMPS_PULSES.mat"),
     )
 
 
@@ -110,7 +98,7 @@ def fetch_mr_damper() -> Bunch:
     J. Wang, A. Sano, T. Chen, B. Huang, "Identification of Hammerstein systems without explicit
     parameterisation of non-linearity", Int. J. Control 82 (2009) 937-952.
     """
-    columns = _columns(DAMPER)
+    columns = _columns("mr_damper/damper.mat")
     times = 0.005 * np.arange(len(columns["y"]))
     whole = _recording(times, columns["y"], columns["X"] / 100.0)  # cm/s in the file
     return _bunch(
@@ -144,7 +132,7 @@ def fetch_cascaded_tanks() -> Bunch:
     M. Schoukens, P. Mattsson, T. Wigren, J.-P. Noel, "Cascaded tanks benchmark combining soft
     and hard nonlinearities", Workshop on Nonlinear System Identification Benchmarks, 2016.
     """
-    columns = _columns(TANKS)
+    columns = _columns("cascaded_tanks/dataBenchmark.csv")
     times = 4.0 * np.arange(len(columns["yEst"]))
     return _bunch(
         fetch_cascaded_tanks,
@@ -178,8 +166,8 @@ def fetch_rc_vehicle() -> Bunch:
     M. Kloock et al., "Cyber-physical mobility lab: an open-source platform for networked and
     autonomous vehicles", European Control Conference, 2021. MIT licence.
     """
-    command = _columns(VEHICLE["command"])
-    state = _columns(VEHICLE["state"])
+    command = _columns("rc_vehicle/vehicleCommand.csv")
+    state = _columns("rc_vehicle/vehicleState.csv")
     start = command["Timestamp"][0]
     command_times, state_times = (1e-9 * (c["Timestamp"] - start) for c in (command, state))
     times = 0.02 * np.arange(10, 4075)  # from the first state to the last command
@@ -230,7 +218,7 @@ def fetch_silverbox() -> Bunch:
     T. Wigren, J. Schoukens, "Three free data sets for development and benchmarking in nonlinear
     system identification", European Control Conference, 2013, 2933-2938.
     """
-    columns = _columns(SILVERBOX)
+    columns = _columns("silverbox/SNLS80mV.mat")
     times = np.arange(len(columns["V1"])) * 2.0**14 / 1e7
     whole = _recording(times, columns["V2"], columns["V1"])
     errors = {
@@ -274,21 +262,23 @@ def fetch_incubator() -> Bunch:
     study for digital twin engineering", arXiv 2102.10390, 2021.
     """
 
-    def recording(name, box=("t2", "t3"), room="t1", tick=1.0, group=0):
-        columns = _columns(INCUBATOR[name])
+    def recording(file, box=("t2", "t3"), room="t1", tick=1.0, group=0):
+        columns = _columns(f"incubator/original/{file}.csv")
         times = tick * (columns["time"] - columns["time"][0])
         temperature = (columns[box[0]] + columns[box[1]]) / 2.0
         inputs = np.column_stack([columns[room], columns["heater_on"]])
         return _recording(times, temperature, inputs, group=group, fan=columns["fan_on"])
 
+    on_off = "20201221_controller_tunning_exp"
+    empty = "20230501_calibration_empty_system"
     return _bunch(
         fetch_incubator,
         {"T_box": "degC", "T_room": "degC", "heater": ""},
         {},
-        train=recording("semi_random"),
-        test=_joined(recording("on_off_1"), recording("on_off_2", group=1)),
+        train=recording("20200918_calibration_fan_24V_semi_random_movement"),
+        test=_joined(recording(f"{on_off}1_ht3_hg2"), recording(f"{on_off}2_ht20_hg30", group=1)),
         # newer hardware: other sensor order, times in ns
-        thermostat=recording("thermostat", box=("t1", "t2"), room="t3", tick=1e-9),
+        thermostat=recording(f"{empty}_{empty}", box=("t1", "t2"), room="t3", tick=1e-9),
     )
 
 
@@ -314,7 +304,7 @@ def fetch_ced_prbs() -> Bunch:
     T. Wigren, M. Schoukens, "Coupled electric drives data set and reference models", Uppsala
     University, technical report 2017-024.
     """
-    columns = _columns(DRIVES)
+    columns = _columns("ced_prbs/drive.mat")
     times = 0.02 * np.arange(len(columns["z1"]))
     records = [_recording(times, columns[f"z{k}"], columns[f"u{k}"]) for k in (1, 2, 3)]
     return _bunch(
@@ -328,8 +318,8 @@ def fetch_ced_prbs() -> Bunch:
     )
 
 
-def _columns(source: Source):
-    return read_table(locate(source)).columns
+def _columns(file: str):
+    return read_table(locate(SOURCES[file])).columns
 
 
 def _recording(t, x, inputs, group=0, **signals) -> Bunch:
@@ -343,20 +333,23 @@ def _recording(t, x, inputs, group=0, **signals) -> Bunch:
 
 
 def _rows(recording: Bunch, rows: slice) -> Bunch:
-    signals = {name: signal[rows] for name, signal in recording.signals.items()}
-    part = {name: recording[name][rows] for name in ("t", "x", "inputs", "groups")}
-    return Bunch(**part, signals=signals)
+    return _mapped(lambda values: values[rows], recording)
 
 
 def _joined(*recordings: Bunch) -> Bunch:
-    first = recordings[0]
-    signals = {
-        name: np.concatenate([r.signals[name] for r in recordings]) for name in first.signals
-    }
+    return _mapped(lambda *values: np.concatenate(values), *recordings)
+
+
+def _mapped(operator, *recordings: Bunch) -> Bunch:
+    """A recording of which every array is made from those of the given ones."""
     arrays = {
-        name: np.concatenate([r[name] for r in recordings]) for name in first if name != "signals"
+        name: operator(*(recording[name] for recording in recordings))
+        for name in recordings[0]
+        if name != "signals"
     }
-    return Bunch(**arrays, signals=signals)
+    if "signals" in recordings[0]:
+        arrays["signals"] = dict(_mapped(operator, *(one.signals for one in recordings)))
+    return Bunch(**arrays)
 
 
 def _bunch(function, units, published, **recordings) -> Bunch:

@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from swsysid._data.features import Monomials
-from swsysid._results import Array, Trajectory
-from swsysid._simulation.simulate import simulate
-from swsysid._simulation.system import SwitchingSystem
-
-__all__ = ["PolynomialSwitchingSystem", "monomials"]
+from swsysid._results import Array
+from swsysid.refinement import StatedModel, StatedSurface
+from swsysid.refinement._steps import cross_exactly, switched_step
+from swsysid.refinement._system import Maps, ParameterSets, RowSystem
 
 
-@dataclass(frozen=True)
-class PolynomialSwitchingSystem(SwitchingSystem):
+class PolynomialSwitchingSystem(StatedModel):
     """Two polynomial vector fields: mode 1 where the guard is positive, else mode 0.
 
-    Attributes
-    ----------
-    coef : ndarray of shape (2, n_states, n_features)
-        Coefficients of the fields, in the order of scikit-learn's `PolynomialFeatures`.
-    degree : int or None
-        Degree of the fields' monomials; None for the states themselves, without constant.
-    guard_coef : ndarray of shape (n_guard_features,)
-    guard_degree : int
+    Coefficients are in the order of scikit-learn's `PolynomialFeatures`; `degree` None means the
+    states themselves, without a constant.
 
     Examples
     --------
@@ -36,80 +26,58 @@ class PolynomialSwitchingSystem(SwitchingSystem):
     >>> import numpy as np
     >>> from swsysid.datasets._polynomial_system import PolynomialSwitchingSystem
     >>> air, floor = [[0, 0, 1], [-1, 0, 0]], [[0, 0, 1], [-1, -100, 0]]
-    >>> ball = PolynomialSwitchingSystem(np.array([air, floor]), 1, np.array([0, -1, 0]), 1)
-    >>> ball.velocities(np.array([[0.5, 0.0], [-0.5, 0.0]]))
+    >>> ball = PolynomialSwitchingSystem([air, floor], 1, [0, -1, 0], 1, ["x", "v"])
+    >>> ball.velocities([[0.5, 0.0], [-0.5, 0.0]])
     array([[ 0., -1.],
            [ 0., 49.]])
     >>> round(ball.simulate([0.5, 0.0], [0.0, 1.5]).events[0].time, 6)
     1.0
     """
 
-    coef: Array
-    degree: int | None
-    guard_coef: Array
-    guard_degree: int
+    def __init__(
+        self,
+        coef: ArrayLike,
+        degree: int | None,
+        guard_coef: ArrayLike,
+        guard_degree: int,
+        states: Sequence[str],
+    ):
+        surface = StatedSurface(guard_coef, guard_degree)
+        super().__init__(degree, coef, states=states, surface=surface)
+        self.degree, self.guard_degree, self.guard_coef = degree, guard_degree, surface.coef_[0]
+        self._guard = surface.linear_form(len(states))
 
-    def features(self, X: Array) -> Array:
-        """Values of the features of the fields, shape (n_samples, n_features)."""
-        return X if self.degree is None else monomials(X, self.degree)
+    def guard(self, X: ArrayLike) -> Array:
+        """Values of the guard, (..., n_states) -> (...)."""
+        X = np.asarray(X, dtype=float)
+        rows = X.reshape(-1, X.shape[-1])
+        return (self._guard.features(rows) @ self.guard_coef).reshape(X.shape[:-1])
 
-    def guard(self, X: Array) -> Array:
-        """Values of the guard, shape (n_samples,)."""
-        return monomials(np.asarray(X, dtype=float), self.guard_degree) @ self.guard_coef
-
-    def modes(self, X: Array) -> NDArray[np.intp]:
+    def modes(self, X: ArrayLike) -> NDArray[np.intp]:
         """Mode of every sample."""
-        return (self.guard(X) > 0).astype(np.intp)
+        return self.predict_modes(X)
 
-    def velocities(self, X: Array, modes: NDArray[np.intp] | None = None) -> Array:
+    def velocities(self, X: ArrayLike, modes: NDArray[np.intp] | None = None) -> Array:
         """Velocity of every sample in its mode, or in given modes."""
         X = np.asarray(X, dtype=float)
         active = self.modes(X) if modes is None else modes
-        every = self.features(X) @ self.coef.reshape(-1, self.coef.shape[2]).T
-        return every.reshape(len(X), 2, -1)[np.arange(len(X)), active]
-
-    def simulate(self, x0, t, **options) -> Trajectory:
-        """The true rollout from a state, its events located; options as for the regressor's."""
-        return simulate(self, x0, t, **options)
-
-    # -- what a simulation asks --------------------------------------------------------------
-
-    def velocity(self, x: Array, u: Array, mode: int) -> Array:
-        """Velocity at one point in one mode; there are no inputs."""
-        return self.coef[mode] @ self.features(x)
-
-    def mode(self, x: Array, u: Array) -> int:
-        """Active mode at one point."""
-        return self.decode(self.surface_values(x, u))
-
-    @property
-    def has_surface_values(self) -> bool:
-        """True: the guard is a function."""
-        return True
-
-    def surface_values(self, x: Array, u: Array) -> Array:
-        """Value of the guard at one point, shape (1,)."""
-        return np.atleast_1d(self.guard(x))
-
-    def decode(self, values: Array) -> int:
-        """Mode for a value of the guard."""
-        return int(values[0] > 0)
+        return self.switching_model.velocities(X)[active, np.arange(len(active))]
 
 
-def monomials(X: Array, degree: int) -> Array:
-    """All monomials up to a degree, (..., n_states) -> (..., n_features).
+def integrate_grid(model: StatedModel, x0: Array, n_steps: int, step: float) -> Array:
+    """States (n_trajectories, n_steps + 1, n_states) at the times 0, step, ..., n_steps * step.
 
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from swsysid.datasets._polynomial_system import monomials
-    >>> monomials(np.array([2.0, 3.0]), 2)
-    array([1., 2., 3., 4., 6., 9.])
+    Steps in which the guard changes sign are cut there; the cut itself is no sample.
     """
-    every = _monomials_up_to(degree, X.shape[-1])
-    if X.ndim == 1:
-        return every.at(X)
-    return every(X.reshape(-1, X.shape[-1])).reshape(*X.shape[:-1], -1)
-
-
-_monomials_up_to = cache(Monomials.up_to)
+    maps = Maps(model.switching_model)
+    assert maps.linear is not None, "a stated surface is linear in its coefficients"
+    sets = ParameterSets(model.coef_[np.newaxis], {}, maps.linear.coef[np.newaxis])
+    system = RowSystem(maps, sets, np.zeros(len(x0), dtype=np.intp))
+    no_inputs, steps = np.empty((len(x0), 0)), np.full((len(x0), 1), step)
+    states, modes = [x0], system.modes(x0, no_inputs)
+    for _ in range(n_steps):
+        x, modes = switched_step(
+            system, states[-1], no_inputs, no_inputs, steps, modes, cross_exactly
+        )
+        states.append(x)
+    return np.stack(states, axis=1)

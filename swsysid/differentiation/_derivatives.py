@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from swsysid._rendering.series import draw_series, frame_of, names_or_numbers, span
 from swsysid._results import Array
 
-__all__ = ["Derivatives", "rates_appended"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
 
 
 class _Parts(NamedTuple):
@@ -77,7 +79,7 @@ class Derivatives(_Parts):
         """Names of the columns of `Xdot`: those of the states with a prime."""
         return tuple(f"{name}'" for name in self.names[: self.Xdot.shape[1]])
 
-    def to_frame(self) -> Any:
+    def to_frame(self) -> DataFrame:
         """States, inputs, rates and the trajectory of each row, ``group``, as a data frame.
 
         Returns
@@ -90,7 +92,7 @@ class Derivatives(_Parts):
         states = dict(zip(self.names, self.X.T, strict=True))
         return frame_of(self.t, {**states, **columns, **states}, {"group": self.groups})
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax: Axes | None = None) -> Axes:
         """Draw states and inputs over time, trajectories apart.
 
         Parameters

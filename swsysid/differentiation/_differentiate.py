@@ -30,8 +30,6 @@ from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array, TooShortError
 from swsysid.differentiation._strength import Strength, strengths, strongest
 
-__all__ = ["Derivatives", "Smoothing", "choose_smoothing", "differentiate", "estimate_noise"]
-
 
 class Smoothing(NamedTuple):
     """How a record is smoothed.
@@ -128,23 +126,18 @@ def differentiate(
     """
     states, times, labels, signals = measured_rows(x, t, groups, inputs)
     flag("filter_inputs", filter_inputs)
-    _check_options(order, window, degree, cutoff, decimate)
+    options = (window, degree, cutoff, decimate, too_short)
+    smoother = _strength(states, times, labels, method, order, *options).smoother
     own = names_of(x, states.shape[1], "x")
     names = rates_appended(own, names_of(inputs, signals.shape[1], "u"), order)
-    rows = dict(trajectories(labels))
-    for label, index in rows.items():
-        _refuse_gaps(times[index], label)
-    may_drop = _may_drop(too_short)
-    parts = [(states[index], times[index]) for index in rows.values()]
-    smoother = _strength(parts, order, method, window, degree, cutoff, decimate, may_drop).smoother
     # An object of PySINDy's is not a filter that could be applied to the inputs too.
     filter_inputs = filter_inputs and isinstance(method, str) and signals.shape[1] > 0
-    pieces = []
-    for label, index in rows.items():
+    pieces, rows = [], trajectories(labels)
+    for label, index in rows:
         try:
             jets, trim = smoother(states[index], times[index], None)
         except TooShortError as error:
-            if may_drop:
+            if too_short == "drop":
                 continue
             raise ValueError(f"Trajectory {label!r} {error}") from None
         kept = index[trim : len(index) - trim]
@@ -154,7 +147,7 @@ def differentiate(
         X, Xdot = np.hstack([*jets[:order], extra]), np.hstack([*jets[1 : order + 1]])
         pieces.append([part[::decimate] for part in (X, Xdot, times[kept], labels[kept])])
     if not pieces:
-        longest = max(map(len, rows.values()))
+        longest = max(len(index) for _, index in rows)
         raise ValueError(
             f"No trajectory is long enough to be differentiated: the longest of {len(rows)} has "
             f"{longest} samples; use a smaller window or record longer ones."
@@ -202,23 +195,35 @@ def choose_smoothing(
     115
     """
     states, times, labels, _ = measured_rows(x, t, groups, None)
-    _check_options(order, window, degree, cutoff, decimate)
-    rows = trajectories(labels)
-    for label, index in rows:
-        _refuse_gaps(times[index], label)
-    parts = [(states[index], times[index]) for _, index in rows]
-    may_drop = _may_drop(too_short)
-    chosen = _strength(parts, order, method, window, degree, cutoff, decimate, may_drop)
+    options = (window, degree, cutoff, decimate, too_short)
+    chosen = _strength(states, times, labels, method, order, *options)
     return Smoothing(method, chosen.window, chosen.cutoff, estimate_noise(states, labels))
 
 
-def _strength(parts, order, method, *options) -> Strength:
-    noises = [estimate_noise(x) for x, _ in parts]
-    return strongest(strengths(method, [t for _, t in parts], *options), parts, noises, order)
-
-
-def _may_drop(too_short: str) -> bool:
-    return one_of("too_short", too_short, ("raise", "drop")) == "drop"
+def _strength(
+    states, times, labels, method, order, window, degree, cutoff, decimate, too_short
+) -> Strength:
+    """The smoother that the options ask for, or the best one for all trajectories."""
+    whole("order", order, most=2)
+    whole("degree", degree, least=2, most=SETTINGS.most_degree)
+    whole("window", window, least=3, also=(None,))
+    if window is not None and (window % 2 == 0 or window <= degree):
+        raise ValueError(f"window={window!r} must be odd and larger than degree={degree!r}.")
+    real("cutoff", cutoff, above=0, also=(None,))
+    whole("decimate", decimate, most=SETTINGS.most_decimated)
+    may_drop = one_of("too_short", too_short, ("raise", "drop")) == "drop"
+    parts = []
+    for label, index in trajectories(labels):
+        steps = np.diff(times[index])
+        if len(steps) > 2 and steps.max() > SETTINGS.largest_gap * np.median(steps):
+            raise ValueError(
+                f"Trajectory {label!r} has a gap of {steps.max():g} where samples are usually "
+                f"{np.median(steps):g} apart; give the parts before and after it different groups."
+            )
+        parts.append((states[index], times[index]))
+    known = [t for _, t in parts]
+    candidates = strengths(method, known, window, degree, cutoff, decimate, may_drop)
+    return strongest(candidates, parts, [estimate_noise(x) for x, _ in parts], order)
 
 
 def estimate_noise(x: ArrayLike, groups: ArrayLike | None = None) -> Array:
@@ -250,9 +255,6 @@ def estimate_noise(x: ArrayLike, groups: ArrayLike | None = None) -> Array:
     return np.where(median > 0, median, mean) / np.sqrt(comb(2 * order, order))
 
 
-# --- checks ---------------------------------------------------------------------------------
-
-
 def measured_rows(x, t, groups, inputs) -> tuple[Array, Array, NDArray, Array]:
     """States, times that increase along each trajectory, trajectories and inputs, checked."""
     states = table("x", x)
@@ -271,22 +273,3 @@ def measured_rows(x, t, groups, inputs) -> tuple[Array, Array, NDArray, Array]:
                 "by time, remove repeated ones, and name separate trajectories by groups."
             )
     return states, times, labels, signals
-
-
-def _check_options(order, window, degree, cutoff, decimate) -> None:
-    whole("order", order, most=2)
-    whole("degree", degree, least=2, most=SETTINGS.most_degree)
-    whole("window", window, least=3, also=(None,))
-    if window is not None and (window % 2 == 0 or window <= degree):
-        raise ValueError(f"window={window!r} must be odd and larger than degree={degree!r}.")
-    real("cutoff", cutoff, above=0, also=(None,))
-    whole("decimate", decimate, most=SETTINGS.most_decimated)
-
-
-def _refuse_gaps(t: Array, label: object) -> None:
-    steps = np.diff(t)
-    if len(steps) > 2 and steps.max() > SETTINGS.largest_gap * np.median(steps):
-        raise ValueError(
-            f"Trajectory {label!r} has a gap of {steps.max():g} where samples are usually "
-            f"{np.median(steps):g} apart; give the parts before and after it different groups."
-        )

@@ -19,8 +19,6 @@ from scipy.special import comb
 from swsysid._checks.parameters import shown
 from swsysid.differentiation._settings import SETTINGS
 
-__all__ = ["Smoother", "TooShortError", "external", "inner", "local_polynomial", "low_pass"]
-
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Smoother = Callable[[Array, Array, Rows | None], tuple[Array, int]]
@@ -38,7 +36,7 @@ class TooShortError(ValueError):
         )
 
 
-def inner(rows: Rows | None, n_samples: int, trim: int) -> Rows:
+def _inner(rows: Rows | None, n_samples: int, trim: int) -> Rows:
     """The rows that are not trimmed."""
     if rows is None:
         return np.arange(trim, n_samples - trim)
@@ -51,12 +49,15 @@ def inner(rows: Rows | None, n_samples: int, trim: int) -> Rows:
 def local_polynomial(window: int, degree: int) -> Smoother:
     """Least-squares polynomials over `window` samples; on even times, Savitzky and Golay's."""
     half = window // 2
-    weights = _even_weights(window, degree)
+    # Weights of the samples on even times, half a window being the unit of time: the k-th
+    # derivative at the centre is k! times the k-th coefficient of the polynomial.
+    offsets = np.linspace(-1.0, 1.0, window)[:, None] ** np.arange(degree + 1)
+    weights = _FACTORIALS[:, None] * np.linalg.pinv(offsets)[:3]
 
     def smooth(x, t, rows=None):
         if len(x) < window:
             raise TooShortError(window, len(x))
-        kept = inner(rows, len(x), half)
+        kept = _inner(rows, len(x), half)
         even, step = _even_windows(np.diff(t), window)
         powers = (step * half) ** np.arange(3)[:, None]
         jets = np.empty((3, len(kept), x.shape[1]))
@@ -90,16 +91,6 @@ def _even_windows(steps: Array, window: int) -> tuple[NDArray[np.bool_], float]:
     count = np.concatenate([[0], np.cumsum(odd)])
     even = count[window - 1 :] == count[: len(count) - window + 1]
     return even, float(steps[~odd].mean()) if even.any() else float(usual)
-
-
-def _even_weights(window: int, degree: int) -> Array:
-    """Weights of the samples in value, slope and curvature, half a window being the unit of time.
-
-    The k-th derivative at the centre is k! times the k-th coefficient of the polynomial.
-    """
-    offsets = np.linspace(-1.0, 1.0, window)
-    powers = offsets[:, None] ** np.arange(degree + 1)
-    return _FACTORIALS[:, None] * np.linalg.pinv(powers)[:3]
 
 
 def _filtered(x: Array, weights: Array) -> Array:
@@ -173,7 +164,8 @@ def low_pass(cutoff: float) -> Smoother:
     def smooth(x, t, rows=None):
         if len(x) < 9:
             raise TooShortError(9, len(x))
-        if not _is_even(t):
+        steps = np.diff(t)
+        if np.ptp(steps) > SETTINGS.even * steps.mean():
             raise ValueError(
                 'method="butterworth" needs evenly spaced times; use "savitzky_golay", which '
                 "fits on the actual ones."
@@ -192,7 +184,7 @@ def low_pass(cutoff: float) -> Smoother:
         values = sosfiltfilt(sections, x, axis=0)
         first = np.gradient(values, step, axis=0)
         second = np.gradient(first, step, axis=0)
-        return np.stack([values, first, second])[:, inner(rows, len(x), trim)], trim
+        return np.stack([values, first, second])[:, _inner(rows, len(x), trim)], trim
 
     return smooth
 
@@ -211,11 +203,6 @@ def external(differentiator) -> Smoother:
             ) from error
         values = np.asarray(getattr(differentiator, "smoothed_x_", x), dtype=float)
         second = np.asarray(differentiator(first, t), dtype=float)
-        return np.stack([values, first, second])[:, inner(rows, len(x), 2)], 2
+        return np.stack([values, first, second])[:, _inner(rows, len(x), 2)], 2
 
     return smooth
-
-
-def _is_even(t) -> bool:
-    steps = np.diff(t)
-    return bool(np.ptp(steps) <= SETTINGS.even * steps.mean())

@@ -25,27 +25,16 @@ from swsysid.differentiation._smoothing import (
     low_pass,
 )
 
-__all__ = ["Strength", "deciding_rows", "strengths", "strongest"]
-
 Part = tuple[Array, Array]  # measured columns and times of one trajectory
 
 
 @dataclass(frozen=True)
 class Strength:
-    """A smoother and the number that says how strong it is.
-
-    Attributes
-    ----------
-    smoother : callable
-    window : int or None
-        Samples of a local polynomial.
-    cutoff : float or None
-        Of a low-pass, in the inverse unit of the times.
-    """
+    """A smoother and the number that says how strong it is."""
 
     smoother: Smoother
-    window: int | None = None
-    cutoff: float | None = None
+    window: int | None = None  # samples of a local polynomial
+    cutoff: float | None = None  # of a low-pass, in the inverse unit of the times
 
 
 def strengths(
@@ -59,35 +48,26 @@ def strengths(
 ) -> list[Strength]:
     """The smoothers to choose from, weak to strong; one where the user chose.
 
-    Parameters
-    ----------
-    method, window, degree, cutoff, decimate
-        Of `differentiate`.
-    times : sequence of ndarray
-        Of each trajectory.
-    may_drop : bool
-        Whether trajectories that are shorter than a window may be left out.
-
-    Raises
-    ------
-    ValueError
-        If the method is unknown.
+    The options are those of `differentiate`, `times` those of each trajectory, which may be left
+    out if they are shorter than a window and `may_drop`.
     """
     if callable(method) and not isinstance(method, type):
         return [Strength(external(method))]
-    if isinstance(method, str) and method == "finite_difference":
+    name = method if isinstance(method, str) else None
+    if name == "finite_difference":
         # The parabola through three neighbours: central differences, correct on uneven times.
         return [Strength(local_polynomial(3, 2))]
     lengths = np.array([len(t) for t in times])
-    if isinstance(method, str) and method == "savitzky_golay":
+    if name == "savitzky_golay":
         least = max(degree + 2, 2 * decimate + 1)
         wide = [w for w in SETTINGS.windows if w >= least]
         windows = [w for w in wide if _is_affordable(w, lengths, may_drop)]
         smallest = min(wide, default=least + 1 - least % 2)
         chosen = [window] if window else windows or [smallest]
         return [Strength(local_polynomial(w, degree), window=w) for w in chosen]
-    if isinstance(method, str) and method == "butterworth":
-        rate = 1.0 / _usual_step(times)
+    if name == "butterworth":
+        steps = np.concatenate([np.diff(t) for t in times])
+        rate = 1.0 / float(np.median(steps)) if len(steps) else 1.0
         fine = [c for c in SETTINGS.cutoffs if c <= 0.5 / decimate]
         affordable = [c for c in fine if _is_affordable(8.0 / c, lengths, may_drop)]
         cutoffs = [c * rate for c in affordable] or [0.4 * rate / decimate]
@@ -105,11 +85,6 @@ def _is_affordable(window: float, lengths: NDArray[np.intp], may_drop: bool) -> 
     return bool(np.minimum(lengths, window).sum() <= SETTINGS.lost * lengths.sum())
 
 
-def _usual_step(times: Sequence[Array]) -> float:
-    steps = np.concatenate([np.diff(t) for t in times])
-    return float(np.median(steps)) if len(steps) else 1.0
-
-
 # --- the least risk ---------------------------------------------------------------------------
 
 
@@ -123,7 +98,7 @@ def strongest(
     if len(candidates) < 2:
         return candidates[0]
     smoothers = [candidate.smoother for candidate in candidates]
-    totals = _Totals.empty(len(smoothers), parts[0][0].shape[1])
+    totals = _Totals(len(smoothers), parts[0][0].shape[1])
     for (x, t, rows), noise in zip(deciding_rows(parts), noises, strict=True):
         totals.add(smoothers, x, t, rows, noise**2, order)
     risks = totals.risks()
@@ -131,55 +106,28 @@ def strongest(
 
 
 def deciding_rows(parts: Sequence[Part]) -> Iterator[tuple[Array, Array, NDArray[np.intp]]]:
-    """Each trajectory with the rows of it that decide: all, or stretches spread over it."""
+    """Each trajectory with the rows of it that decide: all, or the middles of its stretches."""
     share = min(1.0, SETTINGS.rows / sum(len(t) for _, t in parts))
     for x, t in parts:
+        middles = []
         n_stretches = int(np.ceil(share * len(t) / SETTINGS.stretch))
-        stretches = np.array_split(np.arange(len(t)), n_stretches)
-        yield x, t, np.concatenate([_middle(rows, share) for rows in stretches])
+        for rows in np.array_split(np.arange(len(t)), n_stretches):
+            count = int(np.ceil(share * len(rows)))
+            start = (len(rows) - count) // 2
+            middles.append(rows[start : start + count])
+        yield x, t, np.concatenate(middles)
 
 
-def _middle(rows: NDArray[np.intp], share: float) -> NDArray[np.intp]:
-    """The middle part of some rows; the first ones of a trajectory are trimmed by long windows."""
-    count = int(np.ceil(share * len(rows)))
-    start = (len(rows) - count) // 2
-    return rows[start : start + count]
-
-
-@dataclass
 class _Totals:
-    """Sums over trajectories, for each smoother k and each pair (k, j) with a weaker one.
+    """Sums over trajectories for each pair of a smoother k and a weaker one j.
 
-    Attributes
-    ----------
-    rows : ndarray of shape (n_smoothers, n_smoothers)
-        Rows at which both estimates exist.
-    departures : ndarray of shape (n_smoothers, n_smoothers, n_columns)
-        Squared differences of the estimates.
-    explained : ndarray of shape (n_smoothers, n_smoothers, n_columns)
-        What noise alone would make of them.
-    variances : ndarray of shape (n_smoothers, n_columns)
-        Of the estimates under this noise.
-    squares : ndarray of shape (n_smoothers, n_columns)
-        Of the estimates.
+    Where j is k they are those of the estimates of k themselves.
     """
 
-    rows: Array
-    departures: Array
-    explained: Array
-    variances: Array
-    squares: Array
-
-    @classmethod
-    def empty(cls, n: int, n_columns: int) -> _Totals:
-        """Nothing added yet."""
-        return cls(
-            np.zeros((n, n)),
-            np.zeros((n, n, n_columns)),
-            np.zeros((n, n, n_columns)),
-            np.zeros((n, n_columns)),
-            np.zeros((n, n_columns)),
-        )
+    def __init__(self, n: int, n_columns: int):
+        self.rows = np.zeros((n, n))  # at which both estimates exist
+        self.departures = np.zeros((n, n, n_columns))  # squared differences of the estimates
+        self.explained = np.zeros((n, n, n_columns))  # what noise alone would make of them
 
     def add(self, smoothers, x: Array, t: Array, rows, variance: Array, order) -> None:
         """Add a trajectory; smoothers that do not fit into it have no part."""
@@ -196,20 +144,18 @@ class _Totals:
         kernels = _kernels(smoothers[: len(estimates)], t, max(trims), order)
         for k, estimate in enumerate(estimates):
             present = np.isfinite(estimate[:, 0])
-            weight = present.sum() * variance
-            self.rows[k, k] += present.sum()
-            self.variances[k] += weight * np.sum(kernels[k] ** 2)
-            self.squares[k] += np.sum(estimate[present] ** 2, axis=0)
-            for j in range(k):
+            for j in range(k + 1):
+                weaker, kernel = (estimates[j], kernels[j]) if j < k else (0.0, 0.0)
                 self.rows[k, j] += present.sum()
-                self.departures[k, j] += np.sum((estimate - estimates[j])[present] ** 2, axis=0)
-                self.explained[k, j] += weight * np.sum((kernels[k] - kernels[j]) ** 2)
+                self.departures[k, j] += np.sum((estimate - weaker)[present] ** 2, axis=0)
+                noise = np.sum((kernels[k] - kernel) ** 2)
+                self.explained[k, j] += present.sum() * variance * noise
 
     def risks(self) -> Array:
         """Squared bias plus variance of each smoother, columns in units of their own size."""
         counts = np.diag(self.rows)
         last = np.flatnonzero(counts)[-1] if counts.any() else 0
-        size = self.squares[last] / max(counts[last], 1.0)
+        size = self.departures[last, last] / max(counts[last], 1.0)
         weight = 1.0 / np.where(size > 0, size, 1.0)
         risks = np.full(len(counts), np.nan)
         for k in np.flatnonzero(counts):
@@ -218,7 +164,7 @@ class _Totals:
                 allowed = 1.0 + SETTINGS.doubt / np.sqrt(self.rows[k, j])
                 excess = self.departures[k, j] - allowed * self.explained[k, j]
                 bias = np.maximum(bias, excess / self.rows[k, j])
-            risks[k] = weight @ (bias + self.variances[k] / counts[k])
+            risks[k] = weight @ (bias + self.explained[k, k] / counts[k])
         return risks
 
 
@@ -235,8 +181,8 @@ def _kernels(smoothers, t, trim: int, order: int) -> list[Array]:
     length = min(len(t), 4 * trim + 3)
     impulse = np.zeros((length, 1))
     impulse[length // 2] = 1.0
-    even = (t[-1] - t[0]) / (len(t) - 1) * np.arange(length)
     rows = np.arange(length)
+    even = (t[-1] - t[0]) / (len(t) - 1) * rows
     return [
         np.nan_to_num(_derivative(smoother, impulse, even, rows, order)[0])
         for smoother in smoothers

@@ -1,24 +1,32 @@
 """Effects that a declared model may lack."""
 
 from swsysid._data.records import Records
-from swsysid.effects._actuator import DeadZone, GainChange, Overflow, PowerLaw, Saturation
 from swsysid.effects._base import Effect, Parameter
-from swsysid.effects._found import FoundEffect, Rival
-from swsysid.effects._friction import (
+from swsysid.effects._characteristics import (
     AsymmetricFriction,
     CoulombFriction,
+    DeadZone,
+    GainChange,
+    Overflow,
+    PowerLaw,
     QuadraticDrag,
+    Saturation,
     StribeckFriction,
 )
 from swsysid.effects._guards import GuardHysteresis
 from swsysid.effects._memory import Backlash, Delay, Lag
-from swsysid.effects._placed import PlacedEffect
-from swsysid.effects._resets import Reset
+from swsysid.effects._placed import FoundEffect, PlacedEffect, Rival
 from swsysid.effects._sensors import ClockLag, SensorOffset
-from swsysid.effects._static import Bias, Drift, InputCoupling, Polynomial
-from swsysid.effects._structure import ExtraMode
+from swsysid.effects._switching import ExtraMode, Reset
+from swsysid.effects._terms import (
+    Bias,
+    Drift,
+    InputCoupling,
+    PeriodicForcing,
+    Polynomial,
+    Trigonometric,
+)
 from swsysid.effects._types import GuardEffect, MeasurementEffect, ResetEffect, StructureEffect
-from swsysid.effects._waves import PeriodicForcing, Trigonometric
 
 
 def all_effects() -> list[Effect]:

@@ -13,17 +13,6 @@ from sklearn.base import BaseEstimator
 from swsysid._data.records import Records
 from swsysid._results import Array
 
-__all__ = [
-    "NOWHERE",
-    "Effect",
-    "Parameter",
-    "Place",
-    "figure",
-    "products",
-    "quantile_levels",
-    "spread",
-]
-
 Place: TypeAlias = Any  # a channel's number, or whatever else the class of the effect understands
 NOWHERE = ("constant", "time", "modes")  # places that say nothing beside the kind
 

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._data.features import Monomials
 from swsysid._data.records import Records
 from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
-from swsysid.effects._base import Place, figure, products
+from swsysid.effects._base import figure, products
 from swsysid.effects._settings import SETTINGS
 from swsysid.effects._types import GuardEffect
-
-__all__ = ["Guard", "GuardHysteresis", "best_band", "guards_of"]
 
 Modes = NDArray[np.intp]
 Terms = tuple[tuple[int, ...], ...]
@@ -26,38 +25,14 @@ Band = tuple[float, float]
 
 @dataclass(frozen=True)
 class Guard:
-    """A function of the channels of X whose sign, remembered inside a band, is the mode.
+    """A function of the channels of X whose sign, remembered inside a band, is the mode."""
 
-    Attributes
-    ----------
-    terms : tuple of tuple of int
-        Channels of the factors of each monomial.
-    weights : tuple of float
-    upper_mode : int
-        Mode above the band.
-    """
-
-    terms: Terms
+    terms: Terms  # channels of the factors of each monomial
     weights: tuple[float, ...]
-    upper_mode: int
+    upper_mode: int  # above the band
 
     def __call__(self, X: Array) -> Array:
         return _monomials(X, self.terms) @ np.array(self.weights)
-
-    def statement(self, names: Sequence[str], low: float, high: float) -> str:
-        """Where either mode begins, in words."""
-        listed = [" ".join(names[channel] for channel in term) for term in self.terms]
-        modes = [1 - self.upper_mode, self.upper_mode]
-        if len(listed) == 1:
-            value, weight = listed[0], self.weights[0]
-            low, high = sorted((low / weight, high / weight))
-            modes = modes if weight > 0.0 else modes[::-1]
-        else:
-            value = linear_combination(self.weights, listed)
-        return (
-            f"mode {modes[0]} from {value} < {figure(low)} on, mode {modes[1]} from {value} > "
-            f"{figure(high)} on, in between the mode of before"
-        )
 
     def modes(self, records: Records, low: float, high: float) -> Modes:
         """Modes along the trajectories."""
@@ -92,34 +67,44 @@ class GuardHysteresis(GuardEffect):
             if _needs_its_band(one, records, modes):
                 yield one.guard, one.band
 
-    def refitted(self, place: Place, records: Records, modes: Modes) -> tuple[Guard, Band]:
+    def refitted(self, place: Guard, records: Records, modes: Modes) -> tuple[Guard, Band]:
         """The guard and its thresholds for other modes, with the same monomials."""
         anew = [_guard_with_memory(records, modes, place.terms, turns) for turns in (False, True)]
         options = [_with_band(guard, records, modes) for guard in (place, *anew) if guard]
         best = max(options, key=lambda option: option.agreement)
         return best.guard, best.band
 
-    def place_parameters(self, place: Place) -> int:
+    def place_parameters(self, place: Guard) -> int:
         """Weights of the guard but one, which is a matter of scale."""
         return len(place.terms) - 1
 
-    def theta_names(self, records: Records, place: Place) -> tuple[str, ...]:
+    def theta_names(self, records: Records, place: Guard) -> tuple[str, ...]:
         """Where the guard switches on the way down and on the way up."""
         return ("lower", "upper")
 
-    def switched(self, records: Records, place: Place, *theta: float) -> Modes:
-        modes: Modes = place.modes(records, *theta)
-        return modes
+    def switched(self, records: Records, place: Guard, *theta: float) -> Modes:
+        return place.modes(records, *theta)
 
-    def shortened(self, records: Records, place: Place, *theta: float) -> Records:
+    def shortened(self, records: Records, place: Guard, *theta: float) -> Records:
         values = place(records.X)
         outside = np.flatnonzero((values < theta[0]) | (values > theta[1]))
         return records.take(np.array([outside[-1] if len(outside) else 0]))
 
-    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
-        return str(place.statement(names, *theta))
+    def statement(self, place: Guard, names: Sequence[str], target: int, *theta: float) -> str:
+        listed = [" ".join(names[channel] for channel in term) for term in place.terms]
+        modes, band = [1 - place.upper_mode, place.upper_mode], list(theta)
+        if len(listed) == 1:
+            value, weight = listed[0], place.weights[0]
+            band = sorted(edge / weight for edge in band)
+            modes = modes if weight > 0.0 else modes[::-1]
+        else:
+            value = linear_combination(place.weights, listed)
+        return (
+            f"mode {modes[0]} from {value} < {figure(band[0])} on, mode {modes[1]} from {value} > "
+            f"{figure(band[1])} on, in between the mode of before"
+        )
 
-    def label(self, place: Place, names: Sequence[str]) -> str:
+    def label(self, place: Guard, names: Sequence[str]) -> str:
         """The guard as text; a single channel as itself."""
         parts = [
             f"{weight:+.3g} {' '.join(names[channel] for channel in term)}"
@@ -145,12 +130,10 @@ def guards_of(records: Records, modes: Modes) -> list[_Banded]:
 
 
 def _guard_with_memory(records: Records, modes: Modes, terms: Terms, turns: bool) -> Guard | None:
-    """Margin classifier of the mode from monomials and the mode of the sample before.
-
-    Where samples are many between two switches, the mode before says it all of nearly every row and
-    the states nothing. With `turns` the rows on which the mode turns weigh as much as all others;
-    without, a mode that is wrong here and there does little harm.
-    """
+    """Margin classifier of the mode from monomials and the mode of the sample before."""
+    # Where samples are many between two switches, the mode before says it all of nearly every row
+    # and the states nothing. With `turns` the rows on which the mode turns weigh as much as all
+    # others; without, a mode that is wrong here and there does little harm.
     pairs = [np.column_stack([rows[:-1], rows[1:]]) for rows in records.trajectories]
     before, after = np.concatenate(pairs).T
     known = (modes[before] >= 0) & (modes[after] >= 0)
@@ -183,18 +166,18 @@ def _main_terms(guard: Guard, records: Records) -> Terms:
 
 def _worthwhile(options: list[_Banded]) -> list[_Banded]:
     """The best guards of each number of monomials, as long as more of them agree better."""
-    chosen: list[_Banded] = []
-    for option in sorted(options, key=lambda one: (len(one.guard.terms), -one.agreement)):
-        if chosen:
-            more = len(option.guard.terms) - len(chosen[-1].guard.terms)
-            if option.agreement <= chosen[-1].agreement + SETTINGS.worth_a_term * more:
-                continue
-        chosen.append(option)
+    first, *others = sorted(options, key=lambda one: (len(one.guard.terms), -one.agreement))
+    chosen = [first]
+    for option in others:
+        more = len(option.guard.terms) - len(chosen[-1].guard.terms)
+        if option.agreement > chosen[-1].agreement + SETTINGS.worth_a_term * more:
+            chosen.append(option)
     return chosen[-SETTINGS.most_guards :]
 
 
 def _monomials(X: Array, terms: Terms) -> Array:
-    return np.column_stack([np.prod(X[:, list(term)], axis=1) for term in terms])
+    powers = [[term.count(channel) for channel in range(X.shape[1])] for term in terms]
+    return Monomials(np.array(powers))(X)
 
 
 # -- bands -----------------------------------------------------------------------------------------
@@ -221,11 +204,9 @@ def _with_band(guard: Guard, records: Records, modes: Modes) -> _Banded:
 def best_band(
     bands: list[Band], records: Records, values: Array, sides: Array
 ) -> tuple[float, Band]:
-    """The band whose remembered sides agree best with `sides`, and agreeing rows less others.
-
-    Rows that follow each other between the same two edges have the same side whatever the band,
-    so that the first of them stands for all.
-    """
+    """The band whose remembered sides agree best with `sides`, and agreeing rows less others."""
+    # Rows that follow each other between the same two edges have the same side whatever the band,
+    # so that the first of them stands for all.
     edges, order = np.unique(bands), np.concatenate(records.trajectories)
     along = values[order]
     between = np.searchsorted(edges, along, "left") + np.searchsorted(edges, along, "right")
@@ -250,10 +231,8 @@ def _needs_its_band(one: _Banded, records: Records, modes: Modes) -> bool:
 
 
 def _remembered(records: Records, values: Array, low: float, high: float) -> Array:
-    """+1 or -1: the side of the band [low, high] on which the values last were.
-
-    A trajectory that begins inside the band is taken to come from the nearer side.
-    """
+    """+1 or -1: the side of the band [low, high] on which the values last were."""
+    # A trajectory that begins inside the band is taken to come from the nearer side.
     side = np.where(values > high, 1.0, np.where(values < low, -1.0, 0.0))
     first = np.array([rows[0] for rows in records.trajectories])
     start = np.where(values[first] > 0.5 * (low + high), 1.0, -1.0)

@@ -6,16 +6,16 @@ Before the first sample of a trajectory every channel is taken to have had its f
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from scipy.signal import lfilter
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, figure, spread
+from swsysid.effects._base import Parameter, Place, spread
+from swsysid.effects._characteristics import OfAChannel
 from swsysid.effects._settings import SETTINGS
-
-__all__ = ["Backlash", "Delay", "Lag", "play"]
 
 
 def _usual_duration(records: Records) -> float:
@@ -24,7 +24,7 @@ def _usual_duration(records: Records) -> float:
     return float(np.median([np.ptp(records.t[rows]) for rows in records.trajectories]))
 
 
-class _Remembering(Effect):
+class _Remembering(OfAChannel):
     """``gain * w`` where w is the response of an input, trajectory by trajectory."""
 
     terms = ("gain",)
@@ -34,15 +34,13 @@ class _Remembering(Effect):
     def places(self, records: Records) -> Sequence[int]:
         return records.inputs
 
-    def response(self, t: Array, values: Array, *theta: float) -> Array:
-        """Response w along one trajectory."""
+    def response(self, theta: float, t: Array, values: Array) -> Array:
+        """Response w along one trajectory, for the one parameter."""
         raise NotImplementedError
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        def respond(t, values):
-            return self.response(t, values, *theta)
-
-        return records.along(respond, records.channel(place))[:, None]
+        response = partial(self.response, theta[0])
+        return records.along(response, records.channel(place))[:, None]
 
 
 class Delay(_Remembering):
@@ -57,6 +55,7 @@ class Delay(_Remembering):
 
     kind = "delay"
     meaning = "{channel} acts on {target} after a delay"
+    formulas = ("{0}(t - {1})",)
 
     def __init__(self, states: bool = False):
         self.states = states
@@ -73,11 +72,8 @@ class Delay(_Remembering):
         count = max(int(2 * longest / records.step), 2)
         return (Parameter("delay", np.linspace(0.5 * records.step, longest, count), "{time}"),)
 
-    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
-        return (f"{label}(t - {figure(theta[0])})",)
-
-    def response(self, t: Array, values: Array, *theta: float) -> Array:
-        return np.interp(t - theta[0], t, values)
+    def response(self, theta: float, t: Array, values: Array) -> Array:
+        return np.interp(t - theta, t, values)
 
     def instants(self, t: Array, *theta: float) -> Array:
         return t + theta[0]
@@ -93,17 +89,15 @@ class Lag(_Remembering):
 
     kind = "lag"
     meaning = "{channel} acts on {target} through a first-order lag (actuator, hidden state)"
+    formulas = ("lag({0}, {1})",)
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         longest = max(0.5 * _usual_duration(records), 4 * records.step)
         constants = np.geomspace(0.4 * records.step, longest, 24)
         return (Parameter("time_constant", constants, "{time}"),)
 
-    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
-        return (f"lag({label}, {figure(theta[0])})",)
-
-    def response(self, t: Array, values: Array, *theta: float) -> Array:
-        return first_order(t, values, theta[0])
+    def response(self, theta: float, t: Array, values: Array) -> Array:
+        return _first_order(t, values, theta)
 
 
 class Backlash(_Remembering):
@@ -111,16 +105,14 @@ class Backlash(_Remembering):
 
     kind = "backlash"
     meaning = "{channel} has to cross a gap before it acts in the other direction (backlash)"
+    formulas = ("play({0}, {1})",)
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         width = spread(records.channel(place)) or 1.0
         return (Parameter("width", np.linspace(0.02, 0.8, 24) * width, "{channel}"),)
 
-    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
-        return (f"play({label}, {figure(theta[0])})",)
-
-    def response(self, t: Array, values: Array, *theta: float) -> Array:
-        return play(values, 0.5 * theta[0])
+    def response(self, theta: float, t: Array, values: Array) -> Array:
+        return _play(values, 0.5 * theta)
 
     def shortened(self, records: Records, place: Place, *theta: float) -> Records:
         # a play that starts where this one has ended, in the middle of its gap
@@ -128,12 +120,10 @@ class Backlash(_Remembering):
         return records.take(np.array([len(records) - 1])).with_channel(place, followed)
 
 
-def first_order(t: Array, values: Array, time_constant: float) -> Array:
-    """Response of a first-order lag to an input that is linear between its samples, from rest.
-
-    Over a step of r time constants the lag keeps the share exp(-r) of its value and takes the
-    rest from the input's two ends.
-    """
+def _first_order(t: Array, values: Array, time_constant: float) -> Array:
+    """Response of a first-order lag to an input that is linear between its samples, from rest."""
+    # Over a step of r time constants the lag keeps the share exp(-r) of its value and takes the
+    # rest from the input's two ends.
     steps = np.diff(t) / time_constant
     kept = np.exp(-steps)
     late = 1.0 - (1.0 - kept) / np.maximum(steps, 1e-12)
@@ -147,7 +137,7 @@ def first_order(t: Array, values: Array, time_constant: float) -> Array:
     return np.array(response)
 
 
-def play(values: Array, half_width: float) -> Array:
+def _play(values: Array, half_width: float) -> Array:
     """Play operator: moves only where it is dragged, starts in the middle of its gap."""
     lower, upper = (values - half_width).tolist(), (values + half_width).tolist()
     place, followed = float(values[0]), []

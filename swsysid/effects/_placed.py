@@ -1,4 +1,4 @@
-"""An effect at a place, in a state equation, in all modes or in one."""
+"""An effect at a place, in a state equation, in all modes or in one; what a search finds of it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Place
 from swsysid.effects._types import GuardEffect, MeasurementEffect, ResetEffect
-
-__all__ = ["PlacedEffect", "corrected", "guard_among"]
 
 Modes = NDArray[np.intp]
 
@@ -68,19 +66,16 @@ class PlacedEffect:
 
     def design(self, columns: Array, modes: Modes, n_modes: int) -> Array:
         """Columns that multiply the coefficients: all, those of one mode, or those of each."""
-        if self.mode is not None:
-            return columns * (modes == self.mode)[:, None]
-        if self.replaced is None or n_modes == 1:
+        if self.mode is None and (self.replaced is None or n_modes == 1):
             return columns
-        return np.column_stack([columns * (modes == mode)[:, None] for mode in range(n_modes)])
+        own = range(n_modes) if self.mode is None else [self.mode]
+        return np.column_stack([columns * (modes == mode)[:, None] for mode in own])
 
     def in_mode(self, coef: Array, mode: int, n_modes: int) -> Array:
         """Coefficients of the columns in one mode; none if the effect does not act in it."""
         if self.mode is not None:
             return coef if mode == self.mode else coef[:0]
-        if self.replaced is None or n_modes == 1:
-            return coef
-        return coef.reshape(n_modes, -1)[mode]
+        return coef if self.replaced is None else coef.reshape(n_modes, -1)[mode]
 
     def physical(
         self, records: Records, coef: Array, theta: Sequence[float] | Array | None = None
@@ -130,13 +125,103 @@ class PlacedEffect:
         return replace(self, place=place, mode=mode)
 
 
+# -- what a search has found -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect that explains the data as well.
+
+    Attributes
+    ----------
+    kind : str
+    target : int
+        State equation.
+    mode : int or None
+    place : str
+        Channel or term, by name.
+    parameters : dict
+        Nonlinear parameters.
+    error : float
+        Root mean square error of `target` on the held-out data with it in the effect's place.
+    advice : str
+        Measurement that would tell the two apart.
+    """
+
+    kind: str
+    target: int
+    mode: int | None
+    place: str
+    parameters: dict[str, float]
+    error: float
+    advice: str
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that the declared model lacked.
+
+    Attributes
+    ----------
+    kind : str
+    target : int
+        Index of the state equation it acts in (of the state that is recorded wrongly or jumps).
+    mode : int or None
+        Mode it acts in, None for all.
+    place : str
+        Channel or term it is a function of, by name.
+    parameters : dict
+        Values by their physical names, in the user's units.
+    intervals : dict
+        95 % confidence intervals of those that have one.
+    p_value : float
+        Probability that the residual is predicted so well by chance, times the number of
+        candidates tried.
+    error_before, error_after : float
+        Root mean square error of `target`, in its unit, on data that took no part in any choice:
+        with the effects before this one, and with this one as well. An effect of a sensor, a
+        guard or a mode has those of the equation that gains most.
+    rivals : tuple of Rival
+        Effects whose held-out error is within one standard error.
+    meaning : str
+        What it means physically, in one sentence.
+    formula : str
+        The term with its numbers.
+    placed : PlacedEffect
+        The effect as `EffectRegressor` takes it.
+    """
+
+    kind: str
+    target: int
+    mode: int | None
+    place: str
+    parameters: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    p_value: float
+    error_before: float
+    error_after: float
+    rivals: tuple[Rival, ...]
+    meaning: str
+    formula: str
+    placed: PlacedEffect
+
+    @property
+    def channel(self) -> int | None:
+        """Number of the channel (column of X, then of the signals) if it is one."""
+        return self.placed.place if isinstance(self.placed.place, int) else None
+
+    def to_dict(self) -> dict[str, object]:
+        """Everything but the object itself, ready for JSON."""
+        listed = {name: v for name, v in vars(self).items() if name not in ("placed", "rivals")}
+        listed["intervals"] = {name: list(pair) for name, pair in self.intervals.items()}
+        return listed | {"rivals": [dict(rival.__dict__) for rival in self.rivals]}
+
+
+# -- several ---------------------------------------------------------------------------------------
+
+
 def corrected(terms: Sequence[PlacedEffect], records: Records) -> Records:
     """The records as they would be without the effects of sensors and clocks."""
     for term in terms:
         records = term.corrected(records)
     return records
-
-
-def guard_among(terms: Sequence[PlacedEffect]) -> PlacedEffect | None:
-    """The effect that takes the place of the surface, None if there is none."""
-    return next((term for term in terms if isinstance(term.effect, GuardEffect)), None)

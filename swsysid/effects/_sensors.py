@@ -12,8 +12,6 @@ from swsysid.effects._base import Parameter, Place, figure, spread
 from swsysid.effects._settings import SETTINGS
 from swsysid.effects._types import MeasurementEffect
 
-__all__ = ["ClockLag", "SensorOffset"]
-
 
 class SensorOffset(MeasurementEffect):
     """The record says ``x + offset`` where the state is x."""
@@ -67,10 +65,13 @@ class ClockLag(MeasurementEffect):
         return min(errors) < SETTINGS.mismatch * errors[0]
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
-        return _read_later(records, place, theta[0])
+        def read_later(t: Array, values: Array) -> Array:
+            return np.interp(t + theta[0], t, values)
+
+        return records.with_channel(place, records.along(read_later, records.channel(place)))
 
     def recorded(self, records: Records, place: Place, *theta: float) -> Records:
-        return _read_later(records, place, -theta[0])
+        return self.corrected(records, place, -theta[0])
 
     def instants(self, t: Array, *theta: float) -> Array:
         return t - theta[0]
@@ -78,15 +79,6 @@ class ClockLag(MeasurementEffect):
 
 def _delays(records: Records) -> Array:
     return np.arange(float(SETTINGS.latest)) * records.step
-
-
-def _read_later(records: Records, channel: int, later: float) -> Records:
-    """The records with one channel as it is some time later."""
-
-    def read(t: Array, values: Array) -> Array:
-        return np.interp(t + later, t, values)
-
-    return records.with_channel(channel, records.along(read, records.channel(channel)))
 
 
 def _mismatch(records: Records, state: int, velocity: Array, discrete: bool) -> float:

@@ -7,16 +7,15 @@ the guard, the reset map, and the set of modes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.base import BaseEstimator
 
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Place
-
-__all__ = ["GuardEffect", "MeasurementEffect", "ResetEffect", "StructureEffect", "WithoutColumns"]
 
 Modes = NDArray[np.intp]
 
@@ -113,6 +112,6 @@ class StructureEffect(WithoutColumns):
         """The one place there is."""
         return ["modes"]
 
-    def extended(self, estimator: Any) -> Any:
+    def extended(self, estimator: BaseEstimator) -> BaseEstimator:
         """The declared estimator with what the effect adds to its structure."""
         raise NotImplementedError

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from swsysid._checks.arrays import refuse_vanishing, table
 from swsysid._data.rows import check_sample_weight
 from swsysid._results import Array
-
-__all__ = ["RolloutErrors", "rollout_errors", "velocity_rmse"]
 
 
 def velocity_rmse(y_true, y_pred, sample_weight=None) -> float:
@@ -105,17 +102,19 @@ def rollout_errors(x_true, x_pred) -> RolloutErrors:
     return RolloutErrors(rmse=rmse, final=final, max=largest, each=each)
 
 
-def _table(name: str, values: Any) -> Array:
+def _table(name: str, values: object) -> Array:
     """Rows whose squares neither overflow nor vanish."""
     checked = table(name, values)
     refuse_vanishing(name, checked)
     return checked
 
 
-def _trajectories(name: str, x: Any) -> list[Array]:
-    listed = isinstance(x, (list, tuple)) and all(np.shape(entry)[1:] for entry in x)
-    solid = isinstance(x, np.ndarray) and x.ndim == 3
-    trajectories = list(x) if listed or solid else [x]
+def _trajectories(name: str, x: object) -> list[Array]:
+    trajectories = [x]
+    if isinstance(x, (list, tuple)) and all(np.shape(entry)[1:] for entry in x):
+        trajectories = list(x)
+    elif isinstance(x, np.ndarray) and x.ndim == 3:
+        trajectories = list(x)
     if not trajectories:
         raise ValueError("there are no trajectories; give at least one.")
     return [_table(name, trajectory) for trajectory in trajectories]

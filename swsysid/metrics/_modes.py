@@ -13,8 +13,6 @@ from swsysid._checks.arrays import labels
 from swsysid._data.matching import best_matching, contingency
 from swsysid._data.rows import check_sample_weight
 
-__all__ = ["balanced_mode_accuracy", "match_modes", "mode_accuracy", "mode_iou"]
-
 
 def mode_accuracy(modes_true, modes_pred, sample_weight=None) -> float:
     r"""Fraction of samples in the right mode, for the best matching of the modes.

@@ -5,17 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swsysid._checks.arrays import labels, table
 from swsysid._checks.parameters import whole
 from swsysid._data.rows import check_sample_weight
 from swsysid._results import Array
 from swsysid.metrics._modes import match_modes
-
-__all__ = ["ModeReliability", "mode_reliability"]
-
-_MOST_BINS = 100_000
 
 
 @dataclass(frozen=True)
@@ -82,7 +77,7 @@ def mode_reliability(
     probability = table("probability", probability, len(modes_true))
     if probability.min() < 0.0 or not np.allclose(probability.sum(axis=1), 1.0, atol=1e-6):
         raise ValueError("every row of probability must be non-negative and sum to one.")
-    whole("n_bins", n_bins, most=_MOST_BINS)
+    whole("n_bins", n_bins, most=100_000)
     weight = check_sample_weight(sample_weight, len(modes_true))
     predicted, claim = probability.argmax(axis=1), probability.max(axis=1)
     names = match_modes(modes_true, predicted, weight)
@@ -92,12 +87,9 @@ def mode_reliability(
     edges = np.linspace(1.0 / probability.shape[1], 1.0, n_bins + 1)
     bins = np.clip(np.digitize(claim, edges) - 1, 0, n_bins - 1)
     count, claimed, observed = (
-        _sums(bins, weight * value, n_bins) for value in (np.ones(len(claim)), claim, right)
+        np.bincount(bins, weights=weight * value, minlength=n_bins).astype(float)
+        for value in (np.ones(len(claim)), claim, right)
     )
     error = float(np.abs(claimed - observed).sum() / count.sum())
     filled = np.where(count > 0.0, count, np.nan)
     return ModeReliability(edges, claimed / filled, observed / filled, count, error)
-
-
-def _sums(bins: NDArray[np.intp], values: Array, n_bins: int) -> Array:
-    return np.bincount(bins, weights=values, minlength=n_bins).astype(float)

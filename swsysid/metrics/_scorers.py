@@ -13,8 +13,6 @@ from swsysid._checks.parameters import flag, shown
 from swsysid._data.rows import check_sample_weight
 from swsysid.metrics._modes import balanced_mode_accuracy, mode_accuracy
 
-__all__ = ["mode_accuracy_scorer", "mode_consistency_scorer"]
-
 
 def mode_accuracy_scorer(modes: Callable | None = None, *, balanced: bool = False):
     """Scorer that compares ``estimator.predict_modes(X)`` with the true modes.

@@ -11,10 +11,6 @@ from swsysid._checks.arrays import numbers, refuse_vanishing, table
 from swsysid._checks.parameters import function, random_numbers, whole
 from swsysid._results import Array
 
-__all__ = ["surface_distance"]
-
-_MOST_POINTS = 1_000_000
-
 
 def surface_distance(
     true_surface: Callable,
@@ -61,7 +57,7 @@ def surface_distance(
     """
     X = table("X", X)
     refuse_vanishing("X", X)
-    whole("n_points", n_points, most=_MOST_POINTS)
+    whole("n_points", n_points, most=1_000_000)
     function("true_surface", true_surface, "X")
     function("surface", surface, "X")
     rng = random_numbers(random_state)
@@ -75,6 +71,8 @@ def surface_distance(
 
 
 def _scalar(surface: Callable) -> Callable:
+    """The same function with its answers checked."""
+
     def values(X):
         result = numbers("a surface", surface(X))
         if result.size != len(X):
@@ -113,15 +111,11 @@ def _distances(points: Array, function: Callable, surface_points: Array, n_iter:
     foot = surface_points[index]
     step = 1e-6 * np.ptp(np.vstack([points, surface_points]), axis=0).max() + 1e-300
     for _ in range(n_iter):
-        gradient = _gradient(function, foot, step)
+        moved = [(function(foot + s), function(foot - s)) for s in step * np.eye(foot.shape[1])]
+        gradient = np.column_stack([(ahead - behind) / (2 * step) for ahead, behind in moved])
         squares = np.square(gradient).sum(axis=1) + 1e-300
         heights = function(foot) + np.sum(gradient * (points - foot), axis=1)
         previous, foot = foot, points - (heights / squares)[:, np.newaxis] * gradient
     refined = np.linalg.norm(points - foot, axis=1)
     settled = np.linalg.norm(foot - previous, axis=1) <= step
     return np.where(settled & (refined < nearest), refined, nearest)
-
-
-def _gradient(function: Callable, X: Array, step: float) -> Array:
-    shifts = step * np.eye(X.shape[1])
-    return np.column_stack([(function(X + s) - function(X - s)) / (2 * step) for s in shifts])

@@ -15,7 +15,8 @@ them by a penalty that is tightened in steps: a poor start cannot run away (mult
 and at the end the segments are one rollout.
 """
 
-from swsysid.refinement._refine import RefinementResult, initial_states, refine
+from swsysid.refinement._refine import initial_states, refine
+from swsysid.refinement._result import RefinementResult
 from swsysid.refinement._stated import ParametricLibrary, StatedModel, StatedSurface
 
 __all__ = [

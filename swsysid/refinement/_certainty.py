@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
-from swsysid.refinement._settings import SETTINGS, Settings
-
-__all__ = ["robust_covariance"]
+from swsysid.refinement._settings import SETTINGS
 
 
 def robust_covariance(
@@ -18,38 +16,25 @@ def robust_covariance(
     piece: NDArray[np.intp],
     n_channels: int,
     n_unknowns: int,
-    settings: Settings = SETTINGS,
 ) -> Array:
-    r"""Covariance :math:`A^+ B A^+` of the parameters.
+    r"""Covariance :math:`A^+ B A^+` of the parameters, infinite where the data say nothing.
 
-    A is the information :math:`\sum_i w_i g_i g_i^\top` of the derivatives g, B the covariance of
-    the sum of the scores :math:`w_i r_i g_i`: A times the noise variance if residuals are white.
-
-    Parameters
-    ----------
-    slopes : ndarray of shape (n_residuals, n_parameters)
-        Derivatives of the residuals after the initial states are eliminated.
-    residuals, weight : ndarrays of shape (n_residuals,)
-    piece : ndarray of shape (n_residuals,)
-        Rollout of each residual; those of one follow each other in time.
-    n_channels, n_unknowns : int
-
-    Returns
-    -------
-    ndarray of shape (n_parameters, n_parameters)
-        With infinite variances of the parameters that the data do not determine.
+    A is the information :math:`\sum_i w_i g_i g_i^\top` of the derivatives g, (n_residuals,
+    n_parameters), with the initial states eliminated. B is the covariance of the sum of the scores
+    :math:`w_i r_i g_i`: A times the noise variance if residuals are white. Residuals of one
+    `piece`, a rollout, follow each other in time.
     """
     information = (weight[:, None] * slopes).T @ slopes
     size = np.sqrt(np.diag(information))
     unknown = ~(size > 0.0)
     scale = np.outer(np.where(unknown, 1.0, size), np.where(unknown, 1.0, size))
     values, vectors = np.linalg.eigh(information / scale)
-    lost = values <= settings.undetermined * len(values)
+    lost = values <= SETTINGS.undetermined * len(values)
     inverse = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T / scale
     scores = (weight * residuals)[:, None] * slopes
     freedom = len(residuals) / max(1, len(residuals) - n_unknowns)
     covariance: Array = inverse @ (freedom * _long_run(scores, piece, n_channels)) @ inverse
-    unknown |= (np.abs(vectors[:, lost]) > settings.involved).any(axis=1)
+    unknown |= (np.abs(vectors[:, lost]) > SETTINGS.involved).any(axis=1)
     covariance[unknown] = covariance[:, unknown] = 0.0
     covariance[unknown, unknown] = np.inf
     return covariance

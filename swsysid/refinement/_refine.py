@@ -1,98 +1,26 @@
-"""`refine` and `initial_states`: what a user calls, and the result that it gives."""
+"""`refine` and `initial_states`: what a user calls."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Mapping
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swsysid._checks.parameters import flag, one_of, verbosity, whole
 from swsysid._rendering.progress import progress
-from swsysid._results import Array, Status
-from swsysid.refinement._estimation import Estimate, Estimation
+from swsysid._results import Array
+from swsysid._simulation.model import FittedModel
+from swsysid.refinement._estimation import Estimation
 from swsysid.refinement._losses import LOSSES
-
-__all__ = ["RefinementResult", "initial_states", "refine"]
-
-
-@dataclass(frozen=True)
-class RefinementResult:
-    """A refined model, and what the rollouts say about it.
-
-    Attributes
-    ----------
-    model : like the model given
-        A copy with the refined parameters; labels of its training samples are not touched.
-    names : list of str
-        Names of the free parameters: coefficients, named parameters, surface coefficients.
-    values : ndarray of shape (n_parameters,)
-        Their estimates.
-    covariance : ndarray of shape (n_parameters, n_parameters)
-        Covariance of the estimates, with the initial states eliminated; residuals may be
-        correlated over neighbouring samples (Newey and West's estimate).
-    coef_standard_errors : ndarray of the shape of the coefficients
-        0 where a coefficient is fixed.
-    initial_states : ndarray of shape (n_trajectories, n_states)
-    cost_before, cost_after : float
-        Half the sum of the losses of the whole rollouts on the training data.
-    rmse_before, rmse_after : ndarrays of shape (n_trajectories, n_outputs)
-        Root mean square errors of the whole rollouts, in the units of the channels; infinite
-        where a rollout diverges.
-    nfev : int
-        Number of batched integrations, without those of the Jacobians.
-    segment_length, substeps : int
-        Number of samples in a segment, and of integration steps between two samples.
-    status : Status
-    advice : str
-        What to do about it.
-    """
-
-    model: Any
-    names: list[str]
-    values: Array
-    covariance: Array
-    coef_standard_errors: Array
-    initial_states: Array
-    cost_before: float
-    cost_after: float
-    rmse_before: Array
-    rmse_after: Array
-    nfev: int
-    segment_length: int
-    substeps: int
-    status: Status
-    advice: str
-
-    @property
-    def standard_errors(self) -> Array:
-        """Standard errors of `values`."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def improved(self) -> bool:
-        """True if the rollouts became better; otherwise `model` is the one that was given."""
-        return self.cost_after < self.cost_before
-
-    def summary(self) -> str:
-        """The parameters with their standard errors, and the errors before and after."""
-        width = max(len(name) for name in [*self.names, "parameter"])
-        lines = [f"{'parameter':<{width}}  {'value':>12}  {'std. error':>12}"]
-        for name, value, error in zip(self.names, self.values, self.standard_errors, strict=True):
-            lines.append(f"{name:<{width}}  {value:>12.5g}  {error:>12.2g}")
-        for k, (before, after) in enumerate(zip(self.rmse_before, self.rmse_after, strict=True)):
-            pairs = ", ".join(f"{b:.4g} -> {a:.4g}" for b, a in zip(before, after, strict=True))
-            lines.append(f"rollout error of trajectory {k}: {pairs}")
-        return "\n".join([*lines, self.advice])
+from swsysid.refinement._result import RefinementResult
+from swsysid.refinement._trajectories import Observed, Recording
 
 
 def refine(
-    model: Any,
-    trajectories: Any,
+    model: FittedModel,
+    trajectories: Recording | Iterable[Recording],
     *,
-    observed: Any = None,
+    observed: Observed | None = None,
     initial_states: ArrayLike | Mapping[str, float] | None = None,
     segment_length: int | None = None,
     loss: str = "linear",
@@ -184,34 +112,14 @@ def refine(
             joined=flag("joined", joined),
             integrated=bar.update,
         )
-        found = estimation.solve(max_nfev)
-    parameters = estimation.parameters
-    covariance = estimation.covariance(found)
-    undetermined = _undetermined(parameters.names, covariance)
-    return RefinementResult(
-        model=parameters.apply(found.vector),
-        names=parameters.names,
-        values=found.vector,
-        covariance=covariance,
-        coef_standard_errors=parameters.spread(np.sqrt(np.diag(covariance))),
-        initial_states=found.starts,
-        cost_before=found.cost_before,
-        cost_after=found.cost_after,
-        rmse_before=found.rmse_before,
-        rmse_after=found.rmse_after,
-        nfev=found.nfev,
-        segment_length=estimation.length,
-        substeps=estimation.substeps,
-        status=found.status,
-        advice=_advice(found, undetermined),
-    )
+        return estimation.refined(max_nfev)
 
 
 def initial_states(
-    model: Any,
-    trajectories: Any,
+    model: FittedModel,
+    trajectories: Recording | Iterable[Recording],
     *,
-    observed: Any = None,
+    observed: Observed | None = None,
     guess: ArrayLike | Mapping[str, float] | None = None,
     loss: str = "linear",
     noise: ArrayLike | None = None,
@@ -264,25 +172,3 @@ def _check(loss, input_hold, max_nfev, segment_length) -> None:
     one_of("input_hold", input_hold, ("zero", "linear"))
     whole("max_nfev", max_nfev)
     whole("segment_length", segment_length, also=(None,))
-
-
-def _undetermined(names: list[str], covariance: Array) -> list[str]:
-    """Parameters about which the data say nothing."""
-    infinite: NDArray[np.bool_] = ~np.isfinite(np.diag(covariance))
-    return [name for name, unknown in zip(names, infinite, strict=True) if unknown]
-
-
-def _advice(found: Estimate, undetermined: list[str]) -> str:
-    if undetermined:
-        return (
-            f"The data do not determine {', '.join(undetermined)}; fix them by free, or measure "
-            "where they matter."
-        )
-    if not found.cost_after < found.cost_before:
-        return (
-            "No progress: the rollouts of the start are the best found, and it is returned "
-            "unchanged; try another start, a shorter segment_length, or more terms."
-        )
-    if found.status is Status.ITERATION_LIMIT:
-        return "Still improving when max_nfev was reached; increase it."
-    return "Converged; nothing to do."

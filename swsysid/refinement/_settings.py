@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["SETTINGS", "Settings"]
-
 
 @dataclass(frozen=True)
 class Settings:
@@ -26,6 +24,8 @@ class Settings:
     # its fifth power over 120, 3e-6
     step_rate: float = 0.2
     most_substeps: int = 50
+    # regula falsi with the Illinois rule gains more than a digit a turn on steps of a data set
+    n_false_positions: int = 8
     # rows at which rates and sizes are looked at
     most_rows: int = 500
     # a state so many times larger than anything measured has diverged

@@ -15,7 +15,8 @@ so a row has as many nonzero columns as there are parameters and states, however
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,88 +24,40 @@ from scipy import sparse
 
 from swsysid._results import Array
 from swsysid.refinement._parameters import Parametrization
-from swsysid.refinement._rollout import rollout
-from swsysid.refinement._segments import Segments
-from swsysid.refinement._settings import SETTINGS, Settings
+from swsysid.refinement._rollout import Segments, rollout
+from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._system import Maps, ParameterSets, RowSystem
-
-__all__ = ["Blocks", "Shooting", "Units"]
 
 
 @dataclass(frozen=True)
 class Units:
-    """In what the unknowns and the residuals count.
-
-    Attributes
-    ----------
-    parameters : ndarray of shape (n_parameters,)
-    states : ndarray of shape (n_states,)
-    noise : ndarray of shape (n_outputs,)
-    bound : ndarray of shape (n_states,)
-        Magnitude at which a diverging state is held.
-    """
+    """In what the unknowns and the residuals count."""
 
     parameters: Array
     states: Array
-    noise: Array
-    bound: Array
-
-
-@dataclass(frozen=True)
-class Blocks:
-    """Residuals of the samples and their derivatives, and the same for the ends of segments.
-
-    Attributes
-    ----------
-    residuals : ndarray of shape (n_residuals,)
-    by_parameters, by_start : ndarrays of shape (n_residuals, n_parameters or n_states)
-    end : ndarray of shape (n_segments, n_states)
-    end_by_parameters, end_by_start : ndarrays (n_segments, n_states, n_parameters or n_states)
-    """
-
-    residuals: Array
-    by_parameters: Array
-    by_start: Array
-    end: Array
-    end_by_parameters: Array
-    end_by_start: Array
+    noise: Array  # of the outputs
+    bound: Array  # magnitude at which a diverging state is held
 
 
 @dataclass(frozen=True)
 class Shooting:
-    """The least-squares problem of one set of segments.
-
-    Attributes
-    ----------
-    maps : Maps
-    parameters : Parametrization
-    segments : Segments
-    observed : ndarray of int
-        Measured states, or all columns of the output.
-    units : Units
-    """
+    """The least-squares problem of one set of segments."""
 
     maps: Maps
     parameters: Parametrization
     segments: Segments
-    observed: NDArray[np.intp]
+    observed: NDArray[np.intp]  # measured states, or all columns of the output
     units: Units
-    settings: Settings = SETTINGS
-    measured: NDArray[np.bool_] = field(init=False)
 
-    def __post_init__(self) -> None:
-        measured = np.isfinite(self.segments.y).transpose(1, 0, 2)
-        object.__setattr__(self, "measured", measured)  # segment by segment
+    @cached_property
+    def measured(self) -> NDArray[np.bool_]:
+        """Measured values, segment by segment."""
+        return np.isfinite(self.segments.y).transpose(1, 0, 2)
 
-    @property
+    @cached_property
     def segment(self) -> NDArray[np.intp]:
         """Segment of each residual."""
         return np.nonzero(self.measured)[0]
-
-    @property
-    def n_parameters(self) -> int:
-        """Number of free parameters."""
-        return len(self.units.parameters)
 
     # -- the vector of unknowns ------------------------------------------------------------
 
@@ -116,27 +69,23 @@ class Shooting:
 
     def split(self, unknowns: Array) -> tuple[Array, Array]:
         """Parameters and states, (n_starts, n_states)."""
-        p = self.n_parameters
-        starts = unknowns[p:].reshape(-1, self.maps.n_states)
-        return unknowns[:p] * self.units.parameters, starts * self.units.states
+        vector, starts = np.split(unknowns, [len(self.units.parameters)])
+        starts = starts.reshape(-1, self.maps.n_states)
+        return vector * self.units.parameters, starts * self.units.states
 
     # -- residuals -------------------------------------------------------------------------
 
     def outputs(self, vectors: Array, starts: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Readings and ends for every owner: (n_owners, n_times, n_segments, n_outputs), ..."""
-        sets = self.parameters.sets(vectors)
-        states, bounded = self._states(sets, starts)
+        read, states, bounded = self.states(vectors, starts)
         ends = states[self.segments.count, :, np.arange(len(self.segments))].swapaxes(0, 1)
-        return self._read(sets, states), ends, bounded
+        return read, ends, bounded
 
-    def whole_states(self, vector: Array, starts: Array) -> tuple[Array, Array]:
-        """Readings and states at all samples, (n_times, n_segments, ...)."""
-        sets = self.parameters.sets(vector[None])
-        states, _ = self._states(sets, starts[None])
-        return self._read(sets, states)[0], states[:, 0]
-
-    def _states(self, sets: ParameterSets, starts: Array) -> tuple[Array, NDArray[np.bool_]]:
-        return rollout(self.maps, sets, self.segments.grid, starts, self.units.bound)
+    def states(self, vectors: Array, starts: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Readings for every owner, and states at all samples (n_times, n_owners, ...)."""
+        sets = self.parameters.sets(vectors)
+        states, bounded = rollout(self.maps, sets, self.segments, starts, self.units.bound)
+        return self._read(sets, states), states, bounded
 
     def _read(self, sets: ParameterSets, states: Array) -> Array:
         """What the sensors read, (n_owners, n_times, n_segments, n_outputs)."""
@@ -144,7 +93,7 @@ class Shooting:
             return states[..., self.observed].swapaxes(0, 1)
         n_times, n_owners, n_segments, n_states = states.shape
         owners = np.tile(np.repeat(np.arange(n_owners), n_segments), n_times)
-        inputs = np.repeat(self.segments.grid.inputs[:, None], n_owners, axis=1)
+        inputs = np.repeat(self.segments.inputs[:, None], n_owners, axis=1)
         system = RowSystem(self.maps, sets, owners)
         with np.errstate(all="ignore"):
             read = system.output(states.reshape(-1, n_states), inputs.reshape(len(owners), -1))
@@ -168,20 +117,20 @@ class Shooting:
     def ends(self, vector: Array, starts: Array) -> tuple[Array, Array, Array]:
         """Readings, ends of the segments, and their derivatives by the starts, in plain units."""
         read, ends = self._varied(np.empty((0, len(vector))), vector, starts)
-        slopes = (ends[1:] - ends[0]).transpose(1, 2, 0) / (self.settings.step * self.units.states)
+        slopes = (ends[1:] - ends[0]).transpose(1, 2, 0) / (SETTINGS.step * self.units.states)
         return read[0], ends[0], slopes
 
-    def blocks(self, vector: Array, starts: Array) -> Blocks:
-        """Residuals, ends and their derivatives in units of the unknowns."""
-        p, step = self.n_parameters, self.settings.step
+    def slopes(self, vector: Array, starts: Array) -> tuple[Array, Array]:
+        """Derivatives of residuals and ends by the parameters and the start of their segment.
+
+        In units of the unknowns, (n_residuals, n_parameters + n_states) and (n_segments,
+        n_states, n_parameters + n_states).
+        """
+        step = SETTINGS.step
         read, ends = self._varied(np.diag(step * self.units.parameters), vector, starts)
         misfit = self.misfit(read)
-        slopes = (misfit[1:] - misfit[0]).T / step
         end_slopes = (ends[1:] - ends[0]).transpose(1, 2, 0) / step / self.units.states[:, None]
-        return Blocks(
-            misfit[0], slopes[:, :p], slopes[:, p:],
-            ends[0], end_slopes[:, :, :p], end_slopes[:, :, p:],
-        )  # fmt: skip
+        return (misfit[1:] - misfit[0]).T / step, end_slopes
 
     def _varied(self, moves: Array, vector: Array, starts: Array) -> tuple[Array, Array]:
         """Readings and ends as they are, for moves of the parameters, and of each state."""
@@ -190,34 +139,28 @@ class Shooting:
         vectors[1 : 1 + len(moves)] += moves
         all_starts = np.tile(starts, (len(vectors), 1, 1))
         moved = 1 + len(moves) + np.arange(n_states)
-        states = self.settings.step * self.units.states
+        states = SETTINGS.step * self.units.states
         all_starts[moved, :, np.arange(n_states)] += states[:, None]
         read, ends, _ = self.outputs(vectors, all_starts)
         return read, ends
 
     def jacobian(self, unknowns: Array, weight: float):
         """Jacobian of `residuals`, dense where it is small."""
-        blocks = self.blocks(*self.split(unknowns))
-        p, n = self.n_parameters, self.maps.n_states
+        slopes, end_slopes = self.slopes(*self.split(unknowns))
+        n = self.maps.n_states
+        p = slopes.shape[1] - n
         before = np.flatnonzero(self.segments.follower)
-        ends = np.repeat(before, n)
-        by_parameters = blocks.end_by_parameters[before].reshape(-1, p)
-        by_start = blocks.end_by_start[before].reshape(-1, n)
-        values = np.vstack(
-            [
-                np.hstack([blocks.by_parameters, blocks.by_start]),
-                weight * np.hstack([by_parameters, by_start]),
-            ]
-        )
-        segment = np.concatenate([self.segment, ends])
+        values = np.vstack([slopes, weight * end_slopes[before].reshape(-1, p + n)])
+        segment = np.concatenate([self.segment, np.repeat(before, n)])
         columns = np.empty(values.shape, dtype=np.int64)
         columns[:, :p] = np.arange(p)
         columns[:, p:] = p + n * segment[:, None] + np.arange(n)
         shape = (len(values), p + n * len(self.segments))
         rows = np.arange(len(values) + 1) * values.shape[1]
         whole = sparse.csr_matrix((values.ravel(), columns.ravel(), rows), shape=shape)
+        defect = np.arange(len(slopes), len(values))
         following = p + n * np.repeat(before + 1, n) + np.tile(np.arange(n), len(before))
-        places = (len(blocks.residuals) + np.arange(len(ends)), following)
-        whole = whole - sparse.csr_matrix((np.full(len(ends), weight), places), shape=shape)
-        small = shape[0] * shape[1] <= self.settings.dense
+        weights = np.full(len(defect), weight)
+        whole = whole - sparse.csr_matrix((weights, (defect, following)), shape=shape)
+        small = shape[0] * shape[1] <= SETTINGS.dense
         return whole.toarray() if small else whole.tocsr()

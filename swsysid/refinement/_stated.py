@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,9 +16,7 @@ from swsysid._data.features import FeatureMap
 from swsysid._results import Array, Trajectory
 from swsysid._simulation.model import SwitchingModel
 from swsysid._surfaces.mode_books import decisions
-from swsysid._surfaces.surface import LinearForm
-
-__all__ = ["Output", "ParametricLibrary", "StatedModel", "StatedSurface"]
+from swsysid._surfaces.surface import LinearForm, Surface
 
 
 class ParametricLibrary(TransformerMixin, BaseEstimator):
@@ -75,7 +72,7 @@ class ParametricLibrary(TransformerMixin, BaseEstimator):
         """Values of all terms, shape (n_samples, n_terms)."""
         return self.evaluate(table("X", X), self.parameters or {})
 
-    def evaluate(self, X: Array, parameters: Mapping[str, Any]) -> Array:
+    def evaluate(self, X: Array, parameters: Mapping[str, ArrayLike]) -> Array:
         """Values of all terms for parameters that may differ from row to row."""
         if X.ndim != 2 or X.shape[1] != len(self.columns):
             raise ValueError(
@@ -95,7 +92,7 @@ class ParametricLibrary(TransformerMixin, BaseEstimator):
         return True
 
 
-Output = ParametricLibrary | Callable[[Array], Any]
+Output = ParametricLibrary | Callable[[Array], ArrayLike]
 
 
 class StatedSurface:
@@ -121,7 +118,12 @@ class StatedSurface:
     array([0, 1])
     """
 
-    def __init__(self, coef: ArrayLike, feature_library: Any = 1, mode_book: Any = None):
+    def __init__(
+        self,
+        coef: ArrayLike,
+        feature_library: BaseEstimator | int | None = 1,
+        mode_book: ArrayLike | None = None,
+    ):
         given = numbers("coef", coef)
         if given.ndim not in (1, 2) or not given.shape[-1]:
             raise ValueError(
@@ -174,7 +176,7 @@ class StatedSurface:
     def linear_form(self, n_columns: int) -> LinearForm:
         """The surfaces as functions of their coefficients, for rows of so many columns."""
         return LinearForm(
-            self._features(n_columns),
+            self._features(n_columns).at_rows,
             self.coef_,
             np.ones(len(self.coef_)),
             self.mode_book_,
@@ -237,12 +239,12 @@ class StatedModel:
 
     def __init__(
         self,
-        feature_library: Any,
+        feature_library: BaseEstimator | int | None,
         coef: ArrayLike,
         *,
         states: Sequence[str],
         inputs: Sequence[str] = (),
-        surface: Any = None,
+        surface: Surface | None = None,
         free: ArrayLike | None = None,
         output: Output | None = None,
         discrete_time: bool = False,
@@ -252,7 +254,7 @@ class StatedModel:
         self.coef_ = numbers("coef", coef).copy()
         self.coef_ = self.coef_[None] if self.coef_.ndim == 2 else self.coef_
         self.feature_map = FeatureMap(feature_library, np.ones((1, len(columns))), columns)
-        self.surface = StatedSurface.of_one_mode() if surface is None else surface
+        self.surface: Surface = StatedSurface.of_one_mode() if surface is None else surface
         self.output, self.discrete_time = output, discrete_time
         wanted = (len(states), self.feature_map.n_features_out)
         if self.coef_.ndim != 3 or self.coef_.shape[1:] != wanted:

@@ -19,32 +19,19 @@ from swsysid._simulation.model import SwitchingModel
 from swsysid._surfaces.surface import decisions_of, is_linear
 from swsysid.refinement._stated import Output, ParametricLibrary
 
-__all__ = ["Maps", "ParameterSets", "RowSystem"]
-
 Rows = NDArray[np.intp]
 RowMap = Callable[[Array, Mapping[str, Array]], Array]
 
 
 @dataclass(frozen=True)
 class ParameterSets:
-    """Values of all parameters, one set for each owner.
+    """Values of all parameters, one set for each owner."""
 
-    Attributes
-    ----------
-    coef : ndarray of shape (n_owners, n_modes, n_states, n_features)
-    named : dict of str to ndarray of shape (n_owners,)
-        Parameters inside features and outputs.
-    surface : ndarray of shape (n_owners, n_surfaces, n_surface_features)
-        Coefficients in the coordinates in which the surface was fitted; not used where it is
-        known only as a classifier.
-    """
-
-    coef: Array
-    named: dict[str, Array]
+    coef: Array  # (n_owners, n_modes, n_states, n_features)
+    named: dict[str, Array]  # parameters inside features and outputs, (n_owners,)
+    # (n_owners, n_surfaces, n_surface_features) in the coordinates in which the surface was
+    # fitted; not used where it is known only as a classifier
     surface: Array
-
-    def __len__(self) -> int:
-        return len(self.coef)
 
 
 class Maps:
@@ -56,8 +43,15 @@ class Maps:
     def __init__(self, system: SwitchingModel, output: Output | None = None):
         self.n_modes, self.n_states, _ = system.coef.shape
         self.discrete_time = bool(system.discrete_time)
-        self.features = _features(system)
-        self.output = None if output is None else _output(output)
+        library = system.feature_map.library
+        self.features: RowMap = lambda X, named: system.feature_map.at_rows(X)
+        if isinstance(library, ParametricLibrary):
+            self.features = library.evaluate
+        self.output: RowMap | None = None
+        if isinstance(output, ParametricLibrary):
+            self.output = output.evaluate
+        elif output is not None:
+            self.output = lambda X, named: np.asarray(output(X), dtype=float).reshape(len(X), -1)
         self.surface = surface = system.surface
         n_columns = len(system.feature_map.names_in)
         self.linear = surface.linear_form(n_columns) if is_linear(surface) else None
@@ -74,19 +68,6 @@ class Maps:
         return decided
 
 
-def _features(system: SwitchingModel) -> RowMap:
-    feature_map = system.feature_map
-    if isinstance(feature_map.library, ParametricLibrary):
-        return feature_map.library.evaluate
-    return lambda X, named: feature_map.at_rows(X)
-
-
-def _output(output: Output) -> RowMap:
-    if isinstance(output, ParametricLibrary):
-        return output.evaluate
-    return lambda X, named: np.asarray(output(X), dtype=float).reshape(len(X), -1)
-
-
 @dataclass(frozen=True)
 class RowSystem:
     """Fields, modes and outputs of rows, each under the parameters of its owner."""
@@ -99,15 +80,14 @@ class RowSystem:
         """The system of some of the rows."""
         return RowSystem(self.maps, self.sets, self.owners[rows])
 
+    def features(self, x: Array, u: Array) -> Array:
+        """Features of every row."""
+        return self.maps.features(np.concatenate([x, u], axis=1), self._named)
+
     def field(self, modes: Rows) -> Callable[[Array, Array], Array]:
         """Velocity (next state in discrete time) of every row, each in a given mode."""
-        coef, named = self.sets.coef[self.owners, modes], self._named
-
-        def velocity(x: Array, u: Array) -> Array:
-            features = self.maps.features(np.concatenate([x, u], axis=1), named)
-            return np.matmul(coef, features[:, :, None])[:, :, 0]
-
-        return velocity
+        coef = self.sets.coef[self.owners, modes]
+        return lambda x, u: np.matmul(coef, self.features(x, u)[:, :, None])[:, :, 0]
 
     def modes(self, x: Array, u: Array) -> Rows:
         """Active mode of every row."""
@@ -127,8 +107,7 @@ class RowSystem:
         return self.maps.output(np.concatenate([x, u], axis=1), self._named)
 
     def _decisions(self, x: Array, u: Array) -> Array:
-        X = np.concatenate([x, u], axis=1)
-        return self.maps.decisions(X, self._surface)
+        return self.maps.decisions(np.concatenate([x, u], axis=1), self._surface)
 
     @cached_property
     def _surface(self) -> Array:

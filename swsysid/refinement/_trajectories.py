@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks.arrays import column, numbers, refuse_overflow, refuse_vanishing, table
 from swsysid._checks.parameters import real, shown
 from swsysid._data.trajectories import group_labels, trajectories
 from swsysid._results import Array, Trajectory
-
-__all__ = ["Record", "first_states", "observed_states", "read_trajectories", "spread"]
 
 
 @dataclass(frozen=True)
@@ -37,29 +34,38 @@ class Record:
                 channel[:] = 0.0
         return filled
 
+    def part(self, first: int, length: int) -> Record:
+        """So many steps from a sample on."""
+        rows = slice(first, first + length + 1)
+        return Record(self.t[rows], self.y[rows], self.u[rows])
 
-def read_trajectories(given: Any, n_inputs: int, n_outputs: int) -> list[Record]:
+
+# A trajectory as a user gives it: a mapping with t, x, inputs and groups, or a simulated one.
+Recording = Mapping[str, ArrayLike | None] | Trajectory
+# Measured states, by name or number.
+Observed = str | int | Sequence[str | int]
+
+
+def read_trajectories(
+    given: Recording | Iterable[Recording], n_inputs: int, n_outputs: int
+) -> list[Record]:
     """Records of one trajectory or a list of them, given as dicts or as `Trajectory`."""
-    if isinstance(given, (Mapping, Trajectory)):
-        given = [given]
-    listed = isinstance(given, Iterable) and not isinstance(given, (str, bytes))
-    given = list(given) if listed else [None]
-    if not all(isinstance(one, (Mapping, Trajectory)) for one in given):
+    alone = isinstance(given, (Mapping, Trajectory, str, bytes))
+    listed = [given] if alone or not isinstance(given, Iterable) else list(given)
+    if not all(isinstance(one, (Mapping, Trajectory)) for one in listed):
         raise TypeError(
             "trajectories must be a dict with t, x and inputs, a Trajectory, or a list of them."
         )
-    if not given:
+    if not listed:
         raise ValueError("trajectories is empty; give at least one.")
-    return [
-        record
-        for place, one in enumerate(given)
-        for record in _records(
-            one if isinstance(one, Mapping) else vars(one), place, n_inputs, n_outputs
-        )
-    ]
+    fields = [one if isinstance(one, Mapping) else vars(one) for one in listed]
+    each = [_records(one, place, n_inputs, n_outputs) for place, one in enumerate(fields)]
+    return [record for records in each for record in records]
 
 
-def _records(fields: Mapping[str, Any], place: int, n_inputs: int, n_outputs: int) -> list[Record]:
+def _records(
+    fields: Mapping[str, object], place: int, n_inputs: int, n_outputs: int
+) -> list[Record]:
     """The trajectories of one recording, several where it names groups."""
     for name in ("t", "x"):
         if fields.get(name) is None:
@@ -97,27 +103,27 @@ def _records(fields: Mapping[str, Any], place: int, n_inputs: int, n_outputs: in
     return records
 
 
-def observed_states(observed: Sequence | None, names: Sequence[str], n_states: int) -> NDArray:
+def observed_states(observed: Observed | None, known: list[str]) -> NDArray:
     """Numbers of the measured states, by name or number; None means all."""
-    known = list(names[:n_states])
     if observed is None:
-        return np.arange(n_states)
-    chosen = [observed] if isinstance(observed, str) or not np.iterable(observed) else [*observed]
-    places = [_place_of(state, known) for state in chosen]
+        return np.arange(len(known))
+    chosen: list[object] = [observed]
+    if not isinstance(observed, (str, int)) and np.iterable(observed):
+        chosen = [*observed]
+    places = []
+    for state in chosen:
+        if isinstance(state, str) and state in known:
+            places.append(known.index(state))
+        elif isinstance(state, (int, np.integer)) and 0 <= state < len(known):
+            places.append(int(state))
+        else:
+            raise ValueError(
+                f"observed names {shown(state)}, which is no state; choose among "
+                f"{', '.join(known)}."
+            )
     if len(set(places)) != len(places) or not places:
         raise ValueError(f"observed={shown(observed)}; name each measured state once.")
     return np.array(places, dtype=np.intp)
-
-
-def _place_of(state: Any, known: list[str]) -> int:
-    """Number of a state given by name or number."""
-    if isinstance(state, str) and state in known:
-        return known.index(state)
-    if isinstance(state, (int, np.integer)) and 0 <= state < len(known):
-        return int(state)
-    raise ValueError(
-        f"observed names {shown(state)}, which is no state; choose among {', '.join(known)}."
-    )
 
 
 def first_states(initial_states, names, n_records) -> Array:
@@ -148,3 +154,23 @@ def spread(columns: Array) -> Array:
     deviation = np.nanstd(columns, axis=0)
     size = np.nanmax(np.abs(columns), axis=0)
     return np.where(deviation > 0.0, deviation, np.where(size > 0.0, size, 1.0))
+
+
+def channel_noise(records: list[Record], noise: ArrayLike | None) -> Array:
+    """Standard deviations that weigh the channels, (n_channels,); None means their own."""
+    y = np.vstack([record.y for record in records])
+    empty = ~np.isfinite(y).any(axis=0)
+    if empty.any():
+        raise ValueError(
+            f"column {empty.argmax()} of x holds no finite value; name only measured states."
+        )
+    if noise is None:
+        return spread(y)
+    chosen = numbers("noise", noise)
+    refuse_overflow("noise", chosen)
+    refuse_vanishing("noise", chosen[None])
+    if chosen.shape not in ((), y.shape[1:]) or not (chosen > 0.0).all():
+        raise ValueError(
+            f"noise={shown(noise)}; give a positive standard deviation for each channel."
+        )
+    return np.broadcast_to(chosen, y.shape[1:])

@@ -12,8 +12,6 @@ from swsysid._checks.arrays import numbers
 from swsysid._losses import get_loss
 from swsysid._results import Array, Assignment, Status
 
-__all__ = ["Relaxation", "first_least", "hardened", "one_hot"]
-
 
 class Relaxation(ABC, BaseEstimator):
     r"""A relaxation of the mode constraint :math:`\lambda_i \in \{e_1, \dots, e_M\}`.

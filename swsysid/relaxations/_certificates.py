@@ -14,10 +14,8 @@ from scipy.sparse import bsr_array
 
 from swsysid._losses import get_loss
 from swsysid._results import Array, Status
-from swsysid._solvers.conic import linear_program
+from swsysid._solvers.conic import linear_program, worst_status
 from swsysid.relaxations import get_relaxation
-
-__all__ = ["FitCertificate", "certify"]
 
 # Relative to the velocities of the sample: a residual below is rounding and counts as zero, and
 # a dual margin must exceed it to count as strict.
@@ -133,7 +131,7 @@ def certify(
         dual_certified=_dual_certified(candidates, targets, modes, get_loss(loss).norm),
         rounding_bound=_rounding_bound(candidates, targets, relaxed, loss),
         dynamics_gap=dynamics_gap,
-        status=next((s for s in (relaxed.status, *statuses) if not s.ok), Status.OPTIMAL),
+        status=worst_status((relaxed.status, *statuses)),
     )
 
 
@@ -157,11 +155,9 @@ def _subdifferential_l1(residuals):
 
 
 def _subdifferential_l2(residuals):
-    """Dual vectors of the Euclidean norm: the direction, any short vector at zero.
-
-    At zero the unit ball and the box [-1, 1] serve alike, since only the sign of inner products
-    with w matters and both contain a multiple of every vector.
-    """
+    """Dual vectors of the Euclidean norm: the direction, any short vector at zero."""
+    # At zero the unit ball and the box [-1, 1] serve alike, since only the sign of inner products
+    # with w matters and both contain a multiple of every vector.
     norms = np.linalg.norm(residuals, axis=1, keepdims=True)
     zero = norms <= ROUNDING
     fixed = np.where(zero, 0.0, residuals / np.where(zero, 1.0, norms))

@@ -7,8 +7,6 @@ import numpy as np
 from swsysid._results import Array, Assignment, Status
 from swsysid.relaxations._base import Relaxation, first_least, one_hot
 
-__all__ = ["ExactRelaxation"]
-
 
 class ExactRelaxation(Relaxation):
     r"""The order-2 moment relaxation in closed form, which is the argmin over the modes.

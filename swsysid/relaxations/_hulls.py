@@ -21,8 +21,6 @@ from scipy.sparse import bsr_array
 from swsysid._results import Array, Status
 from swsysid._solvers.conic import linear_program, require_solution
 
-__all__ = ["HullSettings", "nearest_euclidean", "nearest_l1", "on_simplex"]
-
 
 @dataclass(frozen=True)
 class HullSettings:
@@ -53,19 +51,9 @@ def nearest_l1(residuals: Array, settings: HullSettings = SETTINGS) -> tuple[Arr
     r"""Memberships of minimal l1 norm, every one proved by a dual vector.
 
     Any u with all :math:`|u_k| \le 1` bounds the norm from below by min_j <u, r_j>. Samples for
-    which rounding keeps the two apart are solved again by HiGHS.
-
-    Parameters
-    ----------
-    residuals : ndarray of shape (n_corners, n_samples, n_states), n_corners > 1
-
-    Returns
-    -------
-    membership : ndarray of shape (n_samples, n_corners)
-    lower_bound : ndarray of shape (n_samples,)
-        What is proved: no membership has a smaller norm.
-    status : Status
-        `OPTIMAL` only if every bound is the norm that was found.
+    which rounding keeps the two apart are solved again by HiGHS. For residuals (n_corners > 1,
+    n_samples, n_states) these are memberships (n_samples, n_corners), lower bounds (n_samples,)
+    that no membership falls below, and a status: `OPTIMAL` only if every bound is the norm found.
 
     Examples
     --------

@@ -18,8 +18,6 @@ from swsysid._data.features import FeatureMap
 from swsysid._results import Array, Status
 from swsysid._solvers.conic import mixed_integer_program, require_solution
 
-__all__ = ["MipResult", "solve_mip"]
-
 # Gap, relative to the sizes of residuals and targets, that the tolerances of HiGHS may leave.
 _PROVED = 1e-6
 
@@ -103,8 +101,14 @@ def solve_mip(
     >>> result.status.ok, round(result.gap, 9)
     (True, 0.0)
     """
-    X, y = _checked_data(X, y)
-    _check_parameters(n_modes, coef_bound, time_limit)
+    X = table("X", X)
+    y = table("y", y, n_rows=len(X))
+    for name, values in (("X", X), ("y", y)):
+        refuse_vanishing(name, values)
+    whole("n_modes", n_modes, most=MOST_MODES)
+    real("coef_bound", coef_bound, above=0)
+    if not (isinstance(time_limit, float) and time_limit == np.inf):
+        real("time_limit", time_limit, above=0)
     names = [f"x{i}" for i in range(X.shape[1])]
     features = FeatureMap(feature_library, X, names)(X)
     # The solver's tolerances are absolute: targets and features enter in units of their size.
@@ -125,21 +129,6 @@ def solve_mip(
     if status is Status.OPTIMAL and unproved:
         status = Status.INACCURATE
     return MipResult(objective, bound, objective - bound, coef, modes, status)
-
-
-def _checked_data(X, y) -> tuple[Array, Array]:
-    X = table("X", X)
-    y = table("y", y, n_rows=len(X))
-    for name, values in (("X", X), ("y", y)):
-        refuse_vanishing(name, values)
-    return X, y
-
-
-def _check_parameters(n_modes, coef_bound, time_limit) -> None:
-    whole("n_modes", n_modes, most=MOST_MODES)
-    real("coef_bound", coef_bound, above=0)
-    if not (isinstance(time_limit, float) and time_limit == np.inf):
-        real("time_limit", time_limit, above=0)
 
 
 @dataclass(frozen=True)
@@ -231,12 +220,10 @@ class _Program:
 
 
 def _membership_rows(n_modes, n_samples):
-    """Rows on b: each sample has one mode; a mode opens after the mode before it.
-
-    Relabelling the modes changes nothing, so of the n_modes! copies of every solution only the
-    one is kept in which the modes are numbered by their first sample:
-    b[j, i] <= sum of b[j - 1, i'] over i' < i.
-    """
+    """Rows on b: each sample has one mode; a mode opens after the mode before it."""
+    # Relabelling the modes changes nothing, so of the n_modes! copies of every solution only the
+    # one is kept in which the modes are numbered by their first sample: b[j, i] <= sum of b[j - 1,
+    # i'] over i' < i.
     one_mode = kron(np.ones((1, n_modes)), eye_array(n_samples))
     earlier = csr_array(np.tri(n_samples, k=-1))
     order = kron(eye_array(n_modes - 1, n_modes), earlier) - kron(

@@ -9,32 +9,39 @@ sum_j lambda_j = 1 the residual is c = xdot - sum_j lambda_j v_j = -sum_j lambda
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from math import comb
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from swsysid._checks.parameters import whole
 from swsysid._losses import get_loss
-from swsysid._results import Array, Assignment, Status
-from swsysid._solvers.conic import modelling, require_solution, solve
+from swsysid._results import Array, Assignment
+from swsysid._solvers.conic import modelling, require_solution, solve, worst_status
 from swsysid.relaxations._base import Relaxation
 from swsysid.relaxations._hulls import on_simplex
 
-__all__ = ["MomentRelaxation"]
+if TYPE_CHECKING:
+    from cvxpy import Problem
 
-# Second over first singular value below which a moment matrix counts as rank one; the paper's
-# own experiments use this number.
-RANK_TOLERANCE = 1e-6
-# Samples in one semidefinite program of order 1. cvxpy compiles it once for all of them; twice
-# as many take four times as long to compile and gain nothing in the solver.
-CHUNK = 50
-# The slacks are bounded, as a compact set of moments needs it. In units of the longest
-# displacement no residual exceeds 1, so that the bound is never active.
-SLACK_BOUND = 1.25
-# Rows of a semidefinite matrix beyond which a sample takes minutes, or the memory runs out.
-_LARGEST_SIDE = 300
+
+@dataclass(frozen=True)
+class MomentSettings:
+    """How moment relaxations are posed."""
+
+    # Second over first singular value below which a moment matrix counts as rank one; the paper's
+    # own experiments use this number.
+    rank_one: float = 1e-6
+    # Samples in one semidefinite program of order 1. cvxpy compiles it once for all of them; twice
+    # as many take four times as long to compile and gain nothing in the solver.
+    chunk: int = 50
+    # The slacks are bounded, as a compact set of moments needs it. In units of the longest
+    # displacement no residual exceeds 1, so that the bound is never active.
+    slack_bound: float = 1.25
+    # Rows of a semidefinite matrix beyond which a sample takes minutes, or the memory runs out.
+    largest_side: int = 300
 
 
 class MomentRelaxation(Relaxation):
@@ -78,6 +85,8 @@ class MomentRelaxation(Relaxation):
     [0.0, 0.25]
     """
 
+    settings = MomentSettings()
+
     def __init__(self, order: int = 1):
         self.order = order
 
@@ -95,27 +104,44 @@ class MomentRelaxation(Relaxation):
         candidates, targets = self.checked(candidates, targets)
         whole("order", self.order)
         if self.order > 1:
-            _refuse_many_moments(self.order, self.loss, *candidates.shape[::2])
+            self._refuse_many_moments(*candidates.shape[::2])
         displacements = (candidates - targets).transpose(1, 0, 2)
         scale = np.linalg.norm(displacements, axis=2).max(axis=1)
         scale[scale == 0] = 1.0
-        chunk = min(CHUNK, max(len(targets), 1)) if self.order == 1 else 1
-        build = _shor if self.order == 1 else _lasserre
-        program = build(self.loss, len(candidates), targets.shape[1], chunk, self.order)
+        shape = self.loss, len(candidates), targets.shape[1]
+        if self.order == 1:
+            chunk = min(self.settings.chunk, max(len(targets), 1))
+            program = _shor(*shape, chunk)
+        else:
+            chunk = 1
+            program = _lasserre(*shape, self.order, self.settings.slack_bound)
         moments, values, statuses = _solve_chunks(
             program, displacements / scale[:, None, None], chunk, self.solver
         )
-        status = next((status for status in statuses if not status.ok), Status.OPTIMAL)
+        status = worst_status(statuses)
         membership = on_simplex(moments[:, 0, 1:])
         units = np.square(scale) if self.loss == "squared" else scale
         value = float((values * units).sum())
-        return self.hardened(candidates, targets, membership, value, _rank_one(moments), status)
+        singular = np.linalg.svd(moments, compute_uv=False)
+        rank_one = singular[:, 1] < self.settings.rank_one * singular[:, 0]
+        return self.hardened(candidates, targets, membership, value, rank_one, status)
+
+    def _refuse_many_moments(self, n_modes: int, n_states: int) -> None:
+        """Refuse matrices that no solver gets through, before they are built."""
+        order, largest = self.order, self.settings.largest_side
+        n_variables = n_modes + _NORM_CONES[self.loss][0](n_states)
+        side = comb(n_variables + order, order) if order <= largest else order
+        if side > largest:
+            raise ValueError(
+                f"order={order} has moment matrices of {side} rows; choose order=2, whose value is "
+                "exact already."
+            )
 
 
 class _Program(NamedTuple):
     """A parametrised cvxpy problem over a few samples, and how to fill and to read it."""
 
-    problem: Any
+    problem: Problem
     set_data: Callable  # displacements (n_samples, n_modes, n_states) -> None
     moments: Callable  # () -> moment matrices of lambda (n_samples, n_modes + 1, n_modes + 1)
     values: Callable  # () -> relaxed loss of each sample (n_samples,)
@@ -137,23 +163,7 @@ def _solve_chunks(program, displacements, chunk, solver):
     return moments, values, statuses
 
 
-def _refuse_many_moments(order: int, loss: str, n_modes: int, n_states: int) -> None:
-    """Refuse matrices that no solver gets through, before they are built."""
-    n_variables = n_modes + _NORM_CONES[loss][0](n_states)
-    side = comb(n_variables + order, order) if order <= _LARGEST_SIDE else order
-    if side > _LARGEST_SIDE:
-        raise ValueError(
-            f"order={order} has moment matrices of {side} rows; choose order=2, whose value is "
-            "exact already."
-        )
-
-
-def _rank_one(moments):
-    singular = np.linalg.svd(moments, compute_uv=False)
-    return singular[:, 1] < RANK_TOLERANCE * singular[:, 0]
-
-
-def _shor(loss, n_modes, n_states, n_samples, order):
+def _shor(loss, n_modes, n_states, n_samples):
     """Order 1: the loss stays a convex function of the first moments."""
     cp = modelling()
     data = [cp.Parameter((n_samples, n_modes)) for _ in range(n_states)]
@@ -216,7 +226,7 @@ class _Moments:
         return modelling().reshape(entries, (len(basis), len(basis)), order="C")
 
 
-def _lasserre(loss, n_modes, n_states, n_samples, order):
+def _lasserre(loss, n_modes, n_states, order, slack_bound):
     """Order >= 2, one sample at a time: moments of (lambda, delta) and localizing matrices."""
     cp = modelling()
     n_slacks, cones = _NORM_CONES[loss]
@@ -237,7 +247,7 @@ def _lasserre(loss, n_modes, n_states, n_samples, order):
     semidefinite = [
         moments.matrix(moments.monomials(order)),
         *cones(bounds, residuals),
-        *(SLACK_BOUND * moments.matrix(basis) - bound for bound in bounds),
+        *(slack_bound * moments.matrix(basis) - bound for bound in bounds),
     ]
     constraints = [moments.vector([()]) == 1, unit_sum == moments.vector(multipliers)]
     constraints += [matrix >> 0 for matrix in semidefinite]
@@ -277,13 +287,9 @@ def _l2_cones(bounds, residuals):
     yield modelling().bmat([[bound, *residuals], *rows])
 
 
-def _no_cones(bounds, residuals):
-    return ()
-
-
 # How many slacks a loss needs in n_states states, and the inequalities that bind them.
 _NORM_CONES = {
     "l1": (lambda n_states: n_states, _l1_cones),
     "l2": (lambda n_states: 1, _l2_cones),
-    "squared": (lambda n_states: 0, _no_cones),
+    "squared": (lambda n_states: 0, lambda bounds, residuals: ()),
 }

@@ -13,8 +13,7 @@ over all of them is N tiny convex programs. Three observations make them cheap:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -23,8 +22,6 @@ from swsysid._results import Array, Assignment, Status
 from swsysid._solvers.conic import modelling, require_solution, solve
 from swsysid.relaxations._base import Relaxation, first_least, hardened, one_hot
 from swsysid.relaxations._hulls import HullSettings, nearest_euclidean, nearest_l1, on_simplex
-
-__all__ = ["SimplexRelaxation"]
 
 # Rounding that an inner product of differences of velocities can carry, relative to their size.
 ROUNDING = 1e-12
@@ -93,7 +90,7 @@ class SimplexRelaxation(Relaxation):
         place = best.astype(float)
         offset, along = residuals[0], residuals[0] - residuals[1]
         # Of several minimisers the end is kept, if it is one of them.
-        for trial in _GEOMETRIES[loss.norm].places(offset, along):
+        for trial in _PLACES[loss.norm](offset, along):
             found = loss.values(offset - trial[:, None] * along)
             place = np.where(found < value * (1.0 - ROUNDING), trial, place)
             value = np.fmin(value, found)
@@ -111,7 +108,7 @@ class SimplexRelaxation(Relaxation):
         pending = np.flatnonzero(~_vertex_is_optimal(residuals, best, norm))
         if pending.size:
             residuals = residuals[:, pending]
-            weights, least, status = _GEOMETRIES[norm.name].hull(residuals, self.settings)
+            weights, least, status = _HULLS[norm.name](residuals, self.settings)
             mixed = (weights.T[..., None] * residuals).sum(axis=0)
             found = loss.values(mixed)
             # Of several minimisers keep the one-hot one, if there is one.
@@ -147,17 +144,9 @@ def _projections(offset: Array, along: Array) -> Iterator[Array]:
     yield foot.clip(0.0, 1.0)
 
 
-class _Geometry(NamedTuple):
-    """Where a norm can be least on a segment, and how its nearest points of hulls are found."""
-
-    places: Callable[[Array, Array], Iterator[Array]]
-    hull: Callable
-
-
-_GEOMETRIES = {
-    "l1": _Geometry(_kinks, nearest_l1),
-    "l2": _Geometry(_projections, nearest_euclidean),
-}
+# Where a norm can be least on a segment, and how its nearest points of hulls are found.
+_PLACES = {"l1": _kinks, "l2": _projections}
+_HULLS = {"l1": nearest_l1, "l2": nearest_euclidean}
 
 
 def _assign_whole(candidates, targets, loss, solver):

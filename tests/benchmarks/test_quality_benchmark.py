@@ -112,6 +112,11 @@ def test_a_cell_that_is_there_is_not_run_again(tmp_path):
     assert json.loads(file.read_text(encoding="utf-8").splitlines()[0]) == changed
 
 
+def test_one_method_alone_has_tables(tmp_path, capsys):
+    main(["--output", str(tmp_path), "--cases", "pwarx_band", "--seeds", "1", "--methods", "ours"])
+    assert "| pwarx_band |" in capsys.readouterr().out
+
+
 def test_an_unknown_method_is_refused(tmp_path):
     with pytest.raises(SystemExit, match="does not know"):
         main(["--methods", "kplane", "--output", str(tmp_path)])
@@ -161,7 +166,9 @@ def test_every_mode_is_visited():
     rng = np.random.default_rng(0)
     for case in CASES.values():
         system = case.make(rng)
-        modes = system.modes(system.states(rng, 2000))
+        states = system.states(rng, 2000)
+        modes = system.modes(states)
+        assert np.isfinite(system.velocities(states)).all()
         shares = np.bincount(modes, minlength=case.n_modes) / len(modes)
         # SPS, whose trajectories soon settle, has the smallest mode
         assert shares.min() > 0.03, case.name

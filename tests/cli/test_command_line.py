@@ -59,6 +59,19 @@ def coefficients(text, rate):
     return found
 
 
+def text_of(arguments, capsys):
+    """What a run that succeeds prints."""
+    assert main(arguments) == 0
+    return capsys.readouterr().out
+
+
+def assert_is_the_oscillator(text, tolerance, rate="v'", speed="v"):
+    """The laws of `oscillator`, whose damping is another one in each mode."""
+    laws = sorted(coefficients(text, rate), key=lambda law: law[speed])
+    assert [law[speed] for law in laws] == pytest.approx([-0.5, -0.1], abs=tolerance)
+    assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=tolerance)
+
+
 def test_the_text_is_parsed_by_these_tests_as_it_is_meant():
     text = "    x' = -1.5 x + 2.0e-3 v - 0.25   [m/s]\n"
     assert coefficients(text, "x'") == [{"x": -1.5, "v": 2e-3, "1": -0.25}]
@@ -67,12 +80,9 @@ def test_the_text_is_parsed_by_these_tests_as_it_is_meant():
 def test_a_csv_becomes_equations_surface_error_model_and_picture(recording, tmp_path, capsys):
     pandas = pytest.importorskip("pandas")
     states = ["--states", "x,v", "--units", "x=m,v=m/s,t=s"]
-    assert main([recording, *states, *NAMES, "--output", str(tmp_path / "out")]) == 0
-    text = capsys.readouterr().out
+    text = text_of([recording, *states, *NAMES, "--output", str(tmp_path / "out")], capsys)
     # planted law, in each mode, and the planted surface x = 0
-    laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
-    assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.01)
-    assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=0.01)
+    assert_is_the_oscillator(text, 0.01)
     assert "[m/s^2]" in text and "x [m], v [m/s]" in text
     assert "whole trajectories" in text and "Switching predicts the held-out samples" in text
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
@@ -94,13 +104,10 @@ def test_a_csv_becomes_equations_surface_error_model_and_picture(recording, tmp_
 
 def test_positions_alone_give_the_same_law(recording, tmp_path, capsys):
     arguments = [recording, "--states", "x", "--order", "2", *NAMES, "--output", str(tmp_path)]
-    assert main(arguments) == 0
-    text = capsys.readouterr().out
+    text = text_of(arguments, capsys)
     assert "known: the derivative of x is x'" in text
     assert "kept in the law" in text  # the spring needs the position
-    laws = sorted(coefficients(text, "x''"), key=lambda law: law["x'"])
-    assert [law["x'"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.02)
-    assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=0.02)
+    assert_is_the_oscillator(text, 0.02, "x''", "x'")
 
 
 @pytest.mark.parametrize("kind", ["npz", "mat"])
@@ -112,19 +119,8 @@ def test_binary_files_and_measured_derivatives(kind, tmp_path, capsys):
     columns |= {"dx": v, "dv": -x - np.where(x > 0, 0.1, 0.5) * v}
     path = tmp_path / f"data.{kind}"
     np.savez(path, **columns) if kind == "npz" else savemat(path, columns)
-    arguments = [
-        str(path),
-        "--states",
-        "x",
-        "v",
-        "--derivatives",
-        "dx",
-        "dv",
-        "--library",
-        "linear",
-    ]
-    assert main([*arguments, "--output", str(tmp_path / "out")]) == 0
-    text = capsys.readouterr().out
+    arguments = [str(path), *"--states x v --derivatives dx dv --library linear".split()]
+    text = text_of([*arguments, "--output", str(tmp_path / "out")], capsys)
     laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
     # derivatives without noise: the printed digits are exact
     assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=1e-5)
@@ -143,8 +139,7 @@ def test_a_single_law_is_not_sold_as_two(tmp_path, capsys):
 
 
 def test_the_built_in_example(tmp_path, capsys):
-    assert main(["--output", str(tmp_path)]) == 0
-    text = capsys.readouterr().out
+    text = text_of(["--output", str(tmp_path)], capsys)
     assert "clearly better than one mode" in text
     assert (tmp_path / "phase_portrait.png").stat().st_size > 10_000
 
@@ -185,42 +180,37 @@ def test_bad_input_gets_one_sentence_and_exit_code_2(arguments, sentence, tmp_pa
     assert re.search(sentence, error) and error.startswith("swsysid: ") and error.count("\n") == 1
 
 
-def test_missing_cells_cost_their_rows_and_are_counted(recording, tmp_path, capsys):
-    lines = Path(recording).read_text(encoding="utf-8").splitlines()
-    for row, word in ((4, "NA"), (50, "---"), (51, "")):
-        cells = lines[row].split(",")
-        lines[row] = ",".join([*cells[:2], word, *cells[3:]])
+@pytest.mark.parametrize(
+    ("column", "words", "sentence"),
+    [
+        (2, {4: "NA", 50: "---", 51: ""}, "3 of 2,400 rows, with missing values (v 3; rows 5, 51"),
+        (
+            1,
+            dict.fromkeys((100, 700, 701), "9999"),
+            "Masked as no measurement: 3 cells of x (9999; rows 101, 701, 702)",
+        ),
+    ],
+    ids=["missing", "sentinels"],
+)
+def test_cells_without_a_measurement_are_counted(
+    column, words, sentence, recording, tmp_path, capsys
+):
+    rows = [line.split(",") for line in Path(recording).read_text(encoding="utf-8").splitlines()]
+    for row, word in words.items():
+        rows[row][column] = word
     path = tmp_path / "gaps.csv"
-    path.write_text("\n".join(lines), encoding="utf-8")
-    assert main([str(path), "--states", "x", "v", *NAMES, "--output", str(tmp_path)]) == 0
-    text = capsys.readouterr().out
-    assert "3 of 2,400 rows, with missing values (v 3; rows 5, 51, 52)" in text
-    laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
-    assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.01)
-
-
-def test_three_cells_of_9999_are_masked_named_and_counted(recording, tmp_path, capsys):
-    lines = Path(recording).read_text(encoding="utf-8").splitlines()
-    for row in (100, 700, 701):
-        cells = lines[row].split(",")
-        lines[row] = ",".join([cells[0], "9999", *cells[2:]])
-    path = tmp_path / "sentinel.csv"
-    path.write_text("\n".join(lines), encoding="utf-8")
+    path.write_text("\n".join(map(",".join, rows)), encoding="utf-8")
     arguments = [str(path), "--states", "x", "v", *NAMES, "--output", str(tmp_path)]
-    assert main(arguments) == 0
-    text = capsys.readouterr().out
-    assert "Masked as no measurement: 3 cells of x (9999; rows 101, 701, 702)" in text
-    laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
-    assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.01)
-    assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=0.01)
+    text = text_of(arguments, capsys)
+    assert sentence in text
+    assert_is_the_oscillator(text, 0.01)
 
 
 def test_runs_that_are_not_named_are_found_where_the_time_starts_again(recording, tmp_path, capsys):
     named = [recording, "--states", "x", "v", "--time", "t", "--output", str(tmp_path)]
     assert main([*named, "--groups", "run"]) == 0
     expected = capsys.readouterr().out
-    assert main(named) == 0
-    text = capsys.readouterr().out
+    text = text_of(named, capsys)
     assert "The time starts again, and a new run with it: rows 302, 602, 902" in text
     assert coefficients(text, "v'") == coefficients(expected, "v'")
 
@@ -259,14 +249,11 @@ def test_many_rows_are_all_used_and_give_the_right_law(tmp_path, capsys):
     """Noisy samples at 1 kHz, whose raw differences are nothing but noise."""
     path = write_csv(tmp_path / "fast.csv", oscillator(n_runs=4, step=1e-3, noise=1e-2))
     arguments = [path, "--states", "x", "v", *NAMES, "--output", str(tmp_path)]
-    assert main(arguments) == 0
-    text = capsys.readouterr().out
+    text = text_of(arguments, capsys)
     assert "every" not in text and "noise of one sample: x 0.01, v 0.01" in text
     n_samples = int(re.search(r"^([\d,]+) samples", text).group(1).replace(",", ""))
     assert n_samples > 0.75 * 24_000  # ends of the window apart
-    laws = sorted(coefficients(text, "v'"), key=lambda law: law["v"])
-    assert [law["v"] for law in laws] == pytest.approx([-0.5, -0.1], abs=0.03)
-    assert [law["x"] for law in laws] == pytest.approx([-1.0, -1.0], abs=0.03)
+    assert_is_the_oscillator(text, 0.03)
 
 
 def test_progress_is_shown_on_request_and_goes_to_standard_error(recording, tmp_path, capsys):
@@ -306,8 +293,7 @@ def test_modes_that_no_state_separates_are_called_so(tmp_path, capsys):
     rate = np.where(rng.random(600) < 0.7, -x + u, 2.0 + x) + 0.01 * rng.standard_normal(600)
     path = write_csv(tmp_path / "coin.csv", {"x": x, "u": u, "dx": rate})
     arguments = [path, "--states", "x", "--inputs", "u", "--derivatives", "dx"]
-    assert main([*arguments, "--output", str(tmp_path)]) == 0
-    text = capsys.readouterr().out
+    text = text_of([*arguments, "--output", str(tmp_path)], capsys)
     assert "does not predict the held-out samples clearly better" in text
     assert "these columns do not tell the modes apart" in text
 
@@ -333,8 +319,7 @@ def test_diagnosis_of_a_file(rubbing, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arguments = [rubbing, *ROLES, "--time", "t_s", "--library", "linear", "--diagnose"]
     wishes = ["--effects", "coulomb_friction,polynomial", "input_coupling", "--signals", "load"]
-    assert main([*arguments, *wishes, "--html", "rubbing.html", "--units", "v=m/s"]) == 0
-    text = capsys.readouterr().out
+    text = text_of([*arguments, *wishes, "--html", "rubbing.html", "--units", "v=m/s"], capsys)
     assert "1. coulomb friction of v in v'" in text and "Rollout of trajectory" in text
     assert "input_coupling" not in text.partition("Not looked for")[2]  # the signal was there
     before, after = (
@@ -357,16 +342,14 @@ def test_diagnosis_of_a_file(rubbing, tmp_path, capsys, monkeypatch):
 def test_diagnosis_without_times_says_what_it_could_not_do(rubbing, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arguments = [rubbing, *ROLES, "--library", "linear", "--diagnose", "--effects", "drift,bias"]
-    assert main(arguments) == 0
-    text = capsys.readouterr().out
+    text = text_of(arguments, capsys)
     assert "drift: needs the times of the rows: give t" in text
     assert (tmp_path / "swsysid_diagnosis.html").stat().st_size > 10_000
 
 
 def test_the_built_in_example_of_diagnosis(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(["--diagnose", "--effects", "coulomb_friction", "polynomial"]) == 0
-    text = capsys.readouterr().out
+    text = text_of(["--diagnose", "--effects", "coulomb_friction", "polynomial"], capsys)
     assert "Coulomb friction of v in v': with it the held-out error of v' is" in text
     assert (tmp_path / "swsysid_diagnosis.html").exists()
 

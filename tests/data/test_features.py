@@ -6,7 +6,7 @@ from sklearn.base import clone
 from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures
 
 from swsysid import FunctionLibrary
-from swsysid._data.features import FeatureMap
+from swsysid._data.features import FeatureMap, Monomials
 from swsysid._rendering.printing import check_format, linear_combination, rate, symbol
 
 X = np.array([[1.0, 2.0], [3.0, -4.0]])
@@ -180,3 +180,13 @@ def test_rates_in_latex(name, latex):
 def test_format_is_checked():
     with pytest.raises(ValueError, match="choose 'text' or 'latex'"):
         check_format("html")
+
+
+@pytest.mark.parametrize("n_states", [1, 2, 3])
+@pytest.mark.parametrize("degree", [0, 1, 2, 5])
+def test_monomials_are_those_of_scikit_learn(n_states, degree):
+    X = np.random.default_rng(0).normal(size=(7, n_states))
+    expected = PolynomialFeatures(degree).fit_transform(X)
+    monomials = Monomials.up_to(degree, n_states)
+    np.testing.assert_allclose(monomials(X), expected, rtol=1e-12)
+    np.testing.assert_allclose(monomials.at(X[0]), expected[0], rtol=1e-12)

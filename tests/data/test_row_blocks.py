@@ -72,8 +72,7 @@ def test_blocks_of_every_kind(monkeypatch, whole):
 
 @LIMITS
 def test_files(monkeypatch, tmp_path, whole):
-    take_for_many(monkeypatch, whole)
-    monkeypatch.setattr("swsysid._data.sources._READ_AT_ONCE", 700)
+    take_for_many(monkeypatch, whole, read_at_once=700)
     X, Xdot, _ = oscillator()
     weight = np.random.default_rng(0).integers(0, 3, len(X)).astype(float)
     on_disk = mapped(tmp_path, "X", X), mapped(tmp_path, "y", Xdot)

@@ -6,8 +6,7 @@ from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._results import Status
 from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator, make_switching_network
-from swsysid.datasets._polynomial_system import monomials
-from swsysid.datasets._trajectories import integrate_grid
+from swsysid.datasets._polynomial_system import integrate_grid
 
 # short, so that every test makes its own
 SMALL = dict(n_trajectories=25, t_end=2.0, random_state=0)
@@ -102,6 +101,9 @@ def test_coefficients_and_guard_are_in_scikit_learns_order(make):
     )
     every = np.einsum("mkp,np->mnk", data.coef, features)
     np.testing.assert_allclose(data.Xdot, every[data.modes, np.arange(400)], atol=1e-12)
+    others = 1 - data.modes
+    velocities = data.system.velocities(data.X, others)
+    np.testing.assert_allclose(velocities, every[others, np.arange(400)], atol=1e-12)
     guard = PolynomialFeatures(data.guard_degree).fit_transform(data.X) @ data.guard_coef
     np.testing.assert_allclose(data.guard(data.X), guard, atol=1e-12)
     np.testing.assert_array_equal(data.modes, guard > 0)
@@ -256,15 +258,6 @@ def test_no_sample_sits_on_the_guard(make):
 def test_bad_arguments_get_a_sentence(arguments, sentence):
     with pytest.raises(ValueError, match=sentence):
         make_damped_oscillator(**arguments)
-
-
-@pytest.mark.parametrize("n_states", [1, 2, 3])
-@pytest.mark.parametrize("degree", [0, 1, 2, 5])
-def test_monomials_are_those_of_scikit_learn(n_states, degree):
-    X = np.random.default_rng(0).normal(size=(7, n_states))
-    expected = PolynomialFeatures(degree).fit_transform(X)
-    np.testing.assert_allclose(monomials(X, degree), expected, rtol=1e-12)
-    np.testing.assert_allclose(monomials(X[0], degree), expected[0], rtol=1e-12)
 
 
 def test_a_description_tells_the_law():

@@ -10,8 +10,8 @@ from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.verdict import Verdict
 from swsysid._tables.table import Table
-from swsysid.datasets import _measured, _sources
-from swsysid.datasets._sources import MeasuredDataError, Source, locate
+from swsysid.datasets import _measured
+from swsysid.datasets._sources import SOURCES, MeasuredDataError, Source, locate
 from swsysid.differentiation import differentiate
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -66,16 +66,8 @@ def test_downloads_try_every_address_and_fail_in_one_sentence(source, monkeypatc
 
 
 def test_every_source_is_pinned():
-    sources = [
-        s
-        for group in vars(_sources).values()
-        if isinstance(group, dict)
-        for s in group.values()
-        if isinstance(s, Source)
-    ]
-    sources += [s for s in vars(_sources).values() if isinstance(s, Source)]
-    assert len(sources) == 12
-    for source in sources:
+    assert len(SOURCES) == 12
+    for source in SOURCES.values():
         assert len(source.sha256) == 64 and len(source.commit) == 40 and source.paths
 
 

@@ -14,7 +14,7 @@ from sklearn.utils.estimator_checks import (
 from swsysid import EffectRegressor, EffectSearchCV, IdentificationWarning, SwitchingSystemRegressor
 from swsysid._effect_search.acceptance import confirmed, finding
 from swsysid._effect_search.greedy import Round, Search
-from swsysid._effect_search.report import _dropped
+from swsysid._effect_search.report import dropped
 from swsysid._pipelines import seeded
 from swsysid.effects import CoulombFriction, GuardHysteresis, PlacedEffect, QuadraticDrag, Reset
 from swsysid.effects._guards import Guard
@@ -62,7 +62,7 @@ def searches(monkeypatch):
     ],
     ids=lambda placed: placed.effect.kind,
 )
-def test_what_chance_explains_is_dropped_and_what_is_needed_stays(searches, spurious):
+def test_what_chance_explains_isdropped_and_what_is_needed_stays(searches, spurious):
     X, Xdot, t = driven(friction=0.4)
     declared = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
     library = [CoulombFriction(), QuadraticDrag(), GuardHysteresis(), Reset()]
@@ -79,7 +79,7 @@ def test_what_chance_explains_is_dropped_and_what_is_needed_stays(searches, spur
     assert len(findings) == len(kinds)
     assert all(finding.p_value <= SIGNIFICANCE for finding in findings)
     # the report says which effect of the last round is not among those at the end
-    (told,) = _dropped([Round(found_last, more, 1)], kept.terms, context.data.records)
+    (told,) = dropped([Round(found_last, more, 1)], kept.terms, context.data.records)
     assert told.startswith(spurious.effect.kind.replace("_", " "))
 
 

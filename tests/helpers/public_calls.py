@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import chain
 
 import numpy as np
@@ -32,26 +32,69 @@ from swsysid.weak_form import weak_form, weak_refit
 __all__ = ["CALLS", "Call"]
 
 
+# What an argument of a name is (a key of `BAD`, perhaps followed by what it may be besides),
+# wherever a call does not say otherwise.
+KINDS = {
+    name: kind
+    for kind, names in {
+        "choice": "relaxation loss init solver format input_hold method mode_book variant system "
+        "noise_kind",
+        "choice?": "state equation",
+        "coefficients": "coef candidates",
+        "column": "values residual against",
+        "column?": "sample_weight relevance",
+        "count": "n_modes n_init max_modes max_iter max_steps degree order decimate max_nfev "
+        "n_lags n_permutations n_bins n_points n_trajectories n_resamples grid_resolution "
+        "max_rollouts max_trajectories max_points n_channels",
+        "count from 0": "precision max_switches max_effects",
+        "count from 0?": "mode target",
+        "count?": "cv window segment_length n_samples",
+        "degree?": "feature_library",
+        "flag": "discrete_time standardize filter_inputs fit_surface joined",
+        "function": "true_surface",
+        "function?": "scoring true_guard",
+        "guess?": "initial_states guess",
+        "inputs": "inputs",
+        "jobs?": "n_jobs",
+        "kinds?": "effect",
+        "labels": "modes_true modes_pred",
+        "labels?": "groups modes",
+        "limit": "time_limit",
+        "list": "effects",
+        "model": "estimator model search",
+        "names": "states",
+        "names?": "input_features observed names features",
+        "number": "coef_bound coupling tol state_bound rtol atol margin beta significance noise "
+        "outliers t_end time_step magnitude confidence",
+        "number?": "sparsity cutoff",
+        "object": "functions report trajectories",
+        "object?": "surface free bounds",
+        "seed?": "random_state",
+        "state": "x0",
+        "table": "X y x Xdot probability y_true y_pred x_true x_pred targets",
+        "table?": "signals surface_points",
+        "text": "title",
+        "times": "t",
+    }.items()
+    for name in names.split()
+}
+
+
 @dataclass(frozen=True)
 class Call:
-    """A call that works.
-
-    Attributes
-    ----------
-    name : str
-    run : callable
-        Of the arguments by name.
-    right : callable
-        Gives arguments with which the call works.
-    kinds : dict of str to str
-        What the arguments are, which may be made wrong: a key of `BAD`, perhaps followed by
-        what the argument may be besides.
-    """
+    """A call that works."""
 
     name: str
-    run: Callable
-    right: Callable
-    kinds: dict[str, str]
+    run: Callable  # of the arguments by name
+    right: Callable  # gives arguments with which the call works
+    kinds: dict[str, str]  # of the arguments that may be made wrong
+
+
+def _call(name, run, right, arguments, **others):
+    """A call by the names of its arguments, and the kinds of those that are not as usual."""
+    kinds = {argument: KINDS[argument] for argument in arguments.split()}
+    assert others.keys() <= kinds.keys()
+    return Call(name, run, right, kinds | others)
 
 
 @cache
@@ -146,48 +189,15 @@ def _first(rows):
     return lambda: {"x": _motion()["x"][:rows], "t": _motion()["t"][:rows]}
 
 
-_FIT_DATA = {"X": "table", "y": "table", "sample_weight": "column?", "groups": "labels?"}
-_REGRESSOR = {
-    "n_modes": "count",
-    "feature_library": "degree?",
-    "relaxation": "choice",
-    "loss": "choice",
-    "coef_bound": "number?",
-    "sparsity": "number?",
-    "surface": "object?",
-    "coupling": "number",
-    "init": "choice",
-    "n_init": "count",
-    "max_modes": "count",
-    "max_iter": "count",
-    "tol": "number",
-    "solver": "choice",
-    "discrete_time": "flag",
-    "n_jobs": "jobs?",
-    "random_state": "seed?",
-}
-_CLASSIFIER = {
-    "degree": "count from 0",
-    "margin": "number",
-    "beta": "number",
-    "coef_bound": "number",
-    "mode_book": "choice",
-    "standardize": "flag",
-    "feature_library": "degree?",
-    "relevance": "column?",
-    "solver": "choice",
-    "random_state": "seed?",
-}
-_SEARCH = {
-    "effects": "list",
-    "cv": "count?",
-    "scoring": "function?",
-    "max_effects": "count from 0",
-    "significance": "number",
-    "n_jobs": "jobs?",
-    "random_state": "seed?",
-    "estimator": "object",
-}
+_REGRESSOR = (
+    "n_modes feature_library relaxation loss coef_bound sparsity surface coupling init n_init "
+    "max_modes max_iter tol solver discrete_time n_jobs random_state"
+)
+_CLASSIFIER = (
+    "degree margin beta coef_bound mode_book standardize feature_library relevance solver "
+    "random_state"
+)
+_SEARCH = "effects cv scoring max_effects significance n_jobs random_state estimator"
 
 
 def _fit(estimator):
@@ -247,21 +257,9 @@ def _simulation(n_times=11):
     return lambda: {"x0": np.array([0.5, -0.5]), "t": t, "inputs": np.zeros((n_times, 1))}
 
 
-_SIMULATE = {
-    "x0": "state",
-    "t": "times",
-    "inputs": "inputs",
-    "input_hold": "choice",
-    "max_switches": "count from 0",
-    "max_steps": "count",
-    "state_bound": "number",
-    "rtol": "number",
-    "atol": "number",
-    "method": "choice",
-}
-_TEXTS = {"precision": "count from 0", "format": "choice"}
-_WITH_TIME = {"t": "times?", "groups": "labels?", "signals": "table?"}
-_LABELS = {"modes_true": "labels", "modes_pred": "labels", "sample_weight": "column?"}
+_SIMULATE = "x0 t inputs input_hold max_switches max_steps state_bound rtol atol method"
+_TEXTS = "precision format"
+_LABELS = "modes_true modes_pred sample_weight"
 _TWO_LABELS = _some(modes_true="modes", modes_pred="modes", sample_weight="weight")
 
 
@@ -271,311 +269,186 @@ def _circle(X):
 
 def _of_the_regressor():
     fits = _some("X", "y", "groups", sample_weight="weight")
-    yield Call("regressor.fit one mode", _fit(lambda: _estimator(1)), fits, _FIT_DATA)
-    yield Call("regressor.fit", _fit(_estimator), fits, _FIT_DATA | _REGRESSOR)
+    data = "X y sample_weight groups"
+    yield _call("regressor.fit one mode", _fit(lambda: _estimator(1)), fits, data)
+    yield _call(
+        "regressor.fit", _fit(_estimator), fits, f"{data} {_REGRESSOR}", coef_bound="number?"
+    )
     for name in ("predict", "predict_modes", "predict_mode_proba", "mode_velocities"):
-        yield Call(f"regressor.{name}", _method(_model, name), _some("X"), {"X": "rows"})
-    yield Call(
-        "regressor.score",
-        _method(_model, "score"),
-        _some("X", "y", sample_weight="weight"),
-        {"X": "table", "y": "table", "sample_weight": "column?"},
-    )
-    yield Call(
-        "regressor.certificate",
-        _method(_model, "certificate"),
-        _some("X", "y"),
-        {"X": "table", "y": "table"},
-    )
+        yield _call(f"regressor.{name}", _method(_model, name), _some("X"), "X", X="rows")
+    scored = _some("X", "y", sample_weight="weight")
+    yield _call("regressor.score", _method(_model, "score"), scored, "X y sample_weight")
+    certified = _method(_model, "certificate")
+    yield _call("regressor.certificate", certified, _some("X", "y"), "X y")
     for name in ("equations", "surface_equations"):
-        yield Call(f"regressor.{name}", _method(_model, name), dict, _TEXTS)
-    yield Call("regressor.simulate", _method(_model, "simulate"), _simulation(), _SIMULATE)
+        yield _call(f"regressor.{name}", _method(_model, name), dict, _TEXTS)
+    yield _call("regressor.simulate", _method(_model, "simulate"), _simulation(), _SIMULATE)
 
 
 def _of_the_classifier():
-    yield Call(
+    yield _call(
         "classifier.fit",
         _fit_classifier,
         _some("X", y="modes", sample_weight="weight"),
-        {"X": "table", "y": "labels", "sample_weight": "column?", **_CLASSIFIER},
+        f"X y sample_weight {_CLASSIFIER}",
+        y="labels",
+        degree="count from 0",
     )
     names = (
-        "predict",
-        "decision_function",
-        "predict_proba",
-        "surface_values",
-        "class_posterior",
-        "surface_features",
-        "mode_penalty",
+        "predict decision_function predict_proba surface_values class_posterior surface_features "
+        "mode_penalty"
     )
-    for name in names:
-        yield Call(f"classifier.{name}", _method(_classifier, name), _some("X"), {"X": "rows"})
-    yield Call(
-        "classifier.score",
-        _method(_classifier, "score"),
-        _some("X", y="modes"),
-        {"X": "table", "y": "labels"},
-    )
-    yield Call(
-        "classifier.margin_certificate",
-        _method(_classifier, "margin_certificate"),
-        _some("X", y="modes"),
-        {"X": "table", "y": "labels"},
-    )
-    yield Call(
-        "classifier.equations",
-        _method(_classifier, "equations"),
-        dict,
-        _TEXTS | {"input_features": "names?"},
-    )
+    for name in names.split():
+        yield _call(f"classifier.{name}", _method(_classifier, name), _some("X"), "X", X="rows")
+    for name in ("score", "margin_certificate"):
+        called, labelled = _method(_classifier, name), _some("X", y="modes")
+        yield _call(f"classifier.{name}", called, labelled, "X y", y="labels")
+    equations = _method(_classifier, "equations")
+    yield _call("classifier.equations", equations, dict, f"{_TEXTS} input_features")
 
 
 def _of_effects():
-    yield Call(
+    yield _call(
         "solve_mip",
         solve_mip,
         lambda: {"X": _data()["X"][:8], "y": _data()["y"][:8], "n_modes": 1},
-        {
-            "X": "table",
-            "y": "table",
-            "n_modes": "count",
-            "feature_library": "degree?",
-            "coef_bound": "number",
-            "time_limit": "limit",
-        },
+        "X y n_modes feature_library coef_bound time_limit",
     )
 
-    search_data = {"X": "table", "y": "table", **_WITH_TIME}
-    yield Call(
-        "search.fit", _fit_search, _some("X", "y", "t", "groups", "signals"), search_data | _SEARCH
+    timed = {"t": "times?"}
+    data, with_time = _some("X", "y", "t", "groups", "signals"), "t groups signals"
+    yield _call(
+        "search.fit", _fit_search, data, f"X y {with_time} {_SEARCH}", estimator="object", **timed
     )
-    yield Call(
-        "search.predict",
-        _method(_search, "predict"),
-        _some("X", "t", "groups"),
-        {"X": "table", **_WITH_TIME},
-    )
-    yield Call(
-        "search.score",
-        _method(_search, "score"),
-        _some("X", "y", "t", "groups"),
-        {"X": "table", "y": "table", **_WITH_TIME},
-    )
-    yield Call("search.simulate", _method(_search, "simulate"), _simulation(), _SIMULATE)
-    yield Call(
+    predicted, scored = _some("X", "t", "groups"), _some("X", "y", "t", "groups")
+    of_search, of_effects = partial(_method, _search), partial(_method, _effects)
+    yield _call("search.predict", of_search("predict"), predicted, f"X {with_time}", **timed)
+    yield _call("search.score", of_search("score"), scored, f"X y {with_time}", **timed)
+    yield _call("search.simulate", of_search("simulate"), _simulation(), _SIMULATE)
+    yield _call(
         "effects.fit",
         _given(_fit_effects, estimator=lambda: _estimator(1), effects=_friction),
-        lambda: _some("X", "y", "t", "groups", "signals")() | {"modes": np.zeros(40, int)},
-        search_data | {"modes": "labels?", "effects": "list", "estimator": "object"},
+        lambda: data() | {"modes": np.zeros(40, int)},
+        f"X y {with_time} modes effects estimator",
+        estimator="object",
+        **timed,
     )
-    yield Call(
-        "effects.predict",
-        _method(_effects, "predict"),
-        _some("X", "t", "groups"),
-        {"X": "table", **_WITH_TIME},
-    )
-    yield Call(
-        "effects.simulate",
-        _method(_effects, "simulate"),
-        _simulation(),
-        _SIMULATE | {"signals": "table?"},
-    )
-    yield Call(
-        "effects.score",
-        _method(_effects, "score"),
-        _some("X", "y", sample_weight="weight"),
-        {"X": "table", "y": "table", "sample_weight": "column?"},
-    )
+    yield _call("effects.predict", of_effects("predict"), predicted, f"X {with_time}", **timed)
+    yield _call("effects.simulate", of_effects("simulate"), _simulation(), f"{_SIMULATE} signals")
+    weighted = _some("X", "y", sample_weight="weight")
+    yield _call("effects.score", of_effects("score"), weighted, "X y sample_weight")
     for owner, model in (("effects", _effects), ("search", _search)):
         for name in ("equations", "surface_equations"):
-            yield Call(f"{owner}.{name}", _method(model, name), dict, _TEXTS)
+            yield _call(f"{owner}.{name}", _method(model, name), dict, _TEXTS)
 
 
 def _of_recordings():
-    moved = {"x": "table", "t": "times", "groups": "labels?", "inputs": "table?"}
-    yield Call(
+    def moved(*names):
+        return lambda: {name: _motion()[name] for name in names}
+
+    yield _call(
         "differentiate",
         differentiate,
         _motion,
-        moved
-        | {
-            "method": "method",
-            "order": "count",
-            "window": "count?",
-            "degree": "count",
-            "cutoff": "number?",
-            "decimate": "count",
-            "filter_inputs": "flag",
-        },
+        "x t groups inputs method order window degree cutoff decimate filter_inputs",
+        inputs="table?",
+        method="method",
     )
-    yield Call(
-        "differentiate low-pass",
-        _given(differentiate, method=lambda: "butterworth"),
+    low_pass = _given(differentiate, method=lambda: "butterworth")
+    yield _call("differentiate low-pass", low_pass, _motion, "cutoff decimate")
+    yield _call("estimate_noise", estimate_noise, moved("x", "groups"), "x groups")
+    yield _call(
+        "weak_form",
+        weak_form,
         _motion,
-        {"cutoff": "number?", "decimate": "count"},
+        "x t groups inputs feature_library window",
+        inputs="table?",
     )
-    yield Call(
-        "estimate_noise",
-        estimate_noise,
-        lambda: {name: _motion()[name] for name in ("x", "groups")},
-        {"x": "table", "groups": "labels?"},
-    )
-    yield Call(
-        "weak_form", weak_form, _motion, moved | {"feature_library": "degree?", "window": "count?"}
-    )
-    yield Call(
-        "weak_refit",
-        _given(weak_refit, model=_oscillator),
-        lambda: {name: _motion()[name] for name in ("x", "t", "groups")},
-        {"x": "table", "t": "times", "groups": "labels?", "window": "count?", "model": "model"},
-    )
+    refit = _given(weak_refit, model=_oscillator)
+    yield _call("weak_refit", refit, moved("x", "t", "groups"), "x t groups window model")
 
-    yield Call(
-        "refine of a recording",
-        _given(refine, model=_oscillator, trajectories=_short),
-        dict,
-        {"model": "model", "trajectories": "object"},
-    )
-    yield Call(
+    of_a_recording = _given(refine, model=_oscillator, trajectories=_short)
+    yield _call("refine of a recording", of_a_recording, dict, "model trajectories")
+    told = {"x": "recorded", "noise": "spread?"}
+    yield _call(
         "refine",
         _refined,
         _first(10),
-        {
-            "x": "recorded",
-            "t": "times",
-            "observed": "names?",
-            "initial_states": "guess?",
-            "segment_length": "count?",
-            "loss": "choice",
-            "fit_surface": "flag",
-            "free": "object?",
-            "bounds": "object?",
-            "noise": "spread?",
-            "input_hold": "choice",
-            "joined": "flag",
-            "max_nfev": "count",
-        },
+        "x t observed initial_states segment_length loss fit_surface free bounds noise input_hold "
+        "joined max_nfev",
+        **told,
     )
-    yield Call(
-        "initial_states",
-        _started,
-        _first(10),
-        {
-            "x": "recorded",
-            "t": "times",
-            "guess": "guess?",
-            "noise": "spread?",
-            "loss": "choice",
-            "max_nfev": "count",
-        },
-    )
+    yield _call("initial_states", _started, _first(10), "x t guess noise loss max_nfev", **told)
 
 
 def _of_stated_models():
-    yield Call(
+    yield _call(
         "stated model",
         _given(StatedModel, feature_library=lambda: None),
         lambda: {"coef": np.array([[0.0, 1.0], [-1.0, 0.0]]), "states": ["q", "v"]},
-        {
-            "coef": "coefficients",
-            "states": "names",
-            "inputs": "names",
-            "surface": "object?",
-            "free": "object?",
-            "discrete_time": "flag",
-        },
+        "coef states inputs surface free discrete_time",
+        inputs="names",
     )
-    yield Call(
+    yield _call(
         "stated model.simulate",
         _method(_oscillator, "simulate"),
         lambda: {"x0": np.array([1.0, 0.0]), "t": 0.1 * np.arange(5)},
-        {name: kind for name, kind in _SIMULATE.items() if name != "inputs"} | {"t": "clock"},
+        _SIMULATE.replace("inputs ", ""),
+        t="clock",
     )
-    yield Call(
-        "stated model.predict",
-        _method(_oscillator, "predict"),
-        lambda: {"X": _motion()["x"]},
-        {"X": "rows"},
-    )
-    yield Call(
+    predict = _method(_oscillator, "predict")
+    yield _call("stated model.predict", predict, lambda: {"X": _motion()["x"]}, "X", X="rows")
+    yield _call(
         "stated surface",
         StatedSurface,
         lambda: {"coef": np.array([[0.0, 0.0, 1.0]])},
-        {"coef": "coefficients", "mode_book": "object?"},
+        "coef mode_book",
+        mode_book="object?",
     )
-    yield Call(
-        "function library",
-        _evaluated,
-        lambda: {"functions": [np.sin, np.cos]},
-        {"functions": "object", "names": "names?"},
-    )
+    functions = {"functions": [np.sin, np.cos]}
+    yield _call("function library", _evaluated, lambda: functions, "functions names")
 
 
 def _of_residuals():
-    yield Call(
+    yield _call(
         "residual_report",
         _given(residual_report, model=_model),
-        lambda: {
-            "X": _data()["X"],
-            "Xdot": _data()["y"],
-            "t": _data()["t"],
-            "groups": _data()["groups"],
-            "signals": _data()["signals"],
-            "n_permutations": 199,
-            "random_state": 0,
-        },
-        {
-            "X": "table",
-            "Xdot": "table",
-            **_WITH_TIME,
-            "n_lags": "count",
-            "n_permutations": "count",
-            "significance": "number",
-            "random_state": "seed?",
-            "model": "model",
-        },
+        lambda: (
+            _some("X", "t", "groups", "signals", Xdot="y")()
+            | {"n_permutations": 199, "random_state": 0}
+        ),
+        "X Xdot t groups signals n_lags n_permutations significance random_state model",
+        t="times?",
     )
-    yield Call(
+    yield _call(
         "noise_floor",
         noise_floor,
-        lambda: {"values": _data()["y"][:, 0], "X": _data()["X"], "groups": _data()["groups"]},
-        {"values": "column", "X": "table?", "groups": "labels?"},
+        lambda: _some("X", "groups")() | {"values": _data()["y"][:, 0]},
+        "values X groups",
+        X="table?",
     )
-    yield Call(
+    yield _call(
         "whiteness_test",
         whiteness_test,
-        lambda: {"residual": _data()["y"][:, 0], "groups": _data()["groups"]},
-        {"residual": "column", "groups": "labels?", "n_lags": "count"},
+        lambda: _some("groups")() | {"residual": _data()["y"][:, 0]},
+        "residual groups n_lags",
     )
 
 
 def _of_metrics():
     for name in ("mode_accuracy", "balanced_mode_accuracy", "mode_iou", "match_modes"):
-        yield Call(name, getattr(metrics, name), _TWO_LABELS, _LABELS)
-    yield Call(
+        yield _call(name, getattr(metrics, name), _TWO_LABELS, _LABELS)
+    yield _call(
         "mode_reliability",
         metrics.mode_reliability,
         lambda: {"modes_true": _data()["modes"], "probability": np.tile([0.25, 0.75], (40, 1))},
-        {
-            "modes_true": "labels",
-            "probability": "table",
-            "n_bins": "count",
-            "sample_weight": "column?",
-        },
+        "modes_true probability n_bins sample_weight",
     )
-    yield Call(
-        "velocity_rmse",
-        metrics.velocity_rmse,
-        _some(y_true="y", y_pred="y", sample_weight="weight"),
-        {"y_true": "table", "y_pred": "table", "sample_weight": "column?"},
-    )
-    yield Call(
-        "rollout_errors",
-        metrics.rollout_errors,
-        _some(x_true="y", x_pred="y"),
-        {"x_true": "table", "x_pred": "table"},
-    )
-    yield Call(
+    rates = _some(y_true="y", y_pred="y", sample_weight="weight")
+    yield _call("velocity_rmse", metrics.velocity_rmse, rates, "y_true y_pred sample_weight")
+    states = _some(x_true="y", x_pred="y")
+    yield _call("rollout_errors", metrics.rollout_errors, states, "x_true x_pred")
+    yield _call(
         "surface_distance",
         metrics.surface_distance,
         lambda: {
@@ -585,213 +458,102 @@ def _of_metrics():
             "n_points": 20,
             "random_state": 0,
         },
-        {
-            "true_surface": "function",
-            "surface": "function",
-            "X": "rows",
-            "n_points": "count",
-            "random_state": "seed?",
-        },
+        "true_surface surface X n_points random_state",
+        surface="function",
+        X="rows",
     )
-    scored = _some("X", "y", "modes", sample_weight="weight")
-    yield Call(
+    yield _call(
         "mode_accuracy_scorer",
         _given(metrics.mode_accuracy_scorer(), estimator=_model),
-        scored,
-        {"X": "table", "modes": "labels", "sample_weight": "column?", "estimator": "model"},
+        _some("X", "y", "modes", sample_weight="weight"),
+        "X modes sample_weight estimator",
+        modes="labels",
     )
-    yield Call(
-        "mode_consistency_scorer",
-        _given(metrics.mode_consistency_scorer, estimator=_model),
-        _some("X", "y", sample_weight="weight"),
-        {"X": "table", "y": "table", "sample_weight": "column?"},
-    )
-    yield Call(
-        "scorer of a function",
-        _scored,
-        lambda: {"modes": lambda X: X[:, 0] > 0.0},
-        {"modes": "function"},
-    )
+    consistency = _given(metrics.mode_consistency_scorer, estimator=_model)
+    weighted = _some("X", "y", sample_weight="weight")
+    yield _call("mode_consistency_scorer", consistency, weighted, "X y sample_weight")
+    of_a_function = {"modes": lambda X: X[:, 0] > 0.0}
+    yield _call("scorer of a function", _scored, lambda: of_a_function, "modes", modes="function")
 
 
 def _of_data_sets():
-    made = {
-        "n_samples": "count?",
-        "noise": "number",
-        "outliers": "number",
-        "n_trajectories": "count",
-        "t_end": "number",
-        "time_step": "number",
-        "random_state": "seed?",
-    }
+    made = "n_samples noise outliers n_trajectories t_end time_step random_state"
     small = {"n_samples": 50, "n_trajectories": 5, "t_end": 0.5, "random_state": 0}
     for name in ("make_damped_oscillator", "make_quartic_oscillator", "make_switching_network"):
-        kinds = made | ({"variant": "choice"} if "quartic" in name else {})
-        yield Call(name, getattr(datasets, name), lambda: dict(small), kinds)
-    yield Call(
+        arguments = f"{made} variant" if "quartic" in name else made
+        yield _call(name, getattr(datasets, name), lambda: dict(small), arguments)
+    tanks = {"effect": "bias", "system": "tanks", "n_samples": 64, "n_trajectories": 2}
+    yield _call(
         "make_undeclared",
         datasets.make_undeclared,
-        lambda: {
-            "effect": "bias",
-            "system": "tanks",
-            "n_samples": 64,
-            "n_trajectories": 2,
-            "random_state": 0,
-        },
-        {
-            "effect": "kinds?",
-            "system": "choice",
-            "n_samples": "count",
-            "n_trajectories": "count",
-            "noise": "number",
-            "noise_kind": "choice",
-            "outliers": "number",
-            "mode": "count from 0?",
-            "magnitude": "number",
-            "target": "count from 0?",
-            "random_state": "seed?",
-        },
+        lambda: tanks | {"random_state": 0},
+        "effect system n_samples n_trajectories noise noise_kind outliers mode magnitude target "
+        "random_state",
+        n_samples="count",
     )
-    yield Call("undeclared_kinds", datasets.undeclared_kinds, dict, {"system": "choice"})
+    yield _call("undeclared_kinds", datasets.undeclared_kinds, dict, "system")
 
 
 def _of_the_rest():
-    yield Call(
+    yield _call(
         "bootstrap",
         _given(bootstrap, estimator=_one_mode),
-        lambda: {
-            "X": _data()["X"],
-            "y": _data()["y"],
-            "groups": None,
-            "n_resamples": 20,
-            "random_state": 0,
-        },
-        {
-            "X": "table",
-            "y": "table",
-            "groups": "labels?",
-            "surface_points": "table?",
-            "n_resamples": "count",
-            "confidence": "number",
-            "n_jobs": "jobs?",
-            "random_state": "seed?",
-            "estimator": "model",
-        },
+        lambda: _some("X", "y")() | {"groups": None, "n_resamples": 20, "random_state": 0},
+        "X y groups surface_points n_resamples confidence n_jobs random_state estimator",
     )
     for relaxation in (ExactRelaxation, SimplexRelaxation):
-        yield Call(
+        yield _call(
             relaxation.__name__,
             relaxation().assign,
             lambda: {"candidates": np.zeros((2, 4, 2)), "targets": np.ones((4, 2))},
-            {"candidates": "coefficients", "targets": "table"},
+            "candidates targets",
         )
 
 
 def _pictures():
-    plot = plotting
-    yield Call(
+    def drawn(name, right, arguments, **others):
+        draw = _closing(getattr(plotting, name).from_estimator)
+        run = _given(draw, estimator=_model)
+        return _call(name, run, right, f"{arguments} estimator", **others)
+
+    yield drawn(
         "SwitchingSurfaceDisplay",
-        _drawn(plot.SwitchingSurfaceDisplay, _model),
         lambda: {"X": _data()["X"], "grid_resolution": 20},
-        {
-            "X": "rows",
-            "modes": "labels?",
-            "features": "names",
-            "true_guard": "function?",
-            "names": "names?",
-            "grid_resolution": "count",
-            "estimator": "model",
-        },
+        "X modes features true_guard names grid_resolution",
+        X="rows",
+        features="names",
     )
-    yield Call(
-        "ConvergenceDisplay",
-        _drawn(plot.ConvergenceDisplay, _model),
-        _some("modes"),
-        {"modes": "labels?", "estimator": "model"},
-    )
-    yield Call(
+    yield drawn("ConvergenceDisplay", _some("modes"), "modes")
+    yield drawn(
         "RolloutDisplay",
-        _drawn(plot.RolloutDisplay, _model),
         _some("X", "t", "groups"),
-        {
-            "X": "table",
-            "t": "times",
-            "groups": "labels?",
-            "features": "names?",
-            "max_rollouts": "count",
-            "input_hold": "choice",
-            "names": "names?",
-            "estimator": "model",
-        },
+        "X t groups features max_rollouts input_hold names",
     )
-    yield Call(
+    yield drawn(
         "ModeTimelineDisplay",
-        _drawn(plot.ModeTimelineDisplay, _model),
         _some("X", "t", "groups", "modes"),
-        {
-            "X": "table",
-            "t": "times",
-            "groups": "labels?",
-            "modes": "labels?",
-            "max_trajectories": "count",
-            "estimator": "model",
-        },
+        "X t groups modes max_trajectories",
     )
-    yield Call(
-        "ResidualDisplay",
-        _drawn(plot.ResidualDisplay, _model),
-        _some("X", "y"),
-        {
-            "X": "table",
-            "y": "table",
-            "against": "column",
-            "state": "choice?",
-            "names": "names?",
-            "max_points": "count",
-            "estimator": "model",
-        },
-    )
-    yield Call(
+    yield drawn("ResidualDisplay", _some("X", "y"), "X y against state names max_points")
+    yield _call(
         "EffectReportDisplay",
-        _drawn(plot.EffectReportDisplay, _search),
-        lambda: {
-            "X": _data()["X"],
-            "Xdot": _data()["y"],
-            "t": _data()["t"],
-            "groups": _data()["groups"],
-        },
-        {
-            "X": "table",
-            "Xdot": "table",
-            **_WITH_TIME,
-            "equation": "choice?",
-            "effect": "count from 0?",
-            "search": "model",
-        },
+        _given(_closing(plotting.EffectReportDisplay.from_estimator), search=_search),
+        _some("X", "t", "groups", Xdot="y"),
+        "X Xdot t groups signals equation effect search",
+        t="times?",
+        effect="count from 0?",
     )
-    yield Call(
-        "ResidualReportDisplay",
-        _given(_closing(plot.ResidualReportDisplay.from_report), report=_report),
-        dict,
-        {"equation": "choice?", "n_channels": "count", "report": "object"},
-    )
-    yield Call(
-        "effect_page",
-        _given(effect_page, report=lambda: _search().report_),
-        dict,
-        {"report": "object", "title": "text"},
-    )
+    from_report = _closing(plotting.ResidualReportDisplay.from_report)
+    run = _given(from_report, report=_report)
+    yield _call("ResidualReportDisplay", run, dict, "equation n_channels report")
+    page = _given(effect_page, report=lambda: _search().report_)
+    yield _call("effect_page", page, dict, "report title")
 
 
 @cache
 def _report():
     data = _data()
     return residual_report(_model(), data["X"], data["y"], n_permutations=199, random_state=0)
-
-
-def _drawn(display, model):
-    named = "search" if display is plotting.EffectReportDisplay else "estimator"
-    return _given(_closing(display.from_estimator), **{named: model})
 
 
 def _closing(draw):

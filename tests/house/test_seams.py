@@ -14,14 +14,30 @@ TREES = {
     path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-# What may remain; to be lowered with every place that is mended.
-MOST_UNTYPED = 297
-REMAINING_PRIVATE = {
-    "_adopt", "_climb", "_feature_map", "_fit", "_fitted_coef", "_n_targets", "_one_target",
-    "_store",
-}  # fmt: skip
-# Rooms that know the types of all that they hold.
-TYPED = {"_cli", "_losses", "_tables"}
+# What may remain; to be lowered with every place that is mended. The borders that are left:
+# - data of users: Dask, Zarr, HDF5 and pandas objects (_data/sources), names of their columns
+#   (_checks), libraries of features (_data/features), recordings (_saving: JSON, numpy by name);
+# - estimators of users: pipelines (_pipelines), classifiers of the modes (_surfaces/surface and
+#   nowhere else), models of any kind (_residual_report, _displays, metrics), cross-validation;
+# - relaxations, differentiators and effects that users write, whose places only they understand;
+# - solvers that break in ways of their own (_solvers/conic), cvxpy (relaxations);
+# - reports as mappings by name, ready for JSON (_rendering/parts).
+MOST_UNTYPED = 101
+# Rooms and files that know the types of all that they hold.
+TYPED = {
+    *("_cli", "_losses", "_tables", "_seeding", "datasets"),
+    *("_classifier.py", "_noise.py", "_regressor.py", "_results.py"),
+    *("diagnosis.py", "plotting.py", "report.py", "results.py", "uncertainty.py", "weak_form.py"),
+}
+# Rooms in which one single question to what a user has written is left, and where.
+ONE_QUESTION = {
+    "_effect_model/joint_fit.py": "hasattr",  # is the estimator a switching regressor?
+    "_effect_search/search.py": "hasattr",  # does cv split?
+    "_identification/problem.py": "getattr",  # the answer of a relaxation
+    "_simulation/model.py": "hasattr",  # has the model been fitted?
+    "differentiation/_smoothing.py": "getattr",  # what a differentiator has smoothed
+    "refinement/_stated.py": "hasattr",  # does the surface predict?
+}
 OWN = {"self", "cls"}
 
 
@@ -56,13 +72,18 @@ def test_open_types_and_lookups_by_name_only_shrink():
 
 
 def test_rooms_without_open_types_stay_so():
-    assert not [place for place in _found(_untyped) if place.split("/")[0] in TYPED]
+    assert not [place for place in _found(_untyped) if place.split(":")[0].split("/")[0] in TYPED]
 
 
-def test_private_attributes_of_others_only_shrink():
-    found = _found(_private)
-    assert len(found) <= len(REMAINING_PRIVATE), "\n".join(found)
-    assert {place.split()[1] for place in found} <= REMAINING_PRIVATE
+def test_a_room_with_one_question_asks_no_other():
+    rooms = {path.split("/")[0] for path in ONE_QUESTION}
+    found = [place.split(":") for place in _found(_untyped)]
+    asked = [(path, rest.split()[1]) for path, rest in found if path.split("/")[0] in rooms]
+    assert sorted(asked) == sorted(ONE_QUESTION.items())
+
+
+def test_private_attributes_stay_private():
+    assert not _found(_private)
 
 
 def test_the_rules_catch_what_they_forbid():

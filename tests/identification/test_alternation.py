@@ -7,7 +7,7 @@ import pytest
 from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
-import swsysid._classifier
+import swsysid._surfaces.mode_books
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid._identification.problem import SwitchingProblem
 from swsysid._losses import get_loss
@@ -40,7 +40,9 @@ def test_a_refitted_surface_keeps_the_mode_book(monkeypatch):
     X, modes = sectors()
     given = problem(X)
     first = given.fit_surface(modes)
-    monkeypatch.setattr(swsysid._classifier, "choose_mode_book", None)  # not called any more
+    monkeypatch.setattr(
+        swsysid._surfaces.mode_books, "choose_mode_book", None
+    )  # not called any more
     changed = modes.copy()
     changed[:5] = (changed[:5] + 1) % 3
     second = given.refit_surface(changed, first)

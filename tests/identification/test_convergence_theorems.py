@@ -76,9 +76,9 @@ def test_the_cost_never_increases_and_its_limit_is_blockwise_optimal(relaxation,
     coef, costs = np.random.default_rng(seed).normal(size=(2, 2, 2)), []
     for _ in range(30):
         membership = given.assign(coef).membership
-        costs.append(given.relaxed_loss(coef, membership))
+        costs.append(given.relaxed_loss(given.velocities(coef), membership))
         coef = given.estimate(membership)
-        costs.append(given.relaxed_loss(coef, membership))
+        costs.append(given.relaxed_loss(given.velocities(coef), membership))
     # 1e-9: the relative gap up to which the programs are solved
     assert (np.diff(costs) <= 1e-9 * costs[0]).all()
     assert costs[-3] - costs[-1] <= 1e-9 * costs[0]  # it has settled
@@ -96,7 +96,7 @@ def test_equal_laws_are_blockwise_optimal_and_not_optimal():
     half = np.full((len(given.features), 2), 0.5)
     one = get_loss("l1").fit(given.features, given.targets, coef_bound=BOX).coef
     equal = np.stack([one, one])
-    cost = given.relaxed_loss(equal, half)
+    cost = given.relaxed_loss(given.velocities(equal), half)
     assert best_laws(given, half) == pytest.approx(cost, rel=1e-7)
     assert best_memberships(given, equal) == pytest.approx(cost, rel=1e-7)
     assert cost > 10.0  # and the truth has cost zero

@@ -9,7 +9,7 @@ from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
 from swsysid import PolynomialSurfaceClassifier
-from swsysid._identification import many_rows as passes
+from swsysid._identification import answer as passes
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
 from swsysid.metrics import mode_accuracy
 from swsysid.relaxations._certificates import certify
@@ -201,7 +201,7 @@ def test_rows_next_to_the_limit_of_outliers(monkeypatch, loss, seed):
 
     monkeypatch.setattr(passes, "descend_over_all_rows", watched)
     model = fitted(X, Xdot, loss=loss)
-    explained = kept[-1].result.labels >= 0
+    explained = kept[-1][0].last.result.labels >= 0
     assert 100 < np.sum(~explained) < 700
     options = {"labels": model.modes_[explained]}
     certificate = certify(X[explained], Xdot[explained], model.coef_, loss, **options)

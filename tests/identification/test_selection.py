@@ -52,9 +52,12 @@ def planted(region, noise="normal", n_samples=800, seed=0):
         targets=targets + 0.1 * NOISE[noise](x, rng),
         coordinates=x,
         weight=np.ones(n_samples),
+        settings=SwitchingSystemRegressor.settings,
     )
     search = SimpleNamespace(
-        trajectory=np.zeros(n_samples, dtype=np.intp), max_modes=6, gate_degree=degree
+        trajectory=np.zeros(n_samples, dtype=np.intp),
+        parameters=SimpleNamespace(max_modes=6),
+        gate_degree=degree,
     )
     return problem, search, n_modes
 
@@ -80,7 +83,7 @@ def test_noise_that_depends_on_the_state_is_no_mode():
 def test_more_than_two_modes_beyond_the_best_are_not_tried():
     problem, search, _ = planted("half")
     assert [candidate.n_modes for candidate in compared(problem, search)] == [1, 2, 3, 4]
-    search.max_modes = 1
+    search.parameters.max_modes = 1
     assert [candidate.n_modes for candidate in compared(problem, search)] == [1]
 
 
@@ -145,7 +148,7 @@ class TestByHand:
         [([0, 1, 2, 3], 2.0), ([0, 0, 1, 1], np.sqrt(8.0)), ([0, 0, 0, 0], 2.0)],
     )
     def test_standard_error_of_rows_and_of_trajectories(self, trajectory, expected):
-        part = _Part(*[None] * 4, weight=np.ones(4), trajectory=np.array(trajectory))
+        part = _Part(*[None] * 2, weight=np.ones(4), trajectory=np.array(trajectory))
         assert _standard_error(np.array([3.0, 3, 1, 1]), part) == pytest.approx(expected)
 
     def test_search_ends_when_neither_cost_nor_likelihood_gains(self):

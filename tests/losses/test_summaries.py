@@ -7,8 +7,8 @@ from scipy.optimize import lsq_linear
 from swsysid._losses import get_loss
 from swsysid._losses.l1 import SignSummary
 from swsysid._losses.l2 import NormSummary
-from swsysid._losses.reach import Reach
 from swsysid._losses.squared import GramSummary
+from swsysid._losses.trust_region import TrustRegion
 from swsysid._solvers.lad import least_absolute_deviations
 
 SUMMARIES = [SignSummary, GramSummary, NormSummary]
@@ -29,7 +29,7 @@ def reaching(design, size):
     """A reach by the Gram matrix of the rows, for changes of the given size in its norm."""
     metric = np.linalg.inv(np.linalg.cholesky(design.T @ design)).T
     most = np.linalg.norm(design @ metric, axis=1).max()
-    return Reach(metric, np.broadcast_to(size, 2).astype(float), float(most))
+    return TrustRegion(metric, np.broadcast_to(size, 2).astype(float), float(most))
 
 
 def reach_to(design, coef, aim):
@@ -120,7 +120,7 @@ def test_signs_respect_box_and_support():
 
 
 def gram(design, targets, weight):
-    nowhere = Reach(np.zeros((4, 0)), np.zeros(2), 0.0)  # a Gram matrix needs none
+    nowhere = TrustRegion(np.zeros((4, 0)), np.zeros(2), 0.0)  # a Gram matrix needs none
     return GramSummary.of(design, targets, weight, np.zeros((2, 4)), nowhere)
 
 
@@ -238,7 +238,7 @@ def test_norms_of_one_output_are_absolute_deviations():
     design, targets, weight, coef = regression()
     exact = least_absolute_deviations(design, targets[:, :1], sample_weight=weight)
     reach = reach_to(design, coef, np.vstack([exact.coef, coef[1:]]))
-    reach = Reach(reach.metric, reach.size[:1], reach.most)
+    reach = TrustRegion(reach.metric, reach.size[:1], reach.most)
     summary = NormSummary.of(design, targets[:, :1], weight, coef[:1], reach)
     found = summary.fit(coef[:1], np.inf, EVERYWHERE[:1])
     objective = absolute(design, targets[:, :1], weight, found)

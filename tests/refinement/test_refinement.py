@@ -9,8 +9,9 @@ from swsysid import PolynomialSurfaceClassifier, Status, SwitchingSystemRegresso
 from swsysid.differentiation import differentiate
 from swsysid.refinement import ParametricLibrary, StatedModel, StatedSurface, initial_states, refine
 from swsysid.refinement._estimation import Estimation
-from swsysid.refinement._rollout import Grid, rollout
+from swsysid.refinement._rollout import Segments, rollout
 from swsysid.refinement._system import Maps, ParameterSets
+from swsysid.refinement._trajectories import Record
 
 NOISE = 0.02
 
@@ -49,11 +50,11 @@ def test_a_batch_rolls_out_as_the_simulation_does():
     exact = np.stack([model.simulate(start, times, rtol=1e-12).x for start in STARTS], axis=1)
     errors = []
     for substeps in (16, 32):
-        steps = np.tile(np.diff(times)[:, None], (1, len(STARTS)))
-        grid = Grid(steps, np.empty((16, len(STARTS), 0)), False, substeps)
+        records = [Record(times, np.empty((16, 2)), np.empty((16, 0)))] * len(STARTS)
+        segments = Segments(records, 15, linear=False, substeps=substeps)
         sets = ParameterSets(model.coef_[None], {}, model.surface.coef_[None])
         states, bounded = rollout(
-            Maps(model.switching_model), sets, grid, np.array(STARTS)[None], np.full(2, 1e3)
+            Maps(model.switching_model), sets, segments, np.array(STARTS)[None], np.full(2, 1e3)
         )
         assert bounded.all()
         errors.append(np.abs(states[:, 0] - exact).max())
@@ -72,10 +73,10 @@ def test_a_batch_sticks_and_slides_as_the_simulation_does():
     force = 1.5 * np.sin(times)[:, None]
     exact = model.simulate([0.3], times, force, input_hold="linear")
     assert any(event.kind == "sliding" for event in exact.events)
-    grid = Grid(np.diff(times)[:, None], force[:, None], True, 2)
+    segments = Segments([Record(times, exact.x, force)], 200, linear=True, substeps=2)
     sets = ParameterSets(model.coef_[None], {}, surface.coef_[None])
     maps = Maps(model.switching_model)
-    states, _ = rollout(maps, sets, grid, np.array([[[0.3]]]), np.full(1, 1e3))
+    states, _ = rollout(maps, sets, segments, np.array([[[0.3]]]), np.full(1, 1e3))
     np.testing.assert_allclose(states[:, 0, 0], exact.x, atol=1e-4)
     at_rest = np.abs(exact.x[:, 0]) < 1e-9
     assert at_rest.sum() > 20
@@ -92,7 +93,7 @@ def test_slopes_are_those_of_a_rollout_that_is_integrated_again():
         fit_surface=True,
     )
     whole = estimation.whole(estimation.nodes)
-    point = whole.shooting.join(estimation.parameters.start, estimation.nodes[whole.first])
+    point = whole.shooting.join(estimation.start, estimation.nodes[whole.first])
     slopes = whole.jacobian(point)
 
     def uncut(unknowns):
@@ -120,6 +121,16 @@ def test_a_decay_of_known_rate():
     assert model.coef_ == pytest.approx(-0.5)  # the start is left alone
     assert result.rmse_after[0, 0] < 1e-4 < result.rmse_before[0, 0]
     assert "x', x" in result.summary() and "Converged" in result.advice
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+@pytest.mark.parametrize("rate", [0.0, -2.0])
+def test_a_start_at_rest_and_residuals_of_zero_have_units(rate, loss):
+    """A start without any velocity, on data that move and on data that it fits exactly."""
+    t = np.linspace(0.0, 3.0, 7)
+    model = StatedModel(None, [[0.0]], states=["x"], free=[[True]])
+    result = refine(model, {"t": t, "x": 3.0 * np.exp(rate * t)}, loss=loss)
+    assert result.values == pytest.approx([rate], abs=1e-3)  # error of the integration
 
 
 def test_the_estimate_and_its_error_are_those_of_nonlinear_least_squares():

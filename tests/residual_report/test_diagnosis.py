@@ -18,9 +18,9 @@ from statsmodels.stats.multitest import multipletests
 
 from swsysid import EffectRegressor, SwitchingSystemRegressor
 from swsysid._residual_report.channels import between_shares, make_channel
+from swsysid._residual_report.findings import describe, rounded
 from swsysid._residual_report.rearrangement import holm, max_statistic, rearrangements
 from swsysid._residual_report.settings import Settings
-from swsysid._residual_report.shapes import describe, rounded
 from swsysid._residual_report.spectrum import Clock
 from swsysid._residual_report.whiteness import normal_scores
 from swsysid.diagnosis import noise_floor, residual_report, whiteness_test
@@ -442,3 +442,13 @@ def test_the_surface_inside_a_pipeline_a_search_or_a_model_with_effects_is_known
     one = SwitchingSystemRegressor(1).fit(X, Xdot)
     report = residual_report(one, X, Xdot, random_state=0)
     assert report.skipped["surface"] == "the model has one mode"
+
+
+def test_bins_ignore_the_rounding_of_a_column_that_rests():
+    rng = np.random.RandomState(0)
+    resting = np.where(rng.rand(400) < 0.5, 0.0, rng.randn(400))
+    rounded = resting + 1e-17 * rng.randn(400)  # as a filter leaves it
+    rested, filtered = (make_channel("u", column, "input") for column in (resting, rounded))
+    assert np.array_equal(rested.bins, filtered.bins)
+    values = rng.randn(400)
+    assert np.array_equal(rested.columns(values) != 0, filtered.columns(values) != 0)

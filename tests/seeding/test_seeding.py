@@ -69,7 +69,7 @@ class TestPlanted:
     def test_gate_probabilities_generalise(self):
         seed, _ = best_seed("circle", "noise")
         _, _, x, modes, _, _ = affine_modes("circle", n_samples=2000, seed=1)
-        guessed = seed.gate_probabilities(x).argmax(axis=1)
+        guessed = seed.preparation.gate_features(x).evaluate(seed.experts.gate[0]).argmax(axis=0)
         assert same_partition(guessed, modes, np.ones(len(modes)), tolerance=0.03)
 
     def test_an_easy_problem_stops_after_the_first_batch(self):

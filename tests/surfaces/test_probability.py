@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid._surfaces.posterior import SurfaceEvidence, sample_surface
+from swsysid._surfaces.probability import SurfaceEvidence, sample_surface
 from swsysid.datasets import make_switching_network
 from swsysid.metrics import match_modes
 

@@ -7,7 +7,7 @@ import pytest
 from many_rows import take_for_many
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid._losses import Reach
+from swsysid._losses import TrustRegion
 from swsysid._surfaces.fitted import Anchors, HingeSummary
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
 
@@ -52,7 +52,7 @@ def programs(fitted, X, labels, weight):
 
 def reaching(fitted, width):
     """The same reach for every row: only a change of the constant feature moves a surface."""
-    return Reach(np.eye(fitted.coef.shape[1])[:, :1], np.array([width]))
+    return TrustRegion(np.eye(fitted.coef.shape[1])[:, :1], np.array([width]))
 
 
 def nobody(fitted):
@@ -158,7 +158,7 @@ def test_rows_of_much_leverage_are_kept_farther_away():
     fitted = classifier.fitted_surfaces
     features = fitted.basis(X)
     metric = np.linalg.inv(np.linalg.cholesky(features.T @ features / len(X))).T
-    reach = Reach(metric, np.array([fitted.margin]))
+    reach = TrustRegion(metric, np.array([fitted.margin]))
     (summary,) = fitted.summarise(X, fitted.values(X), labels, weight, reach)
     leverage = np.linalg.norm(features @ metric, axis=1)
     near = np.abs(fitted.distance(X, labels)[:, 0]) <= fitted.margin * leverage
@@ -168,7 +168,7 @@ def test_rows_of_much_leverage_are_kept_farther_away():
 
 def test_rows_on_a_margin_are_kept_where_nothing_moves():
     # 0 times an infinite leverage is no number: such rows were lost, and the program was empty
-    reach = Reach(np.eye(2), np.zeros(1)).of_any_row
+    reach = TrustRegion(np.eye(2), np.zeros(1)).of_any_row
     assert reach.farthest == 0.0
     assert reach.near(np.ones((3, 2)), np.array([[0.0, 1e-9, 0.0]]))[0].tolist() == [0, 2]
 

@@ -5,10 +5,10 @@ import pytest
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._results import SolverError, Status
-from swsysid._solvers.conic import linear_program
-from swsysid._surfaces.book_program import fit_mode_book
+from swsysid._solvers.conic import linear_program, worst_status
 from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
-from swsysid._surfaces.margin_program import fit_programs, fit_surface, worst_status
+from swsysid._surfaces.margin_program import fit_programs, fit_surface
+from swsysid._surfaces.mode_books import fit_mode_book
 
 MARGIN, BETA, BOUND = 1e-2, 1e-5, 10.0
 

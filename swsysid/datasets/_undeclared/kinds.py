@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from swsysid.datasets._undeclared.actuators import ACTUATORS
-from swsysid.datasets._undeclared.mechanisms import ExtraMode, Hysteresis, Reset, Sensor
+from swsysid._results import Array
+from swsysid.datasets._undeclared.mechanisms import (
+    Actuator,
+    ExtraMode,
+    Mechanism,
+    Reset,
+    Sensor,
+    late,
+)
 from swsysid.datasets._undeclared.records import Plant
 from swsysid.datasets._undeclared.sizing import Planted, Sizing
-
-__all__ = ["KINDS", "Kind"]
 
 
 @dataclass(frozen=True)
@@ -33,10 +38,11 @@ def _bias(size: Sizing) -> Planted:
     return Planted(mechanism, None, {"offset": mechanism.coefficients[0]})
 
 
-def _coulomb_friction(size: Sizing) -> Planted:
+def _resistance(name: str, law: Callable[[Array], Array], size: Sizing) -> Planted:
+    """A force against the rate, with one parameter of that name."""
     rate = size.equation.rate
-    mechanism, force = size.terms([lambda x, u, t, s: np.sign(x[..., rate])], [-1.0])
-    return Planted(mechanism, rate, {"coulomb": force})
+    mechanism, strength = size.terms([lambda x, u, t, s: law(x[..., rate])], [-1.0])
+    return Planted(mechanism, rate, {name: strength})
 
 
 def _stribeck_friction(size: Sizing) -> Planted:
@@ -50,12 +56,6 @@ def _stribeck_friction(size: Sizing) -> Planted:
     mechanism, force = size.terms(functions, [-1.0, -excess])
     values = {"coulomb": force, "static": force * (1 + excess), "velocity": slow}
     return Planted(mechanism, rate, values)
-
-
-def _quadratic_drag(size: Sizing) -> Planted:
-    rate = size.equation.rate
-    mechanism, drag = size.terms([lambda x, u, t, s: x[..., rate] * np.abs(x[..., rate])], [-1.0])
-    return Planted(mechanism, rate, {"drag": drag})
 
 
 def _asymmetric_friction(size: Sizing) -> Planted:
@@ -135,24 +135,134 @@ def _overflow(size: Sizing) -> Planted:
     return Planted(mechanism, position, {"level": level, "rate": rate})
 
 
-# -- the guard ---------------------------------------------------------------------------------
+_COLUMNS: dict[str, Callable[[Sizing], Planted]] = {
+    "bias": _bias,
+    "coulomb_friction": partial(_resistance, "coulomb", np.sign),
+    "stribeck_friction": _stribeck_friction,
+    "quadratic_drag": partial(_resistance, "drag", lambda rate: rate * np.abs(rate)),
+    "polynomial": _polynomial,
+    "trigonometric": _trigonometric,
+    "periodic_forcing": _periodic_forcing,
+    "drift": _drift,
+    "input_coupling": _input_coupling,
+    "asymmetric_friction": _asymmetric_friction,
+    "overflow": _overflow,
+}
+
+
+# -- actuators: operators on the history of the input --------------------------------------------
+#
+# All of them are computed from the samples of the input alone: it is linear between samples,
+# constant before the first one, and filter and play start in equilibrium there.
+
+
+def _backlash(u: Array, step: float, *, width: float) -> Array:
+    """Play of total width: the output moves only when pushed by one end of the gap."""
+    output = u.copy()
+    for row in range(1, len(u)):
+        output[row] = np.clip(output[row - 1], u[row] - width / 2, u[row] + width / 2)
+    return output
+
+
+def _lag(u: Array, step: float, *, time_constant: float) -> Array:
+    """Exact solution of ``time_constant * y' = u - y`` for an input linear between rows."""
+    kept = np.exp(-step / time_constant)
+    behind = np.diff(u, axis=0) * time_constant / step  # of a ramp, in the long run
+    output = u.copy()
+    for row in range(1, len(u)):
+        lead = output[row - 1] - u[row - 1] + behind[row - 1]
+        output[row] = u[row] - behind[row - 1] + kept * lead
+    return output
+
+
+def _power_law(size: Sizing) -> Planted:
+    direction, u = size.rng.choice([-1.0, 1.0]), size.reference.u
+
+    def parameters(excess: float) -> Mapping[str, float]:
+        exponent = float((1.0 + excess) ** direction)
+        # the same power as the input: the effect is the bend alone, not another gain
+        gain = float(np.sqrt(np.mean(u**2) / np.mean(np.abs(u) ** (2 * exponent))))
+        return {"exponent": exponent, "gain": gain}
+
+    def bent(u: Array, step: float, exponent: float, gain: float) -> Array:
+        return gain * np.sign(u) * np.abs(u) ** exponent
+
+    return _actuator(size, bent, parameters, 2.0)
+
+
+def _actuator(
+    size: Sizing,
+    operator: Callable[..., Array],
+    parameters: Callable[[float], Mapping[str, float]],
+    upper: float | None = None,
+    whole: bool = False,
+) -> Planted:
+    def mechanism(**chosen: float) -> Actuator:
+        return Actuator(mode=size.mode, operator=partial(operator, **chosen))
+
+    return _solved(size, mechanism, parameters, size.plant.n_states, upper, whole)
+
+
+def _solved(
+    size: Sizing,
+    mechanism: Callable[..., Mechanism],
+    parameters: Callable[[float], Mapping[str, float]],
+    channel: int | None,
+    upper: float | None = None,
+    whole: bool = False,
+) -> Planted:
+    """A mechanism of the right size; its parameters are functions of a number up to `upper`.
+
+    Without `upper` the number is a time, of `whole` samples where time is discrete.
+    """
+
+    def make(number: float) -> Planted:
+        chosen = parameters(number)
+        return Planted(mechanism(**chosen), channel, chosen)
+
+    if upper is not None:
+        return make(size.solved(make, upper))
+    return make(size.solved_time(make, whole and size.plant.discrete))
+
+
+_ACTUATORS: dict[str, Callable[[Sizing], Planted]] = {
+    "dead_zone": lambda size: _actuator(
+        size,
+        lambda u, step, threshold: np.sign(u) * np.maximum(np.abs(u) - threshold, 0.0),
+        lambda threshold: {"threshold": threshold},
+        0.6 * size.largest_input,
+    ),
+    "saturation": lambda size: _actuator(
+        size,
+        lambda u, step, threshold: np.clip(u, -threshold, threshold),
+        lambda excess: {"threshold": size.largest_input - excess},
+        0.9 * size.largest_input,
+    ),
+    "backlash": lambda size: _actuator(
+        size, _backlash, lambda width: {"width": width}, 1.2 * size.largest_input
+    ),
+    "delay": lambda size: _actuator(
+        size,
+        lambda u, step, delay: late(u, delay, step),
+        lambda delay: {"delay": delay},
+        whole=True,
+    ),
+    "power_law": _power_law,
+    "lag": lambda size: _actuator(size, _lag, lambda constant: {"time_constant": constant}),
+}
+
+
+# -- the guard and the sensors -------------------------------------------------------------------
 
 
 def _extra_mode(size: Sizing) -> Planted:
-    region, reference = size.plant.region, size.reference
-    score = np.where(reference.modes == region.base, region.score(reference.x), -np.inf)
+    region, done = size.plant.region, size.reference
+    score = np.where(done.modes == region.base, region.score(done.x), -np.inf)
     threshold = float(np.quantile(score, 1 - region.share))
-    feature = size.plant.features(reference.x, reference.u)[region.feature]
+    feature = size.plant.features(done.x, done.u)[region.feature]
     contribution = np.sqrt(np.mean(np.where(score > threshold, feature, 0.0) ** 2))
-    change = float(region.sign * size.share * reference.scale[region.target] / contribution)
-    mechanism = ExtraMode(
-        score=region.score,
-        threshold=threshold,
-        base=region.base,
-        target=region.target,
-        feature=region.feature,
-        change=change,
-    )
+    change = -float(size.share * size.scale[region.target] / contribution)
+    mechanism = ExtraMode(region=region, threshold=threshold, change=change)
     values = {"base": region.base, "feature": region.feature, "change": change}
     return Planted(mechanism, None, {**values, "threshold": threshold})
 
@@ -160,11 +270,8 @@ def _extra_mode(size: Sizing) -> Planted:
 def _guard_hysteresis(size: Sizing) -> Planted:
     guard = size.plant.guard
     assert guard is not None  # the plants that have none do not name this kind
-
-    def make(half_width):
-        return Planted(Hysteresis(half_width=half_width), None, {"half_width": half_width})
-
-    return make(size.solve(make, 0.8 * float(guard(size.reference.x).std())))
+    upper = 0.8 * float(guard(size.reference.x).std())
+    return _solved(size, Mechanism, lambda half_width: {"half_width": half_width}, None, upper)
 
 
 def _reset(size: Sizing) -> Planted:
@@ -174,24 +281,15 @@ def _reset(size: Sizing) -> Planted:
     return Planted(mechanism, rate, {"factor": factor, "direction": int(direction)})
 
 
-# -- measurement -------------------------------------------------------------------------------
-
-
 def _sensor_offset(size: Sizing) -> Planted:
-    sign = size.sign()
-
-    def make(distance):
-        offset = sign * distance
-        return Planted(Sensor(state=size.target, offset=offset), size.target, {"offset": offset})
-
-    return make(size.solve(make, 2 * size.spread(size.target)))
+    sign, sensor = size.sign(), partial(Sensor, state=size.target)
+    upper = 2 * size.spread(size.target)
+    return _solved(size, sensor, lambda distance: {"offset": sign * distance}, size.target, upper)
 
 
 def _clock_lag(size: Sizing) -> Planted:
-    def make(delay):
-        return Planted(Sensor(state=size.target, delay=delay), size.target, {"delay": delay})
-
-    return make(size.solve_time(make, whole=size.plant.discrete))
+    sensor = partial(Sensor, state=size.target)
+    return _solved(size, sensor, lambda delay: {"delay": delay}, size.target, whole=True)
 
 
 def _mechanical(plant: Plant):
@@ -202,33 +300,15 @@ def _states(plant: Plant):
     return tuple(range(plant.n_states))
 
 
-def _only(kind: str, plant: Plant):
-    return (plant.natural.get(kind, plant.target),)
-
-
-_COLUMNS = {
-    "bias": _bias,
-    "coulomb_friction": _coulomb_friction,
-    "stribeck_friction": _stribeck_friction,
-    "quadratic_drag": _quadratic_drag,
-    "polynomial": _polynomial,
-    "trigonometric": _trigonometric,
-    "periodic_forcing": _periodic_forcing,
-    "drift": _drift,
-    "input_coupling": _input_coupling,
-    "asymmetric_friction": _asymmetric_friction,
-    "overflow": _overflow,
-}
-
 KINDS = {
     **{name: Kind(make, _mechanical, in_one_mode=True) for name, make in _COLUMNS.items()},
     **{
         name: Kind(make, lambda plant: plant.driven, in_one_mode=True)
-        for name, make in ACTUATORS.items()
+        for name, make in _ACTUATORS.items()
     },
     "extra_mode": Kind(_extra_mode, lambda plant: (plant.region.target,)),
-    "guard_hysteresis": Kind(_guard_hysteresis, partial(_only, "guard_hysteresis")),
-    "reset": Kind(_reset, partial(_only, "reset")),
+    "guard_hysteresis": Kind(_guard_hysteresis, lambda p: (p.target_of("guard_hysteresis"),)),
+    "reset": Kind(_reset, lambda plant: (plant.target_of("reset"),)),
     "sensor_offset": Kind(_sensor_offset, _states),
     "clock_lag": Kind(_clock_lag, _states),
 }

@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from sklearn.utils import Bunch
 
-from swsysid._checks import parameters
-from swsysid._checks.parameters import one_of, random_numbers, real, whole
+from swsysid._checks.parameters import one_of, random_numbers, real, shown, whole
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid.datasets._disturbance import MOST_ROWS, check_disturbance, disturbed
 from swsysid.datasets._undeclared.kinds import KINDS
 from swsysid.datasets._undeclared.plants import PLANTS
-from swsysid.datasets._undeclared.records import Plant, PlantedEffect
-from swsysid.datasets._undeclared.simulation import (
-    Run,
-    excite,
-    reference_run,
-    run,
-    signal_channels,
-    start,
-)
+from swsysid.datasets._undeclared.records import SETTINGS, Plant, PlantedEffect
+from swsysid.datasets._undeclared.simulation import Run, campaign
 from swsysid.datasets._undeclared.sizing import Sizing
-
-__all__ = ["make_undeclared", "undeclared_kinds"]
-
-_GAP = 10  # samples from the end of a trajectory to the begin of the next
 
 
 def undeclared_kinds(system: str = "oscillator") -> tuple[str, ...]:
@@ -127,31 +115,35 @@ def make_undeclared(
     """
     plant = _plant(system)
     kinds = _kinds(effect)
-    _check_sizes(n_samples, n_trajectories, noise, noise_kind, outliers, magnitude)
+    whole("n_trajectories", n_trajectories)
+    if whole("n_samples", n_samples, most=MOST_ROWS) < 2 * n_trajectories:
+        raise ValueError("give at least one trajectory, and two samples for each.")
+    check_disturbance(noise, outliers, noise_kind)
+    real("magnitude", magnitude, above=0)
     targets = [_target(plant, kind, mode, target) for kind in kinds]
     if len(set(kinds)) < len(kinds):
         raise ValueError(f"effect={effect!r} names a kind twice; name each once.")
     # the three streams keep X the same whatever the effect's size and the noise
     streams = random_numbers(random_state).randint(2**31 - 1, size=3)
     runs_rng, effects_rng, noise_rng = (np.random.RandomState(seed) for seed in streams)
-    clock = _clock(plant, n_samples, n_trajectories)
-    planted = []
-    for kind, place in zip(kinds, targets, strict=True):
-        sizing = Sizing(
-            reference_run(system), effects_rng, magnitude, place, mode, float(clock.max())
-        )
-        planted.append(KINDS[kind].make(sizing))
-    u, signals, done = _campaign(plant, [one.mechanism for one in planted], clock, runs_rng)
-    shown = "input_coupling" in kinds
-    disturb = dict(noise=noise, outliers=outliers, rng=noise_rng, kind=noise_kind)
-    parts = []
-    for first in (0, 1):  # every other trajectory is for the test
-        rows, groups = _rows(n_samples, n_trajectories, first)
-        part = _part(plant, done, rows, groups, disturb)
-        part.update(X=np.column_stack([part.pop("recorded"), u[rows]]), t=clock[rows])
-        part.signals = signals[rows] if shown else None
-        parts.append(part)
-    data, data.test = parts
+    # trajectories one after another, all on one clock: shape (n_times, 2 * n_trajectories)
+    n_times = -(-n_samples // n_trajectories)
+    begins = (n_times + SETTINGS.gap) * np.arange(2 * n_trajectories)
+    clock = plant.time_step * np.add.outer(np.arange(n_times, dtype=float), begins)
+    duration = float(clock.max())
+    planted = [
+        KINDS[kind].make(Sizing(plant, effects_rng, magnitude, place, mode, duration))
+        for kind, place in zip(kinds, targets, strict=True)
+    ]
+    done = campaign(plant, [one.mechanism for one in planted], clock, runs_rng)
+    groups = np.arange(n_samples) * n_trajectories // n_samples
+    times = np.concatenate([np.arange(n) for n in np.bincount(groups)])  # the last may be shorter
+    disturb = partial(disturbed, noise=noise, outliers=outliers, rng=noise_rng, kind=noise_kind)
+    logged = "input_coupling" in kinds
+    # every other trajectory is for the test
+    halves = [(times, 2 * groups + first) for first in (0, 1)]
+    parts = [_part(plant, done, clock, rows, disturb, logged) for rows in halves]
+    data, data.test = (Bunch(groups=groups, **part) for part in parts)
     data.update(
         system=system,
         effects=tuple(
@@ -168,55 +160,31 @@ def make_undeclared(
         target_names=[f"{name}{'+' if plant.discrete else chr(39)}" for name in plant.states],
         time_step=plant.time_step,
         input_hold="linear",
-        description=_describe(plant),
+        description=(
+            f"{plant.description} Samples every {plant.time_step:g} s; the input is a multisine "
+            f"with random steps, {'known' if plant.discrete else 'linear between samples'}, and "
+            "constant before the first sample of a trajectory."
+        ),
     )
     return data
 
 
-def _describe(plant: Plant) -> str:
-    hold = "known" if plant.discrete else "linear between samples"
-    return (
-        f"{plant.description} Samples every {plant.time_step:g} s; the input is a multisine with "
-        f"random steps, {hold}, and constant before the first sample of a trajectory."
-    )
-
-
-# -- trajectories ------------------------------------------------------------------------------
-
-
-def _clock(plant: Plant, n_samples: int, n_trajectories: int) -> Array:
-    """Times of all trajectories, shape (n_times, 2 * n_trajectories)."""
-    n_times = -(-n_samples // n_trajectories)
-    begins = (n_times + _GAP) * np.arange(2 * n_trajectories)
-    return plant.time_step * np.add.outer(np.arange(n_times, dtype=float), begins)
-
-
-def _campaign(plant: Plant, mechanisms, clock: Array, rng) -> tuple[Array, Array, Run]:
-    u = excite(plant.drive, clock.shape, rng)
-    signals = signal_channels(plant.drive, clock.shape, rng)
-    x0 = start(plant, clock.shape[1], rng)
-    return u, signals, run(plant, mechanisms, x0, u, clock, signals)
-
-
-def _rows(n_samples: int, n_trajectories: int, first: int):
-    """Places (time, trajectory) of the rows of one part; the last trajectories may be shorter."""
-    groups = np.arange(n_samples) * n_trajectories // n_samples
-    times = np.concatenate([np.arange(n) for n in np.bincount(groups)])
-    return (times, 2 * groups + first), groups
-
-
-def _part(plant: Plant, done: Run, rows, groups, disturb) -> Bunch:
+def _part(
+    plant: Plant, done: Run, clock: Array, rows: tuple, disturb: Callable, logged: bool
+) -> dict:
+    """What is recorded at some samples, and what is true there."""
     clean = done.velocities[rows]
-    Xdot, is_outlier = disturbed(clean, **disturb)
-    return Bunch(
-        recorded=done.recorded[rows],
+    Xdot, is_outlier = disturb(clean)
+    return dict(
+        X=np.column_stack([done.recorded[rows], done.u[rows]]),
         Xdot=Xdot,
         Xdot_clean=clean,
         is_outlier=is_outlier,
-        groups=groups,
+        t=clock[rows],
         modes=done.modes[rows],
         declared_modes=plant.modes(done.x[rows]),
         structure=done.structure[rows],
+        signals=done.signals[rows] if logged else None,
     )
 
 
@@ -227,15 +195,12 @@ def _plant(system: str) -> Plant:
     return PLANTS[one_of("system", system, PLANTS)]
 
 
-def _kinds(effect: Any) -> tuple[str, ...]:
+def _kinds(effect: object) -> tuple[str, ...]:
     """Kinds of effects, as names."""
     if effect is None or isinstance(effect, str):
         return () if effect is None else (effect,)
-    listed = isinstance(effect, Sequence)
-    if not listed or not all(isinstance(kind, str) for kind in effect):
-        raise TypeError(
-            f"effect={parameters.shown(effect)} must be None, a name or a list of names."
-        )
+    if not isinstance(effect, Sequence) or not all(isinstance(kind, str) for kind in effect):
+        raise TypeError(f"effect={shown(effect)} must be None, a name or a list of names.")
     return tuple(effect)
 
 
@@ -252,22 +217,13 @@ def _target(plant: Plant, kind: str, mode: int | None, target: int | None) -> in
         raise ValueError(f"effect {kind!r} has no mode of its own; leave mode=None.")
     if mode is not None and mode not in range(plant.n_modes):
         raise ValueError(
-            f"mode={parameters.shown(mode)} does not exist on {plant.name!r}; give a number below "
+            f"mode={shown(mode)} does not exist on {plant.name!r}; give a number below "
             f"{plant.n_modes}."
         )
-    natural = plant.natural.get(kind, plant.target)
     if target is not None and target not in known.targets(plant):
         allowed = ", ".join(map(str, known.targets(plant)))
         raise ValueError(
             f"effect {kind!r} on {plant.name!r} cannot have "
-            f"target={parameters.shown(target)}; choose from {allowed}."
+            f"target={shown(target)}; choose from {allowed}."
         )
-    return natural if target is None else target
-
-
-def _check_sizes(n_samples, n_trajectories, noise, noise_kind, outliers, magnitude):
-    whole("n_trajectories", n_trajectories)
-    if whole("n_samples", n_samples, most=MOST_ROWS) < 2 * n_trajectories:
-        raise ValueError("give at least one trajectory, and two samples for each.")
-    check_disturbance(noise, outliers, noise_kind)
-    real("magnitude", magnitude, above=0)
+    return plant.target_of(kind) if target is None else target

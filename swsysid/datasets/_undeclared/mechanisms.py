@@ -12,28 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from swsysid._results import Array
-from swsysid.datasets._undeclared.records import Modes
-
-__all__ = ["Actuator", "ExtraMode", "Hysteresis", "Mechanism", "Reset", "Sensor", "Terms", "late"]
+from swsysid.datasets._undeclared.records import Modes, Region
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mechanism:
-    """No effect.
+    """No effect, but for the width of the guard's hysteresis."""
 
-    Attributes
-    ----------
-    mode : int or None
-        The mode it acts in; None is all.
-    half_width : float
-        Half the width of the guard's hysteresis.
-    functions : tuple of callable
-        Features ``f(x, u, t, signals)`` that the law has besides the declared ones.
-    """
-
-    mode: int | None = None
-    half_width: float = 0.0
-    functions: tuple[Callable[..., Array], ...] = ()
+    mode: int | None = None  # in which it acts; None is all
+    half_width: float = 0.0  # of the guard's hysteresis
+    functions: tuple[Callable[..., Array], ...] = ()  # further features f(x, u, t, signals)
 
     def extend(self, coef: Array, first: int) -> Array:
         """Coefficients with those of the own features, from `first` on, and of own modes."""
@@ -80,28 +68,21 @@ class Actuator(Mechanism):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hysteresis(Mechanism):
-    """The guard has a width; all there is to it is `half_width`."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ExtraMode(Mechanism):
     """One more region, with the law of one mode but for one coefficient; the last of the modes."""
 
-    score: Callable[[Array], Array]
+    region: Region
     threshold: float
-    base: int
-    target: int
-    feature: int
     change: float
 
     def extend(self, coef, first):
-        law = coef[self.base].copy()
-        law[self.target, self.feature] += self.change
+        law = coef[self.region.base].copy()
+        law[self.region.target, self.region.feature] += self.change
         return np.concatenate([coef, law[np.newaxis]])
 
     def overrule(self, modes, x, extra):
-        return np.where((modes == self.base) & (self.score(x) > self.threshold), extra, modes)
+        inside = (modes == self.region.base) & (self.region.score(x) > self.threshold)
+        return np.where(inside, extra, modes)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import reduce
+from operator import mul
+
 import numpy as np
 
+from swsysid._results import Array
 from swsysid.datasets._undeclared.records import Drive, Equation, Plant, Region
-
-__all__ = ["PLANTS"]
 
 _LEVELS = ("bias", "periodic_forcing", "drift", "input_coupling", "polynomial")
 _ACTUATOR = ("dead_zone", "saturation", "backlash", "delay", "power_law", "lag")
@@ -20,172 +23,26 @@ _CUBIC = tuple(kind for kind in _MECHANICAL if kind != "quadratic_drag")
 # of a pump that never runs backwards nor stops, a dead zone would be a bias
 _ONE_SIDED = tuple(kind for kind in _SMOOTH if kind != "dead_zone")
 
-# -- one mass ----------------------------------------------------------------------------------
 
-_OSCILLATOR = Plant(
-    name="oscillator",
-    description=(
-        "A mass of 1 kg on a spring, x in m and v in m/s, pushed by a force u in N: "
-        "v' = -k x - c v + u with k = 4 N/m and c = 0.5 N s/m where x <= 0.2 m (mode 0), and "
-        "k = 7 N/m and c = 2 N s/m where x > 0.2 m (mode 1)."
-    ),
-    states=("x", "v"),
-    coef=np.array([[[0.0, 1.0, 0.0], [-4.0, -0.5, 1.0]], [[0.0, 1.0, 0.0], [-7.0, -2.0, 1.0]]]),
-    guard=lambda x: x[..., 0] - 0.2,
-    start=np.array([1.5, 2.0]),
-    rest=np.zeros(2),
-    drive=Drive(0.0, 3.5, (-8.0, 8.0), (30, 200), 40),
-    time_step=0.05,
-    substeps=4,
-    equations={1: Equation(position=0, rate=1)},
-    target=1,
-    powers=((3, 0), (2, 1)),
-    region=Region(lambda x: -x[..., 0], base=0, target=1, feature=0, sign=-1.0, share=0.2),
-    kinds=(*_MECHANICAL, *_GUARD),
-    natural={"sensor_offset": 0, "clock_lag": 1},
-)
-
-# -- quartic oscillator ------------------------------------------------------------------------
+# -- features of the laws: functions of both states and the input, which can be pickled ----------
 
 
-def _x(x, y, u):
-    return x
+@dataclass(frozen=True)
+class _Product:
+    """A monomial with the given powers of the three columns."""
+
+    powers: tuple[int, int, int]
+
+    def __call__(self, first: Array, second: Array, u: Array) -> Array:
+        columns = zip((first, second, u), self.powers, strict=True)
+        return reduce(mul, (column for column, power in columns for _ in range(power)))
 
 
-def _y(x, y, u):
-    return y
-
-
-def _u(x, y, u):
-    return u
-
-
-def _xx(x, y, u):
-    return x * x
-
-
-def _xy(x, y, u):
-    return x * y
-
-
-def _xxx(x, y, u):
-    return x * x * x
-
-
-def _yyy(x, y, u):
-    return y * y * y
-
-
-_QUARTIC = Plant(
-    name="quartic",
-    description=(
-        "A mass of 1 kg in a quartic potential with cubic damping, x in m and y = x' in m/s, "
-        "pushed by a force u in N: y' = -x - 0.3 x^3 - 0.1 y^3 + h(x, y) + u, with "
-        "h = 0.2 x^2 + 0.3 x y inside the circle x^2 + y^2 = 3 (mode 0) and "
-        "h = -0.3 x^2 - 0.6 y outside (mode 1)."
-    ),
-    states=("x", "y"),
-    functions=(_x, _y, _xx, _xy, _xxx, _yyy, _u),
-    names=("{0}", "{1}", "{0}^2", "{0} {1}", "{0}^3", "{1}^3", "{2}"),
-    coef=np.array(
-        [
-            [[0, 1, 0, 0, 0, 0, 0], [-1, 0, 0.2, 0.3, -0.3, -0.1, 1]],
-            [[0, 1, 0, 0, 0, 0, 0], [-1, -0.6, -0.3, 0, -0.3, -0.1, 1]],
-        ],
-        dtype=float,
-    ),
-    guard=lambda x: x[..., 0] ** 2 + x[..., 1] ** 2 - 3.0,
-    start=np.array([2.0, 2.0]),
-    rest=np.zeros(2),
-    drive=Drive(0.0, 1.6, (-4.0, 4.0), (30, 200), 40),
-    time_step=0.08,
-    substeps=4,
-    equations={1: Equation(position=0, rate=1)},
-    target=1,
-    powers=((2, 1), (1, 2)),
-    region=Region(
-        lambda x: x[..., 0] ** 2 + x[..., 1] ** 2, base=1, target=1, feature=1, sign=-1.0, share=0.2
-    ),
-    kinds=(*_CUBIC, *_GUARD),
-    natural={"sensor_offset": 0, "clock_lag": 1},
-    jump=-1.0,  # on the way in: a smaller speed leads further in
-)
-
-# -- two masses --------------------------------------------------------------------------------
-
-
-def _two_mass(coupling: float, damper: float):
-    # columns x1, x2, v1, v2, u
-    return [
-        [0.0, 0.0, 1.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0, 1.0, 0.0],
-        [-3.0 - coupling, coupling, -0.4 - damper, damper, 1.0],
-        [coupling, -3.0 - coupling, damper, -0.4 - damper, 0.0],
-    ]
-
-
-_TWO_MASS = Plant(
-    name="two_mass",
-    description=(
-        "Two carriages of 1 kg, each on a spring of 3 N/m and a damper of 0.4 N s/m, coupled by "
-        "2 N/m and 0.1 N s/m; positions x1, x2 in m, velocities v1, v2 in m/s, a force u in N on "
-        "the first (mode 0). Where x1 - x2 exceeds 0.1 m a preloaded buffer closes between them "
-        "and the coupling is 8 N/m and 1 N s/m (mode 1)."
-    ),
-    states=("x1", "x2", "v1", "v2"),
-    coef=np.array([_two_mass(2.0, 0.1), _two_mass(8.0, 1.0)]),
-    guard=lambda x: x[..., 0] - x[..., 1] - 0.1,
-    start=np.array([1.0, 1.0, 1.0, 1.0]),
-    rest=np.zeros(4),
-    drive=Drive(0.0, 3.5, (-8.0, 8.0), (30, 200), 40),
-    time_step=0.05,
-    substeps=4,
-    equations={2: Equation(position=0, rate=2), 3: Equation(position=1, rate=3)},
-    target=2,
-    powers=((3, 0), (2, 1)),
-    region=Region(
-        lambda x: x[..., 1] - x[..., 0], base=0, target=2, feature=0, sign=-1.0, share=0.2
-    ),
-    kinds=(*_MECHANICAL, *_GUARD),
-    natural={"sensor_offset": 0, "clock_lag": 2},
-)
-
-# -- pendulum ----------------------------------------------------------------------------------
-
-
-def _rate(theta, omega, u):
-    return omega
+_SECOND, _INPUT = _Product((0, 1, 0)), _Product((0, 0, 1))
 
 
 def _sine(theta, omega, u):
     return np.sin(theta)
-
-
-_PENDULUM = Plant(
-    name="pendulum",
-    description=(
-        "A pendulum of length 1 m and moment of inertia 1 kg m^2, angle theta in rad from "
-        "hanging, omega = theta' in rad/s, driven by a torque u in N m: "
-        "omega' = -9.81 sin(theta) - 0.8 omega + u, one mode."
-    ),
-    states=("theta", "omega"),
-    functions=(_rate, _sine, _u),
-    names=("{1}", "sin({0})", "{2}"),
-    coef=np.array([[[1.0, 0.0, 0.0], [-0.8, -9.81, 1.0]]]),
-    start=np.array([1.2, 1.5]),
-    rest=np.zeros(2),
-    drive=Drive(0.0, 3.0, (-5.5, 5.5), (30, 200), 40),
-    time_step=0.04,
-    substeps=4,
-    equations={1: Equation(position=0, rate=1)},
-    target=1,
-    powers=((3, 0), (2, 1)),
-    region=Region(lambda x: x[..., 0], base=0, target=1, feature=0, sign=-1.0, share=0.3),
-    kinds=_MECHANICAL,
-    natural={"sensor_offset": 0, "clock_lag": 1},
-)
-
-# -- two tanks ---------------------------------------------------------------------------------
 
 
 def _root_upper(x1, x2, u):
@@ -196,63 +53,145 @@ def _root_lower(x1, x2, u):
     return np.sqrt(np.maximum(x2, 0.0))
 
 
-def _pump(x1, x2, u):
-    return u
+def _carriages(coupling: float, damper: float) -> list[list[float]]:
+    """Law of two carriages; the columns are x1, x2, v1, v2, u."""
+    return [
+        [0.0, 0.0, 1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0, 0.0],
+        [-3.0 - coupling, coupling, -0.4 - damper, damper, 1.0],
+        [coupling, -3.0 - coupling, damper, -0.4 - damper, 0.0],
+    ]
 
 
-_TANKS = Plant(
-    name="tanks",
-    description=(
-        "Two tanks in series, levels x1 and x2 in cm, the upper one filled by a pump at u in V: "
-        "x1' = -0.4 sqrt(x1) + b u and x2' = 0.4 sqrt(x1) - 0.36 sqrt(x2), in cm/s, with "
-        "b = 0.64 cm/(s V) where x2 <= 12 cm (mode 0); above, a level switch in the lower tank "
-        "throttles the feed to b = 0.36 cm/(s V) (mode 1)."
+# -- the plants ----------------------------------------------------------------------------------
+
+_ALL = [
+    Plant(
+        name="oscillator",
+        description=(
+            "A mass of 1 kg on a spring, x in m and v in m/s, pushed by a force u in N: "
+            "v' = -k x - c v + u with k = 4 N/m and c = 0.5 N s/m where x <= 0.2 m (mode 0), and "
+            "k = 7 N/m and c = 2 N s/m where x > 0.2 m (mode 1)."
+        ),
+        states=("x", "v"),
+        coef=np.array([[[0.0, 1, 0], [-4, -0.5, 1]], [[0, 1, 0], [-7, -2, 1]]]),
+        guard=lambda x: x[..., 0] - 0.2,
+        start=(1.5, 2.0),
+        drive=Drive(3.5, (-8.0, 8.0)),
+        time_step=0.05,
+        region=Region(lambda x: -x[..., 0], target=1, feature=0),
+        kinds=(*_MECHANICAL, *_GUARD),
     ),
-    states=("x1", "x2"),
-    functions=(_root_upper, _root_lower, _pump),
-    names=("sqrt({0})", "sqrt({1})", "{2}"),
-    coef=np.array([[[-0.4, 0.0, 0.64], [0.4, -0.36, 0.0]], [[-0.4, 0.0, 0.36], [0.4, -0.36, 0.0]]]),
-    guard=lambda x: x[..., 1] - 12.0,
-    start=np.array([5.0, 5.0]),
-    rest=np.array([10.0, 12.0]),
-    drive=Drive(2.8, 1.6, (0.6, 6.0), (12, 60), 8),
-    time_step=1.0,
-    substeps=4,
-    equations={0: Equation(position=0, rate=0), 1: Equation(position=1, rate=1)},
-    target=0,
-    powers=((2, 0),),
-    region=Region(lambda x: -x[..., 1], base=0, target=0, feature=2, sign=-1.0, share=0.2),
-    kinds=(*_ONE_SIDED, "overflow", "guard_hysteresis"),
-    sign=1.0,  # a feed that nobody metered; a constant loss could empty a tank
-    natural={"overflow": 1, "clock_lag": 1},
-)
-
-# -- a map -------------------------------------------------------------------------------------
-
-_DISCRETE = Plant(
-    name="discrete",
-    description=(
-        "A sampled servo, one step a second: position x1 in mm, rate x2 in mm per step, command "
-        "u in V. x1+ = 0.9 x1 + 0.4 x2; x2+ = -0.3 x1 + 0.6 x2 + 0.5 u where "
-        "x1 + 0.5 x2 <= 0.3 mm (mode 0), x2+ = -0.7 x1 + 0.2 x2 + 0.5 u above (mode 1)."
+    Plant(
+        name="quartic",
+        description=(
+            "A mass of 1 kg in a quartic potential with cubic damping, x in m and y = x' in m/s, "
+            "pushed by a force u in N: y' = -x - 0.3 x^3 - 0.1 y^3 + h(x, y) + u, with "
+            "h = 0.2 x^2 + 0.3 x y inside the circle x^2 + y^2 = 3 (mode 0) and "
+            "h = -0.3 x^2 - 0.6 y outside (mode 1)."
+        ),
+        states=("x", "y"),
+        functions={
+            "{0}": _Product((1, 0, 0)),
+            "{1}": _SECOND,
+            "{0}^2": _Product((2, 0, 0)),
+            "{0} {1}": _Product((1, 1, 0)),
+            "{0}^3": _Product((3, 0, 0)),
+            "{1}^3": _Product((0, 3, 0)),
+            "{2}": _INPUT,
+        },
+        coef=np.array(
+            [
+                [[0.0, 1, 0, 0, 0, 0, 0], [-1, 0, 0.2, 0.3, -0.3, -0.1, 1]],
+                [[0.0, 1, 0, 0, 0, 0, 0], [-1, -0.6, -0.3, 0, -0.3, -0.1, 1]],
+            ]
+        ),
+        guard=lambda x: x[..., 0] ** 2 + x[..., 1] ** 2 - 3.0,
+        start=(2.0, 2.0),
+        drive=Drive(1.6, (-4.0, 4.0)),
+        time_step=0.08,
+        powers=((2, 1), (1, 2)),
+        region=Region(lambda x: x[..., 0] ** 2 + x[..., 1] ** 2, target=1, feature=1, base=1),
+        kinds=(*_CUBIC, *_GUARD),
+        jump=-1.0,  # on the way in: a smaller speed leads further in
     ),
-    states=("x1", "x2"),
-    coef=np.array([[[0.9, 0.4, 0.0], [-0.3, 0.6, 0.5]], [[0.9, 0.4, 0.0], [-0.7, 0.2, 0.5]]]),
-    guard=lambda x: x[..., 0] + 0.5 * x[..., 1] - 0.3,
-    start=np.array([1.0, 1.0]),
-    rest=np.zeros(2),
-    drive=Drive(0.0, 1.6, (-4.0, 4.0), (10, 80), 15),
-    time_step=1.0,
-    substeps=1,
-    equations={1: Equation(position=0, rate=1)},
-    target=1,
-    powers=((3, 0), (2, 1)),
-    region=Region(lambda x: -x[..., 0], base=0, target=1, feature=0, sign=-1.0, share=0.2),
-    kinds=(*_MECHANICAL, "guard_hysteresis"),
-    discrete=True,
-    natural={"sensor_offset": 0, "clock_lag": 0},
-)
+    Plant(
+        name="two_mass",
+        description=(
+            "Two carriages of 1 kg, each on a spring of 3 N/m and a damper of 0.4 N s/m, coupled "
+            "by 2 N/m and 0.1 N s/m; positions x1, x2 in m, velocities v1, v2 in m/s, a force u in "
+            "N on the first (mode 0). Where x1 - x2 exceeds 0.1 m a preloaded buffer closes "
+            "between them and the coupling is 8 N/m and 1 N s/m (mode 1)."
+        ),
+        states=("x1", "x2", "v1", "v2"),
+        coef=np.array([_carriages(2.0, 0.1), _carriages(8.0, 1.0)]),
+        guard=lambda x: x[..., 0] - x[..., 1] - 0.1,
+        start=(1.0, 1.0, 1.0, 1.0),
+        drive=Drive(3.5, (-8.0, 8.0)),
+        time_step=0.05,
+        equations={2: Equation(position=0, rate=2), 3: Equation(position=1, rate=3)},
+        target=2,
+        region=Region(lambda x: x[..., 1] - x[..., 0], target=2, feature=0),
+        kinds=(*_MECHANICAL, *_GUARD),
+    ),
+    Plant(
+        name="pendulum",
+        description=(
+            "A pendulum of length 1 m and moment of inertia 1 kg m^2, angle theta in rad from "
+            "hanging, omega = theta' in rad/s, driven by a torque u in N m: "
+            "omega' = -9.81 sin(theta) - 0.8 omega + u, one mode."
+        ),
+        states=("theta", "omega"),
+        functions={"{1}": _SECOND, "sin({0})": _sine, "{2}": _INPUT},
+        coef=np.array([[[1.0, 0.0, 0.0], [-0.8, -9.81, 1.0]]]),
+        start=(1.2, 1.5),
+        drive=Drive(3.0, (-5.5, 5.5)),
+        time_step=0.04,
+        region=Region(lambda x: x[..., 0], target=1, feature=0, share=0.3),
+        kinds=_MECHANICAL,
+    ),
+    Plant(
+        name="tanks",
+        description=(
+            "Two tanks in series, levels x1 and x2 in cm, the upper one filled by a pump at u in "
+            "V: x1' = -0.4 sqrt(x1) + b u and x2' = 0.4 sqrt(x1) - 0.36 sqrt(x2), in cm/s, with "
+            "b = 0.64 cm/(s V) where x2 <= 12 cm (mode 0); above, a level switch in the lower "
+            "tank throttles the feed to b = 0.36 cm/(s V) (mode 1)."
+        ),
+        states=("x1", "x2"),
+        functions={"sqrt({0})": _root_upper, "sqrt({1})": _root_lower, "{2}": _INPUT},
+        coef=np.array([[[-0.4, 0, feed], [0.4, -0.36, 0]] for feed in (0.64, 0.36)]),
+        guard=lambda x: x[..., 1] - 12.0,
+        start=(5.0, 5.0),
+        rest=(10.0, 12.0),
+        drive=Drive(1.6, (0.6, 6.0), centre=2.8, periods=(12, 60), hold=8),
+        time_step=1.0,
+        equations={0: Equation(position=0, rate=0), 1: Equation(position=1, rate=1)},
+        target=0,
+        natural={"overflow": 1, "clock_lag": 1},
+        powers=((2, 0),),
+        region=Region(lambda x: -x[..., 1], target=0, feature=2),
+        kinds=(*_ONE_SIDED, "overflow", "guard_hysteresis"),
+        sign=1.0,  # a feed that nobody metered; a constant loss could empty a tank
+    ),
+    Plant(
+        name="discrete",
+        description=(
+            "A sampled servo, one step a second: position x1 in mm, rate x2 in mm per step, "
+            "command u in V. x1+ = 0.9 x1 + 0.4 x2; x2+ = -0.3 x1 + 0.6 x2 + 0.5 u where "
+            "x1 + 0.5 x2 <= 0.3 mm (mode 0), x2+ = -0.7 x1 + 0.2 x2 + 0.5 u above (mode 1)."
+        ),
+        states=("x1", "x2"),
+        coef=np.array([[[0.9, 0.4, 0], [-0.3, 0.6, 0.5]], [[0.9, 0.4, 0], [-0.7, 0.2, 0.5]]]),
+        guard=lambda x: x[..., 0] + 0.5 * x[..., 1] - 0.3,
+        start=(1.0, 1.0),
+        drive=Drive(1.6, (-4.0, 4.0), periods=(10, 80), hold=15),
+        time_step=1.0,
+        natural={"sensor_offset": 0, "clock_lag": 0},
+        region=Region(lambda x: -x[..., 0], target=1, feature=0),
+        kinds=(*_MECHANICAL, "guard_hysteresis"),
+        discrete=True,
+    ),
+]
 
-PLANTS = {
-    plant.name: plant for plant in (_OSCILLATOR, _QUARTIC, _TWO_MASS, _PENDULUM, _TANKS, _DISCRETE)
-}
+PLANTS = {plant.name: plant for plant in _ALL}

@@ -11,9 +11,31 @@ from numpy.typing import NDArray
 from swsysid._data.features import FunctionLibrary
 from swsysid._results import Array
 
-__all__ = ["Drive", "Equation", "Modes", "Plant", "PlantedEffect", "Region"]
-
 Modes = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numbers that hold for every plant."""
+
+    # -- campaigns: logged channels, sines of a multisine, samples from the end of a trajectory to
+    # the begin of the next, and times and trajectories of the run that sizes are relative to
+    n_signals: int = 3
+    n_sines: int = 6
+    gap: int = 10
+    reference: tuple[int, int] = (250, 20)
+
+    # -- how large effects are made
+    # of the velocity's standard deviation, for magnitude 1
+    share: tuple[float, float] = (0.2, 0.3)
+    # share of effects of memory, relative to others: these should last some samples
+    slow: float = 1.4
+    shortest: int = 2  # samples of a delay or a time constant
+    longest: int = 15
+    n_bisections: int = 16
+
+
+SETTINGS = Settings()
 
 
 @dataclass(frozen=True)
@@ -54,26 +76,25 @@ class Equation:
 class Drive:
     """Input: a multisine and random steps around a centre, within limits."""
 
-    centre: float
     size: float
     limits: tuple[float, float]
-    periods: tuple[float, float]  # of the multisine, in samples
-    hold: float  # mean length of a step, in samples
+    centre: float = 0.0
+    periods: tuple[float, float] = (30, 200)  # of the multisine, in samples
+    hold: float = 40  # mean length of a step, in samples
 
 
 @dataclass(frozen=True)
 class Region:
     """Where an extra mode rules: the outermost part of `score` inside the mode `base`.
 
-    Its law is that of `base` with another coefficient of `feature` in `target`.
+    Its law is that of `base` with a smaller coefficient of `feature` in `target`.
     """
 
     score: Callable[[Array], Array]
-    base: int
     target: int
     feature: int
-    sign: float
-    share: float  # of all samples
+    base: int = 0
+    share: float = 0.2  # of all samples
 
 
 @dataclass(frozen=True)
@@ -87,33 +108,37 @@ class Plant:
     description: str
     states: tuple[str, ...]
     coef: Array  # (n_modes, n_states, n_features)
-    start: Array  # initial states are uniform in [-start, start] around `rest`
-    rest: Array
+    start: tuple[float, ...]  # initial states are uniform in [-start, start] around `rest`
     drive: Drive
     time_step: float
-    substeps: int
-    equations: Mapping[int, Equation]
-    target: int
-    powers: tuple[tuple[int, int], ...]  # of position and rate, one is drawn for `polynomial`
     region: Region
     kinds: tuple[str, ...]
     guard: Callable[[Array], Array] | None = None
-    functions: tuple[Callable, ...] | None = None  # of all columns; None: the columns
-    names: tuple[str, ...] | None = None
+    functions: Mapping[str, Callable] | None = None  # name to function of all columns, or those
+    rest: tuple[float, ...] | float = 0.0
     discrete: bool = False
+    equations: Mapping[int, Equation] = field(default_factory=lambda: {1: Equation(0, 1)})
+    target: int = 1
+    # targets of some kinds that are not `target`
+    natural: Mapping[str, int] = field(default_factory=lambda: {"sensor_offset": 0})
+    # of position and rate, one is drawn for `polynomial`
+    powers: tuple[tuple[int, int], ...] = ((3, 0), (2, 1))
     sign: float = 0.0  # of level-like effects; 0: either
     jump: float = 1.0  # direction of the crossing at which `reset` acts
-    natural: Mapping[str, int] = field(default_factory=dict)  # targets that are not `target`
 
     @property
     def n_states(self) -> int:
-        """Number of states."""
         return len(self.states)
 
     @property
     def n_modes(self) -> int:
         """Number of declared modes."""
         return len(self.coef)
+
+    @property
+    def substeps(self) -> int:
+        """Steps of the integration between two samples."""
+        return 1 if self.discrete else 4
 
     @property
     def columns(self) -> list[str]:
@@ -125,19 +150,23 @@ class Plant:
         """The declared feature library, as the estimator takes it."""
         if self.functions is None:
             return None
-        return FunctionLibrary(list(self.functions), list(self.names or ()))
+        return FunctionLibrary(list(self.functions.values()), list(self.functions))
 
     @property
     def driven(self) -> tuple[int, ...]:
         """Equations in which the input acts, by its feature, the last one."""
         return tuple(np.flatnonzero(np.abs(self.coef[:, :, -1]).max(axis=0)))
 
+    def target_of(self, kind: str) -> int:
+        """The equation, or the state, in which a kind of effect is most natural."""
+        return self.natural.get(kind, self.target)
+
     def features(self, x: Array, u: Array) -> list[Array]:
         """Columns of the declared features at states (..., n_states) and inputs (...)."""
         columns = [*np.moveaxis(x, -1, 0), u]
         if self.functions is None:
             return columns
-        return [function(*columns) for function in self.functions]
+        return [function(*columns) for function in self.functions.values()]
 
     def modes(self, x: Array, before: Modes | None = None, half_width: float = 0.0) -> Modes:
         """Mode at every state; with memory if the guard has a width and `before` is given."""

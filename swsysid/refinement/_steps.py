@@ -1,4 +1,4 @@
-r"""Fixed steps of Runge and Kutta, for one state or for many rows of states at once.
+r"""Fixed steps of Runge and Kutta for many rows at once, cut where a mode changes.
 
 A row takes its step in the mode in which it begins. Where the mode at the end is another one, the
 step is cut where the old mode's lead over the new one vanishes, and its rest is taken in the new
@@ -11,44 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swsysid._results import Array
-
-__all__ = ["Crossing", "Rows", "cross_exactly", "cross_smoothly", "runge_kutta", "switched_step"]
-
-# Regula falsi with the Illinois rule gains more than a digit a turn on these short stretches.
-_N_FALSE_POSITIONS = 8
-
-Modes = NDArray[np.intp]
-
-
-def runge_kutta(field: Callable[[Array, float], Array], x: Array, step: float | Array) -> Array:
-    """One step of the classical method; ``field(x, part)`` at the parts 0, 1/2 and 1 of it."""
-    first = field(x, 0.0)
-    second = field(x + step / 2 * first, 0.5)
-    third = field(x + step / 2 * second, 0.5)
-    fourth = field(x + step * third, 1.0)
-    return x + step / 6 * (first + 2 * (second + third) + fourth)
-
-
-class Rows(Protocol):
-    """A switching system at many rows at once: states x (n_rows, n_states) and inputs u."""
-
-    def field(self, modes: Modes) -> Callable[[Array, Array], Array]:
-        """Velocities as a function of x and u, every row in a given mode."""
-
-    def modes(self, x: Array, u: Array) -> Modes:
-        """Active mode of every row."""
-
-    def lead(self, old: Modes, new: Modes, x: Array, u: Array) -> Array:
-        """By how much the decision for the old mode exceeds that for the new one, (n_rows, 1)."""
-
-    def part(self, rows: Modes) -> Rows:
-        """The system of some of the rows."""
+from swsysid._simulation.stepping import runge_kutta
+from swsysid.refinement._settings import SETTINGS
+from swsysid.refinement._system import Rows, RowSystem
 
 
 @dataclass(frozen=True)
@@ -58,9 +27,9 @@ class Crossing:
     The inputs go from `u` to ``u + change``; `end` is where the whole step leads in the old mode.
     """
 
-    system: Rows
-    old: Modes
-    new: Modes
+    system: RowSystem
+    old: Rows
+    new: Rows
     x: Array
     end: Array
     u: Array
@@ -82,14 +51,14 @@ class Crossing:
 
 
 def switched_step(
-    system: Rows,
+    system: RowSystem,
     x: Array,
     u: Array,
     change: Array,
     step: Array,
-    modes: Modes,
+    modes: Rows,
     cross: Callable[[Crossing], Array],
-) -> tuple[Array, Modes]:
+) -> tuple[Array, Rows]:
     """States and modes of all rows after steps (n_rows, 1), each cut where its mode changes."""
     end = _step(system, x, u, change, step, modes)
     after = system.modes(end, u + change)
@@ -106,7 +75,7 @@ def cross_exactly(crossing: Crossing) -> Array:
     early, late = np.zeros_like(crossing.step), crossing.step
     at_early = crossing.lead(crossing.x, crossing.u)
     at_late = crossing.lead(*crossing.until(late))
-    for _ in range(_N_FALSE_POSITIONS):
+    for _ in range(SETTINGS.n_false_positions):
         cut = late - at_late * (late - early) / (at_late - at_early)
         at_cut = crossing.lead(*crossing.until(cut))
         passed = at_cut <= 0
@@ -136,7 +105,7 @@ def cross_smoothly(crossing: Crossing) -> Array:
     return np.where(back > 0.0, (1.0 - weight) * beyond + weight * crossing.end, beyond)
 
 
-def _step(system: Rows, x: Array, u: Array, change: Array, step: Array, modes: Modes) -> Array:
+def _step(system: RowSystem, x: Array, u: Array, change: Array, step: Array, modes: Rows) -> Array:
     field, inputs = system.field(modes), {0.0: u, 0.5: u + 0.5 * change, 1.0: u + change}
     return runge_kutta(lambda x, part: field(x, inputs[part]), x, step)
 

@@ -1,21 +1,20 @@
-"""A jump of the state where the surface is crossed."""
+"""Effects on the switching itself: a jump of the state where modes change, one more mode."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from sklearn.base import BaseEstimator
 
 from swsysid._data.records import Records
+from swsysid._pipelines import switching_step, with_parameters
 from swsysid._results import Array
 from swsysid.effects._base import Place, figure
 from swsysid.effects._settings import SETTINGS
-from swsysid.effects._types import ResetEffect
-
-__all__ = ["Reset"]
+from swsysid.effects._types import ResetEffect, StructureEffect
 
 Modes = NDArray[np.intp]
 
@@ -44,10 +43,10 @@ class Reset(ResetEffect):
         self, records: Records, velocities: Array, modes: Modes, target: int
     ) -> tuple[tuple[int, int], tuple[float, ...]] | None:
         jumps = _jumps(records, velocities[:, target], modes, target)
-        if jumps is None or jumps.crossing[0] == jumps.crossing[1]:
+        if jumps is None or jumps[2][0] == jumps[2][1]:
             return None
-        before, after = jumps.before, jumps.after
-        return jumps.crossing, (float(before @ after / (before @ before)),)
+        before, after, crossing = jumps
+        return crossing, (float(before @ after / (before @ before)),)
 
     def gain(
         self, records: Records, velocities: Array, modes: Modes, target: int
@@ -56,7 +55,7 @@ class Reset(ResetEffect):
         jumps = _jumps(records, velocities[:, target], modes, target)
         if jumps is None:  # the effects found since have explained them
             return 0.0, 1.0
-        before, after = jumps.before, jumps.after
+        before, after, _ = jumps
         size = before @ before
         leverage = before**2 / size
         error = (after - before * (before @ after) / size) / (1.0 - leverage)
@@ -67,17 +66,11 @@ class Reset(ResetEffect):
         return 0.5 * count * -np.log(ratio), float(stats.f.sf(max(statistic, 0.0), 1, count - 1))
 
 
-@dataclass(frozen=True)
-class _Jumps:
-    """States before and after each jump, and the modes between which most of them happen."""
-
-    before: Array
-    after: Array
-    crossing: tuple[int, int]
-
-
-def _jumps(records: Records, velocity: Array, modes: Modes, target: int) -> _Jumps | None:
+def _jumps(
+    records: Records, velocity: Array, modes: Modes, target: int
+) -> tuple[Array, Array, tuple[int, int]] | None:
     """Moves of a state that its velocity cannot explain; None if they are few or of many kinds."""
+    # The states before and after each, and the modes between which most of them happen.
     assert records.t is not None
     before, after, crossings = [], [], []
     values = records.channel(target)
@@ -98,4 +91,16 @@ def _jumps(records: Records, velocity: Array, modes: Modes, target: int) -> _Jum
     kept = np.array([one == crossing for one in crossings])
     if kept.mean() < SETTINGS.same_crossing or kept.sum() < SETTINGS.fewest_jumps:
         return None
-    return _Jumps(np.array(before)[kept], np.array(after)[kept], crossing)
+    return np.array(before)[kept], np.array(after)[kept], crossing
+
+
+class ExtraMode(StructureEffect):
+    """One more mode than declared, with the same library."""
+
+    kind = "extra_mode"
+    meaning = "there is one more region with a law of its own"
+    n_more_modes = 1
+
+    def extended(self, estimator: BaseEstimator) -> BaseEstimator:
+        declared = switching_step(estimator)[1].n_modes
+        return with_parameters(estimator, n_modes=declared + 1)

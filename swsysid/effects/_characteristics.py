@@ -1,0 +1,212 @@
+"""Static characteristics of one channel: friction, drag, dead zone, saturation, overflow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from swsysid._data.records import Records
+from swsysid._results import Array
+from swsysid.effects._base import Effect, Parameter, Place, figure, quantile_levels, spread
+from swsysid.effects._settings import SETTINGS
+
+
+class OfAChannel(Effect):
+    """An effect whose columns are functions of one channel, as text and as numbers."""
+
+    formulas: ClassVar[tuple[str, ...]]  # the channel is {0}, the parameters are {1}, ...
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        """Values of the formulas."""
+        raise NotImplementedError
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return tuple(formula.format(label, *map(figure, theta)) for formula in self.formulas)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        return np.column_stack(self.functions(records.channel(place), *theta))
+
+
+# -- friction and drag: forces that oppose a velocity ----------------------------------------------
+
+
+class _OfAVelocity(OfAChannel):
+    def places(self, records: Records) -> list[int]:
+        """States that take both signs."""
+        shares = np.minimum(np.mean(records.X > 0, axis=0), np.mean(records.X < 0, axis=0))
+        return [state for state in records.states if shares[state] >= SETTINGS.rare_sign]
+
+
+class _Dry(_OfAVelocity):
+    def breaks(self, place: Place, *theta: float) -> tuple[tuple[int, float], ...]:
+        return ((place, 0.0),)
+
+
+class CoulombFriction(_Dry):
+    """``-friction * sign(v)``: dry friction."""
+
+    kind = "coulomb_friction"
+    meaning = "dry friction opposes {channel} with a constant force"
+    terms = ("friction",)
+    formulas = ("-sign({0})",)
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [-np.sign(x)]
+
+
+class StribeckFriction(_Dry):
+    """``-(friction + breakaway * exp(-(v / velocity)**2)) * sign(v)``."""
+
+    kind = "stribeck_friction"
+    meaning = "dry friction opposes {channel} and is larger at low speed (Stribeck effect)"
+    terms = ("friction", "breakaway")
+    formulas = ("-sign({0})", "-sign({0}) exp(-({0} / {1})^2)")
+
+    def plausible(self, coef: Array) -> bool:
+        """Friction opposes the motion, and breaks away from more than it slides with."""
+        return bool((coef > 0.0).all())
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        speeds = np.abs(records.channel(place))
+        levels = quantile_levels(speeds[speeds > 0.0], 0.05, 0.8, 16)
+        return (Parameter("velocity", levels, "{channel}"),)
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [-np.sign(x), -np.sign(x) * np.exp(-((x / theta[0]) ** 2))]
+
+
+class AsymmetricFriction(_Dry):
+    """Viscous and dry friction whose sizes differ between the two directions.
+
+    Together with the declared model's own viscous friction the law is
+    ``-(viscous_forward v + friction_forward)`` for v > 0 and
+    ``-(viscous_backward v - friction_backward)`` for v < 0; `viscous_difference` is what the
+    forward motion has more.
+    """
+
+    kind = "asymmetric_friction"
+    meaning = "friction opposes {channel} with different sizes in the two directions"
+    terms = ("friction_forward", "friction_backward", "viscous_difference")
+    formulas = ("-[{0} > 0]", "[{0} < 0]", "-max({0}, 0)")
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [-1.0 * (x > 0), 1.0 * (x < 0), -np.maximum(x, 0.0)]
+
+
+class QuadraticDrag(_OfAVelocity):
+    """``-drag * v * |v|``: turbulent drag."""
+
+    kind = "quadratic_drag"
+    meaning = "turbulent drag opposes {channel} in proportion to its square"
+    terms = ("drag",)
+    formulas = ("-{0} |{0}|",)
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [-(x * np.abs(x))]
+
+
+# -- actuators and contacts ------------------------------------------------------------------------
+
+
+def _sides(records: Records, place: Place) -> list[Array]:
+    """Sizes of a channel above and below zero, a side that it hardly visits left out."""
+    values = records.channel(place)
+    sides = [values[values > 0], -values[values < 0]]
+    return [side for side in sides if len(side) >= 0.05 * len(values)]
+
+
+class _TwoSided(OfAChannel):
+    terms = ("gain",)
+    role = "replaces"
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        """Thresholds that the channel passes, on both sides if it has two."""
+        values, used, levels = records.channel(place), _sides(records, place), np.empty(0)
+        if used:
+            highest = min(np.quantile(side, 0.95) for side in used)
+            # narrower than that is friction, or nothing the samples could show
+            lowest = max(np.quantile(np.abs(values), 0.03), SETTINGS.narrow * spread(values))
+            if lowest < highest:
+                levels = np.linspace(lowest, highest, SETTINGS.n_levels)
+        return (Parameter("threshold", levels, "{channel}"),)
+
+
+class Saturation(_TwoSided):
+    """``gain * clip(u, -threshold, threshold)`` in the place of ``gain * u``."""
+
+    kind = "saturation"
+    meaning = "{channel} has no further effect beyond a threshold (saturation)"
+    formulas = ("clip({0}, -{1}, {1})",)
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [np.clip(x, -theta[0], theta[0])]
+
+
+class _BeyondAThreshold(_TwoSided):
+    """What a channel has beyond a threshold on both sides of zero."""
+
+    formulas = ("({0} - clip({0}, -{1}, {1}))",)
+
+    def places(self, records: Records) -> list[int]:
+        """Of a state with one sign (a level, a temperature) zero is no middle: see `Overflow`."""
+        two_sided = [state for state in records.states if len(_sides(records, state)) == 2]
+        return [*two_sided, *records.inputs]
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [x - np.clip(x, -theta[0], theta[0])]
+
+
+class DeadZone(_BeyondAThreshold):
+    """``gain * (u - clip(u, -threshold, threshold))`` in the place of ``gain * u``."""
+
+    kind = "dead_zone"
+    meaning = "{channel} acts only beyond a threshold (dead zone or free play)"
+
+
+class GainChange(_BeyondAThreshold):
+    """``change * (u - clip(u, -threshold, threshold))`` beside a linear term of its own."""
+
+    kind = "gain_change"
+    meaning = "the gain of {channel} changes at a threshold, and is zero on neither side"
+    terms = ("change",)
+    role = "beside"
+
+
+class PowerLaw(OfAChannel):
+    """``gain * sign(u) |u|**exponent`` in the place of ``gain * u``."""
+
+    kind = "power_law"
+    meaning = "{channel} acts through a power law"
+    terms = ("gain",)
+    role = "replaces"
+    formulas = ("sign({0}) |{0}|^{1}",)
+
+    def places(self, records: Records) -> range:
+        return records.inputs
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        return (Parameter("exponent", np.geomspace(0.25, 4.0, 17)),)
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [np.sign(x) * np.abs(x) ** theta[0]]
+
+
+class Overflow(OfAChannel):
+    """``-rate * max(x - level, 0)``: what is above a level runs off."""
+
+    kind = "overflow"
+    meaning = "above a level of {channel} something else sets in: an overflow, a stop, a contact"
+    terms = ("rate",)
+    formulas = ("-max({0} - {1}, 0)",)
+
+    def places(self, records: Records) -> range:
+        return records.states
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        levels = quantile_levels(records.channel(place), 0.04, 0.96, SETTINGS.n_levels)
+        return (Parameter("level", levels, "{channel}"),)
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [-np.maximum(x - theta[0], 0.0)]

@@ -1,0 +1,80 @@
+"""What a refinement has found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._results import Array, Status
+from swsysid._simulation.model import FittedModel
+
+
+@dataclass(frozen=True)
+class RefinementResult:
+    """A refined model, and what the rollouts say about it.
+
+    Attributes
+    ----------
+    model : like the model given
+        A copy with the refined parameters; labels of its training samples are not touched.
+    names : list of str
+        Names of the free parameters: coefficients, named parameters, surface coefficients.
+    values : ndarray of shape (n_parameters,)
+        Their estimates.
+    covariance : ndarray of shape (n_parameters, n_parameters)
+        Covariance of the estimates, with the initial states eliminated; residuals may be
+        correlated over neighbouring samples (Newey and West's estimate).
+    coef_standard_errors : ndarray of the shape of the coefficients
+        0 where a coefficient is fixed.
+    initial_states : ndarray of shape (n_trajectories, n_states)
+    cost_before, cost_after : float
+        Half the sum of the losses of the whole rollouts on the training data.
+    rmse_before, rmse_after : ndarrays of shape (n_trajectories, n_outputs)
+        Root mean square errors of the whole rollouts, in the units of the channels; infinite
+        where a rollout diverges.
+    nfev : int
+        Number of batched integrations, without those of the Jacobians.
+    segment_length, substeps : int
+        Number of samples in a segment, and of integration steps between two samples.
+    status : Status
+    advice : str
+        What to do about it.
+    """
+
+    model: FittedModel
+    names: list[str]
+    values: Array
+    covariance: Array
+    coef_standard_errors: Array
+    initial_states: Array
+    cost_before: float
+    cost_after: float
+    rmse_before: Array
+    rmse_after: Array
+    nfev: int
+    segment_length: int
+    substeps: int
+    status: Status
+    advice: str
+
+    @property
+    def standard_errors(self) -> Array:
+        """Standard errors of `values`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def improved(self) -> bool:
+        """True if the rollouts became better; otherwise `model` is the one that was given."""
+        return self.cost_after < self.cost_before
+
+    def summary(self) -> str:
+        """The parameters with their standard errors, and the errors before and after."""
+        width = max(len(name) for name in [*self.names, "parameter"])
+        lines = [f"{'parameter':<{width}}  {'value':>12}  {'std. error':>12}"]
+        for name, value, error in zip(self.names, self.values, self.standard_errors, strict=True):
+            lines.append(f"{name:<{width}}  {value:>12.5g}  {error:>12.2g}")
+        for k, (before, after) in enumerate(zip(self.rmse_before, self.rmse_after, strict=True)):
+            pairs = ", ".join(f"{b:.4g} -> {a:.4g}" for b, a in zip(before, after, strict=True))
+            lines.append(f"rollout error of trajectory {k}: {pairs}")
+        return "\n".join([*lines, self.advice])
