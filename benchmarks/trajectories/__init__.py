@@ -1,0 +1,1 @@
+"""From noisy recordings, without velocities, to the right modes: plants, oracles, figures."""

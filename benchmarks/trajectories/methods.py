@@ -1,0 +1,118 @@
+"""What a user can do today with a recording, and what could be known from it.
+
+``oracle`` is maximum likelihood started at the truth; ``told`` is the weak form told the true mode
+of every sample, with the true surface. Both are given the right library and degrees, as all are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.trajectories.plants import Plant
+from benchmarks.trajectories.recordings import Campaign
+from benchmarks.trajectories.stays.identify import identify_stays
+from benchmarks.trajectories.stays.recordings import Recordings
+from benchmarks.trajectories.stays.settings import SETTINGS
+from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid.differentiation import differentiate, estimate_noise
+from swsysid.refinement import refine
+from swsysid.refinement._trajectories import read_trajectories
+from swsysid.weak_form import weak_refit
+
+__all__ = ["METHODS", "number_of_modes"]
+
+Method = Callable[[Plant, Campaign, int], Any]
+
+
+def oracle(plant: Plant, campaign: Campaign, seed: int) -> Any:
+    """Laws and surface that make the recordings most likely, looked for from the true ones."""
+    return _most_likely(plant.truth(), plant, campaign)
+
+
+class _Told:
+    """A classifier that knows the true mode of every measured row."""
+
+    def __init__(self, campaign: Campaign, n_modes: int):
+        columns = (
+            campaign.x if campaign.inputs is None else np.hstack([campaign.x, campaign.inputs])
+        )
+        self._modes = {
+            row.tobytes(): mode for row, mode in zip(columns, campaign.modes, strict=True)
+        }
+        self.classes_ = np.arange(n_modes)
+
+    def predict(self, X) -> NDArray[np.intp]:
+        """Mode of every row."""
+        return np.array([self._modes[row.tobytes()] for row in np.ascontiguousarray(X)])
+
+
+def told(plant: Plant, campaign: Campaign, seed: int) -> Any:
+    """Laws from weighted integrals, the stays in each mode known."""
+    model = plant.truth()
+    surface, model.surface = model.surface, _Told(campaign, plant.n_modes)
+    # every coefficient is sought: weak_refit keeps only those at zero
+    model.coef_ = np.where(model.coef_ == 0.0, np.finfo(float).tiny, model.coef_)
+    model = weak_refit(model, campaign.x, campaign.t, campaign.groups, inputs=campaign.inputs)
+    model.surface = surface
+    return model
+
+
+def fitted(plant: Plant, campaign: Campaign, seed: int, n_modes: int | str | None = None) -> Any:
+    """Differentiate, then fit."""
+    done = differentiate(campaign.x, campaign.t, campaign.groups, inputs=campaign.inputs)
+    model = SwitchingSystemRegressor(
+        n_modes=plant.n_modes if n_modes is None else n_modes,
+        feature_library=plant.degree,
+        surface=PolynomialSurfaceClassifier(degree=plant.guard_degree),
+        random_state=seed,
+    )
+    return model.fit(done.X, done.Xdot, groups=done.groups)
+
+
+def refined(plant: Plant, campaign: Campaign, seed: int) -> Any:
+    """Differentiate, fit, then maximise the likelihood from there."""
+    return _most_likely(fitted(plant, campaign, seed), plant, campaign)
+
+
+def stays(plant: Plant, campaign: Campaign, seed: int) -> Any:
+    """Differentiate and fit, then alternate on stays in modes."""
+    start = fitted(plant, campaign, seed)
+    n_inputs = 0 if campaign.inputs is None else campaign.inputs.shape[1]
+    records = read_trajectories(campaign.recordings(), n_inputs, campaign.x.shape[1])
+    noise = estimate_noise(campaign.x, campaign.groups)
+    return identify_stays(start, Recordings.of(records), noise, SETTINGS).model
+
+
+def stays_and_refined(plant: Plant, campaign: Campaign, seed: int) -> Any:
+    """The same, then maximise the likelihood of the rollouts with the surface."""
+    return _most_likely(stays(plant, campaign, seed), plant, campaign)
+
+
+def number_of_modes(plant: Plant, campaign: Campaign, seed: int) -> int:
+    """What ``n_modes="auto"`` finds after `differentiate`."""
+    return fitted(plant, campaign, seed, n_modes="auto").n_modes_
+
+
+def _most_likely(start: Any, plant: Plant, campaign: Campaign) -> Any:
+    """Every coefficient and every surface refined on the rollouts."""
+    return refine(
+        start,
+        campaign.recordings(),
+        fit_surface=plant.n_modes > 1,
+        input_hold="linear",
+        free=np.ones(start.coef_.shape, dtype=bool),
+    ).model
+
+
+METHODS: dict[str, Method] = {
+    "oracle": oracle,
+    "told": told,
+    "fit": fitted,
+    "fit and refine": refined,
+    "stays": stays,
+    "stays and refine": stays_and_refined,
+}

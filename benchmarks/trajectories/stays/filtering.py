@@ -1,0 +1,119 @@
+r"""Kalman's filter and smoother for laws that are known nearly.
+
+The state follows the law of its mode but for a small disturbance of its velocity, white with the
+spectral density :math:`q^2`, and is measured with white noise:
+
+.. math:: x_{k+1} = F_j(x_k) + w_k, \quad \operatorname{cov} w_k = q^2 \Delta t, \qquad
+          y_k = x_k + v_k, \quad \operatorname{cov} v_k = R .
+
+In the interval of a switch the old law may have acted for any part of it, on average for a half.
+Its velocity differs from the new one's by :math:`\Delta f`, which adds
+:math:`(\Delta f \Delta t)^2 / 12` to the covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.trajectories.stays.laws import Laws, Modes
+from benchmarks.trajectories.stays.recordings import Recordings
+from swsysid._results import Array
+
+_MISSING = 1e12  # variance of a value that was not measured, in units of the noise's
+_MOST_SQUARES = 60.0  # what one sample may cost, in units of the noise: outliers are bounded
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is known of the states of many rows: means and covariances."""
+
+    mean: Array  # (n_rows, n_states)
+    covariance: Array  # (n_rows, n_states, n_states)
+
+    def take(self, rows) -> Belief:
+        """Some of the rows."""
+        return Belief(self.mean[rows], self.covariance[rows])
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A belief one interval later, and the derivative of its mean by the one before."""
+
+    belief: Belief
+    transition: Array  # (n_rows, n_states, n_states)
+
+
+@dataclass(frozen=True)
+class Filter:
+    """One interval of many rows; `noise` and `disturbance` are standard deviations."""
+
+    laws: Laws  # no coefficient of them free
+    noise: Array  # (n_states,): of the measurement
+    disturbance: Array  # (n_states,) or (n_rows, n_states): of the velocity, times sqrt(s)
+
+    def predict(
+        self, belief: Belief, old: Modes, new: Modes, u: Array, after: Array, duration: Array
+    ) -> Prediction:
+        """The belief after an interval in the mode `new`, which began as `old`."""
+        n_states = belief.mean.shape[1]
+        transition = np.tile(np.eye(n_states), (len(belief.mean), 1, 1))
+        middle, half = 0.5 * (u + after), 0.5 * duration
+        mean, transition = self.laws.varied_step(old, belief.mean, transition, u, middle, half)
+        rows = np.flatnonzero(old != new)
+        jump = self.laws.velocities(new[rows], mean[rows], middle[rows])
+        jump -= self.laws.velocities(old[rows], mean[rows], middle[rows])
+        jump *= duration[rows, None]
+        mean, transition = self.laws.varied_step(new, mean, transition, middle, after, half)
+        covariance = transition @ belief.covariance @ transition.transpose(0, 2, 1)
+        every = np.arange(n_states)
+        covariance[:, every, every] += self.disturbance**2 * duration[:, None]
+        covariance[rows] += jump[:, :, None] * jump[:, None, :] / 12.0
+        return Prediction(Belief(mean, covariance), transition)
+
+    def correct(self, predicted: Belief, y: Array) -> tuple[Belief, Array]:
+        """The belief after a measurement, and the log likelihood of that."""
+        seen = np.isfinite(y)
+        error = np.where(seen, y - predicted.mean, 0.0)
+        variance = self.noise**2 * np.where(seen, 1.0, _MISSING)
+        total = predicted.covariance + variance[:, :, None] * np.eye(y.shape[1])
+        inverse = np.linalg.inv(total)
+        gain = predicted.covariance @ inverse
+        squares = np.einsum("ri,rij,rj->r", error, inverse, error)
+        log_likelihood = -0.5 * (np.minimum(squares, _MOST_SQUARES) + np.linalg.slogdet(total)[1])
+        mean = predicted.mean + np.einsum("rij,rj->ri", gain, error)
+        covariance = predicted.covariance - gain @ predicted.covariance
+        return Belief(mean, covariance), log_likelihood
+
+    def first(self, y: Array) -> Belief:
+        """The belief at the first samples."""
+        seen = np.isfinite(y)
+        variance = self.noise**2 * np.where(seen, 1.0, _MISSING)
+        return Belief(np.where(seen, y, 0.0), variance[:, :, None] * np.eye(y.shape[1]))
+
+
+def smoothed_states(filter_: Filter, recordings: Recordings, modes: NDArray[np.intp]) -> Array:
+    """States of all samples given all measurements (Rauch, Tung and Striebel).
+
+    `modes` are those of the intervals, (n_times - 1, n_recordings); the answer is padded like
+    `recordings.y`.
+    """
+    belief = filter_.first(recordings.y[0])
+    beliefs, predictions = [belief], []
+    before = modes[0]
+    for k, duration in enumerate(recordings.steps):
+        u, after = recordings.u[k], recordings.u[k + 1]
+        prediction = filter_.predict(belief, before, modes[k], u, after, duration)
+        belief, _ = filter_.correct(prediction.belief, recordings.y[k + 1])
+        predictions.append(prediction)
+        beliefs.append(belief)
+        before = modes[k]
+    states = [belief.mean]
+    for filtered, ahead in zip(beliefs[-2::-1], predictions[::-1], strict=True):
+        inverse = np.linalg.pinv(ahead.belief.covariance, hermitian=True)
+        gain = filtered.covariance @ ahead.transition.transpose(0, 2, 1) @ inverse
+        correction = np.einsum("rij,rj->ri", gain, states[-1] - ahead.belief.mean)
+        states.append(filtered.mean + correction)
+    return np.array(states[::-1])

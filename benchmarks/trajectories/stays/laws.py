@@ -1,0 +1,101 @@
+r"""Laws of all modes with their derivatives, stepped for many rows at once.
+
+With the sensitivity :math:`Z = \partial x / \partial \theta` of a state to any unknowns,
+
+.. math:: \dot x = C_j \Phi(x, u), \qquad
+          \dot Z = C_j \frac{\partial \Phi}{\partial x} Z
+          + \frac{\partial C_j}{\partial \theta} \Phi
+
+are integrated together by the classical method of Runge and Kutta.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+
+Modes = NDArray[np.intp]
+Features = Callable[[Array], Array]  # rows (states, inputs) -> (n_rows, n_features)
+
+_DIFFERENCE = 1e-6  # of the spread of a state: one-sided differences lose half the digits
+
+
+@dataclass(frozen=True)
+class Laws:
+    """Vector fields C_j Phi(x, u) of the modes."""
+
+    coef: Array  # (n_modes, n_states, n_features)
+    features: Features
+    spread: Array  # (n_states,): typical size of each state
+    free: NDArray[np.bool_]  # of the shape of coef: the coefficients that are unknown
+
+    @cached_property
+    def places(self) -> tuple[Modes, Modes, Modes]:
+        """Mode, state and feature of every free coefficient."""
+        mode, state, feature = np.nonzero(self.free)
+        return mode, state, feature
+
+    def known(self) -> Laws:
+        """The same laws with no coefficient free."""
+        return replace(self, free=np.zeros_like(self.free))
+
+    @property
+    def n_free(self) -> int:
+        """Number of free coefficients."""
+        return len(self.places[0])
+
+    def velocities(self, modes: Modes, x: Array, u: Array) -> Array:
+        """Velocity of every row, each in a given mode."""
+        features = self.features(np.concatenate([x, u], axis=1))
+        return np.matmul(self.coef[modes], features[:, :, None])[:, :, 0]
+
+    def step(self, modes: Modes, x: Array, u: Array, after: Array, duration: Array) -> Array:
+        """States after steps with inputs that go from `u` to `after`."""
+        h, middle = duration[:, None], 0.5 * (u + after)
+        first = self.velocities(modes, x, u)
+        second = self.velocities(modes, x + h / 2 * first, middle)
+        third = self.velocities(modes, x + h / 2 * second, middle)
+        fourth = self.velocities(modes, x + h * third, after)
+        return x + h / 6 * (first + 2 * (second + third) + fourth)
+
+    def varied_step(
+        self, modes: Modes, x: Array, Z: Array, u: Array, after: Array, duration: Array
+    ) -> tuple[Array, Array]:
+        """The same with sensitivities (n_rows, n_states, n_unknowns).
+
+        The first n_states unknowns are states at some start, the next are the free coefficients.
+        """
+        h, middle = duration[:, None], 0.5 * (u + after)
+        hz = h[:, :, None]
+        first, z_first = self._varied(modes, x, Z, u)
+        second, z_second = self._varied(modes, x + h / 2 * first, Z + hz / 2 * z_first, middle)
+        third, z_third = self._varied(modes, x + h / 2 * second, Z + hz / 2 * z_second, middle)
+        fourth, z_fourth = self._varied(modes, x + h * third, Z + hz * z_third, after)
+        x = x + h / 6 * (first + 2 * (second + third) + fourth)
+        return x, Z + hz / 6 * (z_first + 2 * (z_second + z_third) + z_fourth)
+
+    def _varied(self, modes: Modes, x: Array, Z: Array, u: Array) -> tuple[Array, Array]:
+        """Velocities and the rates of the sensitivities."""
+        features, slopes = self._features_and_slopes(x, u)
+        coef = self.coef[modes]
+        rates = np.matmul(np.matmul(coef, slopes), Z)
+        mode, state, feature = self.places
+        columns = x.shape[1] + np.arange(len(mode))
+        rates[:, state, columns] += features[:, feature] * (modes[:, None] == mode)
+        return np.matmul(coef, features[:, :, None])[:, :, 0], rates
+
+    def _features_and_slopes(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """Features of the rows, and their derivatives (n_rows, n_features, n_states)."""
+        n_rows, n_states = x.shape
+        moves = np.diag(_DIFFERENCE * self.spread)
+        moved = np.concatenate([x, *(x + move for move in moves)])
+        rows = np.concatenate([moved, np.tile(u, (n_states + 1, 1))], axis=1)
+        values = self.features(rows).reshape(n_states + 1, n_rows, -1)
+        slopes = (values[1:] - values[0]) / np.diag(moves)[:, None, None]
+        return values[0], slopes.transpose(1, 2, 0)

@@ -1,0 +1,249 @@
+r"""Multiple shooting with given stays: laws, starts and switch instants of highest likelihood.
+
+Recordings are cut into segments with starts :math:`s` of their own. With the modes of the stays
+given, their instants :math:`\tau` are numbers like any others, and
+
+.. math:: \tfrac12 \sum_i \Big\| \frac{y_i - x(t_i; C, s, \tau)}{\sigma} \Big\|^2
+          + \tfrac12 \sum_k \Big\| \frac{s_{k+1} - x_k^{end}}{\delta \sigma} \Big\|^2
+
+is a smooth function of all of them: no surface is asked, no event is looked for. At an instant the
+sensitivity to it jumps to the difference of the two velocities. With :math:`\delta` falling the
+segments become one rollout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.trajectories.stays.laws import Laws
+from benchmarks.trajectories.stays.recordings import Recordings
+from benchmarks.trajectories.stays.stays import Stays
+from swsysid._results import Array
+
+_FARTHEST = 2.0  # intervals that an instant may move at once
+_DIVERGED = 1e3  # spreads of a state beyond which it is held
+
+
+class Segments:
+    """Recordings cut into segments side by side, with the switches in each interval."""
+
+    def __init__(self, recordings: Recordings, stays: Sequence[Stays], length: int):
+        self.recordings, self.stays = recordings, list(stays)
+        self.places = [
+            (recording, first, last)
+            for recording, n in enumerate(recordings.lengths)
+            for first, last in _cuts(n - 1, length)
+        ]
+        self.count = np.array([last - first for _, first, last in self.places])
+        n_steps, n = int(self.count.max()), len(self.places)
+        self.steps = np.zeros((n_steps, n))
+        self.u = np.zeros((n_steps + 1, n, recordings.u.shape[2]))
+        self.y = np.full((n_steps + 1, n, recordings.y.shape[2]), np.nan)
+        self.followed = np.zeros(n, dtype=bool)  # the next segment continues this one
+        for s, (recording, first, last) in enumerate(self.places):
+            count = last - first
+            self.followed[s] = last < recordings.lengths[recording] - 1
+            self.steps[:count, s] = recordings.steps[first:last, recording]
+            self.u[: count + 1, s] = recordings.u[first : last + 1, recording]
+            self.u[count + 1 :, s] = recordings.u[last, recording]
+            # a sample where two segments meet counts in the second
+            seen = count if self.followed[s] else count + 1
+            self.y[:seen, s] = recordings.y[first : first + seen, recording]
+        self._place_switches()
+
+    def _place_switches(self) -> None:
+        """Modes before and after the switch of each interval, and where it is."""
+        n_steps, n = self.steps.shape
+        self.old = np.zeros((n_steps, n), dtype=np.intp)
+        self.new = np.zeros((n_steps, n), dtype=np.intp)
+        self.switch = np.full((n_steps, n), -1)  # number of the switch in the interval
+        self.instants = np.concatenate([stays.instants for stays in self.stays])
+        self.segment = np.empty(len(self.instants), dtype=np.intp)
+        offsets = np.cumsum([0, *(len(stays.instants) for stays in self.stays)])
+        for s, (recording, first, last) in enumerate(self.places):
+            stays, t = self.stays[recording], self.recordings.times[recording]
+            cells = np.searchsorted(t, stays.instants, side="right") - 1
+            own = np.flatnonzero((cells >= first) & (cells < last))
+            entry = np.searchsorted(stays.instants, t[first : last + 1])
+            count = last - first
+            self.old[:count, s] = stays.modes[entry[:-1]]
+            self.new[:count, s] = stays.modes[entry[1:]]
+            self.switch[cells[own] - first, s] = offsets[recording] + own
+            self.segment[offsets[recording] + own] = s
+        # number of each switch within its segment: its column of the sensitivities
+        self.within = np.zeros(len(self.instants), dtype=np.intp)
+        for s in range(n):
+            own = np.flatnonzero(self.segment == s)
+            self.within[own] = np.arange(len(own))
+
+    def shares(self) -> Array:
+        """Part of each interval before its switch; a half where there is none."""
+        shares = np.full(self.steps.shape, 0.5)
+        k, s = np.nonzero(self.switch >= 0)
+        starts = np.array([self.places[segment][1] for segment in s], dtype=np.intp)
+        recording = [self.places[segment][0] for segment in s]
+        times = np.array(
+            [self.recordings.times[r][i] for r, i in zip(recording, starts + k, strict=True)]
+        )
+        shares[k, s] = (self.instants[self.switch[k, s]] - times) / self.steps[k, s]
+        return shares
+
+    def moved(self, instants: Array) -> Segments:
+        """The same segments with other instants; a switch may enter another interval."""
+        parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
+        times = self.recordings.times
+        moved = object.__new__(Segments)
+        vars(moved).update(vars(self))
+        moved.stays = [s.moved(p, t) for s, p, t in zip(self.stays, parts, times, strict=True)]
+        moved._place_switches()
+        return moved
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+
+def _cuts(n_steps: int, length: int) -> list[tuple[int, int]]:
+    """Parts of about equal length."""
+    edges = np.linspace(0, n_steps, max(1, round(n_steps / length)) + 1).round().astype(int)
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """States at all samples of the segments, and their sensitivities."""
+
+    states: Array  # (n_times, n_segments, n_states)
+    varied: Array | None  # (n_times, n_segments, n_states, n_states + n_free + most switches)
+
+
+def rollouts(laws: Laws, segments: Segments, starts: Array, *, varied: bool = True) -> Rollouts:
+    """All segments rolled out from their starts (n_segments, n_states)."""
+    n, n_states = starts.shape
+    most = int(np.bincount(segments.segment, minlength=1).max())
+    x, Z = starts.copy(), np.zeros((n, n_states, n_states + laws.n_free + most))
+    Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
+    states, sensitivities = [x], [Z]
+    bound, shares = _DIVERGED * laws.spread, segments.shares()
+    for k, duration in enumerate(segments.steps):
+        before, after = segments.u[k], segments.u[k + 1]
+        share = shares[k]
+        middle = before + share[:, None] * (after - before)
+        pieces = (
+            (segments.old[k], before, middle, share * duration),
+            (segments.new[k], middle, after, (1.0 - share) * duration),
+        )
+        for piece, (modes, u, v, part) in enumerate(pieces):
+            if not varied:
+                x = laws.step(modes, x, u, v, part)
+            else:
+                x, Z = laws.varied_step(modes, x, Z, u, v, part)
+                if piece == 0:
+                    _jump(laws, segments, k, x, Z, middle)
+        x = np.clip(np.nan_to_num(x, nan=np.inf), -bound, bound)
+        states.append(x)
+        if varied:
+            sensitivities.append(Z)
+    return Rollouts(np.array(states), np.array(sensitivities) if varied else None)
+
+
+def _jump(laws: Laws, segments: Segments, k: int, x: Array, Z: Array, u: Array) -> None:
+    """The sensitivity to an instant begins with the difference of the velocities there."""
+    rows = np.flatnonzero(segments.switch[k] >= 0)
+    if len(rows):
+        column = x.shape[1] + laws.n_free + segments.within[segments.switch[k, rows]]
+        old = laws.velocities(segments.old[k, rows], x[rows], u[rows])
+        new = laws.velocities(segments.new[k, rows], x[rows], u[rows])
+        Z[rows, :, column] = old - new
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Laws, segments with their instants, and the starts of the segments."""
+
+    laws: Laws
+    segments: Segments
+    starts: Array  # (n_segments, n_states)
+
+    def moved(self, step: Array) -> Estimate:
+        """Another estimate: the unknowns are coefficients, starts and instants, in this order."""
+        n_free, size = self.laws.n_free, self.starts.size
+        coef = self.laws.coef.copy()
+        coef[self.laws.places] += step[:n_free]
+        starts = self.starts + step[n_free : n_free + size].reshape(self.starts.shape)
+        farthest = _FARTHEST * np.median(self.segments.steps[self.segments.steps > 0.0])
+        instants = self.segments.instants + np.clip(step[n_free + size :], -farthest, farthest)
+        return Estimate(replace(self.laws, coef=coef), self.segments.moved(instants), starts)
+
+
+@dataclass(frozen=True)
+class Objective:
+    """The sum of squares above; `noise` are standard deviations (n_states,), `tie` is delta."""
+
+    noise: Array
+    tie: float
+
+    def value(self, estimate: Estimate) -> float:
+        """Half the sum of squares."""
+        done = rollouts(estimate.laws, estimate.segments, estimate.starts, varied=False)
+        misfit, defects = self._residuals(estimate, done)
+        return float(0.5 * (np.square(misfit).sum() + np.square(defects).sum()))
+
+    def normal_equations(self, estimate: Estimate) -> tuple[Array, Array, float]:
+        """Gauss and Newton's matrix, the negative gradient, and the value."""
+        laws, segments, starts = estimate.laws, estimate.segments, estimate.starts
+        done = rollouts(laws, segments, starts)
+        assert done.varied is not None
+        misfit, defects = self._residuals(estimate, done)
+        n, n_states = starts.shape
+        n_unknowns = laws.n_free + starts.size + len(segments.instants)
+        columns = self._columns(estimate)
+        # a last row and column take what belongs to no unknown
+        matrix, right = np.zeros((n_unknowns + 1, n_unknowns + 1)), np.zeros(n_unknowns + 1)
+        slopes = np.where(np.isfinite(segments.y)[..., None], done.varied, 0.0)
+        slopes = (
+            (slopes / self.noise[:, None]).transpose(1, 0, 2, 3).reshape(n, -1, columns.shape[1])
+        )
+        left = misfit.transpose(1, 0, 2).reshape(n, -1)
+        _add(matrix, right, columns, slopes, left)
+        before = np.flatnonzero(segments.followed)
+        ends = done.varied[segments.count[before], before]
+        ahead = np.tile(-np.eye(n_states), (len(before), 1, 1))
+        following = laws.n_free + (before[:, None] + 1) * n_states + np.arange(n_states)
+        tied = np.concatenate([ends, ahead], axis=2) / (self.tie * self.noise)[:, None]
+        _add(matrix, right, np.hstack([columns[before], following]), tied, defects)
+        value = float(0.5 * (np.square(misfit).sum() + np.square(defects).sum()))
+        return matrix[:-1, :-1], right[:-1], value
+
+    def _residuals(self, estimate: Estimate, done: Rollouts) -> tuple[Array, Array]:
+        """Misfits of the samples, and of the starts that follow a segment."""
+        segments, starts = estimate.segments, estimate.starts
+        misfit = np.nan_to_num((segments.y - done.states) / self.noise)
+        before = np.flatnonzero(segments.followed)
+        gap = starts[before + 1] - done.states[segments.count[before], before]
+        return misfit, gap / (self.tie * self.noise)
+
+    @staticmethod
+    def _columns(estimate: Estimate) -> NDArray[np.intp]:
+        """Unknown of every column of the sensitivities, (n_segments, n_columns)."""
+        laws, segments, (n, n_states) = estimate.laws, estimate.segments, estimate.starts.shape
+        first_instant = laws.n_free + n * n_states
+        most = int(np.bincount(segments.segment, minlength=1).max())
+        own = laws.n_free + np.arange(n * n_states).reshape(n, n_states)
+        shared = np.tile(np.arange(laws.n_free), (n, 1))
+        instants = np.full((n, most), first_instant + len(segments.instants))
+        numbers = np.arange(len(segments.instants))
+        instants[segments.segment, segments.within] = first_instant + numbers
+        return np.hstack([own, shared, instants])
+
+
+def _add(
+    matrix: Array, right: Array, columns: NDArray[np.intp], slopes: Array, left: Array
+) -> None:
+    """Add the normal equations of some blocks of rows: slopes (n_blocks, n_rows, n_columns)."""
+    transposed = slopes.transpose(0, 2, 1)
+    np.add.at(matrix, (columns[:, :, None], columns[:, None, :]), transposed @ slopes)
+    np.add.at(right, columns, np.matmul(transposed, left[:, :, None])[:, :, 0])

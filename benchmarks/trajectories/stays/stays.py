@@ -1,0 +1,50 @@
+"""Stays: between two switches a recording is in one mode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+
+
+@dataclass(frozen=True)
+class Stays:
+    """The modes through which one recording goes, and when it leaves them."""
+
+    modes: NDArray[np.intp]  # (n_stays,), neighbours different
+    instants: Array  # (n_stays - 1,): when each stay but the last one ends, increasing
+
+    @classmethod
+    def of_intervals(cls, modes: NDArray[np.intp], t: Array) -> Stays:
+        """Stays from the mode at the end of every interval between two samples."""
+        first = np.flatnonzero(np.diff(modes)) + 1
+        middles = 0.5 * (t[first] + t[first + 1])
+        return cls(modes[np.concatenate([[0], first])], middles)
+
+    def at(self, t: Array) -> NDArray[np.intp]:
+        """Mode at any times; at an instant the old one."""
+        return self.modes[np.searchsorted(self.instants, t)]
+
+    def between(self, t: Array) -> NDArray[np.intp]:
+        """Mode in the middle between every two times."""
+        return self.at(0.5 * (t[1:] + t[:-1]))
+
+    def moved(self, instants: Array, t: Array) -> Stays:
+        """The same stays with other instants, at most one between two samples.
+
+        A stay that no longer reaches from one sample to the next is gone.
+        """
+        inside = np.clip(instants, t[0], np.nextafter(t[-1], t[0]))
+        order = np.argsort(inside, kind="stable")
+        cells = np.searchsorted(t, inside[order], side="right") - 1
+        last = np.diff(np.append(cells, len(t))) > 0  # of the switches of one cell the last one
+        entered = self.modes[1:][order][last]
+        modes, kept = [int(self.modes[0])], []
+        for mode, instant in zip(entered, inside[order][last], strict=True):
+            if mode != modes[-1]:
+                modes.append(int(mode))
+                kept.append(instant)
+        return Stays(np.array(modes, dtype=np.intp), np.array(kept))

@@ -1,0 +1,108 @@
+"""Identification on stays: its filter, its derivatives, its decoding, and what it finds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.trajectories.figures import figures
+from benchmarks.trajectories.methods import METHODS
+from benchmarks.trajectories.plants import PLANTS
+from benchmarks.trajectories.recordings import Scenario, record
+from benchmarks.trajectories.stays.decoding import decode
+from benchmarks.trajectories.stays.filtering import Filter, smoothed_states
+from benchmarks.trajectories.stays.laws import Laws
+from benchmarks.trajectories.stays.recordings import Recordings
+from benchmarks.trajectories.stays.shooting import Estimate, Objective, Segments
+from benchmarks.trajectories.stays.stays import Stays
+from swsysid.refinement._trajectories import Record, read_trajectories
+
+NOISE = 0.01
+
+
+def contact():
+    """A mass on a spring that it may leave: plant, campaign, recordings, true laws and stays."""
+    plant = PLANTS["contact"]
+    campaign = record(plant, Scenario(NOISE, 60, 2), 1)
+    recordings = Recordings.of(read_trajectories(campaign.recordings(), 0, 2))
+    truth = plant.truth()
+    laws = Laws(
+        truth.coef_,
+        truth.feature_map.at_rows,
+        campaign.x.std(axis=0),
+        np.ones(truth.coef_.shape, dtype=bool),
+    )
+    stays = []
+    for rows in (campaign.groups == 0, campaign.groups == 1):
+        run = truth.simulate(campaign.states[rows][0], campaign.t[rows])
+        instants = np.array([event.time for event in run.events])
+        modes = (run.modes[0] + np.arange(len(instants) + 1)) % 2
+        stays.append(Stays(modes.astype(np.intp), instants))
+    return plant, campaign, recordings, laws, stays
+
+
+def test_without_motion_the_smoother_averages():
+    y = np.random.default_rng(0).normal(3.0, 1.0, (50, 1))
+    rest = Laws(np.zeros((1, 1, 1)), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
+    recordings = Recordings.of([Record(np.arange(50.0), y, np.empty((50, 0)))])
+    filter_ = Filter(rest, np.ones(1), np.full(1, 1e-6))
+    smoothed = smoothed_states(filter_, recordings, np.zeros((49, 1), dtype=np.intp))
+    np.testing.assert_allclose(smoothed[:, 0, 0], y.mean(), atol=1e-5)
+
+
+def test_a_missing_value_says_nothing():
+    y = np.array([[1.0], [np.nan], [3.0]])
+    rest = Laws(np.zeros((1, 1, 1)), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
+    recordings = Recordings.of([Record(np.arange(3.0), y, np.empty((3, 0)))])
+    filter_ = Filter(rest, np.ones(1), np.full(1, 1e-6))
+    smoothed = smoothed_states(filter_, recordings, np.zeros((2, 1), dtype=np.intp))
+    np.testing.assert_allclose(smoothed[:, 0, 0], 2.0, atol=1e-5)
+
+
+def test_derivatives_by_all_unknowns_are_those_of_differences():
+    _, campaign, recordings, laws, stays = contact()
+    segments = Segments(recordings, stays, 30)
+    starts = [campaign.states[campaign.groups == r][first] for r, first, _ in segments.places]
+    rng = np.random.default_rng(0)
+    laws = replace(laws, coef=laws.coef + rng.normal(0, 0.01, laws.coef.shape))
+    starts = np.array(starts) + rng.normal(0, 0.01, (len(segments), 2))
+    estimate = Estimate(laws, segments, starts)
+    objective = Objective(NOISE * campaign.states.std(axis=0), 0.3)
+    matrix, right, _ = objective.normal_equations(estimate)
+    assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.linalg.eigvalsh(matrix).max()
+    for unknown in rng.choice(len(right), 12, replace=False).tolist() + [len(right) - 1]:
+        move = np.zeros(len(right))
+        move[unknown] = 1e-6
+        ahead, behind = (objective.value(estimate.moved(sign * move)) for sign in (1, -1))
+        slope = (ahead - behind) / 2e-6
+        assert -right[unknown] == pytest.approx(slope, rel=1e-3, abs=1e-4 * abs(right).max())
+
+
+def test_the_stays_of_known_laws_are_decoded():
+    _, campaign, recordings, laws, stays = contact()
+    spread = campaign.x.std(axis=0)
+    filter_ = Filter(laws.known(), NOISE * spread, 0.01 * spread)
+    found = decode(filter_, recordings, price=4.0, n_kept=6)
+    for place, (true, t) in enumerate(zip(stays, recordings.times, strict=True)):
+        decoded = Stays.of_intervals(found.modes[: len(t) - 1, place], t)
+        assert decoded.modes.tolist() == true.modes.tolist()
+        # a switch is put in the middle of an interval; noise moves a few by one more
+        assert np.abs(decoded.instants - true.instants).max() <= 1.6 * (t[1] - t[0])
+
+
+def test_instants_that_meet_leave_one_switch():
+    stays, t = Stays(np.array([0, 1, 0, 1]), np.array([1.5, 3.5, 5.5])), np.arange(8.0)
+    moved = stays.moved(np.array([3.7, 3.2, 5.5]), t)
+    assert moved.modes.tolist() == [0, 1] and moved.instants.tolist() == [3.7]
+    assert stays.at(np.array([1.0, 2.0, 4.0, 6.0])).tolist() == [0, 1, 0, 1]
+    assert stays.between(t).tolist() == [0, 0, 1, 1, 0, 0, 1]
+
+
+@pytest.mark.parametrize("name", ["contact", "linear oscillator"])
+def test_twelve_noisy_recordings_give_nearly_what_they_allow(name):
+    plant = PLANTS[name]
+    campaign = record(plant, Scenario(NOISE, 60, 12), 1)
+    ours = figures(plant, METHODS["stays"](plant, campaign, 0))
+    oracle = figures(plant, METHODS["oracle"](plant, campaign, 0))
+    assert ours["field"] <= 1.3 * oracle["field"]
+    assert ours["balanced"] >= oracle["balanced"] - 0.01
