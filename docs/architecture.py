@@ -37,7 +37,8 @@ STOREYS = [
     ),
     (
         "A fitted model",
-        "_regressor _pipelines uncertainty refinement weak_form _simulation",
+        "_trajectory_identifier _stays _regressor _pipelines uncertainty refinement weak_form "
+        "_simulation",
     ),
     ("Identification", "_identification _seeding"),
     ("Convex programs", "_classifier _surfaces relaxations _losses _solvers"),

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         Trajectory,
     )
     from swsysid._saving.files import Recording, load_model, save_model
+    from swsysid._trajectory_identifier import TrajectoryIdentifier
     from swsysid.diagnosis import EffectReport, EffectSearchCV
     from swsysid.relaxations import ExactRelaxation, MomentRelaxation, Relaxation, SimplexRelaxation
     from swsysid.relaxations._mixed_integer import solve_mip
@@ -53,6 +54,7 @@ __all__ = [
     "Status",
     "SwitchingSystemRegressor",
     "Trajectory",
+    "TrajectoryIdentifier",
     "__version__",
     "load_model",
     "save_model",
@@ -72,6 +74,7 @@ _HOMES = {
         "_results": "Assignment GuardWarning IdentificationWarning MisfitWarning SolverError "
         "Status Trajectory",
         "_saving.files": "Recording load_model save_model",
+        "_trajectory_identifier": "TrajectoryIdentifier",
         "diagnosis": "EffectReport EffectSearchCV",
         "relaxations": "ExactRelaxation MomentRelaxation Relaxation SimplexRelaxation",
         "relaxations._mixed_integer": "solve_mip",

@@ -17,18 +17,24 @@ from swsysid._results import (
     SwitchEvent,
     Trajectory,
 )
+from swsysid._stays.count import CountCandidate
+from swsysid._stays.identify import StayRecord
+from swsysid._stays.recording_report import RecordingReport
 from swsysid._surfaces.margins import MarginCertificate
 from swsysid.relaxations._certificates import FitCertificate
 from swsysid.relaxations._mixed_integer import MipResult
 
 __all__ = [
     "Assignment",
+    "CountCandidate",
     "FitCertificate",
     "IterationRecord",
     "MarginCertificate",
     "MipResult",
     "ModeCandidate",
+    "RecordingReport",
     "Status",
+    "StayRecord",
     "SurfaceCandidate",
     "SwitchEvent",
     "Trajectory",

@@ -7,6 +7,7 @@ of every sample, with the true surface. Both are given the right library and deg
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,15 @@ from numpy.typing import NDArray
 
 from benchmarks.trajectories.plants import Plant
 from benchmarks.trajectories.recordings import Campaign
-from benchmarks.trajectories.stays.identify import identify_stays
-from benchmarks.trajectories.stays.recordings import Recordings
-from benchmarks.trajectories.stays.settings import SETTINGS
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid._stays.descent import most_likely, most_likely_with_guards
+from swsysid._stays.guards import Guards
+from swsysid._stays.identify import identify_stays
+from swsysid._stays.laws import Laws
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.settings import SETTINGS
+from swsysid._stays.shooting import Estimate, Segments
+from swsysid._stays.stays import Stays
 from swsysid.differentiation import differentiate, estimate_noise
 from swsysid.refinement import refine
 from swsysid.refinement._trajectories import read_trajectories
@@ -29,8 +35,31 @@ Method = Callable[[Plant, Campaign, int], Any]
 
 
 def oracle(plant: Plant, campaign: Campaign, seed: int) -> Any:
-    """Laws and surface that make the recordings most likely, looked for from the true ones."""
-    return _most_likely(plant.truth(), plant, campaign)
+    """Laws, states, instants and surface of highest likelihood, looked for from the true ones."""
+    model, inputs = plant.truth(), campaign.inputs
+    recordings = _recordings(campaign)
+    noise = (campaign.x - campaign.states).std(axis=0)
+    spread = campaign.states.std(axis=0)
+    free = np.ones(model.coef_.shape, dtype=bool)
+    laws = Laws(model.coef_, model.feature_map.at_rows, spread, free)
+    stays = [
+        Stays(np.array(modes, dtype=np.intp), np.array(times)).within(t)
+        for (modes, times), t in zip(campaign.stays, recordings.times, strict=True)
+    ]
+    segments = Segments(recordings, stays, SETTINGS.segment)
+    places = [(campaign.groups == k).nonzero()[0][i] for k, i, _ in segments.places]
+    estimate = Estimate(laws, segments, campaign.states[places])
+    if plant.n_modes > 1:
+        extent = spread if inputs is None else np.append(spread, inputs.std(axis=0))
+        guards = Guards.of(model.surface, extent, plant.n_modes)
+        estimate = most_likely_with_guards(
+            replace(estimate, guards=guards), noise, SETTINGS
+        ).estimate
+        model.surface.use_coef(estimate.guards.coef)
+    else:
+        estimate = most_likely(estimate, noise, SETTINGS).estimate
+    model.coef_ = estimate.laws.coef
+    return model
 
 
 class _Told:
@@ -81,10 +110,8 @@ def refined(plant: Plant, campaign: Campaign, seed: int) -> Any:
 def stays(plant: Plant, campaign: Campaign, seed: int) -> Any:
     """Differentiate and fit, then alternate on stays in modes."""
     start = fitted(plant, campaign, seed)
-    n_inputs = 0 if campaign.inputs is None else campaign.inputs.shape[1]
-    records = read_trajectories(campaign.recordings(), n_inputs, campaign.x.shape[1])
     noise = estimate_noise(campaign.x, campaign.groups)
-    return identify_stays(start, Recordings.of(records), noise, SETTINGS).model
+    return identify_stays(start, _recordings(campaign), noise, SETTINGS).model
 
 
 def stays_and_refined(plant: Plant, campaign: Campaign, seed: int) -> Any:
@@ -95,6 +122,11 @@ def stays_and_refined(plant: Plant, campaign: Campaign, seed: int) -> Any:
 def number_of_modes(plant: Plant, campaign: Campaign, seed: int) -> int:
     """What ``n_modes="auto"`` finds after `differentiate`."""
     return fitted(plant, campaign, seed, n_modes="auto").n_modes_
+
+
+def _recordings(campaign: Campaign) -> Recordings:
+    n_inputs = 0 if campaign.inputs is None else campaign.inputs.shape[1]
+    return Recordings.of(read_trajectories(campaign.recordings(), n_inputs, campaign.x.shape[1]))
 
 
 def _most_likely(start: Any, plant: Plant, campaign: Campaign) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.trajectories.plants import Plant
+from swsysid.results import Trajectory
 
 __all__ = ["Campaign", "Scenario", "record"]
 
@@ -54,6 +55,8 @@ class Campaign:
     states : ndarray of shape (n_samples, n_states)
         Without noise.
     modes : ndarray of shape (n_samples,)
+    stays : list of (modes, times)
+        For every recording the modes that it goes through, and when it switches.
     """
 
     t: Array
@@ -62,6 +65,7 @@ class Campaign:
     groups: NDArray[np.intp]
     states: Array
     modes: NDArray[np.intp]
+    stays: list[tuple[list[int], list[float]]]
 
     @property
     def columns(self) -> Array:
@@ -102,4 +106,11 @@ def record(plant: Plant, scenario: Scenario, seed: int) -> Campaign:
         groups=np.repeat(np.arange(len(runs)), len(t)),
         states=states,
         modes=np.concatenate([run.modes for run in runs]),
+        stays=[_stays(run) for run in runs],
     )
+
+
+def _stays(run: Trajectory) -> tuple[list[int], list[float]]:
+    switches = [event for event in run.events if event.before != event.after]
+    modes = [int(run.modes[0]) if not switches else switches[0].before]
+    return modes + [event.after for event in switches], [event.time for event in switches]

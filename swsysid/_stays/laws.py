@@ -46,6 +46,11 @@ class Laws:
         return replace(self, free=np.zeros_like(self.free))
 
     @property
+    def modes(self) -> range:
+        """Numbers of the modes."""
+        return range(len(self.coef))
+
+    @property
     def n_free(self) -> int:
         """Number of free coefficients."""
         return len(self.places[0])
@@ -82,20 +87,25 @@ class Laws:
 
     def _varied(self, modes: Modes, x: Array, Z: Array, u: Array) -> tuple[Array, Array]:
         """Velocities and the rates of the sensitivities."""
-        features, slopes = self._features_and_slopes(x, u)
+        columns = np.concatenate([x, u], axis=1)
+        features, slopes = slopes_of(self.features, columns, self.spread)
         coef = self.coef[modes]
         rates = np.matmul(np.matmul(coef, slopes), Z)
         mode, state, feature = self.places
-        columns = x.shape[1] + np.arange(len(mode))
-        rates[:, state, columns] += features[:, feature] * (modes[:, None] == mode)
+        unknowns = x.shape[1] + np.arange(len(mode))
+        rates[:, state, unknowns] += features[:, feature] * (modes[:, None] == mode)
         return np.matmul(coef, features[:, :, None])[:, :, 0], rates
 
-    def _features_and_slopes(self, x: Array, u: Array) -> tuple[Array, Array]:
-        """Features of the rows, and their derivatives (n_rows, n_features, n_states)."""
-        n_rows, n_states = x.shape
-        moves = np.diag(_DIFFERENCE * self.spread)
-        moved = np.concatenate([x, *(x + move for move in moves)])
-        rows = np.concatenate([moved, np.tile(u, (n_states + 1, 1))], axis=1)
-        values = self.features(rows).reshape(n_states + 1, n_rows, -1)
-        slopes = (values[1:] - values[0]) / np.diag(moves)[:, None, None]
-        return values[0], slopes.transpose(1, 2, 0)
+
+def slopes_of(features: Features, columns: Array, spread: Array) -> tuple[Array, Array]:
+    """Features of rows, and their derivatives (n_rows, n_features, n_varied).
+
+    Varied are the first columns, as many as `spread` has entries.
+    """
+    n_varied = len(spread)
+    moves = np.zeros((n_varied, columns.shape[1]))
+    moves[np.arange(n_varied), np.arange(n_varied)] = _DIFFERENCE * spread
+    values = features(np.concatenate([columns, *(columns + move for move in moves)]))
+    values = values.reshape(n_varied + 1, len(columns), -1)
+    slopes = (values[1:] - values[0]) / (_DIFFERENCE * spread)[:, None, None]
+    return values[0], slopes.transpose(1, 2, 0)

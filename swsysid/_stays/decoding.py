@@ -8,19 +8,14 @@ same interval have the same future but for a little of the state: the better one
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.trajectories.stays.filtering import Belief, Filter
-from benchmarks.trajectories.stays.laws import Modes
-from benchmarks.trajectories.stays.recordings import Recordings
 from swsysid._results import Array
-
-# log probability of a mode at rows (states, inputs), by a surface that is not quite trusted
-ModePrior = Callable[[Array, Modes], Array]
+from swsysid._stays.filtering import Belief, Filter
+from swsysid._stays.recordings import Recordings
 
 
 @dataclass(frozen=True)
@@ -34,12 +29,16 @@ class Decoded:
 def decode(
     filter_: Filter,
     recordings: Recordings,
-    prior: ModePrior | None = None,
+    prior: Array | None = None,
     *,
     price: float,
     n_kept: int,
 ) -> Decoded:
-    """Modes of all intervals of all recordings; `price` of a switch is in nats."""
+    """Modes of all intervals of all recordings; `price` of a switch is in nats.
+
+    `prior` is the log probability of the modes, (n_times - 1, n_recordings, n_modes), by a surface
+    that is not quite trusted.
+    """
     beam = _Beam.begin(filter_, recordings, n_kept)
     history = []
     for k, duration in enumerate(recordings.steps):
@@ -67,7 +66,7 @@ class _Beam:
     @classmethod
     def begin(cls, filter_: Filter, recordings: Recordings, n_kept: int) -> _Beam:
         """One hypothesis for each mode."""
-        first = filter_.first(recordings.y[0])
+        first = filter_.first(recordings.y[0], recordings.guess[0])
         n_modes = len(filter_.laws.coef)
         shape = len(recordings), max(n_kept, n_modes)
         scores = np.full(shape, -np.inf)
@@ -85,7 +84,7 @@ class _Beam:
         filter_: Filter,
         recordings: Recordings,
         k: int,
-        prior: ModePrior | None,
+        prior: Array | None,
         price: float,
     ) -> _Beam:
         """The beam one interval later."""
@@ -102,8 +101,7 @@ class _Beam:
         predicted = filter_.predict(belief, old, new, u, after, duration).belief
         corrected, gained = filter_.correct(predicted, recordings.y[k + 1, recording])
         if prior is not None:
-            middle = 0.5 * (belief.mean + predicted.mean)
-            gained = gained + prior(np.hstack([middle, 0.5 * (u + after)]), new)
+            gained = gained + prior[k, recording, new]
         scores = np.full(shape, -np.inf)
         scores[asked] = self.scores[recording, slot] + np.nan_to_num(gained, nan=-np.inf)
         scores -= price * enters

@@ -32,6 +32,20 @@ class Stays:
         """Mode in the middle between every two times."""
         return self.at(0.5 * (t[1:] + t[:-1]))
 
+    def only(self, modes: NDArray[np.intp]) -> Stays:
+        """Without stays in other modes than some, which are called 0, 1, ... from now on."""
+        kept = np.isin(self.modes, modes)
+        names = np.searchsorted(modes, self.modes[kept])
+        begins = np.append(-np.inf, self.instants)[kept]
+        new = np.append(True, np.diff(names) != 0)
+        if not kept.any():
+            return Stays(np.zeros(1, dtype=np.intp), np.zeros(0))
+        return Stays(names[new], begins[new][1:])
+
+    def within(self, t: Array) -> Stays:
+        """The same stays, at most one switch between two of the times."""
+        return self.moved(self.instants, t)
+
     def moved(self, instants: Array, t: Array) -> Stays:
         """The same stays with other instants, at most one between two samples.
 

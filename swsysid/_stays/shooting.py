@@ -14,17 +14,21 @@ segments become one rollout.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.trajectories.stays.laws import Laws
-from benchmarks.trajectories.stays.recordings import Recordings
-from benchmarks.trajectories.stays.stays import Stays
 from swsysid._results import Array
+from swsysid._stays.guards import Crossings, Guards
+from swsysid._stays.laws import Laws
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.stays import Stays
 
 _FARTHEST = 2.0  # intervals that an instant may move at once
+_SLOWEST = 0.1  # of the median rate at which surfaces are crossed: slower ones graze
+_FAR = 3.0  # beyond so many standard deviations a crossing counts less
 _DIVERGED = 1e3  # spreads of a state beyond which it is held
 
 
@@ -53,9 +57,9 @@ class Segments:
             # a sample where two segments meet counts in the second
             seen = count if self.followed[s] else count + 1
             self.y[:seen, s] = recordings.y[first : first + seen, recording]
-        self._place_switches()
+        self.place_switches()
 
-    def _place_switches(self) -> None:
+    def place_switches(self) -> None:
         """Modes before and after the switch of each interval, and where it is."""
         n_steps, n = self.steps.shape
         self.old = np.zeros((n_steps, n), dtype=np.intp)
@@ -96,10 +100,9 @@ class Segments:
         """The same segments with other instants; a switch may enter another interval."""
         parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
         times = self.recordings.times
-        moved = object.__new__(Segments)
-        vars(moved).update(vars(self))
+        moved = copy(self)
         moved.stays = [s.moved(p, t) for s, p, t in zip(self.stays, parts, times, strict=True)]
-        moved._place_switches()
+        moved.place_switches()
         return moved
 
     def __len__(self) -> int:
@@ -118,6 +121,7 @@ class Rollouts:
 
     states: Array  # (n_times, n_segments, n_states)
     varied: Array | None  # (n_times, n_segments, n_states, n_states + n_free + most switches)
+    crossings: Crossings
 
 
 def rollouts(laws: Laws, segments: Segments, starts: Array, *, varied: bool = True) -> Rollouts:
@@ -127,7 +131,7 @@ def rollouts(laws: Laws, segments: Segments, starts: Array, *, varied: bool = Tr
     x, Z = starts.copy(), np.zeros((n, n_states, n_states + laws.n_free + most))
     Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
     states, sensitivities = [x], [Z]
-    bound, shares = _DIVERGED * laws.spread, segments.shares()
+    bound, shares, crossed = _DIVERGED * laws.spread, segments.shares(), []
     for k, duration in enumerate(segments.steps):
         before, after = segments.u[k], segments.u[k + 1]
         share = shares[k]
@@ -141,42 +145,101 @@ def rollouts(laws: Laws, segments: Segments, starts: Array, *, varied: bool = Tr
                 x = laws.step(modes, x, u, v, part)
             else:
                 x, Z = laws.varied_step(modes, x, Z, u, v, part)
-                if piece == 0:
-                    _jump(laws, segments, k, x, Z, middle)
+            if piece == 0 and (rows := np.flatnonzero(segments.switch[k] >= 0)).size:
+                rate = (after - before)[rows] / duration[rows, None]
+                crossed.append(_cross(laws, segments, k, rows, x, Z, middle, rate))
         x = np.clip(np.nan_to_num(x, nan=np.inf), -bound, bound)
         states.append(x)
         if varied:
             sensitivities.append(Z)
-    return Rollouts(np.array(states), np.array(sensitivities) if varied else None)
+    crossings = _in_order(crossed, segments, Z.shape[1:], x.shape[1] + segments.u.shape[2])
+    return Rollouts(np.array(states), np.array(sensitivities) if varied else None, crossings)
 
 
-def _jump(laws: Laws, segments: Segments, k: int, x: Array, Z: Array, u: Array) -> None:
-    """The sensitivity to an instant begins with the difference of the velocities there."""
-    rows = np.flatnonzero(segments.switch[k] >= 0)
-    if len(rows):
-        column = x.shape[1] + laws.n_free + segments.within[segments.switch[k, rows]]
-        old = laws.velocities(segments.old[k, rows], x[rows], u[rows])
-        new = laws.velocities(segments.new[k, rows], x[rows], u[rows])
-        Z[rows, :, column] = old - new
+def _cross(
+    laws: Laws, segments: Segments, k: int, rows: NDArray, x: Array, Z: Array, u: Array, rate: Array
+) -> tuple:
+    """Note where segments switch; the sensitivity to the instant begins there.
+
+    It is the difference of the two velocities.
+    """
+    switches = segments.switch[k, rows]
+    old, new = segments.old[k, rows], segments.new[k, rows]
+    before = laws.velocities(old, x[rows], u[rows])
+    kept = Z[rows].copy()
+    column = x.shape[1] + laws.n_free + segments.within[switches]
+    Z[rows, :, column] = before - laws.velocities(new, x[rows], u[rows])
+    columns, rates = np.hstack([x[rows], u[rows]]), np.hstack([before, rate])
+    return switches, old, new, columns, rates, kept
+
+
+def _in_order(crossed: list[tuple], segments: Segments, varied: tuple, n_columns: int) -> Crossings:
+    """Crossings in the order of the instants."""
+    if not crossed:
+        none = np.zeros(0, dtype=np.intp)
+        empty = np.zeros((0, n_columns))
+        return Crossings(none, none, empty, empty, np.zeros((0, *varied)))
+    switches, *parts = (np.concatenate(part) for part in zip(*crossed, strict=True))
+    order = np.argsort(switches)
+    return Crossings(*(part[order] for part in parts))
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Laws, segments with their instants, and the starts of the segments."""
+    """Laws, segments with their instants, the starts of the segments, and surfaces if any."""
 
     laws: Laws
     segments: Segments
     starts: Array  # (n_segments, n_states)
+    guards: Guards | None = None
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of free coefficients, starts, instants and coefficients of surfaces."""
+        guards = 0 if self.guards is None else self.guards.n_free
+        return self.laws.n_free + self.starts.size + len(self.segments.instants) + guards
+
+    def renamed(self, order: NDArray[np.intp]) -> Estimate:
+        """The same with mode ``order[k]`` called k."""
+        names = np.argsort(order)
+        segments = copy(self.segments)
+        segments.stays = [replace(one, modes=names[one.modes]) for one in segments.stays]
+        segments.old, segments.new = names[segments.old], names[segments.new]
+        laws = replace(self.laws, coef=self.laws.coef[order], free=self.laws.free[order])
+        return replace(self, laws=laws, segments=segments)
+
+    def only(self, modes: NDArray[np.intp]) -> Estimate:
+        """The same with some of the modes."""
+        segments = copy(self.segments)
+        segments.stays = [stays.only(modes) for stays in segments.stays]
+        segments.place_switches()
+        laws = replace(self.laws, coef=self.laws.coef[modes], free=self.laws.free[modes])
+        return Estimate(laws, segments, self.starts)
+
+    def snapped(self) -> Estimate:
+        """The same with instants at which the states are on the surfaces."""
+        if self.guards is None:
+            return self
+        done = rollouts(self.laws, self.segments, self.starts, varied=False)
+        misses = self.guards.misses(done.crossings, _SLOWEST)
+        instants = self.segments.instants.copy()
+        farthest = _FARTHEST * self.segments.recordings.interval
+        move = -misses.times * np.sign(misses.by_instants)
+        instants[misses.switches] += np.clip(move, -farthest, farthest)
+        return replace(self, segments=self.segments.moved(instants))
 
     def moved(self, step: Array) -> Estimate:
-        """Another estimate: the unknowns are coefficients, starts and instants, in this order."""
-        n_free, size = self.laws.n_free, self.starts.size
+        """Another estimate: coefficients, starts, instants and surfaces, in this order."""
+        n_free, size, n_instants = self.laws.n_free, self.starts.size, len(self.segments.instants)
         coef = self.laws.coef.copy()
         coef[self.laws.places] += step[:n_free]
         starts = self.starts + step[n_free : n_free + size].reshape(self.starts.shape)
-        farthest = _FARTHEST * np.median(self.segments.steps[self.segments.steps > 0.0])
-        instants = self.segments.instants + np.clip(step[n_free + size :], -farthest, farthest)
-        return Estimate(replace(self.laws, coef=coef), self.segments.moved(instants), starts)
+        farthest = _FARTHEST * self.segments.recordings.interval
+        by_instant, by_guard = np.split(step[n_free + size :], [n_instants])
+        instants = self.segments.instants + np.clip(by_instant, -farthest, farthest)
+        guards = None if self.guards is None else self.guards.moved(by_guard)
+        segments = self.segments.moved(instants)
+        return Estimate(replace(self.laws, coef=coef), segments, starts, guards)
 
 
 @dataclass(frozen=True)
@@ -185,12 +248,18 @@ class Objective:
 
     noise: Array
     tie: float
+    guard_time: float = 1.0  # by which a crossing may miss its surface
 
     def value(self, estimate: Estimate) -> float:
         """Half the sum of squares."""
         done = rollouts(estimate.laws, estimate.segments, estimate.starts, varied=False)
         misfit, defects = self._residuals(estimate, done)
-        return float(0.5 * (np.square(misfit).sum() + np.square(defects).sum()))
+        value = float(0.5 * (np.square(misfit).sum() + np.square(defects).sum()))
+        if estimate.guards is not None:
+            times = estimate.guards.misses(done.crossings, _SLOWEST).times / self.guard_time
+            value += float(_FAR**2 * (np.sqrt(1.0 + np.square(times / _FAR)) - 1.0).sum())
+            value += float(0.5 * np.square(estimate.guards.wrong_sides()).sum())
+        return value
 
     def normal_equations(self, estimate: Estimate) -> tuple[Array, Array, float]:
         """Gauss and Newton's matrix, the negative gradient, and the value."""
@@ -199,7 +268,7 @@ class Objective:
         assert done.varied is not None
         misfit, defects = self._residuals(estimate, done)
         n, n_states = starts.shape
-        n_unknowns = laws.n_free + starts.size + len(segments.instants)
+        n_unknowns = estimate.n_unknowns
         columns = self._columns(estimate)
         # a last row and column take what belongs to no unknown
         matrix, right = np.zeros((n_unknowns + 1, n_unknowns + 1)), np.zeros(n_unknowns + 1)
@@ -216,7 +285,45 @@ class Objective:
         tied = np.concatenate([ends, ahead], axis=2) / (self.tie * self.noise)[:, None]
         _add(matrix, right, np.hstack([columns[before], following]), tied, defects)
         value = float(0.5 * (np.square(misfit).sum() + np.square(defects).sum()))
+        if estimate.guards is not None:
+            value += self._add_guards(matrix, right, estimate, done.crossings, columns)
         return matrix[:-1, :-1], right[:-1], value
+
+    def _add_guards(
+        self,
+        matrix: Array,
+        right: Array,
+        estimate: Estimate,
+        crossings: Crossings,
+        columns: NDArray[np.intp],
+    ) -> float:
+        """Add what crossings that miss their surface say; a far one counts less."""
+        guards, segments = estimate.guards, estimate.segments
+        assert guards is not None and crossings.varied is not None
+        n_states = estimate.starts.shape[1]
+        misses = guards.misses(crossings, _SLOWEST)
+        times = misses.times / self.guard_time
+        varied = np.einsum(
+            "kc,kcz->kz", misses.by_columns[:, :n_states], crossings.varied[misses.switches]
+        )
+        n_used, n_guards = len(times), guards.n_free
+        by_coef = np.zeros((n_used, len(guards.coef), guards.coef.shape[1]))
+        by_coef[np.arange(n_used), misses.surfaces] = misses.by_coef
+        slopes = np.hstack([varied, misses.by_instants[:, None], by_coef[:, guards.free]])
+        first = len(matrix) - 1 - n_guards
+        instants = first - len(segments.instants) + misses.switches
+        places = np.hstack([
+            columns[segments.segment[misses.switches]],
+            instants[:, None],
+            np.tile(first + np.arange(n_guards), (n_used, 1)),
+        ])  # fmt: skip
+        root = (1.0 + np.square(times / _FAR)) ** -0.25
+        slopes = slopes * (root / self.guard_time)[:, None]
+        _add(matrix, right, places, slopes[:, None, :], -(root * times)[:, None])
+        own, own_right, of_sides = guards.side_equations()
+        matrix[first:-1, first:-1] += own
+        right[first:-1] += own_right
+        return of_sides + float(_FAR**2 * (np.sqrt(1.0 + np.square(times / _FAR)) - 1.0).sum())
 
     def _residuals(self, estimate: Estimate, done: Rollouts) -> tuple[Array, Array]:
         """Misfits of the samples, and of the starts that follow a segment."""
@@ -234,7 +341,7 @@ class Objective:
         most = int(np.bincount(segments.segment, minlength=1).max())
         own = laws.n_free + np.arange(n * n_states).reshape(n, n_states)
         shared = np.tile(np.arange(laws.n_free), (n, 1))
-        instants = np.full((n, most), first_instant + len(segments.instants))
+        instants = np.full((n, most), -1)
         numbers = np.arange(len(segments.instants))
         instants[segments.segment, segments.within] = first_instant + numbers
         return np.hstack([own, shared, instants])

@@ -18,11 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.trajectories.stays.laws import Laws, Modes
-from benchmarks.trajectories.stays.recordings import Recordings
 from swsysid._results import Array
+from swsysid._stays.laws import Laws, Modes
+from swsysid._stays.recordings import Recordings
 
 _MISSING = 1e12  # variance of a value that was not measured, in units of the noise's
+_ROUGHLY = 0.5  # of the spread of a state: how well a rough one is known
 _MOST_SQUARES = 60.0  # what one sample may cost, in units of the noise: outliers are bounded
 
 
@@ -87,11 +88,11 @@ class Filter:
         covariance = predicted.covariance - gain @ predicted.covariance
         return Belief(mean, covariance), log_likelihood
 
-    def first(self, y: Array) -> Belief:
-        """The belief at the first samples."""
+    def first(self, y: Array, guess: Array) -> Belief:
+        """The belief at the first samples; what is not measured there is roughly known."""
         seen = np.isfinite(y)
-        variance = self.noise**2 * np.where(seen, 1.0, _MISSING)
-        return Belief(np.where(seen, y, 0.0), variance[:, :, None] * np.eye(y.shape[1]))
+        variance = np.where(seen, self.noise, _ROUGHLY * self.laws.spread) ** 2
+        return Belief(np.where(seen, y, guess), variance[:, :, None] * np.eye(y.shape[1]))
 
 
 def smoothed_states(filter_: Filter, recordings: Recordings, modes: NDArray[np.intp]) -> Array:
@@ -100,7 +101,7 @@ def smoothed_states(filter_: Filter, recordings: Recordings, modes: NDArray[np.i
     `modes` are those of the intervals, (n_times - 1, n_recordings); the answer is padded like
     `recordings.y`.
     """
-    belief = filter_.first(recordings.y[0])
+    belief = filter_.first(recordings.y[0], recordings.guess[0])
     beliefs, predictions = [belief], []
     before = modes[0]
     for k, duration in enumerate(recordings.steps):

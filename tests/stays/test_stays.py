@@ -9,12 +9,12 @@ from benchmarks.trajectories.figures import figures
 from benchmarks.trajectories.methods import METHODS
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
-from benchmarks.trajectories.stays.decoding import decode
-from benchmarks.trajectories.stays.filtering import Filter, smoothed_states
-from benchmarks.trajectories.stays.laws import Laws
-from benchmarks.trajectories.stays.recordings import Recordings
-from benchmarks.trajectories.stays.shooting import Estimate, Objective, Segments
-from benchmarks.trajectories.stays.stays import Stays
+from swsysid._stays.decoding import decode
+from swsysid._stays.filtering import Filter, smoothed_states
+from swsysid._stays.laws import Laws
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.shooting import Estimate, Objective, Segments
+from swsysid._stays.stays import Stays
 from swsysid.refinement._trajectories import Record, read_trajectories
 
 NOISE = 0.01

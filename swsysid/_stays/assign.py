@@ -1,0 +1,105 @@
+"""Assign: which modes the recordings go through, for laws and surfaces at hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._results import Array
+from swsysid._simulation.model import SwitchingModel
+from swsysid._stays.decoding import Decoded, decode
+from swsysid._stays.filtering import Filter, smoothed_states
+from swsysid._stays.guards import Guards
+from swsysid._stays.laws import Laws
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.settings import StaySettings
+from swsysid._stays.shooting import Estimate, Segments
+from swsysid._stays.stays import Stays
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """Modes of all intervals, and the states of the recordings in them."""
+
+    decoded: Decoded
+    filter: Filter
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of all recordings, up to what is the same for all laws."""
+        return float(self.decoded.log_likelihood.sum())
+
+    def estimate(self, laws: Laws, recordings: Recordings, settings: StaySettings) -> Estimate:
+        """Stays as decoded, segments that start at the smoothed states."""
+        modes = self.decoded.modes
+        smoothed = smoothed_states(self.filter, recordings, modes)
+        stays = [
+            Stays.of_intervals(modes[: len(t) - 1, place], t)
+            for place, t in enumerate(recordings.times)
+        ]
+        segments = Segments(recordings, stays, settings.segment)
+        starts = np.array([smoothed[first, recording] for recording, first, _ in segments.places])
+        return Estimate(laws, segments, starts)
+
+
+def assign(
+    laws: Laws,
+    recordings: Recordings,
+    noise: Array,
+    prior: Array | None,
+    disturbances: Array,
+    price: float,
+    settings: StaySettings,
+) -> Assigned:
+    """The modes, with that disturbance of the velocities which makes the recordings most likely.
+
+    `disturbances` (n_candidates, n_states) are spectral densities of the velocities.
+    """
+    found = []
+    for disturbance in disturbances:
+        filter_ = Filter(laws.known(), noise, disturbance)
+        decoded = decode(filter_, recordings, prior, price=price, n_kept=settings.n_kept)
+        found.append(Assigned(decoded, filter_))
+    return max(found, key=lambda one: one.log_likelihood)
+
+
+def disturbances(laws: Laws, recordings: Recordings, settings: StaySettings) -> Array:
+    """Candidates, from what the velocities of the laws are in the recordings."""
+    n_rows = recordings.guess[..., 0].size
+    x, u = recordings.guess.reshape(n_rows, -1), recordings.u.reshape(n_rows, recordings.u.shape[2])
+    modes = np.zeros(len(x), dtype=np.intp)
+    spread = np.median([laws.velocities(modes + j, x, u).std(axis=0) for j in laws.modes], axis=0)
+    unit = spread * np.sqrt(settings.memory * recordings.interval)
+    return np.outer(settings.disturbances, unit)
+
+
+# -- what a surface says beforehand -----------------------------------------------------------
+
+
+def prior_of_model(model: SwitchingModel, recordings: Recordings, trust: float) -> Array:
+    """Log probability of the modes of all intervals by a fitted classifier."""
+    columns = np.concatenate([recordings.guess, recordings.u], axis=2)
+    middle = 0.5 * (columns[1:] + columns[:-1])
+    flat = np.zeros((middle[..., 0].size, len(model.coef)))
+    # a classifier knows only modes that its samples had
+    probabilities = model.mode_probabilities(middle.reshape(-1, middle.shape[2]))
+    flat[:, model.surface.classes_] = probabilities[:, : len(model.surface.classes_)]
+    return np.log(np.maximum(flat, trust)).reshape(*middle.shape[:2], -1)
+
+
+def prior_of_guards(
+    guards: Guards, covariance: Array, recordings: Recordings, trust: float, blurred: float
+) -> Array:
+    """The same by surfaces whose coefficients are known so far."""
+    columns = np.concatenate([recordings.guess, recordings.u], axis=2)
+    middle = 0.5 * (columns[1:] + columns[:-1])
+    steps = np.where(recordings.steps > 0.0, recordings.steps, np.inf)
+    rates = np.diff(columns, axis=0) / steps[:, :, None]
+    flat = guards.log_probabilities(
+        middle.reshape(-1, middle.shape[2]),
+        rates.reshape(-1, middle.shape[2]),
+        covariance,
+        blurred * recordings.interval,
+    )
+    return np.maximum(flat, np.log(trust)).reshape(*middle.shape[:2], -1)

@@ -1,0 +1,74 @@
+"""How certain laws, surfaces and switch instants are."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._results import Array
+from swsysid._stays.identify import StayIdentification
+from swsysid._stays.samples import misfits
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """Standard errors; zero where a coefficient is fixed."""
+
+    coef: Array  # (n_modes, n_states, n_features)
+    surface: Array | None  # (n_surfaces, n_surface_features), in the user's units
+    instants: list[Array]  # of every recording
+    samples_that_count_as_one: float
+
+
+def certainty(found: StayIdentification) -> Certainty:
+    """From the inverse of Gauss and Newton's matrix.
+
+    Where a law is missing, neighbouring misfits are alike and count as fewer samples.
+    """
+    estimate, laws = found.estimate, found.estimate.laws
+    together = _correlation(found)
+    errors = np.sqrt(together * np.clip(np.diag(found.reached.covariance()), 0.0, np.inf))
+    n_free, n_instants = laws.n_free, len(estimate.segments.instants)
+    first = n_free + estimate.starts.size
+    coef = np.zeros(laws.coef.shape)
+    coef[laws.places] = errors[:n_free]
+    counts = [len(stays.instants) for stays in estimate.segments.stays]
+    instants = np.split(errors[first : first + n_instants], np.cumsum(counts)[:-1])
+    return Certainty(coef, _of_surface(found, together), instants, together)
+
+
+def _of_surface(found: StayIdentification, together: float) -> Array | None:
+    """Errors in the user's units, which are linear in the coordinates of the fit."""
+    guards, surface = found.estimate.guards, found.model.surface_
+    if guards is None or not isinstance(surface, PolynomialSurfaceClassifier):
+        return None
+    own = together * found.reached.covariance_of_guards()
+    other, start = deepcopy(surface), surface.coef_
+    columns = []
+    for place in zip(*np.nonzero(guards.free), strict=True):
+        moved = guards.coef.copy()
+        moved[place] += 1.0
+        other.use_coef(moved)
+        columns.append((other.coef_ - start).ravel())
+    slopes = np.array(columns).reshape(guards.n_free, start.size)
+    variance = np.einsum("ki,kl,li->i", slopes, own, slopes)
+    return np.sqrt(np.clip(variance, 0.0, np.inf)).reshape(start.shape)
+
+
+def _correlation(found: StayIdentification) -> float:
+    r"""Samples that count as one, :math:`1 + 2 \sum_k \rho_k` up to the first lag of noise."""
+    left = misfits(found.estimate) / found.reached.noise
+    known = np.isfinite(left)
+    values = np.where(known, left, 0.0)
+    variance, n = np.square(values).sum(), known.sum()
+    together = 1.0
+    for lag in range(1, min(100, len(values) // 4)):
+        pairs = (known[lag:] & known[:-lag]).sum()
+        rho = (values[lag:] * values[:-lag]).sum() / max(variance, 1e-300) * n / max(pairs, 1)
+        if rho < 2.0 / np.sqrt(max(pairs, 1)):
+            break
+        together += 2.0 * float(rho)
+    return together

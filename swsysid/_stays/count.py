@@ -1,0 +1,66 @@
+r"""How many modes: the least Bayesian information criterion in the domain of the measurements.
+
+.. math:: \sum_c n_c \log \hat\sigma_c + \tfrac12 k \log n
+
+with the misfit of every channel and k coefficients of laws and surfaces. Noise on the samples is
+white where the laws are right, which residuals of derivatives never are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._stays.identify import StayIdentification
+from swsysid._stays.samples import misfits
+
+
+@dataclass(frozen=True)
+class CountCandidate:
+    """One number of modes, and what the recordings say of it.
+
+    Attributes
+    ----------
+    n_modes : int
+    criterion : float
+        The least is chosen.
+    n_coefficients : int
+        Of laws and surfaces.
+    n_switches : int
+    """
+
+    n_modes: int
+    criterion: float
+    n_coefficients: int
+    n_switches: int
+
+
+def criterion(found: StayIdentification) -> CountCandidate:
+    """The criterion of one identification."""
+    estimate, left = found.estimate, misfits(found.estimate)
+    count = np.isfinite(left).sum(axis=(0, 1))
+    squares = np.nansum(np.square(left), axis=(0, 1)) / np.maximum(count, 1)
+    least = np.square(1e-6 * estimate.laws.spread)
+    misfit = 0.5 * float((count * np.log(np.maximum(squares, least)))[count > 0].sum())
+    n_switches = len(estimate.segments.instants)
+    n_guards = n_switches if estimate.guards is None else estimate.guards.n_free
+    k = estimate.laws.n_free + (n_guards if len(estimate.laws.coef) > 1 else 0)
+    value = misfit + 0.5 * k * float(np.log(max(2, count.sum())))
+    return CountCandidate(len(estimate.laws.coef), value, k, n_switches)
+
+
+def fewest_modes(
+    identified: Callable[[int], StayIdentification], most: int
+) -> tuple[StayIdentification, list[CountCandidate]]:
+    """The number at which another mode no longer pays; one more is always tried."""
+    found = [identified(1)]
+    candidates = [criterion(found[0])]
+    for n_modes in range(2, most + 1):
+        found.append(identified(n_modes))
+        candidates.append(criterion(found[-1]))
+        if n_modes > 2 and candidates[-1].criterion > min(c.criterion for c in candidates[:-1]):
+            break
+    best = int(np.argmin([one.criterion for one in candidates]))
+    return found[best], candidates

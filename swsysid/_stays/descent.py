@@ -1,0 +1,115 @@
+"""Levenberg and Marquardt's steps on the likelihood of given stays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swsysid._results import Array
+from swsysid._stays.settings import StaySettings
+from swsysid._stays.shooting import Estimate, Objective
+
+
+@dataclass(frozen=True)
+class Reached:
+    """An estimate at the end of a descent, its objective and half the sum of squares."""
+
+    estimate: Estimate
+    objective: Objective
+    value: float
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviations that the misfits are measured in."""
+        return self.objective.noise
+
+    def covariance(self) -> Array:
+        """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix."""
+        matrix, _, _ = self.objective.normal_equations(self.estimate)
+        diagonal = np.diag(matrix)
+        unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        scaled = matrix * unit[:, None] * unit
+        inverse = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True)
+        return np.asarray(inverse * unit[:, None] * unit, dtype=float)
+
+    def covariance_of_guards(self) -> Array:
+        """Of the free coefficients of the surfaces alone."""
+        covariance = self.covariance()
+        n_guards = 0 if self.estimate.guards is None else self.estimate.guards.n_free
+        first = len(covariance) - n_guards
+        return covariance[first:, first:]
+
+
+def most_likely(estimate: Estimate, noise: Array, settings: StaySettings) -> Reached:
+    """The estimate with segments tied ever more tightly."""
+    stages = [(Objective(noise, tie), n_turns) for tie, n_turns in settings.ties]
+    return _through(estimate, stages, settings)
+
+
+def most_likely_with_guards(estimate: Estimate, noise: Array, settings: StaySettings) -> Reached:
+    """The estimate whose crossings lie on its surfaces ever more closely."""
+    interval, tie = estimate.segments.recordings.interval, settings.ties[-1][0]
+    stages = [
+        (Objective(noise, tie, share * interval), n_turns)
+        for share, n_turns in settings.guard_times
+    ]
+    reached = _through(estimate, stages, settings)
+    # The likelihood may be as high at another instant nearby (a force that changes its sign after
+    # the switch); the surface knows which of the two it is.
+    again = _through(reached.estimate.snapped(), stages[-1:], settings)
+    return min(reached, again, key=lambda one: one.value)
+
+
+def _through(
+    estimate: Estimate, stages: list[tuple[Objective, int]], settings: StaySettings
+) -> Reached:
+    value, objective = np.inf, stages[0][0]
+    for objective, n_turns in stages:
+        if estimate.guards is not None:
+            estimate = replace(estimate, guards=estimate.guards.pivoted())
+        estimate, value = _descend(estimate, objective, n_turns, settings)
+    return Reached(estimate, objective, value)
+
+
+def _descend(
+    estimate: Estimate, objective: Objective, n_turns: int, settings: StaySettings
+) -> tuple[Estimate, float]:
+    damping, value = settings.damping, np.inf
+    for _ in range(n_turns):
+        matrix, right, value = objective.normal_equations(estimate)
+        matrix += np.diag(_hold(estimate))
+        for _ in range(settings.most_failures):
+            trial = estimate.moved(_damped_step(matrix, right, damping))
+            reached = objective.value(trial)
+            if reached < value:
+                break
+            damping *= settings.rise
+        else:
+            return estimate, value
+        estimate, damping = trial, damping / settings.rise
+        if value - reached < settings.converged:
+            return estimate, reached
+        value = reached
+    return estimate, value
+
+
+def _hold(estimate: Estimate) -> Array:
+    """What holds instants where they are: half a nat for an interval.
+
+    Where the velocity is the same on both sides the data do not say when a recording switches.
+    """
+    hold = np.zeros(estimate.n_unknowns)
+    first = estimate.laws.n_free + estimate.starts.size
+    interval = estimate.segments.recordings.interval
+    hold[first : first + len(estimate.segments.instants)] = interval**-2.0
+    return hold
+
+
+def _damped_step(matrix: Array, right: Array, damping: float) -> Array:
+    """The step, unknowns in units in which the diagonal is one."""
+    diagonal = np.diag(matrix)
+    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = matrix * unit[:, None] * unit
+    scaled[np.diag_indices_from(scaled)] += damping
+    return np.linalg.solve(scaled, right * unit) * unit

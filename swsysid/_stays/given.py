@@ -1,0 +1,169 @@
+"""Recordings as a user gives them, checked: measured channels, times and inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
+from swsysid._data.trajectories import group_labels, trajectories
+from swsysid._results import Array, Trajectory
+from swsysid.refinement._trajectories import Record
+
+FEWEST_SAMPLES = 8  # of a recording: a filter of five with two more to each side than it needs
+
+
+@dataclass(frozen=True)
+class Given:
+    """Checked recordings, and which rows of the user's data they are."""
+
+    records: list[Record]
+    rows: list[NDArray[np.intp]]  # of each recording, in the order in which all data are given
+    labels: list[object]  # names of the recordings
+    names: list[str] | None  # of measured channels and inputs; None if the data have none
+
+    @property
+    def n_samples(self) -> int:
+        """Number of rows of all recordings."""
+        return sum(len(rows) for rows in self.rows)
+
+    @property
+    def n_channels(self) -> int:
+        """Number of measured channels."""
+        return self.records[0].y.shape[1]
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return self.records[0].u.shape[1]
+
+    def by_rows(self, parts: list[NDArray]) -> NDArray:
+        """Rows of all recordings in the order of the user's data."""
+        joined = np.concatenate(parts)
+        ordered = np.empty_like(joined)
+        ordered[np.concatenate(self.rows)] = joined
+        return ordered
+
+
+def read_given(x: object, t: object, groups: object, inputs: object) -> Given:
+    """Arrays or frames of samples, or a list of recordings."""
+    if isinstance(x, (Mapping, Trajectory)):
+        x = [x]
+    if isinstance(x, (list, tuple)) and x and isinstance(x[0], (Mapping, Trajectory)):
+        if t is not None or groups is not None or inputs is not None:
+            raise ValueError(
+                "x is a list of recordings, which have times and inputs of their own; leave out "
+                "t, groups and inputs."
+            )
+        return _of_recordings(list(x))
+    if t is None:
+        raise ValueError("t is missing; give the time of every row of x.")
+    return _of_rows("", x, t, groups, inputs)
+
+
+def _of_recordings(listed: list) -> Given:
+    """One or more trajectories from every recording."""
+    parts, offset = [], 0
+    for place, one in enumerate(listed):
+        if not isinstance(one, (Mapping, Trajectory)):
+            raise TypeError(
+                f"recording {place} is a {type(one).__name__}; give a dict with t, x and inputs."
+            )
+        fields = one if isinstance(one, Mapping) else vars(one)
+        for name in ("t", "x"):
+            if fields.get(name) is None:
+                raise ValueError(f"recording {place} has no {name}; give a dict with t and x.")
+        own = _of_rows(
+            f" of recording {place}",
+            fields["x"], fields["t"], fields.get("groups"), fields.get("inputs"),
+        )  # fmt: skip
+        parts.append((own, offset, place))
+        offset += own.n_samples
+    first = parts[0][0]
+    for own, _, place in parts:
+        for what, count, wanted in (
+            ("columns in x", own.n_channels, first.n_channels),
+            ("inputs", own.n_inputs, first.n_inputs),
+        ):
+            if count != wanted:
+                raise ValueError(
+                    f"recording {place} has {count} {what} and recording 0 has {wanted}; give "
+                    "recordings of the same channels."
+                )
+    records = [record for own, _, _ in parts for record in own.records]
+    rows = [rows + offset for own, offset, _ in parts for rows in own.rows]
+    labels: list[object] = [
+        place if len(own.labels) == 1 else (place, label)
+        for own, _, place in parts
+        for label in own.labels
+    ]
+    return Given(records, rows, labels, first.names)
+
+
+def _of_rows(where: str, x: object, t: object, groups: object, inputs: object) -> Given:
+    y = table(f"x{where}", x, missing=True)
+    times = column(f"t{where}", t, len(y))
+    u = np.empty((len(y), 0)) if inputs is None else table(f"inputs{where}", inputs, len(y))
+    refuse_vanishing(f"x{where}", np.nan_to_num(y))
+    refuse_vanishing(f"t{where}", times)
+    labels = _restarts(times) if groups is None else group_labels(groups, len(y))
+    found = trajectories(labels)
+    for label, rows in found:
+        _check_times(f"recording {label!r}{where}", times[rows])
+    records = [Record(times[rows], y[rows], u[rows]) for _, rows in found]
+    named = [
+        names_of(given, width, "")
+        for given, width in ((x, y.shape[1]), (inputs, u.shape[1]))
+        if width
+    ]
+    has_names = all(names != names_of(None, len(names), "") for names in named)
+    return Given(
+        records,
+        [rows for _, rows in found],
+        [label for label, _ in found],
+        sum(named, []) if has_names else None,
+    )
+
+
+def _restarts(t: Array) -> NDArray[np.intp]:
+    """Recordings that follow each other: the clock falls back to where it began, or before."""
+    labels, start = np.zeros(len(t), dtype=np.intp), 0
+    for k in np.flatnonzero(np.diff(t) < 0.0) + 1:
+        if t[k] <= t[start]:
+            labels[k:] += 1
+            start = int(k)
+    return labels
+
+
+def _check_times(name: str, t: Array) -> None:
+    steps = np.diff(t)
+    if len(t) < FEWEST_SAMPLES:
+        raise ValueError(
+            f"{name} has {len(t)} samples; at least {FEWEST_SAMPLES} are needed to tell a motion "
+            "from noise: leave it out or join it to another."
+        )
+    if steps.min() <= 0.0:
+        place = int(steps.argmin()) + 1
+        kind = "repeats a time" if steps.min() == 0.0 else "goes back in time"
+        raise ValueError(
+            f"{name} {kind} at its sample {place} (t={t[place]:g}); sort the rows by time, remove "
+            "repeated ones, and name separate recordings by groups."
+        )
+
+
+def check_channels(given: Given) -> None:
+    """Refuse channels that say nothing."""
+    y = np.vstack([record.y for record in given.records])
+    names = given.names or [f"{k}" for k in range(y.shape[1])]
+    for name, values in zip(names, y.T, strict=False):
+        known = values[np.isfinite(values)]
+        if not len(known):
+            raise ValueError(f"column {name} of x holds no finite value; leave it out.")
+        if np.ptp(known) == 0.0:
+            raise ValueError(
+                f"column {name} of x is {known[0]:g} at all of its {len(known)} samples; a state "
+                "that never moves has no law, leave it out."
+            )

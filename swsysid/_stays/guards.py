@@ -1,0 +1,171 @@
+r"""Surfaces that recordings cross at the instants of their switches.
+
+The surface between two modes is zero where a recording goes from one to the other,
+:math:`f(x(\tau)) = 0`. What is missing there is told as a time: :math:`f / \dot f` is how long the
+recording would take to the surface, whatever the scale of f.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from swsysid._results import Array
+from swsysid._stays.laws import Features, Modes, slopes_of
+from swsysid._surfaces.surface import Surface, is_linear
+
+
+class Crossings(NamedTuple):
+    """Where recordings switch, one row for each switch."""
+
+    old: Modes
+    new: Modes
+    columns: Array  # (n_switches, n_states + n_inputs)
+    rates: Array  # of the columns, in the old mode
+    varied: Array | None  # of the states, (n_switches, n_states, n_unknowns)
+
+
+class Sides(NamedTuple):
+    """What samples say of surfaces: on which side of each they lie."""
+
+    basis: Array  # (n_surfaces, n_rows, n_surface_features), in units of a time from the surface
+    signs: NDArray[np.int64]  # (n_surfaces, n_rows): of the mode that a sample is in
+
+
+class Misses(NamedTuple):
+    """By how much crossings miss their surface, with derivatives; rows of the switches used."""
+
+    switches: NDArray[np.intp]
+    surfaces: NDArray[np.intp]
+    times: Array  # (n_used,): f / |df/dt|
+    by_columns: Array  # (n_used, n_states + n_inputs)
+    by_instants: Array  # (n_used,): -1 or 1, less where the crossing grazes
+    by_coef: Array  # (n_used, n_surface_features)
+
+
+@dataclass(frozen=True)
+class Guards:
+    """Surfaces f_l = coef_l . features between modes."""
+
+    coef: Array  # (n_surfaces, n_surface_features)
+    features: Features
+    spread: Array  # (n_states + n_inputs,)
+    mode_book: NDArray[np.int64]  # (n_modes, n_surfaces)
+    free: NDArray[np.bool_]  # of the shape of coef
+    sides: Sides | None = None
+
+    @classmethod
+    def of(cls, surface: Surface, spread: Array, n_modes: int) -> Guards | None:
+        """The surfaces of a classifier; None if they are not linear in coefficients."""
+        if not is_linear(surface):
+            return None
+        form = surface.linear_form(len(spread))
+        if len(form.classes) != n_modes or not len(form.coef):
+            return None
+        guards = cls(form.coef, form.features, spread, form.mode_book, form.coef != 0.0)
+        return guards.pivoted()
+
+    def pivoted(self) -> Guards:
+        """The same, the largest coefficient of each surface held: it fixes the scale."""
+        free = (self.coef != 0.0) | self.free
+        free[np.arange(len(free)), np.abs(self.coef).argmax(axis=1)] = False
+        return replace(self, free=free)
+
+    @property
+    def n_free(self) -> int:
+        """Number of free coefficients."""
+        return int(self.free.sum())
+
+    def moved(self, step: Array) -> Guards:
+        """Surfaces with other free coefficients."""
+        coef = self.coef.copy()
+        coef[self.free] += step
+        return replace(self, coef=coef)
+
+    def with_sides(
+        self, columns: Array, rates: Array, modes: Modes, unit: float, slowest: float
+    ) -> Guards:
+        """The same, told the modes of samples; `unit` is a time that counts as one."""
+        basis, slopes = slopes_of(self.features, columns, self.spread)
+        speeds = np.abs(np.einsum("lf,kfc,kc->lk", self.coef, slopes, rates))
+        speeds = np.maximum(speeds, slowest * np.median(speeds, axis=1, keepdims=True))
+        speeds[speeds == 0.0] = np.inf  # a surface that is not there has no sides
+        scaled = basis / (speeds * unit)[:, :, None]
+        return replace(self, sides=Sides(scaled, self.mode_book[modes].T))
+
+    def wrong_sides(self) -> Array:
+        """Times by which samples lie on the wrong side, (n_surfaces, n_rows), in the unit."""
+        if self.sides is None:
+            return np.zeros((len(self.coef), 0))
+        values = np.matmul(self.sides.basis, self.coef[:, :, None])[:, :, 0]
+        return np.maximum(0.0, -self.sides.signs * values)
+
+    def side_equations(self) -> tuple[Array, Array, float]:
+        """Gauss and Newton's matrix of half the squares of these, negative gradient, value."""
+        wrong, n = self.wrong_sides(), self.n_free
+        matrix, right = np.zeros((n, n)), np.zeros(n)
+        for surface, place in enumerate(self._own_places()):
+            rows = np.flatnonzero(wrong[surface])
+            if self.sides is None or not rows.size:
+                continue
+            varied = self.sides.basis[surface, rows][:, self.free[surface]]
+            matrix[np.ix_(place, place)] = varied.T @ varied
+            right[place] = varied.T @ (self.sides.signs[surface, rows] * wrong[surface, rows])
+        return matrix, right, float(0.5 * np.square(wrong).sum())
+
+    def misses(self, at: Crossings, slowest: float) -> Misses:
+        """Times to the surface, for switches between modes that one surface separates.
+
+        Rates below `slowest` times their median count as that.
+        """
+        apart = self.mode_book[at.old] * self.mode_book[at.new] < 0
+        used = np.flatnonzero(apart.sum(axis=1) == 1)
+        surfaces = apart[used].argmax(axis=1)
+        basis, slopes = slopes_of(self.features, at.columns[used], self.spread)
+        coef = self.coef[surfaces]
+        values = np.einsum("kf,kf->k", coef, basis)
+        gradients = np.einsum("kf,kfc->kc", coef, slopes)
+        rates = np.einsum("kc,kc->k", gradients, at.rates[used])
+        size = np.maximum(np.abs(rates), slowest * np.median(np.abs(rates)) if len(used) else 1.0)
+        size = np.maximum(size, np.finfo(float).tiny)
+        return Misses(
+            used,
+            surfaces,
+            values / size,
+            gradients / size[:, None],
+            rates / size,
+            basis / size[:, None],
+        )
+
+    def log_probabilities(
+        self, columns: Array, rates: Array, covariance: Array | None, blurred: float
+    ) -> Array:
+        r"""Log probability of every mode at rows, (n_rows, n_modes).
+
+        A surface is passed with the probability :math:`\Phi(f / \sigma)`: f is known as the
+        coefficients are, and the state as if it were taken at a time `blurred` off.
+        """
+        basis, slopes = slopes_of(self.features, columns, self.spread)
+        values = basis @ self.coef.T
+        speeds = np.abs(np.einsum("lf,kfc,kc->kl", self.coef, slopes, rates))
+        speeds = np.maximum(speeds, np.median(speeds, axis=0))
+        variance = np.square(blurred * speeds)
+        if covariance is not None:
+            for surface, place in enumerate(self._own_places()):
+                varied = basis[:, self.free[surface]]
+                own = covariance[np.ix_(place, place)]
+                variance[:, surface] += np.einsum("kf,fg,kg->k", varied, own, varied)
+        scores = values / np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+        logs = norm.logcdf(scores[:, None, :] * self.mode_book)
+        logs = np.where(self.mode_book == 0, 0.0, logs).sum(axis=2)
+        return logs - logsumexp(logs, axis=1, keepdims=True)
+
+    def _own_places(self) -> list[NDArray[np.intp]]:
+        """Places of the free coefficients of each surface among all of them."""
+        counts = self.free.sum(axis=1)
+        return np.split(np.arange(counts.sum()), np.cumsum(counts)[:-1])

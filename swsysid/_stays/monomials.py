@@ -1,0 +1,50 @@
+r"""Which monomials the surface needs, by what leaving one out costs in likelihood.
+
+Near its maximum the objective is quadratic: with the estimates :math:`w` of the free coefficients
+of the surfaces and their covariance :math:`\Sigma`, setting a set S of them to zero costs
+:math:`\tfrac12 w_S^\top \Sigma_{SS}^{-1} w_S`. Monomials leave one after the other as long as that
+is less than what a coefficient must gain to be believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+from swsysid._stays.guards import Guards
+
+
+def needed(values: Array, covariance: Array, gain: float) -> tuple[NDArray[np.bool_], Array]:
+    """Which values gain so many nats each, and what these are without the others."""
+    kept, spent = np.ones(len(values), dtype=bool), 0.0
+    for _ in range(len(values)):
+        gone = [np.append(np.flatnonzero(~kept), k) for k in np.flatnonzero(kept)]
+        costs = np.array([_cost(values, covariance, some) for some in gone])
+        cheapest = int(costs.argmin())
+        if costs[cheapest] - spent > gain:
+            break
+        spent = max(spent, float(costs[cheapest]))
+        kept[gone[cheapest][-1]] = False
+    removed = np.flatnonzero(~kept)
+    moved = values - covariance[:, removed] @ _solved(covariance, removed, values)
+    return kept, np.where(kept, moved, 0.0)
+
+
+def needed_coefficients(guards: Guards, covariance: Array, gain: float) -> Guards:
+    """The surfaces without the coefficients that gain less than so many nats each."""
+    coef, free = guards.coef.copy(), guards.free.copy()
+    free[guards.free], coef[guards.free] = needed(guards.coef[guards.free], covariance, gain)
+    return replace(guards, coef=coef, free=free)
+
+
+def _cost(values: Array, covariance: Array, some: NDArray[np.intp]) -> float:
+    """Nats that it costs to set some coefficients to zero."""
+    return float(0.5 * values[some] @ _solved(covariance, some, values))
+
+
+def _solved(covariance: Array, some: NDArray[np.intp], values: Array) -> Array:
+    inverse = np.linalg.pinv(covariance[np.ix_(some, some)], rcond=1e-10, hermitian=True)
+    return np.asarray(inverse @ values[some], dtype=float)

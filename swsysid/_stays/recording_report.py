@@ -1,0 +1,111 @@
+"""What an identification from recordings has to say, as text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._rendering.printing import linear_combination
+from swsysid._results import Array
+
+
+@dataclass(frozen=True, repr=False)
+class RecordingReport:
+    """Laws with their standard errors, modes, noise, and what the rollouts leave over.
+
+    Attributes
+    ----------
+    n_recordings, n_samples, n_switches : int
+    laws : tuple of str
+        One line for each mode and state, with the standard error of every coefficient.
+    surfaces : tuple of str
+    shares : ndarray of shape (n_modes,)
+        Part of the samples in each mode.
+    channels : tuple of str
+    noise : ndarray of shape (n_channels,)
+        What the rollouts leave of each channel: the noise, if the laws are right.
+    noise_of_differences : ndarray of shape (n_channels,)
+        The noise that neighbouring samples show, whatever the laws are.
+    samples_that_count_as_one : float
+        1 where what is left is white.
+    advice : str
+        What to do about it.
+    """
+
+    n_recordings: int
+    n_samples: int
+    n_switches: int
+    laws: tuple[str, ...]
+    surfaces: tuple[str, ...]
+    shares: Array
+    channels: tuple[str, ...]
+    noise: Array
+    noise_of_differences: Array
+    samples_that_count_as_one: float
+    advice: str
+
+    def __str__(self) -> str:
+        n_modes = len(self.shares)
+        head = (
+            f"{_counted(self.n_recordings, 'recording')}, {self.n_samples} samples: "
+            f"{_counted(n_modes, 'mode')}, {_counted(self.n_switches, 'switch')}."
+        )
+        lived = ", ".join(f"mode {k} {share:.0%}" for k, share in enumerate(self.shares))
+        noise = ", ".join(
+            f"{name} {left:.3g} (neighbours show {near:.3g})"
+            for name, left, near in zip(
+                self.channels, self.noise, self.noise_of_differences, strict=True
+            )
+        )
+        lines = [head, *self.laws, *self.surfaces]
+        if n_modes > 1:
+            lines.append(f"Samples: {lived}.")
+        return "\n".join([*lines, f"Rollouts leave: {noise}.", self.advice])
+
+    __repr__ = __str__
+
+
+def advice_of(excess: Array, channels: tuple[str, ...], together: float) -> str:
+    """One sentence on what the rollouts leave, `excess` times the noise."""
+    worst = int(np.argmax(excess))
+    if excess[worst] > 1.3:
+        return (
+            f"The rollouts of {channels[worst]} leave {excess[worst]:.2g} times its noise: a term, "
+            "a mode or an effect is missing; try a larger library or more modes, or search for "
+            "effects."
+        )
+    if together > 2.0:
+        return (
+            f"The misfit is as small as the noise, but {together:.2g} neighbouring samples of it "
+            "count as one; a weak term may be missing."
+        )
+    return "The rollouts leave nothing but noise."
+
+
+def law_with_errors(
+    left: str, values: Array, errors: Array, names: list[str], precision: int = 3
+) -> str:
+    """One law, each coefficient with its standard error in brackets; zeros are left out."""
+    shown = [
+        f"{value:+.{_decimals(error, precision)}f} ({error:.1g}) {name}".replace(" 1", "", 1)
+        if name == "1"
+        else f"{value:+.{_decimals(error, precision)}f} ({error:.1g}) {name}"
+        for value, error, name in zip(values, errors, names, strict=True)
+        if error > 0.0
+    ]
+    exact = linear_combination(
+        np.where(errors > 0.0, 0.0, values).tolist(), names, precision=precision, style="text"
+    )
+    parts = ([exact] if (np.where(errors > 0.0, 0.0, values) != 0.0).any() else []) + shown
+    return f"{left} = {' '.join(parts) if parts else '0'}"
+
+
+def _decimals(error: float, least: int) -> int:
+    """So many decimals that the error has one digit or two."""
+    return int(np.clip(np.ceil(-np.log10(error)) + 1, 0, 12)) if error > 0.0 else least
+
+
+def _counted(number: int, what: str) -> str:
+    plural = what + ("es" if what.endswith("ch") else "s")
+    return f"{number} {what if number == 1 else plural}"

@@ -1,0 +1,100 @@
+"""Recordings side by side: sample k of all of them is one row of work."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+from swsysid.refinement._trajectories import Record
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """Recordings padded to the longest of them; steps of zero follow the end of a shorter one.
+
+    Where samples are far apart, times at which nothing is measured stand between them, so that
+    every step of the integration is about as long as the others.
+    """
+
+    times: tuple[Array, ...]  # of each recording
+    sampled: tuple[NDArray[np.intp], ...]  # places of the samples among the times
+    steps: Array  # (n_times - 1, n_recordings): durations
+    y: Array  # (n_times, n_recordings, n_states): measured states, NaN where there is none
+    u: Array  # (n_times, n_recordings, n_inputs): inputs, linear between samples
+    guess: Array  # like y: all states, roughly
+
+    @classmethod
+    def of(cls, records: Sequence[Record], guess: Sequence[Array] | None = None) -> Recordings:
+        """Records of any lengths; by default their own values are the rough ones."""
+        guess = [record.filled for record in records] if guess is None else guess
+        interval = float(np.median(np.concatenate([np.diff(record.t) for record in records])))
+        parts = [_filled_in(*pair, interval) for pair in zip(records, guess, strict=True)]
+        count, n_times = len(records), max(len(record.t) for record, _, _ in parts)
+        n_states, n_inputs = guess[0].shape[1], records[0].u.shape[1]
+        steps = np.zeros((n_times - 1, count))
+        y = np.full((n_times, count, n_states), np.nan)
+        u, rough = np.zeros((n_times, count, n_inputs)), np.zeros((n_times, count, n_states))
+        for place, (record, states, _) in enumerate(parts):
+            n, n_measured = len(record.t), record.y.shape[1]
+            steps[: n - 1, place] = np.diff(record.t)
+            y[:n, place, :n_measured] = record.y
+            u[:n, place], u[n:, place] = record.u, record.u[-1]
+            rough[:n, place], rough[n:, place] = states, states[-1]
+        times = tuple(record.t for record, _, _ in parts)
+        return cls(times, tuple(places for _, _, places in parts), steps, y, u, rough)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @property
+    def lengths(self) -> NDArray[np.intp]:
+        """Number of times of each recording."""
+        return np.array([len(t) for t in self.times])
+
+    @property
+    def interval(self) -> float:
+        """Usual duration between two times."""
+        return float(np.median(self.steps[self.steps > 0.0]))
+
+    @property
+    def groups(self) -> NDArray[np.intp]:
+        """Recording of every sample, the recordings one after the other."""
+        return np.repeat(np.arange(len(self)), [len(places) for places in self.sampled])
+
+    def joined(self, padded: NDArray) -> NDArray:
+        """Rows of the samples of all recordings one after the other, padded like `y`."""
+        return np.concatenate([padded[places, k] for k, places in enumerate(self.sampled)])
+
+    def with_guess(self, guess: Array) -> Recordings:
+        """The same with other rough states."""
+        return replace(self, guess=guess)
+
+
+_LONGEST = 1.5  # intervals: a longer step is divided
+
+
+def _filled_in(
+    record: Record, guess: Array, interval: float
+) -> tuple[Record, Array, NDArray[np.intp]]:
+    """A record with times between far samples, its rough states, and places of its samples."""
+    counts = np.ceil(np.diff(record.t) / (_LONGEST * interval)).astype(int)
+    if (counts == 1).all():
+        return record, guess, np.arange(len(record.t))
+    places = np.concatenate([[0], np.cumsum(counts)])
+    t = np.interp(np.arange(places[-1] + 1), places, record.t)
+    y = np.full((len(t), record.y.shape[1]), np.nan)
+    y[places] = record.y
+    u, states = (_between(t, record.t, columns) for columns in (record.u, guess))
+    return Record(t, y, u), states, places
+
+
+def _between(t: Array, known: Array, columns: Array) -> Array:
+    """Columns on other times, linear between the known ones."""
+    between = np.empty((len(t), columns.shape[1]))
+    for target, column in zip(between.T, columns.T, strict=True):
+        target[:] = np.interp(t, known, column)
+    return between

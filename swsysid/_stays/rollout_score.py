@@ -1,0 +1,50 @@
+"""How well rollouts follow recordings that took no part in the fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import Array
+from swsysid._stays.given import Given
+from swsysid.refinement import initial_states
+from swsysid.refinement._trajectories import Record
+
+_FIRST_SAMPLES = 20  # of a recording, from which its start is found
+
+
+def rollout_score(model: SwitchingSystemRegressor, given: Given) -> float:
+    """Mean coefficient of determination of the channels."""
+    left = [_misfit(model, record) for record in given.records]
+    if not all(np.isfinite(part).any() for part in left):
+        return -np.inf
+    measured = np.vstack([record.y for record in given.records])
+    about = np.nansum(np.square(measured - np.nanmean(measured, axis=0)), axis=0)
+    squares = np.nansum(np.square(np.vstack(left)), axis=0)
+    return float(np.mean(1.0 - squares / np.where(about > 0.0, about, 1.0)))
+
+
+def _misfit(model: SwitchingSystemRegressor, record: Record) -> Array:
+    """Measured minus rolled out; NaN throughout where the rollout does not reach the end."""
+    run = model.simulate(
+        start_of(model, record), record.t, record.u if record.u.size else None, input_hold="linear"
+    )
+    if len(run.t) < len(record.t):
+        return np.full(record.y.shape, np.nan)
+    return record.y - run.x[:, : record.y.shape[1]]
+
+
+def start_of(model: SwitchingSystemRegressor, record: Record) -> Array:
+    """The state from which a rollout fits the first samples best."""
+    n_states, n_channels = model.coef_.shape[1], record.y.shape[1]
+    first = record.part(0, min(_FIRST_SAMPLES, len(record.t) - 1))
+    filled = first.filled
+    speeds = np.gradient(filled, first.t, axis=0)[:2].mean(axis=0)
+    guess = np.concatenate([filled[0], speeds])[:n_states]
+    fields = {"t": first.t, "x": first.y}
+    if record.u.size:
+        fields["inputs"] = first.u
+    found = initial_states(
+        model, fields, observed=range(n_channels), guess=guess, input_hold="linear"
+    )
+    return found[0]

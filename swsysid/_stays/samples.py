@@ -1,0 +1,69 @@
+"""What an estimate says at the samples of its recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+from swsysid._stays.shooting import Estimate, rollouts
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Estimated states and inputs, their rates and the modes, the recordings one by one."""
+
+    columns: Array  # (n_samples, n_states + n_inputs)
+    rates: Array  # of the same shape
+    modes: NDArray[np.intp]
+    n_states: int
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> Samples:
+        """All samples of an estimate."""
+        recordings = estimate.segments.recordings
+        modes = modes_of(estimate)
+        states, u = recordings.joined(states_of(estimate)), recordings.joined(recordings.u)
+        steps = np.where(recordings.steps > 0.0, recordings.steps, np.inf)
+        slopes = np.diff(recordings.u, axis=0) / steps[:, :, None]
+        rates = recordings.joined(np.concatenate([slopes, slopes[-1:]]))
+        velocities = estimate.laws.velocities(modes, states, u)
+        columns, every = np.hstack([states, u]), np.hstack([velocities, rates])
+        return cls(columns, every, modes, states.shape[1])
+
+    @property
+    def velocities(self) -> Array:
+        """Rates of the states."""
+        return self.rates[:, : self.n_states]
+
+    @property
+    def spread(self) -> Array:
+        """Standard deviation of every column; 1 where it is constant."""
+        spread = self.columns.std(axis=0)
+        return np.where(spread > 0.0, spread, 1.0)
+
+
+def misfits(estimate: Estimate) -> Array:
+    """Measured minus estimated states, padded like the measurements."""
+    return estimate.segments.recordings.y - states_of(estimate)
+
+
+def states_of(estimate: Estimate) -> Array:
+    """Estimated states at all times, padded."""
+    segments = estimate.segments
+    done = rollouts(estimate.laws, segments, estimate.starts, varied=False).states
+    padded = np.zeros_like(segments.recordings.y)
+    for s, (recording, first, last) in enumerate(segments.places):
+        padded[first : last + 1, recording] = done[: last - first + 1, s]
+    for k, n in enumerate(segments.recordings.lengths):
+        padded[n:, k] = padded[n - 1, k]
+    return padded
+
+
+def modes_of(estimate: Estimate) -> NDArray[np.intp]:
+    """Modes at all samples, the recordings one after the other."""
+    segments, recordings = estimate.segments, estimate.segments.recordings
+    parts = zip(segments.stays, recordings.times, recordings.sampled, strict=True)
+    return np.concatenate([stays.at(t[places]) for stays, t, places in parts])

@@ -1,0 +1,186 @@
+"""From checked recordings to the best identification: starts, number of modes, terms."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+
+from swsysid._checks.parameters import shown, whole
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import Array
+from swsysid._stays.certainty import Certainty
+from swsysid._stays.count import CountCandidate, fewest_modes
+from swsysid._stays.given import Given, check_channels
+from swsysid._stays.identify import StayIdentification, identify_stays
+from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
+from swsysid._stays.settings import StaySettings
+from swsysid._stays.start import Differentiated, differentiated, start_from
+from swsysid._stays.terms import with_few_terms
+from swsysid._surfaces.surface import has_equations
+
+
+def check_estimator(estimator: object) -> SwitchingSystemRegressor:
+    """The inner estimator; the default one for None."""
+    if estimator is None:
+        return SwitchingSystemRegressor()
+    if not isinstance(estimator, SwitchingSystemRegressor):
+        raise TypeError(
+            f"estimator={shown(estimator)} must be a SwitchingSystemRegressor; give its library, "
+            "surface and number of modes to one."
+        )
+    if estimator.discrete_time:
+        raise ValueError(
+            "estimator has discrete_time=True; a map needs no derivatives, fit the estimator "
+            "itself with next states."
+        )
+    return estimator
+
+
+class Search:
+    """One search; `told` is called after every round of every start."""
+
+    def __init__(
+        self,
+        estimator: SwitchingSystemRegressor,
+        given: Given,
+        order: int,
+        observed: object,
+        settings: StaySettings,
+        told: Callable[[], object],
+    ):
+        check_channels(given)
+        _check_observed(observed, given)
+        self.estimator, self.given, self.order = estimator, given, order
+        self.settings, self.told = settings, told
+        self.candidates: list[CountCandidate] = []
+
+    def identified(self) -> StayIdentification:
+        """The most likely laws, modes and surface."""
+        with warnings.catch_warnings():
+            # what the fits in between warn of is mended, or said of the answer
+            warnings.simplefilter("ignore", UserWarning)
+            if self.estimator.n_modes == "auto":
+                most = whole("max_modes", self.estimator.max_modes)
+                found, self.candidates = fewest_modes(self._with_modes, most)
+                return found
+            return self._with_modes(self.estimator.n_modes)
+
+    @cached_property
+    def base(self) -> Differentiated:
+        """The recordings, differentiated as their noise asks for."""
+        return differentiated(self.given, self.order)
+
+    @property
+    def names(self) -> list[str] | None:
+        """Names of states and inputs, if the data have names."""
+        return self.base.names(self.given)
+
+    def _with_modes(self, n_modes: object) -> StayIdentification:
+        """The best of the starts; another one is tried only where one leaves more than noise."""
+        best: StayIdentification | None = None
+        for stretch in self.settings.stretches:
+            found = self._from_start(n_modes, stretch)
+            if best is None or found.criterion < best.criterion:
+                best = found
+            if (self.excess(best) < self.settings.excess).all():
+                break
+        assert best is not None
+        return with_few_terms(best, self.estimator.sparsity, self.settings)
+
+    def _from_start(self, n_modes: object, stretch: float) -> StayIdentification:
+        base = self.base if stretch == 1.0 else differentiated(self.given, self.order, stretch)
+        start = start_from(clone(self.estimator).set_params(n_modes=n_modes), base, self.names)
+        start.coef_, free = self._law_of_positions(start, base)
+        if self.estimator.sparsity is not None:
+            free &= start.coef_ != 0.0
+        return identify_stays(
+            start,
+            base.recordings,
+            self.base.noise,
+            self.settings,
+            free=free,
+            names=self.names,
+            done=lambda record: self.told(),
+        )
+
+    def _law_of_positions(
+        self, start: SwitchingSystemRegressor, base: Differentiated
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Coefficients in which positions change as their speeds, and which of them are sought."""
+        coef, free = start.coef_.copy(), np.ones(start.coef_.shape, dtype=bool)
+        n_positions = self.given.n_channels if self.order == 2 else 0
+        if n_positions:
+            features = start.switching_model.feature_map(base.rows.X)
+            speeds = base.rows.X[:, n_positions : 2 * n_positions]
+            exact = np.linalg.lstsq(features, speeds, rcond=None)[0].T
+            left = np.abs(exact @ features.T - speeds.T).max(axis=1)
+            if (left > 1e-8 * np.abs(speeds).max(axis=0)).any():
+                raise ValueError(
+                    "order=2 needs every speed among the features of the library; add the linear "
+                    "terms."
+                )
+            coef[:, :n_positions] = np.where(np.abs(exact) > 1e-8, exact, 0.0)
+            free[:, :n_positions] = False
+        return coef, free
+
+    def report(
+        self, found: StayIdentification, sure: Certainty, modes: NDArray[np.intp]
+    ) -> RecordingReport:
+        """What was found, with how certain it is."""
+        given, system = self.given, found.model.switching_model
+        n_channels, n_modes = given.n_channels, len(found.estimate.laws.coef)
+        names = system.feature_map.names_in
+        features = list(system.feature_map.names_out)
+        laws = [
+            law_with_errors(
+                f"mode {mode}: {names[state]}'", system.coef[mode, state], errors, features
+            )
+            for mode, of_states in enumerate(sure.coef)
+            for state, errors in enumerate(of_states)
+        ]
+        surfaces: list[str] = []
+        if n_modes > 1 and has_equations(found.model.surface_):
+            surfaces = found.model.surface_equations()
+        channels = tuple(names[:n_channels])
+        return RecordingReport(
+            n_recordings=len(given.records),
+            n_samples=given.n_samples,
+            n_switches=len(found.estimate.segments.instants),
+            laws=tuple(laws),
+            surfaces=tuple(surfaces),
+            shares=np.bincount(modes, minlength=n_modes) / len(modes),
+            channels=channels,
+            noise=found.left[:n_channels],
+            noise_of_differences=self.base.noise[:n_channels],
+            samples_that_count_as_one=sure.samples_that_count_as_one,
+            advice=advice_of(self.excess(found), channels, sure.samples_that_count_as_one),
+        )
+
+    def excess(self, found: StayIdentification) -> Array:
+        """What the rollouts leave, relative to the noise that differences show, (n_channels,)."""
+        n_channels = self.given.n_channels
+        return found.left[:n_channels] / self.base.noise[:n_channels]
+
+
+def _check_observed(observed: object, given: Given) -> None:
+    if observed is None:
+        return
+    listed = list(observed) if isinstance(observed, (list, tuple, range)) else [observed]
+    names = (given.names or [])[: given.n_channels]
+    known = {*range(given.n_channels), *names}
+    if not set(listed) <= known or len(listed) != given.n_channels:
+        raise ValueError(
+            f"observed={shown(observed)} names not just the {given.n_channels} columns of x; laws "
+            "of states that nobody measures cannot be started from data: state them in a "
+            "StatedModel and call refine with observed, or give positions with order=2."
+        )
+
+
+def check_order(order: object) -> int:
+    """1 for states, 2 for positions."""
+    return whole("order", order, most=2)

@@ -1,0 +1,46 @@
+"""Numbers of an identification from recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class StaySettings:
+    """What an identification from recordings takes for granted."""
+
+    # Candidates for the disturbance of the velocity in the filter, as fractions of the velocity's
+    # spread times the square root of the time in `memory` samples; likelihood chooses.
+    disturbances: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01, 0.003)
+    memory: int = 3
+    n_kept: int = 6  # hypotheses of a recording
+    # of a switch, in nats, in the first round and in later ones: once the surface is known a switch
+    # follows from it
+    prices: tuple[float, ...] = (4.0, 3.0, 2.0, 1.0)
+    # least probability that a surface gives to a mode, in the first round and in later ones: the
+    # first surface comes from velocities that were differentiated
+    trust: tuple[float, ...] = (0.1, 0.03, 0.01, 0.003)
+    blurred: float = 0.5  # intervals by which the time of a state is off where a surface is asked
+    segment: int = 30  # samples of a segment
+    # how tightly segments are tied to each other, in units of the noise, and turns for each
+    ties: tuple[tuple[float, int], ...] = ((2.0, 8), (0.3, 8), (0.03, 15))
+    # by which crossings may miss their surface, in intervals between samples, and turns for each
+    guard_times: tuple[tuple[float, int], ...] = ((3.0, 8), (0.3, 8), (0.1, 15))
+    # a sample on the wrong side of a surface pays for so many intervals as for one deviation
+    beyond: float = 0.3
+    slowest: float = 0.1  # of the median rate at which surfaces are crossed: slower ones graze
+    damping: float = 1e-3  # of the first step, relative to the diagonal
+    rise: float = 8.0  # of the damping after a step that failed; it falls by as much after another
+    most_failures: int = 8
+    converged: float = 0.02  # nats by which a turn must make the data more likely
+    most_rounds: int = 6  # ends sooner where the stays repeat
+    # -- starts: other windows of differentiation, where the rollouts leave so many times the noise
+    stretches: tuple[float, ...] = (1.0, 2.0, 0.5)
+    excess: float = 1.15
+
+    def joined(self, whole: bool) -> StaySettings:
+        """The same, the segments of a recording joined to one rollout or left apart."""
+        return self if whole else replace(self, ties=self.ties[:1])
+
+
+SETTINGS = StaySettings()

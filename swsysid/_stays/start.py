@@ -1,0 +1,109 @@
+"""Where an identification from recordings starts: the estimator on differentiated recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import Array
+from swsysid._stays.given import Given
+from swsysid._stays.recordings import Recordings
+from swsysid.differentiation import Derivatives, choose_smoothing, differentiate
+from swsysid.differentiation._derivatives import rates_appended
+
+_GAP = 5.0  # intervals: a filter does not reach across a longer one
+
+
+@dataclass(frozen=True)
+class Differentiated:
+    """Derivatives of recordings, and all states at all samples, roughly."""
+
+    rows: Derivatives
+    recordings: Recordings
+    noise: Array  # (n_states,)
+
+    def names(self, given: Given) -> list[str] | None:
+        """Names of the columns of the states and inputs, if the data have names."""
+        if given.names is None:
+            return None
+        measured, inputs = given.names[: given.n_channels], given.names[given.n_channels :]
+        return list(rates_appended(measured, inputs, self.rows.Xdot.shape[1] // given.n_channels))
+
+
+def differentiated(given: Given, order: int, stretch: float = 1.0) -> Differentiated:
+    """Smooth and differentiate; `stretch` makes the window longer than the automatic one."""
+    filled = [record.filled for record in given.records]
+    t = [record.t for record in given.records]
+    labels = _pieces(t)
+    x, times = np.vstack(filled), np.concatenate(t)
+    u = np.vstack([record.u for record in given.records]) if given.n_inputs else None
+    window = None
+    if stretch != 1.0:
+        chosen = choose_smoothing(x, times, labels, order=order, too_short="drop").window
+        window = max(7, 2 * round(stretch * (chosen or 9) / 2) + 1)
+    rows = differentiate(x, times, labels, inputs=u, order=order, window=window, too_short="drop")
+    n_states = rows.Xdot.shape[1]
+    spread = rows.X[:, :n_states].std(axis=0)
+    noise = np.maximum(rows.noise, 1e-6 * spread[: len(rows.noise)])
+    if order == 2:
+        # speeds are not measured; what is tied to them is tied as closely as a position
+        share = np.median(noise / spread[: len(noise)])
+        noise = np.append(noise, share * spread[len(noise) :])
+    guess = [
+        _rough(record.filled, record.t, own, rows, n_states)
+        for record, own in zip(given.records, _labels_of(t, labels), strict=True)
+    ]
+    return Differentiated(rows, Recordings.of(given.records, guess), noise)
+
+
+def start_from(
+    estimator: SwitchingSystemRegressor, found: Differentiated, names: list[str] | None
+) -> SwitchingSystemRegressor:
+    """The estimator fitted to derivatives."""
+    rows = found.rows
+    model = clone(estimator)
+    return model.fit(named(rows.X, names), rows.Xdot, groups=rows.groups)
+
+
+def named(columns: Array, names: list[str] | None):
+    """The columns as a data frame where they have names."""
+    if names is None:
+        return columns
+    import pandas as pd
+
+    return pd.DataFrame(columns, columns=names)
+
+
+def _pieces(times: list[Array]) -> NDArray[np.intp]:
+    """Stretches without a gap, numbered through all recordings."""
+    interval = np.median(np.concatenate([np.diff(t) for t in times]))
+    begins = [np.diff(t, prepend=-np.inf) > _GAP * interval for t in times]
+    return np.cumsum(np.concatenate(begins)) - 1
+
+
+def _labels_of(times: list[Array], labels: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    return np.split(labels, np.cumsum([len(t) for t in times])[:-1])
+
+
+def _rough(
+    filled: Array, t: Array, own: NDArray[np.intp], rows: Derivatives, n_states: int
+) -> Array:
+    """All states of a recording: smoothed where the filter reached, positions as measured."""
+    inside = np.isin(rows.groups, np.unique(own))
+    rough = np.zeros((len(t), n_states))
+    for k in range(n_states):
+        if inside.any():
+            rough[:, k] = np.interp(t, rows.t[inside], rows.X[inside, k])
+        elif k >= filled.shape[1]:
+            rough[:, k] = np.gradient(filled[:, k - filled.shape[1]], t)
+    n_channels = filled.shape[1]
+    if inside.any():
+        outside = (t < rows.t[inside].min()) | (t > rows.t[inside].max())
+        rough[outside, :n_channels] = filled[outside]
+    else:
+        rough[:, :n_channels] = filled
+    return rough

@@ -1,0 +1,122 @@
+"""Refit the surface: the estimator's own classifier on estimated states, placed by the instants."""
+
+from __future__ import annotations
+
+from copy import copy, deepcopy
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+
+from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._data.matching import best_matching
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._stays.descent import Reached, most_likely_with_guards
+from swsysid._stays.guards import Guards
+from swsysid._stays.monomials import needed_coefficients
+from swsysid._stays.samples import Samples
+from swsysid._stays.settings import StaySettings
+from swsysid._stays.start import named
+from swsysid._surfaces.surface import is_linear, solves_margin_program, takes_relevance
+
+
+def with_surface(
+    start: SwitchingSystemRegressor,
+    reached: Reached,
+    settings: StaySettings,
+    names: list[str] | None,
+) -> tuple[SwitchingSystemRegressor, Reached]:
+    """The estimator fitted to the estimate, and the estimate with its surfaces."""
+    samples = Samples.of(reached.estimate)
+    present = np.unique(samples.modes)
+    if len(present) < len(reached.estimate.laws.coef):
+        reached = replace(reached, estimate=reached.estimate.only(present))
+        samples = Samples.of(reached.estimate)
+    model, order = _refitted(start, samples, reached, names)
+    reached = replace(reached, estimate=reached.estimate.renamed(order))
+    if len(order) == 1 or not is_linear(model.surface_):
+        return model, reached
+    samples = replace(samples, modes=np.argsort(order)[samples.modes])
+    guards = Guards.of(model.surface_, samples.spread, len(order))
+    if guards is None or not len(reached.estimate.segments.instants):
+        return model, reached
+    reached = _placed(guards, reached, samples, settings)
+    _take(model.surface_, reached)
+    return model, reached
+
+
+def with_few_monomials(
+    model: SwitchingSystemRegressor, reached: Reached, settings: StaySettings
+) -> tuple[SwitchingSystemRegressor, Reached]:
+    """The same with the monomials that the recordings ask for, where these explain as much."""
+    given = PolynomialSurfaceClassifier() if model.surface is None else model.surface
+    guards = reached.estimate.guards
+    fitted = model.surface_
+    if guards is None or not takes_relevance(given) or not solves_margin_program(fitted):
+        return model, reached
+    samples = Samples.of(reached.estimate)
+    n_monomials = fitted.surface_features(samples.columns[:1]).shape[1]
+    surface = clone(given).set_params(relevance=np.ones(n_monomials))
+    surface.fit(samples.columns, samples.modes)
+    full = Guards.of(surface, samples.spread, len(reached.estimate.laws.coef))
+    if full is None:
+        return model, reached
+    full = _same_surface(full, guards, samples)
+    full = replace(full, free=np.ones(full.coef.shape, dtype=bool)).pivoted()
+    estimate = replace(
+        reached.estimate, guards=full.with_sides(*_sides(samples, reached, settings))
+    )
+    everything = replace(reached, estimate=estimate)
+    price = 0.5 * np.log(max(2, np.isfinite(estimate.segments.recordings.y).sum()))
+    covariance = everything.covariance_of_guards()
+    few = needed_coefficients(full, covariance, price)
+    found = _placed(few, everything, samples, settings)
+    pruned, before = int((few.coef != 0.0).sum()), int((guards.coef != 0.0).sum())
+    if found.value + price * pruned > reached.value + price * before:
+        return model, reached
+    other = copy(model)
+    other.surface_ = deepcopy(surface)
+    _take(other.surface_, found)
+    return other, found
+
+
+def _same_surface(full: Guards, guards: Guards, samples: Samples) -> Guards:
+    """The surfaces of `guards` by the features of `full`, which span them."""
+    values = guards.features(samples.columns) @ guards.coef.T
+    coef = np.linalg.lstsq(full.features(samples.columns), values, rcond=None)[0].T
+    return replace(full, coef=np.asarray(coef, dtype=float), mode_book=guards.mode_book)
+
+
+def _placed(guards: Guards, reached: Reached, samples: Samples, settings: StaySettings) -> Reached:
+    """The estimate of highest likelihood with crossings on surfaces, samples on their sides."""
+    told = guards.with_sides(*_sides(samples, reached, settings))
+    estimate = replace(reached.estimate, guards=told)
+    return most_likely_with_guards(estimate, reached.noise, settings)
+
+
+def _sides(samples: Samples, reached: Reached, settings: StaySettings) -> tuple:
+    unit = settings.beyond * reached.estimate.segments.recordings.interval
+    return samples.columns, samples.rates, samples.modes, unit, settings.slowest
+
+
+def _take(surface: object, reached: Reached) -> None:
+    assert reached.estimate.guards is not None and is_linear(surface)
+    surface.use_coef(reached.estimate.guards.coef)
+
+
+def _refitted(
+    start: SwitchingSystemRegressor,
+    samples: Samples,
+    reached: Reached,
+    names: list[str] | None,
+) -> tuple[SwitchingSystemRegressor, NDArray[np.intp]]:
+    """The estimator fitted to the estimated states and modes, and its order of the modes."""
+    n_modes = len(reached.estimate.laws.coef)
+    model = clone(start).set_params(init=samples.modes, n_modes=n_modes, sparsity=None)
+    groups = reached.estimate.segments.recordings.groups
+    model.fit(named(samples.columns, names), samples.velocities, groups=groups)
+    # the estimator counts modes from the most populated one
+    joint = np.zeros((n_modes, n_modes))
+    np.add.at(joint, (model.modes_, samples.modes), 1)
+    return model, best_matching(joint)[1]

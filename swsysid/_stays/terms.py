@@ -1,0 +1,45 @@
+"""Which terms the laws need, where the estimator asks for few of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._stays.descent import most_likely_with_guards
+from swsysid._stays.identify import StayIdentification
+from swsysid._stays.monomials import needed
+from swsysid._stays.settings import StaySettings
+
+
+def with_few_terms(
+    found: StayIdentification, sparsity: object, settings: StaySettings
+) -> StayIdentification:
+    """The same with the terms that `sparsity` of `SwitchingSystemRegressor` asks for."""
+    if sparsity is None:
+        return found
+    for _ in range(settings.most_rounds):
+        laws = found.estimate.laws
+        kept = _kept(found, sparsity)
+        if kept.all():
+            break
+        free = laws.free.copy()
+        free[laws.places] = kept
+        coef = np.where(free | ~laws.free, laws.coef, 0.0)
+        estimate = replace(found.estimate, laws=replace(laws, coef=coef, free=free))
+        reached = most_likely_with_guards(estimate, found.reached.noise, settings)
+        found = replace(found, reached=reached)
+    found.model.coef_ = found.estimate.laws.coef
+    return found
+
+
+def _kept(found: StayIdentification, sparsity: object) -> NDArray[np.bool_]:
+    """Which of the free coefficients stay."""
+    laws = found.estimate.laws
+    values = laws.coef[laws.places]
+    if sparsity != "auto":
+        return np.abs(values) >= float(str(sparsity))
+    gain = 0.5 * np.log(max(2, np.isfinite(found.estimate.segments.recordings.y).sum()))
+    covariance = found.reached.covariance()[: laws.n_free, : laws.n_free]
+    return needed(values, covariance, gain)[0]

@@ -1,0 +1,238 @@
+"""`TrajectoryIdentifier`: identification from noisy recordings, without derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, MetaEstimatorMixin
+
+from swsysid._checks.estimators import check_fitted
+from swsysid._checks.parameters import flag, verbosity
+from swsysid._pipelines import seeded
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._rendering.progress import progress
+from swsysid._stays.certainty import certainty
+from swsysid._stays.given import Given, read_given
+from swsysid._stays.identify import StayIdentification
+from swsysid._stays.rollout_score import rollout_score
+from swsysid._stays.samples import modes_of, states_of
+from swsysid._stays.search import Search, check_estimator, check_order
+from swsysid._stays.settings import StaySettings
+
+
+class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
+    r"""Identify a switching system from recordings: noisy states, no derivatives.
+
+    With the stays in the modes given, laws, states, switch instants and surfaces of highest
+    likelihood are
+
+    .. math::
+
+        \min_{C, s, \tau, a} \; \tfrac12 \sum_i \Big\| \frac{y_i - x(t_i; C, s, \tau)}{\sigma}
+        \Big\|^2 \quad \text{with} \quad \dot x = C_j \Phi(x, u) \text{ in mode } j,
+        \quad f_a(x(\tau)) = 0,
+
+    a smooth problem in which noise is where it was measured. It alternates with the two other steps
+    of the paper: the modes are assigned (the most likely ones of a Kalman filter that may switch,
+    the surface as its prior), and the classifier of `estimator` is fitted to the estimated states.
+    It starts from `estimator` fitted to differentiated recordings.
+
+    Parameters
+    ----------
+    estimator : SwitchingSystemRegressor, default=None
+        Library, number of modes, surface, sparsity, and the start. None is
+        ``SwitchingSystemRegressor()``. ``n_modes="auto"`` chooses the number by an information
+        criterion of the measurements.
+    order : {1, 2}, default=1
+        1: the columns of x are the states. 2: they are positions; the states are positions and
+        speeds, and the library needs every speed as a column.
+    observed : sequence of str or int, default=None
+        States that are measured. None means all; hidden states are refused with what to do.
+    refine : bool, default=True
+        Whole recordings are rolled out from one start. False leaves stretches of some 30 samples
+        apart, each with a start of its own: for chaotic systems, whose rollouts mean nothing.
+    n_jobs : int, default=None
+        Given to the starts of `estimator`.
+    random_state : int, RandomState instance or None, default=None
+        Given to `estimator` where that has none.
+    verbose : int, default=0
+        1 shows the rounds on standard error.
+
+    Attributes
+    ----------
+    estimator_ : SwitchingSystemRegressor
+        With the laws and surfaces found; predicts, simulates and prints.
+    modes_ : ndarray of shape (n_samples,), int
+        Mode of every sample, in the order of the data.
+    states_ : ndarray of shape (n_samples, n_states)
+        States without noise.
+    switch_times_ : list of ndarray
+        Instants at which each recording switches.
+    switch_time_errors_ : list of ndarray
+        Their standard errors.
+    noise_ : ndarray of shape (n_channels,)
+        Standard deviation of the noise of each column of x.
+    coef_errors_ : ndarray of the shape of ``estimator_.coef_``
+        Standard errors of the coefficients of the laws; 0 where fixed.
+    surface_errors_ : ndarray of the shape of ``estimator_.surface_.coef_`` or None
+        Standard errors of the coefficients of the surfaces, the largest of each held; None for
+        one mode and for a classifier without coefficients.
+    n_modes_ : int
+    mode_selection_ : list of CountCandidate
+        The candidates of ``n_modes="auto"``, empty otherwise.
+    history_ : list of StayRecord
+        The rounds of the alternation.
+    report_ : RecordingReport
+        What was found, as text.
+
+    See Also
+    --------
+    SwitchingSystemRegressor : From states and velocities.
+    swsysid.refinement.refine : Maximum likelihood for any model, hidden states included.
+
+    Examples
+    --------
+    A mass on a spring that is softer on one side; its position and speed are recorded with noise.
+
+    >>> import numpy as np
+    >>> from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
+    >>> from swsysid.refinement import StatedModel, StatedSurface
+    >>> plant = StatedModel(
+    ...     None, [[[0, 1], [-1, -0.1]], [[0, 1], [-4, -0.1]]],
+    ...     states=["x", "v"], surface=StatedSurface([[0, 1, 0]], 1),
+    ... )
+    >>> t = np.linspace(0, 10, 201)
+    >>> rng = np.random.default_rng(0)
+    >>> runs = [plant.simulate(start, t).x for start in ([1, 1], [-2, 0], [1.5, -1])]
+    >>> recordings = [{"t": t, "x": run + 0.01 * rng.standard_normal(run.shape)} for run in runs]
+    >>> estimator = SwitchingSystemRegressor(sparsity="auto", random_state=0)
+    >>> found = TrajectoryIdentifier(estimator).fit(recordings)
+    >>> for equation in sorted(line[8:] for line in found.estimator_.equations(precision=1)):
+    ...     print(equation)
+    x0' = 1.0 x1
+    x0' = 1.0 x1
+    x1' = -1.0 x0 - 0.1 x1
+    x1' = -4.0 x0 - 0.1 x1
+    """
+
+    #: Sizes and limits that a fit takes for granted; a subclass may have others.
+    settings = StaySettings()
+
+    def __init__(
+        self,
+        estimator=None,
+        *,
+        order=1,
+        observed=None,
+        refine=True,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.estimator = estimator
+        self.order = order
+        self.observed = observed
+        self.refine = refine
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def fit(self, x, t=None, groups=None, inputs=None):
+        """Identify the laws, the modes and the surface.
+
+        Parameters
+        ----------
+        x : array-like of shape (n_samples, n_channels), or a list of recordings
+            Measured states, NaN where a value is missing. A recording is a dict with ``t``, ``x``
+            and, if there are any, ``inputs``; the other arguments are then left out.
+        t : array-like of shape (n_samples,), default=None
+            Times, increasing within each recording; they may be uneven and differ in rate.
+        groups : array-like of shape (n_samples,), default=None
+            Recording of each row. None is one recording, or several where the times begin anew.
+        inputs : array-like of shape (n_samples, n_inputs), default=None
+            Linear between the samples.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError, TypeError
+            If a parameter or the data make no sense; the message says what to do.
+        """
+        order, estimator = check_order(self.order), check_estimator(self.estimator)
+        given = read_given(x, t, groups, inputs)
+        settings = self.settings.joined(flag("refine", self.refine))
+        estimator = seeded(estimator, self.random_state).set_params(n_jobs=self.n_jobs)
+        with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
+            search = Search(estimator, given, order, self.observed, settings, bar.update)
+            found = search.identified()
+        self._store(found, search)
+        return self
+
+    def predict(self, X):
+        """Velocity of the active mode at states (and inputs), (n_samples, n_states)."""
+        return self._fitted.predict(X)
+
+    def predict_modes(self, X):
+        """Mode at states (and inputs), shape (n_samples,)."""
+        return self._fitted.predict_modes(X)
+
+    def simulate(self, x0, t, inputs=None, **options):
+        """Roll the identified system out; as `SwitchingSystemRegressor.simulate`.
+
+        Inputs are linear between their samples, as in `fit`.
+        """
+        return self._fitted.simulate(x0, t, inputs, **({"input_hold": "linear"} | options))
+
+    def score(self, x, t=None, groups=None, inputs=None):
+        """Coefficient of determination of rollouts of recordings that were held out.
+
+        Each rollout begins where it fits the first samples of its recording best; the score is the
+        mean over the channels. That of velocities would hardly see a wrong mode.
+
+        Parameters
+        ----------
+        x, t, groups, inputs
+            As in `fit`.
+
+        Returns
+        -------
+        float
+            1 is perfect; not above 0 is no better than the mean. Minus infinity where a rollout
+            diverges.
+        """
+        return rollout_score(self._fitted, read_given(x, t, groups, inputs))
+
+    def set_params(self, **params):
+        """Set parameters, those of the default estimator (``estimator__n_modes``) included."""
+        nested = any(key.startswith("estimator__") for key in params)
+        if nested and params.get("estimator", self.estimator) is None:
+            params = {"estimator": SwitchingSystemRegressor()} | params
+        return super().set_params(**params)
+
+    # -- parts of fit ------------------------------------------------------------------------
+
+    def _store(self, found: StayIdentification, search: Search) -> None:
+        given, sure = search.given, certainty(found)
+        recordings = found.estimate.segments.recordings
+        self.estimator_, self.n_modes_ = found.model, len(found.estimate.laws.coef)
+        self.states_ = given.by_rows(_split(recordings.joined(states_of(found.estimate)), given))
+        self.modes_ = given.by_rows(_split(modes_of(found.estimate), given))
+        self.switch_times_ = [stays.instants for stays in found.estimate.segments.stays]
+        self.switch_time_errors_ = sure.instants
+        self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface
+        self.noise_ = found.left[: given.n_channels]
+        self.mode_selection_, self.history_ = search.candidates, list(found.history)
+        self.report_ = search.report(found, sure, self.modes_)
+
+    @property
+    def _fitted(self) -> SwitchingSystemRegressor:
+        check_fitted(self)
+        return self.estimator_
+
+
+def _split(rows: NDArray, given: Given) -> list[NDArray]:
+    """Rows of each recording."""
+    return np.split(rows, np.cumsum([len(part) for part in given.rows])[:-1])
