@@ -15,16 +15,15 @@ from numpy.typing import NDArray
 
 from benchmarks.trajectories.plants import Plant
 from benchmarks.trajectories.recordings import Campaign
-from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
+from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
 from swsysid._stays.descent import most_likely, most_likely_with_guards
 from swsysid._stays.guards import Guards
-from swsysid._stays.identify import identify_stays
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import SETTINGS
 from swsysid._stays.shooting import Estimate, Segments
 from swsysid._stays.stays import Stays
-from swsysid.differentiation import differentiate, estimate_noise
+from swsysid.differentiation import differentiate
 from swsysid.refinement import refine
 from swsysid.refinement._trajectories import read_trajectories
 from swsysid.weak_form import weak_refit
@@ -90,16 +89,20 @@ def told(plant: Plant, campaign: Campaign, seed: int) -> Any:
     return model
 
 
-def fitted(plant: Plant, campaign: Campaign, seed: int, n_modes: int | str | None = None) -> Any:
-    """Differentiate, then fit."""
-    done = differentiate(campaign.x, campaign.t, campaign.groups, inputs=campaign.inputs)
-    model = SwitchingSystemRegressor(
+def _estimator(plant: Plant, seed: int, n_modes: int | str | None) -> SwitchingSystemRegressor:
+    """Told the library, the degree of the surface and, unless it is to find it, the modes."""
+    return SwitchingSystemRegressor(
         n_modes=plant.n_modes if n_modes is None else n_modes,
         feature_library=plant.degree,
         surface=PolynomialSurfaceClassifier(degree=plant.guard_degree),
         random_state=seed,
     )
-    return model.fit(done.X, done.Xdot, groups=done.groups)
+
+
+def fitted(plant: Plant, campaign: Campaign, seed: int) -> Any:
+    """Differentiate, then fit."""
+    done = differentiate(campaign.x, campaign.t, campaign.groups, inputs=campaign.inputs)
+    return _estimator(plant, seed, None).fit(done.X, done.Xdot, groups=done.groups)
 
 
 def refined(plant: Plant, campaign: Campaign, seed: int) -> Any:
@@ -107,21 +110,24 @@ def refined(plant: Plant, campaign: Campaign, seed: int) -> Any:
     return _most_likely(fitted(plant, campaign, seed), plant, campaign)
 
 
-def stays(plant: Plant, campaign: Campaign, seed: int) -> Any:
-    """Differentiate and fit, then alternate on stays in modes."""
-    start = fitted(plant, campaign, seed)
-    noise = estimate_noise(campaign.x, campaign.groups)
-    return identify_stays(start, _recordings(campaign), noise, SETTINGS).model
+def identified(
+    plant: Plant, campaign: Campaign, seed: int, n_modes: int | str | None = None
+) -> TrajectoryIdentifier:
+    """What `TrajectoryIdentifier` makes of the recordings."""
+    estimator = _estimator(plant, seed, n_modes)
+    return TrajectoryIdentifier(estimator).fit(
+        campaign.x, campaign.t, campaign.groups, campaign.inputs
+    )
 
 
-def stays_and_refined(plant: Plant, campaign: Campaign, seed: int) -> Any:
-    """The same, then maximise the likelihood of the rollouts with the surface."""
-    return _most_likely(stays(plant, campaign, seed), plant, campaign)
+def recordings(plant: Plant, campaign: Campaign, seed: int) -> Any:
+    """The model that it finds."""
+    return identified(plant, campaign, seed).estimator_
 
 
 def number_of_modes(plant: Plant, campaign: Campaign, seed: int) -> int:
-    """What ``n_modes="auto"`` finds after `differentiate`."""
-    return fitted(plant, campaign, seed, n_modes="auto").n_modes_
+    """What ``n_modes="auto"`` finds in the recordings."""
+    return identified(plant, campaign, seed, n_modes="auto").n_modes_
 
 
 def _recordings(campaign: Campaign) -> Recordings:
@@ -145,6 +151,5 @@ METHODS: dict[str, Method] = {
     "told": told,
     "fit": fitted,
     "fit and refine": refined,
-    "stays": stays,
-    "stays and refine": stays_and_refined,
+    "recordings": recordings,
 }

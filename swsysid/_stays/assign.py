@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
@@ -30,16 +31,30 @@ class Assigned:
         """Of all recordings, up to what is the same for all laws."""
         return float(self.decoded.log_likelihood.sum())
 
-    def estimate(self, laws: Laws, recordings: Recordings, settings: StaySettings) -> Estimate:
-        """Stays as decoded, segments that start at the smoothed states."""
+    def estimate(
+        self,
+        laws: Laws,
+        recordings: Recordings,
+        settings: StaySettings,
+        before: Estimate | None,
+        changed: NDArray[np.bool_],
+    ) -> Estimate:
+        """Stays as decoded, segments that start at the smoothed states.
+
+        Recordings that did not change have the instants and starts of the estimate before.
+        """
         modes = self.decoded.modes
-        smoothed = smoothed_states(self.filter, recordings, modes)
+        states = smoothed_states(self.filter, recordings, modes)
         stays = [
             Stays.of_intervals(modes[: len(t) - 1, place], t)
             for place, t in enumerate(recordings.times)
         ]
+        if before is not None:
+            states[:, ~changed] = recordings.guess[:, ~changed]
+            for place in np.flatnonzero(~changed):
+                stays[place] = before.segments.stays[place]
         segments = Segments(recordings, stays, settings.segment)
-        starts = np.array([smoothed[first, recording] for recording, first, _ in segments.places])
+        starts = np.array([states[first, recording] for recording, first, _ in segments.places])
         return Estimate(laws, segments, starts)
 
 
@@ -89,7 +104,7 @@ def prior_of_model(model: SwitchingModel, recordings: Recordings, trust: float) 
 
 
 def prior_of_guards(
-    guards: Guards, covariance: Array, recordings: Recordings, trust: float, blurred: float
+    guards: Guards, covariance: Array | None, recordings: Recordings, trust: float, blurred: float
 ) -> Array:
     """The same by surfaces whose coefficients are known so far."""
     columns = np.concatenate([recordings.guess, recordings.u], axis=2)

@@ -29,7 +29,7 @@ class Reached:
         matrix, _, _ = self.objective.normal_equations(self.estimate)
         diagonal = np.diag(matrix)
         unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        scaled = matrix * unit[:, None] * unit
+        scaled = np.nan_to_num(matrix * unit[:, None] * unit)
         inverse = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True)
         return np.asarray(inverse * unit[:, None] * unit, dtype=float)
 
@@ -41,23 +41,29 @@ class Reached:
         return covariance[first:, first:]
 
 
-def most_likely(estimate: Estimate, noise: Array, settings: StaySettings) -> Reached:
-    """The estimate with segments tied ever more tightly."""
-    stages = [(Objective(noise, tie), n_turns) for tie, n_turns in settings.ties]
+def most_likely(
+    estimate: Estimate, noise: Array, settings: StaySettings, *, near: bool = False
+) -> Reached:
+    """The estimate with segments tied ever more tightly; `near` where it starts close to it."""
+    ties = settings.ties[-2:] if near else settings.ties
+    stages = [(Objective(noise, tie), n_turns) for tie, n_turns in ties]
     return _through(estimate, stages, settings)
 
 
-def most_likely_with_guards(estimate: Estimate, noise: Array, settings: StaySettings) -> Reached:
+def most_likely_with_guards(
+    estimate: Estimate, noise: Array, settings: StaySettings, *, near: bool = False
+) -> Reached:
     """The estimate whose crossings lie on its surfaces ever more closely."""
     interval, tie = estimate.segments.recordings.interval, settings.ties[-1][0]
-    stages = [
-        (Objective(noise, tie, share * interval), n_turns)
-        for share, n_turns in settings.guard_times
-    ]
+    times = settings.guard_times[-1:] if near else settings.guard_times
+    stages = [(Objective(noise, tie, share * interval), n_turns) for share, n_turns in times]
     reached = _through(estimate, stages, settings)
     # The likelihood may be as high at another instant nearby (a force that changes its sign after
     # the switch); the surface knows which of the two it is.
-    again = _through(reached.estimate.snapped(), stages[-1:], settings)
+    snapped = reached.estimate.snapped()
+    if snapped is reached.estimate:
+        return reached
+    again = _through(snapped, stages[-1:], settings)
     return min(reached, again, key=lambda one: one.value)
 
 
@@ -75,19 +81,24 @@ def _through(
 def _descend(
     estimate: Estimate, objective: Objective, n_turns: int, settings: StaySettings
 ) -> tuple[Estimate, float]:
-    damping, value = settings.damping, np.inf
+    """Damping follows how well the step was predicted (Nielsen, IMM-REP-1999-05)."""
+    damping, rise, value = settings.damping, 2.0, np.inf
     for _ in range(n_turns):
         matrix, right, value = objective.normal_equations(estimate)
         matrix += np.diag(_hold(estimate))
         for _ in range(settings.most_failures):
-            trial = estimate.moved(_damped_step(matrix, right, damping))
+            step = _damped_step(matrix, right, damping)
+            trial = estimate.moved(step)
             reached = objective.value(trial)
             if reached < value:
                 break
-            damping *= settings.rise
+            damping, rise = damping * rise, 2.0 * rise
         else:
             return estimate, value
-        estimate, damping = trial, damping / settings.rise
+        promised = float(step @ (right - 0.5 * matrix @ step))
+        kept = (value - reached) / max(promised, np.finfo(float).tiny)
+        damping, rise = damping * max(1.0 / 3.0, 1.0 - (2.0 * min(kept, 1.0) - 1.0) ** 3), 2.0
+        estimate = trial
         if value - reached < settings.converged:
             return estimate, reached
         value = reached

@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
-from swsysid._stays.assign import assign, disturbances, prior_of_guards, prior_of_model
+from swsysid._stays.assign import Assigned, assign, disturbances, prior_of_guards, prior_of_model
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.laws import Laws
+from swsysid._stays.monomials import without_weakest
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.samples import misfits, states_of
+from swsysid._stays.samples import intervals_of, misfits, states_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate
-from swsysid._stays.surfaces import with_few_monomials, with_surface
+from swsysid._stays.surfaces import on_surface, with_few_monomials, with_surface
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class StayIdentification:
     model: SwitchingSystemRegressor
     reached: Reached
     history: tuple[StayRecord, ...]
-    criterion: float  # value and the prices of all switches, at the noise of the first round
+    criterion: float  # the value at the noise of the first round, and what the surface takes
 
     @property
     def estimate(self) -> Estimate:
@@ -72,33 +73,14 @@ class StayIdentification:
         return _noise(self.reached, self.reached.noise)
 
 
-def identify_stays(
-    start: SwitchingSystemRegressor,
-    recordings: Recordings,
-    noise: Array,
-    settings: StaySettings,
-    *,
-    free: NDArray[np.bool_] | None = None,
-    names: list[str] | None = None,
-    done: Callable[[StayRecord], object] = id,
-) -> StayIdentification:
-    """Alternate from a fitted estimator; `noise` are standard deviations of the states.
+class Alternation:
+    """Assign, estimate, refit the surface, from one fitted estimator.
 
-    `free` are the coefficients that are sought, all by default; `names` are those of states and
-    inputs, if they have any; `done` is told of every round.
+    Between two rounds it knows laws, rough states, the prior of the modes and the noise.
+    `noise` are standard deviations of the states; `free` are the coefficients that are sought,
+    all by default; `names` are those of states and inputs, if they have any; `done` is told of
+    every round.
     """
-    alternation = _Alternation(start, recordings, noise, settings, free, names, done)
-    n_prices = len(settings.prices)
-    for turn in range(settings.most_rounds):
-        changed = alternation.round(min(turn, n_prices - 1))
-        if turn >= n_prices and not changed:
-            break
-    alternation.prune()
-    return alternation.best
-
-
-class _Alternation:
-    """What is known between two rounds: laws, rough states, prior of the modes, noise."""
 
     def __init__(
         self,
@@ -106,9 +88,10 @@ class _Alternation:
         recordings: Recordings,
         noise: Array,
         settings: StaySettings,
-        free: NDArray[np.bool_] | None,
-        names: list[str] | None,
-        done: Callable[[StayRecord], object],
+        *,
+        free: NDArray[np.bool_] | None = None,
+        names: list[str] | None = None,
+        done: Callable[[StayRecord], object] = id,
     ):
         self.start, self.settings, self.names, self.done = start, settings, names, done
         self.recordings, self.noise, self.first_noise = recordings, noise, noise
@@ -125,30 +108,124 @@ class _Alternation:
         self.found: list[StayIdentification] = []
         self.history: list[StayRecord] = []
 
-    def round(self, stage: int) -> int:
+    def begin(self) -> StayIdentification:
+        """The first rounds, after which starts are compared."""
+        for stage in range(self.settings.settled):
+            self._round(stage)
+        return self.best
+
+    def finish(self) -> StayIdentification:
+        """The other rounds."""
+        settings = self.settings
+        n_prices = len(settings.prices)
+        for turn in range(settings.settled, settings.most_rounds):
+            changed = self._round(min(turn, n_prices - 1))
+            if turn >= n_prices - 1 and not changed:
+                break
+        if len(self.laws.coef) > 1 and self._doubtful():
+            self._begin_anew()
+            for stage in range(n_prices):
+                self._round(stage)
+        while self._simplified():
+            pass
+        return self.best
+
+    def _round(self, stage: int) -> int:
         """Assign, estimate, refit the surface; the number of intervals whose mode changed."""
-        settings, price = self.settings, self.settings.prices[stage]
-        assigned = assign(
-            self.laws, self.recordings, self.noise, self.prior, self.disturbances, price, settings
-        )
+        settings = self.settings
+        assigned = self._assigned(stage)
         modes = assigned.decoded.modes
         changed = modes.size if not self.history else int((modes != self.modes).sum())
         if changed:
-            first = assigned.estimate(self.laws, self.recordings, settings)
-            reached = most_likely(first, self.noise, settings)
-            model, reached = with_surface(self.start, reached, settings, self.names)
+            before = self.found[-1].estimate if self.found else None
+            moved = (modes != self.modes).any(axis=0)
+            first = assigned.estimate(self.laws, self.recordings, settings, before, moved)
+            model, reached = self._estimated(first, stage)
             self._keep(model, reached, changed, stage)
             self.modes = modes
             self.disturbances = _near(self.disturbances, assigned.filter.disturbance)
         return changed
 
-    def prune(self) -> None:
-        """Leave out the monomials of the surface that the recordings do not ask for."""
-        best = self.best
-        model, reached = with_few_monomials(best.model, best.reached, self.settings)
-        if reached is not best.reached:
-            self._keep(model, reached, 0, len(self.settings.prices) - 1)
-            self.found = self.found[-1:]
+    def _simplified(self) -> bool:
+        """Try the surfaces without their least certain coefficient; true if that is better.
+
+        Stays and surface agree with each other, also where both are a little wrong: what a
+        coefficient is worth shows only where the modes are assigned without it.
+        """
+        best, guards = self.best, self.best.estimate.guards
+        if guards is None or not guards.n_free:
+            return False
+        guards = without_weakest(guards, best.reached.covariance_of_guards())
+        last = len(self.settings.prices) - 1
+        self._go_on_from(
+            best,
+            prior_of_guards(
+                guards, None, self._at(best), self.settings.trust[1], self.settings.blurred
+            ),
+        )
+        n_found = len(self.found)
+        for _ in range(self.settings.rounds_of_simplified):
+            assigned = self._assigned(last)
+            modes = assigned.decoded.modes
+            if len(self.found) > n_found and np.array_equal(modes, self.modes):
+                break
+            moved = (modes != self.modes).any(axis=0)
+            first = assigned.estimate(
+                self.laws, self.recordings, self.settings, best.estimate, moved
+            )
+            start = Reached(first, best.reached.objective.with_noise(self.noise), np.inf)
+            model, reached = on_surface(best.model, start, guards, self.settings)
+            self._keep(model, reached, int((modes != self.modes).sum()), last)
+            self.modes = modes
+            guards = guards if reached.estimate.guards is None else reached.estimate.guards
+        better = self.best.criterion < best.criterion
+        if not better:
+            self.found = self.found[:n_found]
+        return better
+
+    def _at(self, found: StayIdentification) -> Recordings:
+        return self.recordings.with_guess(states_of(found.estimate))
+
+    def _go_on_from(self, found: StayIdentification, prior: Array | None) -> None:
+        self.laws, self.noise = found.estimate.laws, _noise(found.reached, self.first_noise)
+        self.recordings, self.prior = self._at(found), prior
+        self.modes = intervals_of(found.estimate)
+
+    def _doubtful(self) -> bool:
+        """True if a recording is further from its rollout than noise brings it."""
+        reached = self.best.reached
+        squares = np.square(misfits(reached.estimate) / _noise(reached, reached.noise))
+        count = np.isfinite(squares).sum(axis=(0, 2))
+        scores = (np.nansum(squares, axis=(0, 2)) - count) / np.sqrt(2.0 * np.maximum(count, 1))
+        return bool(scores.max() > self.settings.doubtful)
+
+    def _begin_anew(self) -> None:
+        """Go on from the best laws, the surface hardly trusted: its modes may be the wrong ones."""
+        self._go_on_from(self.best, None)
+        self.modes = np.full(self.modes.shape, -1)
+
+    def _assigned(self, stage: int) -> Assigned:
+        price = self.settings.prices[stage]
+        return assign(
+            self.laws,
+            self.recordings,
+            self.noise,
+            self.prior,
+            self.disturbances,
+            price,
+            self.settings,
+        )
+
+    def _estimated(self, first: Estimate, stage: int) -> tuple[SwitchingSystemRegressor, Reached]:
+        """Laws and surface of highest likelihood with the stays as assigned."""
+        settings, guards = self.settings, self.found[-1].estimate.guards if self.found else None
+        if stage >= settings.settled and guards is not None:
+            start = Reached(first, self.found[-1].reached.objective.with_noise(self.noise), np.inf)
+            model, reached = on_surface(self.found[-1].model, start, guards, settings)
+        else:
+            reached = most_likely(first, self.noise, settings, near=bool(self.found))
+            model, reached = with_surface(self.start, reached, settings, self.names)
+        return with_few_monomials(model, reached, settings)
 
     @property
     def best(self) -> StayIdentification:
@@ -176,10 +253,19 @@ class _Alternation:
 
 
 def _criterion(reached: Reached, noise: Array, settings: StaySettings) -> float:
-    """Misfit in units of the noise of the start, and the price of every switch."""
-    squares = np.nansum(np.square(misfits(reached.estimate)), axis=(0, 1))
-    n_switches = len(reached.estimate.segments.instants)
-    return float(0.5 * (squares / noise**2).sum() + settings.prices[-1] * n_switches)
+    """What is minimised, with misfits in units of the noise of the start, and what it takes.
+
+    A surface pays for its coefficients; switches that no surface explains pay for themselves.
+    """
+    estimate = reached.estimate
+    squares = np.nansum(np.square(misfits(estimate)), axis=(0, 1))
+    own, first = (0.5 * (squares / one**2).sum() for one in (reached.noise, noise))
+    if estimate.guards is None:
+        paid = settings.prices[-1] * len(estimate.segments.instants)
+    else:
+        n_values = np.isfinite(estimate.segments.recordings.y).sum()
+        paid = 0.5 * np.log(max(2, n_values)) * (estimate.guards.coef != 0.0).sum()
+    return float(first + reached.value - own + paid)
 
 
 def _near(candidates: Array, chosen: Array) -> Array:

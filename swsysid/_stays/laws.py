@@ -106,6 +106,6 @@ def slopes_of(features: Features, columns: Array, spread: Array) -> tuple[Array,
     moves = np.zeros((n_varied, columns.shape[1]))
     moves[np.arange(n_varied), np.arange(n_varied)] = _DIFFERENCE * spread
     values = features(np.concatenate([columns, *(columns + move for move in moves)]))
-    values = values.reshape(n_varied + 1, len(columns), -1)
+    values = values.reshape(n_varied + 1, len(columns), values.shape[1])
     slopes = (values[1:] - values[0]) / (_DIFFERENCE * spread)[:, None, None]
     return values[0], slopes.transpose(1, 2, 0)

@@ -40,6 +40,18 @@ def needed_coefficients(guards: Guards, covariance: Array, gain: float) -> Guard
     return replace(guards, coef=coef, free=free)
 
 
+def without_weakest(guards: Guards, covariance: Array) -> Guards:
+    """The surfaces without the coefficient that is least certain to be there."""
+    values = guards.coef[guards.free]
+    weakest = np.array([np.argmin(np.abs(values) / np.sqrt(np.diag(covariance)))])
+    kept = np.ones(len(values), dtype=bool)
+    kept[weakest] = False
+    moved = values - covariance[:, weakest] @ _solved(covariance, weakest, values)
+    coef, free = guards.coef.copy(), guards.free.copy()
+    coef[guards.free], free[guards.free] = np.where(kept, moved, 0.0), kept
+    return replace(guards, coef=coef, free=free)
+
+
 def _cost(values: Array, covariance: Array, some: NDArray[np.intp]) -> float:
     """Nats that it costs to set some coefficients to zero."""
     return float(0.5 * values[some] @ _solved(covariance, some, values))

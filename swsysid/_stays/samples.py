@@ -67,3 +67,13 @@ def modes_of(estimate: Estimate) -> NDArray[np.intp]:
     segments, recordings = estimate.segments, estimate.segments.recordings
     parts = zip(segments.stays, recordings.times, recordings.sampled, strict=True)
     return np.concatenate([stays.at(t[places]) for stays, t, places in parts])
+
+
+def intervals_of(estimate: Estimate) -> NDArray[np.intp]:
+    """Modes at the ends of all intervals, padded like their durations."""
+    recordings = estimate.segments.recordings
+    modes = np.zeros(recordings.steps.shape, dtype=np.intp)
+    for k, (stays, t) in enumerate(zip(estimate.segments.stays, recordings.times, strict=True)):
+        modes[: len(t) - 1, k] = stays.at(t[1:])
+        modes[len(t) - 1 :, k] = modes[len(t) - 2, k]
+    return modes

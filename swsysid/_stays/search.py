@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from swsysid._results import Array
 from swsysid._stays.certainty import Certainty
 from swsysid._stays.count import CountCandidate, fewest_modes
 from swsysid._stays.given import Given, check_channels
-from swsysid._stays.identify import StayIdentification, identify_stays
+from swsysid._stays.identify import Alternation, StayIdentification
 from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.start import Differentiated, differentiated, start_from
@@ -58,10 +57,12 @@ class Search:
         self.estimator, self.given, self.order = estimator, given, order
         self.settings, self.told = settings, told
         self.candidates: list[CountCandidate] = []
+        self._by_stretch: dict[float, Differentiated] = {}
 
     def identified(self) -> StayIdentification:
         """The most likely laws, modes and surface."""
-        with warnings.catch_warnings():
+        # a trial step that diverges is not taken
+        with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
             # what the fits in between warn of is mended, or said of the answer
             warnings.simplefilter("ignore", UserWarning)
             if self.estimator.n_modes == "auto":
@@ -70,10 +71,10 @@ class Search:
                 return found
             return self._with_modes(self.estimator.n_modes)
 
-    @cached_property
+    @property
     def base(self) -> Differentiated:
         """The recordings, differentiated as their noise asks for."""
-        return differentiated(self.given, self.order)
+        return self._differentiated(1.0)
 
     @property
     def names(self) -> list[str] | None:
@@ -81,24 +82,20 @@ class Search:
         return self.base.names(self.given)
 
     def _with_modes(self, n_modes: object) -> StayIdentification:
-        """The best of the starts; another one is tried only where one leaves more than noise."""
-        best: StayIdentification | None = None
-        for stretch in self.settings.stretches:
-            found = self._from_start(n_modes, stretch)
-            if best is None or found.criterion < best.criterion:
-                best = found
-            if (self.excess(best) < self.settings.excess).all():
-                break
-        assert best is not None
-        return with_few_terms(best, self.estimator.sparsity, self.settings)
+        """The best of some starts after their first rounds, followed to the end."""
+        stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
+        begun = [self._start(n_modes, stretch) for stretch in stretches]
+        best = min(begun, key=lambda one: one.begin().criterion)
+        return with_few_terms(best.finish(), self.estimator.sparsity, self.settings)
 
-    def _from_start(self, n_modes: object, stretch: float) -> StayIdentification:
-        base = self.base if stretch == 1.0 else differentiated(self.given, self.order, stretch)
+    def _start(self, n_modes: object, stretch: float) -> Alternation:
+        """An alternation from derivatives by a longer or shorter filter."""
+        base = self._differentiated(stretch)
         start = start_from(clone(self.estimator).set_params(n_modes=n_modes), base, self.names)
         start.coef_, free = self._law_of_positions(start, base)
         if self.estimator.sparsity is not None:
             free &= start.coef_ != 0.0
-        return identify_stays(
+        return Alternation(
             start,
             base.recordings,
             self.base.noise,
@@ -107,6 +104,11 @@ class Search:
             names=self.names,
             done=lambda record: self.told(),
         )
+
+    def _differentiated(self, stretch: float) -> Differentiated:
+        if stretch not in self._by_stretch:
+            self._by_stretch[stretch] = differentiated(self.given, self.order, stretch)
+        return self._by_stretch[stretch]
 
     def _law_of_positions(
         self, start: SwitchingSystemRegressor, base: Differentiated

@@ -21,6 +21,10 @@ class StaySettings:
     # first surface comes from velocities that were differentiated
     trust: tuple[float, ...] = (0.1, 0.03, 0.01, 0.003)
     blurred: float = 0.5  # intervals by which the time of a state is off where a surface is asked
+    settled: int = 2  # the round from which the surface before is a start, not the classifier
+    # standard deviations by which the squares of one recording exceed the others'
+    doubtful: float = 2.0
+    rounds_of_simplified: int = 2  # with a coefficient of the surface less, before it is judged
     segment: int = 30  # samples of a segment
     # how tightly segments are tied to each other, in units of the noise, and turns for each
     ties: tuple[tuple[float, int], ...] = ((2.0, 8), (0.3, 8), (0.03, 15))
@@ -30,13 +34,12 @@ class StaySettings:
     beyond: float = 0.3
     slowest: float = 0.1  # of the median rate at which surfaces are crossed: slower ones graze
     damping: float = 1e-3  # of the first step, relative to the diagonal
-    rise: float = 8.0  # of the damping after a step that failed; it falls by as much after another
     most_failures: int = 8
     converged: float = 0.02  # nats by which a turn must make the data more likely
     most_rounds: int = 6  # ends sooner where the stays repeat
-    # -- starts: other windows of differentiation, where the rollouts leave so many times the noise
-    stretches: tuple[float, ...] = (1.0, 2.0, 0.5)
-    excess: float = 1.15
+    # -- starts: windows of differentiation, relative to the automatic one. A shorter one leaves
+    # more noise and blurs switches less.
+    stretches: tuple[float, ...] = (1.0, 0.5)
 
     def joined(self, whole: bool) -> StaySettings:
         """The same, the segments of a recording joined to one rollout or left apart."""

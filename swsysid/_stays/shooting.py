@@ -27,6 +27,7 @@ from swsysid._stays.recordings import Recordings
 from swsysid._stays.stays import Stays
 
 _FARTHEST = 2.0  # intervals that an instant may move at once
+_NEAR = 0.25  # intervals: crossings that miss their surfaces by less are on it
 _SLOWEST = 0.1  # of the median rate at which surfaces are crossed: slower ones graze
 _FAR = 3.0  # beyond so many standard deviations a crossing counts less
 _DIVERGED = 1e3  # spreads of a state beyond which it is held
@@ -57,6 +58,10 @@ class Segments:
             # a sample where two segments meet counts in the second
             seen = count if self.followed[s] else count + 1
             self.y[:seen, s] = recordings.y[first : first + seen, recording]
+        self._own = [
+            [s for s, place in enumerate(self.places) if place[0] == recording]
+            for recording in range(len(recordings))
+        ]
         self.place_switches()
 
     def place_switches(self) -> None:
@@ -67,22 +72,25 @@ class Segments:
         self.switch = np.full((n_steps, n), -1)  # number of the switch in the interval
         self.instants = np.concatenate([stays.instants for stays in self.stays])
         self.segment = np.empty(len(self.instants), dtype=np.intp)
-        offsets = np.cumsum([0, *(len(stays.instants) for stays in self.stays)])
-        for s, (recording, first, last) in enumerate(self.places):
-            stays, t = self.stays[recording], self.recordings.times[recording]
-            cells = np.searchsorted(t, stays.instants, side="right") - 1
-            own = np.flatnonzero((cells >= first) & (cells < last))
-            entry = np.searchsorted(stays.instants, t[first : last + 1])
-            count = last - first
-            self.old[:count, s] = stays.modes[entry[:-1]]
-            self.new[:count, s] = stays.modes[entry[1:]]
-            self.switch[cells[own] - first, s] = offsets[recording] + own
-            self.segment[offsets[recording] + own] = s
-        # number of each switch within its segment: its column of the sensitivities
         self.within = np.zeros(len(self.instants), dtype=np.intp)
-        for s in range(n):
-            own = np.flatnonzero(self.segment == s)
-            self.within[own] = np.arange(len(own))
+        offset = 0
+        for stays, t, own in zip(self.stays, self.recordings.times, self._own, strict=True):
+            entry = np.searchsorted(stays.instants, t)
+            modes = stays.modes[entry]
+            for s in own:
+                _, first, last = self.places[s]
+                self.old[: last - first, s] = modes[first:last]
+                self.new[: last - first, s] = modes[first + 1 : last + 1]
+            cells = np.searchsorted(t, stays.instants, side="right") - 1
+            cells = np.minimum(cells, len(t) - 2)
+            firsts = np.array([self.places[s][1] for s in own])
+            of = np.searchsorted(firsts, cells, side="right") - 1
+            numbers = offset + np.arange(len(cells))
+            self.segment[numbers] = np.asarray(own)[of]
+            self.switch[cells - firsts[of], self.segment[numbers]] = numbers
+            # number of each switch within its segment: its column of the sensitivities
+            self.within[numbers] = np.arange(len(cells)) - np.searchsorted(of, of)
+            offset += len(cells)
 
     def shares(self) -> Array:
         """Part of each interval before its switch; a half where there is none."""
@@ -223,7 +231,10 @@ class Estimate:
         done = rollouts(self.laws, self.segments, self.starts, varied=False)
         misses = self.guards.misses(done.crossings, _SLOWEST)
         instants = self.segments.instants.copy()
-        farthest = _FARTHEST * self.segments.recordings.interval
+        interval = self.segments.recordings.interval
+        if (np.abs(misses.times) < _NEAR * interval).all():
+            return self
+        farthest = _FARTHEST * interval
         move = -misses.times * np.sign(misses.by_instants)
         instants[misses.switches] += np.clip(move, -farthest, farthest)
         return replace(self, segments=self.segments.moved(instants))
@@ -249,6 +260,10 @@ class Objective:
     noise: Array
     tie: float
     guard_time: float = 1.0  # by which a crossing may miss its surface
+
+    def with_noise(self, noise: Array) -> Objective:
+        """The same for other noise."""
+        return replace(self, noise=noise)
 
     def value(self, estimate: Estimate) -> float:
         """Half the sum of squares."""

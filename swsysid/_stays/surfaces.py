@@ -46,6 +46,17 @@ def with_surface(
     return model, reached
 
 
+def on_surface(
+    model: SwitchingSystemRegressor, reached: Reached, guards: Guards, settings: StaySettings
+) -> tuple[SwitchingSystemRegressor, Reached]:
+    """The estimate with surfaces that are nearly right, and the model with these."""
+    reached = _placed(guards, reached, Samples.of(reached.estimate), settings, near=True)
+    other = copy(model)
+    other.surface_ = deepcopy(model.surface_)
+    _take(other.surface_, reached)
+    return other, reached
+
+
 def with_few_monomials(
     model: SwitchingSystemRegressor, reached: Reached, settings: StaySettings
 ) -> tuple[SwitchingSystemRegressor, Reached]:
@@ -71,7 +82,7 @@ def with_few_monomials(
     price = 0.5 * np.log(max(2, np.isfinite(estimate.segments.recordings.y).sum()))
     covariance = everything.covariance_of_guards()
     few = needed_coefficients(full, covariance, price)
-    found = _placed(few, everything, samples, settings)
+    found = _placed(few, everything, samples, settings, near=True)
     pruned, before = int((few.coef != 0.0).sum()), int((guards.coef != 0.0).sum())
     if found.value + price * pruned > reached.value + price * before:
         return model, reached
@@ -88,11 +99,17 @@ def _same_surface(full: Guards, guards: Guards, samples: Samples) -> Guards:
     return replace(full, coef=np.asarray(coef, dtype=float), mode_book=guards.mode_book)
 
 
-def _placed(guards: Guards, reached: Reached, samples: Samples, settings: StaySettings) -> Reached:
+def _placed(
+    guards: Guards,
+    reached: Reached,
+    samples: Samples,
+    settings: StaySettings,
+    near: bool = False,
+) -> Reached:
     """The estimate of highest likelihood with crossings on surfaces, samples on their sides."""
     told = guards.with_sides(*_sides(samples, reached, settings))
     estimate = replace(reached.estimate, guards=told)
-    return most_likely_with_guards(estimate, reached.noise, settings)
+    return most_likely_with_guards(estimate, reached.noise, settings, near=near)
 
 
 def _sides(samples: Samples, reached: Reached, settings: StaySettings) -> tuple:

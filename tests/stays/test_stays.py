@@ -102,7 +102,7 @@ def test_instants_that_meet_leave_one_switch():
 def test_twelve_noisy_recordings_give_nearly_what_they_allow(name):
     plant = PLANTS[name]
     campaign = record(plant, Scenario(NOISE, 60, 12), 1)
-    ours = figures(plant, METHODS["stays"](plant, campaign, 0))
+    ours = figures(plant, METHODS["recordings"](plant, campaign, 0))
     oracle = figures(plant, METHODS["oracle"](plant, campaign, 0))
     assert ours["field"] <= 1.3 * oracle["field"]
     assert ours["balanced"] >= oracle["balanced"] - 0.01
