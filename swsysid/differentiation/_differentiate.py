@@ -161,7 +161,8 @@ def differentiate(
                 extra = smoother(signals[index], times[index], None)[0][0]
             X, Xdot = np.hstack([*jets[:order], extra]), np.hstack([*jets[1 : order + 1]])
             loud = loudness(jets, smoother, times[index], noise)
-            parts = (X, Xdot, times[kept], labels[kept], at_rest(loud, trim), loud)
+            still = at_rest(jets[0], loud, trim, noise)
+            parts = (X, Xdot, times[kept], labels[kept], still, loud)
             pieces.append([part[::decimate] for part in parts])
             every = max((2 * trim + 1) // decimate, 1)
     if not pieces:

@@ -22,11 +22,15 @@ def clipped_at(columns: Array, parts: list[NDArray[np.intp]], quantum: Array) ->
         # Noise repeats no value for long: where it does so at an end, this is that of the range.
         visible = max(SETTINGS.visible * np.ptp(values), SETTINGS.beyond_rounding * quantum[k])
         noisy = noise[k] > visible
-        for end in (values.min(), values.max()):
-            found = noisy and _repeats_only(series, end)
-            found = found or any(_passes(each, end, quantum[k], noise[k]) for each in series)
-            if found:
-                clipped[:, k] |= values == end
+        ends = [
+            end
+            for end in (values.min(), values.max())
+            if (noisy and _repeats_only(series, end))
+            or any(_passes(each, end, quantum[k], noise[k]) for each in series)
+        ]
+        if len(ends) == 1 and values.min() == -values.max():
+            ends.append(-ends[0])  # a range is that of both signs
+        clipped[:, k] = np.isin(values, ends)
     return clipped
 
 
@@ -46,8 +50,10 @@ def _passes(values: Array, end: float, quantum: float, noise: float) -> bool:
     stays = np.flatnonzero((runs.lengths >= SETTINGS.plateau) & (depths[runs.starts] == 0.0))
     for start, length in zip(runs.starts[stays], runs.lengths[stays], strict=True):
         sides = depths[:start][::-1], depths[start + length :]
-        long = [side for side in sides if len(side) >= SETTINGS.approach]
-        if long and all(_is_fast(_approach(side, quantum, noise), quantum, noise) for side in long):
+        # What was before the record or comes after it is not known.
+        known = [side for side in sides if len(side) >= SETTINGS.approach]
+        near = [_approach(side, quantum, noise) for side in known]
+        if near and all(_is_fast(side, depths, length, quantum, noise) for side in near):
             return True
     return False
 
@@ -59,14 +65,23 @@ def _approach(depths: Array, quantum: float, noise: float) -> Array:
     return depths[: max(reach, SETTINGS.approach)]
 
 
-def _is_fast(depths: Array, quantum: float, noise: float) -> bool:
-    """Whether a movement to an end is too fast to stop there with the deceleration that it has."""
-    places = np.arange(1.0, len(depths) + 1.0)
-    design = places[:, None] ** np.arange(3)
-    inverse = np.linalg.pinv(design)
-    _, speed, bend = inverse @ depths
+def _is_fast(near: Array, depths: Array, stay: int, quantum: float, noise: float) -> bool:
+    """Whether a movement to an end is too fast to stop there, as this trajectory stops."""
+    places = np.arange(1.0, len(near) + 1.0)
+    inverse = np.linalg.pinv(places[:, None] ** np.arange(3))
+    speed = float(inverse[1] @ near)
+    # Up to so much is hidden by rounding, and by the step from one sample to the next.
+    hidden = max(SETTINGS.hidden_quanta * quantum, float(near[0]))
     doubt = SETTINGS.sure * noise * float(np.linalg.norm(inverse[1]))
-    # With the deceleration 2 * bend it stops after speed^2 / (4 * bend). Up to a quantum of this
-    # is hidden by rounding, and up to a step of the movement between two samples.
-    hidden = max(SETTINGS.hidden_quanta * quantum, float(depths[0]))
-    return speed > doubt and speed**2 > 4.0 * bend * hidden
+    if speed <= doubt or speed * stay <= hidden:
+        return False
+    deceleration = max(2.0 * float(inverse[2] @ near), _usual_bend(depths, len(near)))
+    return speed**2 > 2.0 * deceleration * hidden
+
+
+def _usual_bend(depths: Array, reach: int) -> float:
+    """Acceleration, in samples, that a trajectory hardly exceeds away from the end."""
+    away = depths > 0.0
+    bend = np.abs(depths[2 * reach :] - 2.0 * depths[reach:-reach] + depths[: -2 * reach])
+    bend = bend[away[2 * reach :] & away[reach:-reach] & away[: -2 * reach]]
+    return float(np.quantile(bend, SETTINGS.hardly)) / reach**2 if len(bend) else np.inf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, binary_opening
+from scipy.ndimage import binary_dilation
 
 from swsysid.differentiation._runs import runs_in
 from swsysid.differentiation._settings import SETTINGS
@@ -24,14 +24,18 @@ def loudness(jets: Array, smoother: Smoother, times: Array, noise: Array) -> Arr
     return found
 
 
-def at_rest(loud: Array, half: int) -> NDArray[np.bool_]:
-    """Rows of a trajectory whose derivatives are noise, and those beside them.
+def at_rest(smooth: Array, loud: Array, half: int, noise: Array) -> NDArray[np.bool_]:
+    """Rows of a trajectory that stay where they are for a while, and those beside them.
 
     Rows within half a window of a rest mix it with movement.
     """
-    # A movement that only turns is still for a moment.
-    lasting = binary_opening(loud <= 1.0, np.ones(SETTINGS.shortest_rest))
-    return np.asarray(binary_dilation(lasting, np.ones(2 * (half // 2) + 1)))
+    # A movement that only turns is still for a moment, and one that creeps gets somewhere.
+    runs = runs_in(loud <= 1.0)
+    spread = np.maximum.reduceat(smooth, runs.starts) - np.minimum.reduceat(smooth, runs.starts)
+    least = np.maximum(SETTINGS.sure * noise, SETTINGS.standing * np.ptp(smooth, axis=0))
+    rests = (loud[runs.starts] <= 1.0) & (runs.lengths >= SETTINGS.shortest_rest)
+    rests &= (spread <= least).all(axis=1)
+    return np.asarray(binary_dilation(rests[runs.numbers], np.ones(2 * (half // 2) + 1)))
 
 
 def thinned(rest: NDArray[np.bool_], loud: Array, window: int) -> NDArray[np.bool_]:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from swsysid.differentiation._runs import runs_in
 from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array
+
+
+def is_rounding(noise: Array, quantum: Array) -> NDArray[np.bool_]:
+    """Whether the noise of each column is that of rounding; more makes its errors white."""
+    return noise < SETTINGS.beyond_rounding * quantum
 
 
 def unrounded(x: Array, noise: Array, quantum: Array) -> Array:
@@ -17,8 +23,7 @@ def unrounded(x: Array, noise: Array, quantum: Array) -> Array:
     neighbours are no white noise. When it changes to the next value is known to a sample, though.
     """
     found = x.copy()
-    # More noise than that of rounding makes the errors of rounding white.
-    for k in np.flatnonzero(noise < SETTINGS.beyond_rounding * quantum):
+    for k in np.flatnonzero(is_rounding(noise, quantum)):
         found[:, k] = _unrounded(x[:, k], float(noise[k]), float(quantum[k]))
     return found
 

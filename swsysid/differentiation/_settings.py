@@ -40,7 +40,9 @@ class Settings:
     beyond_rounding: float = 0.4
     # standard deviations beyond which a speed is not noise; quanta that may hide a smooth turn
     sure: float = 4.0
-    hidden_quanta: float = 3.0
+    hidden_quanta: float = 6.0
+    # share of a trajectory that accelerates less than it does where it stops
+    hardly: float = 0.95
 
     # samples that a rest has at least; share of the largest derivative up to which there is none
     shortest_rest: int = 5

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.parameters import shown
-from swsysid.differentiation._rounding import unrounded
+from swsysid.differentiation._rounding import is_rounding, unrounded
 from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import (
     Array,
@@ -100,9 +100,9 @@ def strongest(
     if len(candidates) < 2:
         return candidates[0]
     smoothers = [candidate.smoother for candidate in candidates]
-    totals = _Totals(len(smoothers), quantum)
-    for x, t, rows in deciding_rows(parts):
-        noise = noise_in([x], quantum)
+    noises = [noise_in([x], quantum) for x, _ in parts]
+    totals = _Totals(len(smoothers), is_rounding(np.min(noises, axis=0), quantum))
+    for (x, t, rows), noise in zip(deciding_rows(parts), noises, strict=True):
         totals.add(smoothers, unrounded(x, noise, quantum), t, rows, noise**2, order)
     risks = totals.risks()
     return candidates[int(np.nanargmin(risks))] if np.isfinite(risks).any() else candidates[0]
@@ -127,11 +127,11 @@ class _Totals:
     Where j is k they are those of the estimates of k themselves.
     """
 
-    def __init__(self, n: int, quantum: Array):
-        n_columns = len(quantum)
+    def __init__(self, n: int, rounded: NDArray[np.bool_]):
+        n_columns = len(rounded)
         # Rounding is white noise only nearly, which tells most in comparisons with the weakest.
-        self.rounded = quantum > 0.0
-        self.margin = np.where(self.rounded, SETTINGS.rounding_margin, 1.0)
+        self.rounded = rounded
+        self.margin = np.where(rounded, SETTINGS.rounding_margin, 1.0)
         self.rows = np.zeros((n, n))  # at which both estimates exist
         self.departures = np.zeros((n, n, n_columns))  # squared differences of the estimates
         self.explained = np.zeros((n, n, n_columns))  # what noise alone would make of them

@@ -39,10 +39,10 @@ def _scale(differences: Array, quantum: float) -> float:
     if not len(differences):
         return 0.0
     median = float(robust_scale(differences))
-    if quantum == 0.0:
+    if median > quantum * _GAIN:
         return median / _GAIN
-    # The median of whole numbers of quanta jumps by quanta. The mean of their squares does not,
-    # and kinks count in it for no more than a few times the median.
+    # The median of few quanta jumps by quanta. The mean of their squares does not, and kinks count
+    # in it for no more than a few times the median.
     least = quantum * _UNIFORM * _GAIN
     limited = np.minimum(np.abs(differences), 3.0 * max(median, least))
     return max(float(np.sqrt(np.mean(limited**2))), least) / _GAIN
