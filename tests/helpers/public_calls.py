@@ -38,7 +38,7 @@ KINDS = {
     name: kind
     for kind, names in {
         "choice": "relaxation loss init solver format input_hold method mode_book variant system "
-        "noise_kind",
+        "noise_kind clipped rest",
         "choice?": "state equation",
         "coefficients": "coef candidates",
         "column": "values residual against",
