@@ -39,7 +39,7 @@ from swsysid._results import Array
 from swsysid._simulation.model import FittedModel, fitted_system
 from swsysid._surfaces.surface import Surface, decisions_of
 from swsysid.differentiation import estimate_noise
-from swsysid.differentiation._differentiate import measured_rows
+from swsysid.differentiation._record import measured_rows
 
 Model = TypeVar("Model", bound=FittedModel)
 

@@ -7,5 +7,14 @@ from swsysid.differentiation._differentiate import (
     differentiate,
     estimate_noise,
 )
+from swsysid.differentiation._sensors import Sensors, inspect_sensors
 
-__all__ = ["Derivatives", "Smoothing", "choose_smoothing", "differentiate", "estimate_noise"]
+__all__ = [
+    "Derivatives",
+    "Sensors",
+    "Smoothing",
+    "choose_smoothing",
+    "differentiate",
+    "estimate_noise",
+    "inspect_sensors",
+]

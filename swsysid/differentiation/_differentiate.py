@@ -18,17 +18,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import comb
+from numpy.typing import ArrayLike
 
-from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
+from swsysid._checks.arrays import names_of, table
 from swsysid._checks.parameters import flag, one_of, real, whole
 from swsysid._data.trajectories import group_labels, trajectories
-from swsysid._noise import robust_scale
 from swsysid.differentiation._derivatives import Derivatives, rates_appended
+from swsysid.differentiation._record import Record, measured_rows, record_of
+from swsysid.differentiation._rest import at_rest, loudness, thinned
+from swsysid.differentiation._sensors import inspect_sensors
 from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array, TooShortError
 from swsysid.differentiation._strength import Strength, strengths, strongest
+from swsysid.differentiation._white_noise import noise_in
 
 
 class Smoothing(NamedTuple):
@@ -65,6 +67,8 @@ def differentiate(
     decimate: int = 1,
     filter_inputs: bool = True,
     too_short: str = "raise",
+    clipped: str = "drop",
+    rest: str = "thin",
 ) -> Derivatives:
     r"""Smooth and differentiate measured trajectories.
 
@@ -103,6 +107,14 @@ def differentiate(
     too_short : {"raise", "drop"}, default="raise"
         What becomes of a trajectory with fewer samples than the filter needs. Where it may be
         dropped, one short trajectory does not keep the filter of all others weak.
+    clipped : {"drop", "keep"}, default="drop"
+        What becomes of samples at an end of the range of their sensor. ``"drop"`` treats them as
+        missing, with a warning that counts them; ``"keep"`` takes them as measured, for a system
+        that itself stops there. `inspect_sensors` lists them.
+    rest : {"thin", "keep"}, default="thin"
+        What becomes of rows at rest where they are more than a third. They would outvote those
+        that move: the law of most rows would be that nothing moves. ``"thin"`` keeps at most one
+        of them in each window of the filter, and few beside those that move.
 
     Returns
     -------
@@ -126,34 +138,43 @@ def differentiate(
     """
     states, times, labels, signals = measured_rows(x, t, groups, inputs)
     flag("filter_inputs", filter_inputs)
-    options = (window, degree, cutoff, decimate, too_short)
-    smoother = _strength(states, times, labels, method, order, *options).smoother
+    thin = one_of("rest", rest, ("thin", "keep")) == "thin"
     own = names_of(x, states.shape[1], "x")
+    record = record_of(states, times, labels, clipped, uneven=_takes_uneven(method), names=own)
+    options = (window, degree, cutoff, decimate, too_short)
+    smoother = _strength(record, method, order, *options).smoother
     names = rates_appended(own, names_of(inputs, signals.shape[1], "u"), order)
     # An object of PySINDy's is not a filter that could be applied to the inputs too.
     filter_inputs = filter_inputs and isinstance(method, str) and signals.shape[1] > 0
-    pieces, rows = [], trajectories(labels)
-    for label, index in rows:
-        try:
-            jets, trim = smoother(states[index], times[index], None)
-        except TooShortError as error:
-            if too_short == "drop":
-                continue
-            raise ValueError(f"Trajectory {label!r} {error}") from None
-        kept = index[trim : len(index) - trim]
-        extra = signals[kept]
-        if filter_inputs:
-            extra = smoother(signals[index], times[index], None)[0][0]
-        X, Xdot = np.hstack([*jets[:order], extra]), np.hstack([*jets[1 : order + 1]])
-        pieces.append([part[::decimate] for part in (X, Xdot, times[kept], labels[kept])])
+    pieces, noise, every = [], _noise(record), 1
+    for label, stretches in record.parts:
+        for index in stretches:
+            try:
+                jets, trim = smoother(states[index], times[index], None)
+            except TooShortError as error:
+                if too_short == "drop" or len(stretches) > 1:
+                    continue
+                raise ValueError(f"Trajectory {label!r} {error}") from None
+            kept = index[trim : len(index) - trim]
+            extra = signals[kept]
+            if filter_inputs:
+                extra = smoother(signals[index], times[index], None)[0][0]
+            X, Xdot = np.hstack([*jets[:order], extra]), np.hstack([*jets[1 : order + 1]])
+            loud = loudness(jets, smoother, times[index], noise)
+            still = at_rest(jets[0], loud, trim, noise)
+            parts = (X, Xdot, times[kept], labels[kept], still, loud)
+            pieces.append([part[::decimate] for part in parts])
+            every = max((2 * trim + 1) // decimate, 1)
     if not pieces:
-        longest = max(len(index) for _, index in rows)
+        lengths = [len(index) for index in record.stretches]
         raise ValueError(
-            f"No trajectory is long enough to be differentiated: the longest of {len(rows)} has "
-            f"{longest} samples; use a smaller window or record longer ones."
+            f"No trajectory is long enough to be differentiated: the longest of {len(lengths)} has "
+            f"{max(lengths, default=0)} samples; use a smaller window or record longer ones."
         )
-    X, Xdot, t, groups = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    return Derivatives(X, Xdot, t, groups, estimate_noise(states, labels), names)
+    *rows, still, loud = (np.concatenate(part) for part in zip(*pieces, strict=True))
+    stays = thinned(still & thin, loud, every)
+    X, Xdot, t, groups = (part[stays] for part in rows)
+    return Derivatives(X, Xdot, t, groups, noise, names)
 
 
 def choose_smoothing(
@@ -168,12 +189,13 @@ def choose_smoothing(
     cutoff: float | None = None,
     decimate: int = 1,
     too_short: str = "raise",
+    clipped: str = "drop",
 ) -> Smoothing:
     """The smoothing that `differentiate` would choose, from all trajectories.
 
     Parameters
     ----------
-    x, t, groups, method, order, window, degree, cutoff, decimate, too_short
+    x, t, groups, method, order, window, degree, cutoff, decimate, too_short, clipped
         Of `differentiate`.
 
     Returns
@@ -195,13 +217,23 @@ def choose_smoothing(
     115
     """
     states, times, labels, _ = measured_rows(x, t, groups, None)
-    options = (window, degree, cutoff, decimate, too_short)
-    chosen = _strength(states, times, labels, method, order, *options)
-    return Smoothing(method, chosen.window, chosen.cutoff, estimate_noise(states, labels))
+    record = record_of(states, times, labels, clipped, uneven=_takes_uneven(method))
+    chosen = _strength(record, method, order, window, degree, cutoff, decimate, too_short)
+    return Smoothing(method, chosen.window, chosen.cutoff, _noise(record))
+
+
+def _takes_uneven(method: str | object) -> bool:
+    """Whether a method fits on the actual times, however they are spaced."""
+    return method in ("savitzky_golay", "finite_difference")
+
+
+def _noise(record: Record) -> Array:
+    """Standard deviation of the noise in each column of a record."""
+    return noise_in([record.states[rows] for rows in record.stretches], record.quantum)
 
 
 def _strength(
-    states, times, labels, method, order, window, degree, cutoff, decimate, too_short
+    record: Record, method, order, window, degree, cutoff, decimate, too_short
 ) -> Strength:
     """The smoother that the options ask for, or the best one for all trajectories."""
     whole("order", order, most=2)
@@ -211,19 +243,21 @@ def _strength(
         raise ValueError(f"window={window!r} must be odd and larger than degree={degree!r}.")
     real("cutoff", cutoff, above=0, also=(None,))
     whole("decimate", decimate, most=SETTINGS.most_decimated)
-    may_drop = one_of("too_short", too_short, ("raise", "drop")) == "drop"
+    may_drop = one_of("too_short", too_short, ("raise", "drop")) == "drop" or record.is_split
     parts = []
-    for label, index in trajectories(labels):
-        steps = np.diff(times[index])
-        if len(steps) > 2 and steps.max() > SETTINGS.largest_gap * np.median(steps):
-            raise ValueError(
-                f"Trajectory {label!r} has a gap of {steps.max():g} where samples are usually "
-                f"{np.median(steps):g} apart; give the parts before and after it different groups."
-            )
-        parts.append((states[index], times[index]))
+    for label, stretches in record.parts:
+        for index in stretches:
+            steps = np.diff(record.times[index])
+            if len(steps) > 2 and steps.max() > SETTINGS.largest_gap * np.median(steps):
+                raise ValueError(
+                    f"Trajectory {label!r} has a gap of {steps.max():g} where samples are usually "
+                    f"{np.median(steps):g} apart; give the parts before and after it different "
+                    "groups."
+                )
+            parts.append((record.states[index], record.times[index]))
     known = [t for _, t in parts]
     candidates = strengths(method, known, window, degree, cutoff, decimate, may_drop)
-    return strongest(candidates, parts, [estimate_noise(x) for x, _ in parts], order)
+    return strongest(candidates, parts, record.quantum, order)
 
 
 def estimate_noise(x: ArrayLike, groups: ArrayLike | None = None) -> Array:
@@ -242,34 +276,8 @@ def estimate_noise(x: ArrayLike, groups: ArrayLike | None = None) -> Array:
     -------
     ndarray of shape (n_columns,)
     """
-    columns, order = table("x", x), SETTINGS.noise_order
+    columns = table("x", x)
     labels = group_labels(groups, len(columns))
-    differences = np.vstack(
-        [np.diff(columns[index], order, axis=0) for _, index in trajectories(labels)]
-    )
-    if not len(differences):
-        return np.zeros(columns.shape[1])
-    median = robust_scale(differences)
-    # Coarsely quantised signals mostly repeat themselves: their median is zero, their mean not.
-    mean = np.sqrt(np.mean(differences**2, axis=0))
-    return np.where(median > 0, median, mean) / np.sqrt(comb(2 * order, order))
-
-
-def measured_rows(x, t, groups, inputs) -> tuple[Array, Array, NDArray, Array]:
-    """States, times that increase along each trajectory, trajectories and inputs, checked."""
-    states = table("x", x)
-    n_rows = len(states)
-    times = column("t", t, n_rows)
-    for name, values in (("x", states), ("t", times)):
-        refuse_vanishing(name, values)
-    signals = np.empty((n_rows, 0)) if inputs is None else table("inputs", inputs, n_rows)
-    labels = group_labels(groups, n_rows)
-    for label, index in trajectories(labels):
-        steps = np.diff(times[index])
-        if len(steps) and steps.min() <= 0:
-            kind = "repeats a time" if steps.min() == 0 else "goes back in time"
-            raise ValueError(
-                f"Trajectory {label!r} {kind} at its sample {np.argmin(steps) + 1}; sort the rows "
-                "by time, remove repeated ones, and name separate trajectories by groups."
-            )
-    return states, times, labels, signals
+    sensors = inspect_sensors(columns, labels)
+    parts = [columns[rows[~sensors.held[rows]]] for _, rows in trajectories(labels)]
+    return noise_in(parts, sensors.quantum)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.parameters import shown
+from swsysid.differentiation._rounding import is_rounding, unrounded
 from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import (
     Array,
@@ -24,6 +25,7 @@ from swsysid.differentiation._smoothing import (
     local_polynomial,
     low_pass,
 )
+from swsysid.differentiation._white_noise import noise_in
 
 Part = tuple[Array, Array]  # measured columns and times of one trajectory
 
@@ -89,18 +91,19 @@ def _is_affordable(window: float, lengths: NDArray[np.intp], may_drop: bool) -> 
 
 
 def strongest(
-    candidates: Sequence[Strength], parts: Sequence[Part], noises: Sequence[Array], order: int
+    candidates: Sequence[Strength], parts: Sequence[Part], quantum: Array, order: int
 ) -> Strength:
     """The smoother, from weak to strong, with the least estimated error of the derivative.
 
-    Each trajectory has a noise of its own, of shape (n_columns,).
+    Each trajectory has a noise of its own; columns are rounded to the quantum where it is not 0.
     """
     if len(candidates) < 2:
         return candidates[0]
     smoothers = [candidate.smoother for candidate in candidates]
-    totals = _Totals(len(smoothers), parts[0][0].shape[1])
+    noises = [noise_in([x], quantum) for x, _ in parts]
+    totals = _Totals(len(smoothers), is_rounding(np.min(noises, axis=0), quantum))
     for (x, t, rows), noise in zip(deciding_rows(parts), noises, strict=True):
-        totals.add(smoothers, x, t, rows, noise**2, order)
+        totals.add(smoothers, unrounded(x, noise, quantum), t, rows, noise**2, order)
     risks = totals.risks()
     return candidates[int(np.nanargmin(risks))] if np.isfinite(risks).any() else candidates[0]
 
@@ -124,7 +127,11 @@ class _Totals:
     Where j is k they are those of the estimates of k themselves.
     """
 
-    def __init__(self, n: int, n_columns: int):
+    def __init__(self, n: int, rounded: NDArray[np.bool_]):
+        n_columns = len(rounded)
+        # Rounding is white noise only nearly, which tells most in comparisons with the weakest.
+        self.rounded = rounded
+        self.margin = np.where(rounded, SETTINGS.rounding_margin, 1.0)
         self.rows = np.zeros((n, n))  # at which both estimates exist
         self.departures = np.zeros((n, n, n_columns))  # squared differences of the estimates
         self.explained = np.zeros((n, n, n_columns))  # what noise alone would make of them
@@ -141,7 +148,7 @@ class _Totals:
             trims.append(trim)
         if not estimates:
             return
-        kernels = _kernels(smoothers[: len(estimates)], t, max(trims), order)
+        kernels = kernels_of(smoothers[: len(estimates)], t, max(trims), order)
         for k, estimate in enumerate(estimates):
             present = np.isfinite(estimate[:, 0])
             for j in range(k + 1):
@@ -159,12 +166,14 @@ class _Totals:
         weight = 1.0 / np.where(size > 0, size, 1.0)
         risks = np.full(len(counts), np.nan)
         for k in np.flatnonzero(counts):
-            bias = np.zeros_like(size)
+            bias, variance = np.zeros_like(size), self.explained[k, k] / counts[k]
             for j in range(k):
-                allowed = 1.0 + SETTINGS.doubt / np.sqrt(self.rows[k, j])
+                allowed = self.margin * (1.0 + SETTINGS.doubt / np.sqrt(self.rows[k, j]))
                 excess = self.departures[k, j] - allowed * self.explained[k, j]
+                far = self.explained[j, j] > SETTINGS.rounding_reach * variance * counts[j]
+                excess[self.rounded & far] = 0.0
                 bias = np.maximum(bias, excess / self.rows[k, j])
-            risks[k] = weight @ (bias + self.explained[k, k] / counts[k])
+            risks[k] = weight @ (bias + variance)
         return risks
 
 
@@ -176,7 +185,7 @@ def _derivative(smoother, x, t, rows, order) -> tuple[Array, int]:
     return padded, trim
 
 
-def _kernels(smoothers, t, trim: int, order: int) -> list[Array]:
+def kernels_of(smoothers, t, trim: int, order: int) -> list[Array]:
     """Weights of the samples around the middle of an even grid with the steps of `t`."""
     length = min(len(t), 4 * trim + 3)
     impulse = np.zeros((length, 1))

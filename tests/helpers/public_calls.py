@@ -22,7 +22,7 @@ from swsysid import (
     solve_mip,
 )
 from swsysid.diagnosis import noise_floor, residual_report, whiteness_test
-from swsysid.differentiation import differentiate, estimate_noise
+from swsysid.differentiation import differentiate, estimate_noise, inspect_sensors
 from swsysid.effects import CoulombFriction, PlacedEffect
 from swsysid.refinement import StatedModel, StatedSurface, initial_states, refine
 from swsysid.report import effect_page
@@ -38,7 +38,7 @@ KINDS = {
     name: kind
     for kind, names in {
         "choice": "relaxation loss init solver format input_hold method mode_book variant system "
-        "noise_kind",
+        "noise_kind clipped rest",
         "choice?": "state equation",
         "coefficients": "coef candidates",
         "column": "values residual against",
@@ -350,13 +350,14 @@ def _of_recordings():
         "differentiate",
         differentiate,
         _motion,
-        "x t groups inputs method order window degree cutoff decimate filter_inputs",
+        "x t groups inputs method order window degree cutoff decimate filter_inputs clipped rest",
         inputs="table?",
         method="method",
     )
     low_pass = _given(differentiate, method=lambda: "butterworth")
     yield _call("differentiate low-pass", low_pass, _motion, "cutoff decimate")
     yield _call("estimate_noise", estimate_noise, moved("x", "groups"), "x groups")
+    yield _call("inspect_sensors", inspect_sensors, moved("x", "groups"), "x groups")
     yield _call(
         "weak_form",
         weak_form,

@@ -1,0 +1,118 @@
+"""A recording as it is differentiated: checked, and without the rows that say nothing."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._checks.arrays import column, refuse_vanishing, table
+from swsysid._checks.parameters import one_of
+from swsysid._data.trajectories import group_labels, trajectories
+from swsysid._results import IdentificationWarning
+from swsysid.differentiation._sensors import Sensors, inspect_sensors
+from swsysid.differentiation._settings import SETTINGS
+from swsysid.differentiation._smoothing import Array
+
+Stretch = NDArray[np.intp]  # rows of a trajectory, in order of time
+
+
+def measured_rows(x, t, groups, inputs) -> tuple[Array, Array, NDArray, Array]:
+    """States, times that increase along each trajectory, trajectories and inputs, checked."""
+    states = table("x", x)
+    n_rows = len(states)
+    times = column("t", t, n_rows)
+    for name, values in (("x", states), ("t", times)):
+        refuse_vanishing(name, values)
+    signals = np.empty((n_rows, 0)) if inputs is None else table("inputs", inputs, n_rows)
+    labels = group_labels(groups, n_rows)
+    for label, index in trajectories(labels):
+        steps = np.diff(times[index])
+        if len(steps) and steps.min() <= 0:
+            kind = "repeats a time" if steps.min() == 0 else "goes back in time"
+            raise ValueError(
+                f"Trajectory {label!r} {kind} at its sample {np.argmin(steps) + 1}; sort the rows "
+                "by time, remove repeated ones, and name separate trajectories by groups."
+            )
+    return states, times, labels, signals
+
+
+class Record(NamedTuple):
+    """Trajectories in the stretches that are smoothed each by itself."""
+
+    states: Array
+    times: Array
+    quantum: Array  # (n_columns,)
+    clipped: NDArray[np.bool_]  # (n_samples,), in any column
+    # Each trajectory with its stretches, several where rows are missing between them.
+    parts: list[tuple[object, list[Stretch]]]
+
+    @property
+    def stretches(self) -> list[Stretch]:
+        """All stretches."""
+        return [stretch for _, each in self.parts for stretch in each]
+
+    @property
+    def is_split(self) -> bool:
+        """Whether a trajectory has several stretches."""
+        return any(len(stretches) != 1 for _, stretches in self.parts)
+
+
+def record_of(
+    states: Array,
+    times: Array,
+    labels: NDArray,
+    clipped: str,
+    *,
+    uneven: bool,
+    names: Sequence[str] = (),
+) -> Record:
+    """The rows that count; with `names` of the columns, what is wrong with them is said.
+
+    A smoother that takes `uneven` times bridges short gaps.
+    """
+    drop = one_of("clipped", clipped, ("drop", "keep")) == "drop"
+    sensors = inspect_sensors(states, labels)
+    if names:
+        _warn(states, sensors, names, drop)
+    beyond: NDArray[np.bool_] = np.asarray(sensors.clipped.any(axis=1) & drop)
+    parts = []
+    for label, rows in trajectories(labels):
+        there = rows[~(sensors.held | beyond)[rows]]
+        parts.append((label, _split(there, times, beyond, SETTINGS.bridged if uneven else 0.0)))
+    return Record(states, times, sensors.quantum, beyond, parts)
+
+
+def _split(rows: Stretch, times: Array, beyond: NDArray[np.bool_], bridged: float) -> list[Stretch]:
+    """Stretches between which clipped samples leave gaps longer than `bridged` steps."""
+    steps, missing = np.diff(times[rows]), np.diff(np.cumsum(beyond)[rows])
+    if not len(steps):
+        return [rows] * len(rows)
+    gaps = (missing > 0) & (steps > bridged * np.median(steps))
+    return np.split(rows, np.flatnonzero(gaps) + 1)
+
+
+def _warn(states: Array, sensors: Sensors, names: Sequence[str], drop: bool) -> None:
+    """Say which columns are constant and which are clipped."""
+    n_rows = len(states)
+    for name, values, beyond in zip(names, states.T, sensors.clipped.T, strict=True):
+        if n_rows > 1 and (values == values[0]).all():
+            _say(
+                f"{name} is {values[0]:g} in all {n_rows} samples: no law can be told from a "
+                "state that never changes; leave the column out, or record it while it moves."
+            )
+        if beyond.any():
+            ends = " and ".join(f"{end:g}" for end in np.unique(values[beyond]))
+            done = "count as missing" if drop else "are taken as measured"
+            _say(
+                f"{name} stays at the end of its range, {ends}, in {beyond.sum()} of {n_rows} "
+                f"samples, which {done}; record with a wider range, or give clipped='keep' if "
+                "the system itself stops there."
+            )
+
+
+def _say(sentence: str) -> None:
+    warnings.warn(sentence, IdentificationWarning, stacklevel=5)
