@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from swsysid._stays.decoding import Decoded, decode
 from swsysid._stays.filtering import Filter, smoothed_states
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
-from swsysid._stays.recordings import Recordings
+from swsysid._stays.recordings import Recordings, pieces_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate, Segments
 from swsysid._stays.stays import Stays
@@ -23,13 +24,8 @@ from swsysid._stays.stays import Stays
 class Assigned:
     """Modes of all intervals, and the states of the recordings in them."""
 
-    decoded: Decoded
+    modes: NDArray[np.intp]  # (n_times - 1, n_recordings)
     filter: Filter
-
-    @property
-    def log_likelihood(self) -> float:
-        """Of all recordings, up to what is the same for all laws."""
-        return float(self.decoded.log_likelihood.sum())
 
     def estimate(
         self,
@@ -43,7 +39,7 @@ class Assigned:
 
         Recordings that did not change have the instants and starts of the estimate before.
         """
-        modes = self.decoded.modes
+        modes = self.modes
         states = smoothed_states(self.filter, recordings, modes)
         stays = [
             Stays.of_intervals(modes[: len(t) - 1, place], t)
@@ -69,14 +65,33 @@ def assign(
 ) -> Assigned:
     """The modes, with that disturbance of the velocities which makes the recordings most likely.
 
-    `disturbances` (n_candidates, n_states) are spectral densities of the velocities.
+    `disturbances` (n_candidates, n_states) are spectral densities of the velocities, the largest
+    first; they are tried from the middle one on, as long as it gets better.
     """
-    found = []
-    for disturbance in disturbances:
-        filter_ = Filter(laws.known(), noise, disturbance)
-        decoded = decode(filter_, recordings, prior, price=price, n_kept=settings.n_kept)
-        found.append(Assigned(decoded, filter_))
-    return max(found, key=lambda one: one.log_likelihood)
+    pieces, places = recordings.cut(settings.piece, settings.overlap)
+    own = None if prior is None else pieces_of(prior, places)
+
+    @cache
+    def found(candidate: int) -> tuple[float, Decoded, Filter]:
+        filter_ = Filter(laws.known(), noise, disturbances[candidate])
+        decoded = decode(filter_, pieces, own, price=price, n_kept=settings.n_kept)
+        return float(decoded.log_likelihood.sum()), decoded, filter_
+
+    best = len(disturbances) // 2
+    while True:
+        nearby = [k for k in (best + 1, best - 1) if 0 <= k < len(disturbances)]
+        better = next((k for k in nearby if found(k)[0] > found(best)[0]), None)
+        if better is None:
+            break
+        best = better
+    _, decoded, filter_ = found(best)
+    modes = np.zeros(recordings.steps.shape, dtype=np.intp)
+    for place, piece in enumerate(places):
+        rows = slice(piece.first - piece.begin, piece.last - piece.begin)
+        modes[piece.first : piece.last, piece.recording] = decoded.modes[rows, place]
+    for k, n in enumerate(recordings.lengths):
+        modes[n - 1 :, k] = modes[n - 2, k]
+    return Assigned(modes, filter_)
 
 
 def disturbances(laws: Laws, recordings: Recordings, settings: StaySettings) -> Array:

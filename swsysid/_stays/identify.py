@@ -134,7 +134,7 @@ class Alternation:
         """Assign, estimate, refit the surface; the number of intervals whose mode changed."""
         settings = self.settings
         assigned = self._assigned(stage)
-        modes = assigned.decoded.modes
+        modes = assigned.modes
         changed = modes.size if not self.history else int((modes != self.modes).sum())
         if changed:
             before = self.found[-1].estimate if self.found else None
@@ -166,7 +166,7 @@ class Alternation:
         n_found = len(self.found)
         for _ in range(self.settings.rounds_of_simplified):
             assigned = self._assigned(last)
-            modes = assigned.decoded.modes
+            modes = assigned.modes
             if len(self.found) > n_found and np.array_equal(modes, self.modes):
                 break
             moved = (modes != self.modes).any(axis=0)
@@ -269,7 +269,7 @@ def _criterion(reached: Reached, noise: Array, settings: StaySettings) -> float:
 
 
 def _near(candidates: Array, chosen: Array) -> Array:
-    """The candidates from the chosen one to the next smaller one."""
+    """The chosen candidate and the next smaller one."""
     place = int(np.abs(candidates - chosen).sum(axis=1).argmin())
     return candidates[place : place + 2]
 

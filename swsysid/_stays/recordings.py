@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid.refinement._trajectories import Record
+
+
+class Piece(NamedTuple):
+    """Steps `first` to `last` of a recording, and what surrounds them."""
+
+    recording: int
+    begin: int
+    end: int
+    first: int
+    last: int
 
 
 @dataclass(frozen=True)
@@ -69,9 +80,35 @@ class Recordings:
         """Rows of the samples of all recordings one after the other, padded like `y`."""
         return np.concatenate([padded[places, k] for k, places in enumerate(self.sampled)])
 
+    def cut(self, length: int, overlap: int) -> tuple[Recordings, list[Piece]]:
+        """Pieces of so many steps side by side, each with some steps more to both sides."""
+        pieces = []
+        for k, t in enumerate(self.times):
+            n_steps = len(t) - 1
+            edges = np.linspace(0, n_steps, max(1, round(n_steps / length)) + 1).round().astype(int)
+            for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+                begin, end = max(0, first - overlap), min(n_steps, last + overlap)
+                pieces.append(Piece(k, begin, end, first, last))
+        times = tuple(self.times[p.recording][p.begin : p.end + 1] for p in pieces)
+        y = pieces_of(self.y, pieces, further=1)
+        y[np.arange(len(y))[:, None] >= [len(t) for t in times]] = np.nan
+        u, guess = (pieces_of(part, pieces, further=1) for part in (self.u, self.guess))
+        sampled = tuple(np.arange(len(t)) for t in times)
+        return Recordings(times, sampled, pieces_of(self.steps, pieces), y, u, guess), pieces
+
     def with_guess(self, guess: Array) -> Recordings:
         """The same with other rough states."""
         return replace(self, guess=guess)
+
+
+def pieces_of(padded: NDArray, pieces: Sequence[Piece], further: int = 0) -> NDArray:
+    """Rows of pieces of recordings side by side, zero after the end of each."""
+    longest = max(piece.end - piece.begin for piece in pieces) + further
+    cut = np.zeros((longest, len(pieces), *padded.shape[2:]), dtype=padded.dtype)
+    for place, piece in enumerate(pieces):
+        rows = padded[piece.begin : piece.end + further, piece.recording]
+        cut[: len(rows), place] = rows
+    return cut
 
 
 _LONGEST = 1.5  # intervals: a longer step is divided

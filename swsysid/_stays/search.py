@@ -17,6 +17,7 @@ from swsysid._stays.count import CountCandidate, fewest_modes
 from swsysid._stays.given import Given, check_channels
 from swsysid._stays.identify import Alternation, StayIdentification
 from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
+from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.start import Differentiated, differentiated, start_from
 from swsysid._stays.terms import with_few_terms
@@ -54,7 +55,7 @@ class Search:
     ):
         check_channels(given)
         _check_observed(observed, given)
-        self.estimator, self.given, self.order = estimator, given, order
+        self.estimator, self.given, self.order = estimator, without_clipped(given), order
         self.settings, self.told = settings, told
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}

@@ -14,6 +14,10 @@ class StaySettings:
     disturbances: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01, 0.003)
     memory: int = 3
     n_kept: int = 6  # hypotheses of a recording
+    # intervals that are decoded side by side, and those more to both sides in which a hypothesis
+    # settles
+    piece: int = 100
+    overlap: int = 15
     # of a switch, in nats, in the first round and in later ones: once the surface is known a switch
     # follows from it
     prices: tuple[float, ...] = (4.0, 3.0, 2.0, 1.0)

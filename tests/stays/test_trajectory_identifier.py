@@ -11,7 +11,12 @@ from sklearn.preprocessing import FunctionTransformer
 
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
-from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid import (
+    IdentificationWarning,
+    PolynomialSurfaceClassifier,
+    SwitchingSystemRegressor,
+    TrajectoryIdentifier,
+)
 from swsysid.metrics import balanced_mode_accuracy
 
 NOISE = 0.01
@@ -103,6 +108,25 @@ def test_a_gap_and_another_rate_do_no_harm():
     found = TrajectoryIdentifier(estimator()).fit(recordings)
     np.testing.assert_allclose(in_order(found.estimator_.coef_), TRUTH, atol=0.01)
     assert len(found.switch_times_[0]) == len(data.stays[0][1])  # one of them within the gap
+
+
+def test_samples_at_the_end_of_a_range_count_as_missing():
+    data = oscillator()
+    clipped = np.clip(data.x, None, [3.0, np.inf])
+    with pytest.warns(IdentificationWarning, match="end of the range of their sensor"):
+        found = TrajectoryIdentifier(estimator()).fit(clipped, data.t, data.groups)
+    np.testing.assert_allclose(in_order(found.estimator_.coef_), TRUTH, atol=0.01)
+    beyond = data.states[:, 0] > 3.0
+    assert np.abs(found.states_ - data.states)[beyond].max() < 0.1  # up to 1.6 is cut off
+
+
+def test_an_encoder_does_no_harm():
+    data = oscillator()
+    quantum = 0.05
+    rounded = quantum * np.round(data.states / quantum)
+    found = TrajectoryIdentifier(estimator()).fit(rounded, data.t, data.groups)
+    np.testing.assert_allclose(in_order(found.estimator_.coef_), TRUTH, atol=0.01)
+    np.testing.assert_allclose(found.noise_, quantum / np.sqrt(12.0), rtol=0.1)
 
 
 def test_the_order_of_recordings_and_their_labels_mean_nothing():

@@ -1,0 +1,41 @@
+"""Samples at an end of the range of their sensor: the true value lies beyond, and is missing."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from swsysid._results import IdentificationWarning
+from swsysid._stays.given import Given
+from swsysid.differentiation import inspect_sensors
+from swsysid.refinement._trajectories import Record
+
+
+def without_clipped(given: Given) -> Given:
+    """The recordings with clipped samples missing, and one sentence that counts them."""
+    lengths = [len(record.t) for record in given.records]
+    labels = np.repeat(np.arange(len(lengths)), lengths)
+    clipped = inspect_sensors(np.vstack([r.filled for r in given.records]), labels).clipped
+    clipped &= np.isfinite(np.vstack([record.y for record in given.records]))
+    if not clipped.any():
+        return given
+    names = given.names or [f"x{k}" for k in range(given.n_channels)]
+    counts = ", ".join(
+        f"{count} of {name}"
+        for count, name in zip(clipped.sum(axis=0), names, strict=False)
+        if count
+    )
+    warnings.warn(
+        f"samples stand at an end of the range of their sensor ({counts}) and count as missing; "
+        "record with a wider range.",
+        IdentificationWarning,
+        stacklevel=4,
+    )
+    parts = np.split(clipped, np.cumsum(lengths)[:-1])
+    records = [
+        Record(record.t, np.where(part, np.nan, record.y), record.u)
+        for record, part in zip(given.records, parts, strict=True)
+    ]
+    return replace(given, records=records)
