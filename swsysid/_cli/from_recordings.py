@@ -11,6 +11,7 @@ from sklearn.base import clone
 from swsysid._cli.recorded import Recorded
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import RECORDINGS
+from swsysid._cli.verdict import relative_error
 from swsysid._data.matching import best_matching
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, SolverError
@@ -63,24 +64,32 @@ def identify_recordings(
     recorded = samples.recorded
     if recorded is None or samples.t is None:
         return None, ""
-    if len(recorded.t) > RECORDINGS.most_samples:
-        fewer = -(-len(recorded.t) // RECORDINGS.most_samples)
+    is_plain = model.feature_library is None or isinstance(model.feature_library, int)
+    most = RECORDINGS.most_samples if is_plain else RECORDINGS.most_of_pipelines
+    if len(recorded.t) > most:
+        fewer = -(-len(recorded.t) // most)
         return None, (
-            f"Identified from derivatives: rollouts of more than {RECORDINGS.most_samples:,} samples "
+            f"Identified from derivatives: rollouts of more than {most:,} samples of these terms "
             f"take long (--decimate {fewer} makes them fewer)."
         )
     try:
         identifier, whole = _fitted(model, samples, recorded, order, n_jobs, verbose)
     except (ValueError, SolverError) as error:
         return None, f"Identified from derivatives: {error}"
-    if identifier.n_modes_ != model.n_modes_:
+    predicted = identifier.predict_modes(samples.frame)
+    shown = min(identifier.n_modes_, 1 if (predicted == predicted[0]).all() else model.n_modes_)
+    if shown < model.n_modes_:
         return None, (
             "Identified from derivatives: the trajectories themselves show "
-            f"{identifier.n_modes_} of {model.n_modes_} modes."
+            f"{shown} of {model.n_modes_} modes."
         )
-    modes = recorded.at(
-        samples.t, samples.groups, identifier.modes_, identifier.predict_modes(samples.frame)
-    )
+    left, before = _left(identifier.estimator_, samples), _left(model, samples)
+    if (_excess(identifier) > RECORDINGS.noise_alone).any() and left > RECORDINGS.worse * before:
+        return None, (
+            "Identified from derivatives: the laws that follow the trajectories best miss their "
+            "derivatives, and so lack something."
+        )
+    modes = recorded.at(samples.t, samples.groups, identifier.modes_, predicted)
     return FromRecordings(identifier, whole, modes, recorded.labels), ""
 
 
@@ -110,6 +119,12 @@ def _fitted(
     if (_excess(whole) > RECORDINGS.noise_alone).any() or whole.n_modes_ != stretches.n_modes_:
         return stretches, False
     return whole, True
+
+
+def _left(model: SwitchingSystemRegressor, samples: Samples) -> float:
+    """What a model leaves of the derivatives that are not known."""
+    errors = (samples.Xdot - model.predict(samples.frame))[:, samples.n_known :]
+    return relative_error(errors, samples.Xdot[:, samples.n_known :].std(axis=0))
 
 
 def _excess(identifier: TrajectoryIdentifier) -> Array:

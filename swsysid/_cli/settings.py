@@ -31,8 +31,13 @@ class Recordings:
 
     # A sample takes a millisecond where the laws are right and six where they lack something.
     most_samples: int = 20_000
+    # The same for a pipeline of transformers, which takes some fifty times as long for a step.
+    most_of_pipelines: int = 2_000
     # Times the noise of neighbouring samples from which on rollouts leave more than noise.
     noise_alone: float = 1.3
+    # Times the error of derivatives that the model of derivatives has, where rollouts leave more
+    # than noise; right laws may have this much, for smoothing bends derivatives at a switch.
+    worse: float = 2.0
     # Trajectories, and switches of each, whose instants are printed; the file holds all.
     most_trajectories: int = 8
     most_instants: int = 8
