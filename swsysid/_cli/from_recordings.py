@@ -83,8 +83,16 @@ def identify_recordings(
             "Identified from derivatives: the trajectories themselves show "
             f"{shown} of {model.n_modes_} modes."
         )
+    excess = _excess(identifier)
+    if (excess > RECORDINGS.hopeless).any():
+        worst = int(np.argmax(excess))
+        return None, (
+            "Identified from derivatives: over stretches of 30 samples rollouts leave "
+            f"{excess[worst]:.2g} times the noise of {samples.names[worst]}; a term, a mode or an "
+            "effect is missing (--diagnose looks for it)."
+        )
     left, before = _left(identifier.estimator_, samples), _left(model, samples)
-    if (_excess(identifier) > RECORDINGS.noise_alone).any() and left > RECORDINGS.worse * before:
+    if (excess > RECORDINGS.noise_alone).any() and left > RECORDINGS.worse * before:
         return None, (
             "Identified from derivatives: the laws that follow the trajectories best miss their "
             "derivatives, and so lack something."

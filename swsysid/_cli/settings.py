@@ -35,6 +35,8 @@ class Recordings:
     most_of_pipelines: int = 2_000
     # Times the noise of neighbouring samples from which on rollouts leave more than noise.
     noise_alone: float = 1.3
+    # The same, from which on what the laws lack decides the answer and not the noise.
+    hopeless: float = 10.0
     # Times the error of derivatives that the model of derivatives has, where rollouts leave more
     # than noise; right laws may have this much, for smoothing bends derivatives at a switch.
     worse: float = 2.0

@@ -92,8 +92,16 @@ def test_laws_that_lack_something_are_called_so(contact, tmp_path, capsys):
     """One law for the free cart and the bumper."""
     arguments = [contact[0], "--states", "x", "v", *ROLES, "--modes", "1"]
     text = text_of([*arguments, "--output", str(tmp_path)], capsys)
-    assert re.search(r"Over stretches of 30 samples rollouts leave \S+ times the noise of", text)
+    assert re.search(r"[Oo]ver stretches of 30 samples rollouts leave \S+ times the noise of", text)
     assert "a term, a mode or an effect is missing (--diagnose looks for it)" in text
+
+
+def test_where_the_laws_lack_very_much_derivatives_decide(contact, tmp_path, capsys, monkeypatch):
+    strict = replace(RECORDINGS, hopeless=RECORDINGS.noise_alone)
+    monkeypatch.setattr(from_recordings, "RECORDINGS", strict)
+    arguments = [contact[0], "--states", "x", "v", *ROLES, "--modes", "1"]
+    text = text_of([*arguments, "--output", str(tmp_path)], capsys)
+    assert "Identified from derivatives: over stretches of 30 samples rollouts leave" in text
 
 
 def test_what_would_take_long_is_left_to_derivatives(contact, tmp_path, capsys, monkeypatch):
