@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from scipy.stats import norm as normal
 from scipy.stats import t as student
 from sklearn.base import clone
-from tqdm import tqdm
 
 from swsysid._checks.estimators import rows_and_velocities, rows_of
 from swsysid._checks.parameters import MOST_RESAMPLES, jobs, random_numbers, real, verbosity, whole
@@ -22,6 +21,7 @@ from swsysid._identification.descent import alternate
 from swsysid._identification.setup import build_problem
 from swsysid._losses import get_loss
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._rendering.progress import watched
 from swsysid._results import Array
 from swsysid._simulation.model import fitted_system
 from swsysid._surfaces.surface import fit_weighted, mode_book_of
@@ -211,7 +211,7 @@ def bootstrap(
     settle = {"max_iter": estimator.max_iter, "tol": estimator.tol}
     answers = Parallel(n_jobs=n_jobs)(
         delayed(_refit)(problem, modes, weight, points, settle)
-        for weight in tqdm(drawn[:, blocks].astype(float), desc="resamples", disable=not verbose)
+        for weight in watched(list(drawn[:, blocks].astype(float)), "resamples", bool(verbose))
     )
     kept = [answer for answer in answers if answer is not None]
     if len(kept) < max(2, n_resamples // 10):

@@ -18,12 +18,13 @@ Identify a switching system from measured trajectories: the differential equatio
 and the surface in the state space at which the law changes.
 
 Give a recording with one column for each signal: a text file of any layout, a spreadsheet, .npz,
-.parquet or .mat. States are smoothed and differentiated unless their derivatives are measured too;
-what had to be mended, masked or left out is printed with its rows of the file. The equations, the
-switching surface and the error on held-out data, beside that of the best model without switching,
-are printed; the model (model.json), the text (identification.txt) and a picture of the modes
-(phase_portrait.png) go into a folder. Without a file, a built-in damped oscillator is simulated,
-measured with noise and identified.
+.parquet or .mat. Unless derivatives are measured too, the laws, modes and switch instants are those
+under which the recording is most likely; smoothed derivatives serve as a start and as a test. What
+had to be mended, masked or left out is printed with its rows of the file. The equations with their
+standard errors, the switching surface and the error on held-out data, beside that of the best model
+without switching, are printed; the model (model.json), the text (identification.txt) and a picture
+of the modes (phase_portrait.png) go into a folder. Without a file, a built-in damped oscillator is
+simulated, measured with noise and identified.
 
 With --diagnose the identified model is then asked what it lacks: friction, backlash, delays,
 saturations, forces, sensor offsets and more are tried on what it leaves over, and judged on
@@ -170,6 +171,11 @@ def _add_model(add: Callable) -> None:
         choices=("auto", "yes", "no"),
         default="auto",
         help="with --order 2: may the law depend on the position? auto asks the data",
+    )
+    add(
+        "--quick",
+        action="store_true",
+        help="stop at the model that computed derivatives give: no standard errors, no instants",
     )
     add("--test-fraction", type=float, default=0.3, help="held out for the error (default: 0.3)")
     add("--output", type=Path, default=Path("swsysid_output"), metavar="DIR", help="folder to fill")

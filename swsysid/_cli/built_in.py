@@ -13,9 +13,7 @@ SENSOR_NOISE = 0.01  # in m and m/s
 
 def oscillator(random_state: int) -> tuple[Table, Measurement]:
     """A damped oscillator, measured along trajectories with sensor noise."""
-    data = make_damped_oscillator(
-        None, n_trajectories=20, time_step=0.02, random_state=random_state
-    )
+    data = make_damped_oscillator(None, n_trajectories=8, time_step=0.02, random_state=random_state)
     noise = np.random.default_rng(random_state).standard_normal(data.X.shape)
     x, v = (data.X + SENSOR_NOISE * noise).T
     columns = {"x": x, "v": v, "t": data.t, "trajectory": data.groups}

@@ -10,9 +10,11 @@ import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._cli.from_recordings import FromRecordings, identify_recordings
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.settings import JUDGING
@@ -35,6 +37,7 @@ class JobOptions:
     position: str = "auto"  # with order 2: "yes" and "no" let the law use the positions or not
     test_fraction: float = 0.3
     random_state: int = 0
+    quick: bool = False  # derivatives alone, however noisy
     n_jobs: int | None = None
     verbose: bool = False
 
@@ -43,7 +46,10 @@ class JobOptions:
 class JobResult:
     """What was identified and how well such models predict rows that they never saw."""
 
-    model: SwitchingSystemRegressor  # searched for on all rows; its columns have names
+    model: SwitchingSystemRegressor  # of all rows; its columns have names
+    modes: NDArray[np.intp]  # of the rows, by that model
+    declared: SwitchingSystemRegressor  # searched for on derivatives: where the model starts
+    found: FromRecordings | None  # the model beside what else the recordings tell
     samples: Samples
     options: JobOptions
     terms: Terms  # of the laws of the model
@@ -52,11 +58,13 @@ class JobResult:
     given_up: int | None  # modes that "auto" found before a smooth law proved as good
     position_gain: float | None  # by which positions lower the error, where that decided
     notes: tuple[str, ...]  # what the fit of the model warned about
+    remark: str = ""  # why the model is one of derivatives, where they were computed
 
 
 def run_job(table: Table, options: JobOptions) -> JobResult:
     """Differentiate, identify, and compare with smooth laws of one mode on held-out rows.
 
+    Where derivatives were computed, the model goes on from the recordings themselves.
     TableError and ValueError say in a sentence what to change.
     """
     samples = measure(table, options.measurement)
@@ -69,8 +77,29 @@ def run_job(table: Table, options: JobOptions) -> JobResult:
         given_up, terms = model.n_modes_, comparison.best.terms
         plain = _regressor(terms, samples, replace(options, modes=1)).set_params(sparsity="auto")
         model, notes = _fit_with_notes(plain, samples)
+    found, remark = None, ""
+    if not (comparison.constant or options.quick):
+        order = options.measurement.order
+        found, remark = identify_recordings(
+            model, samples, order=order, n_jobs=options.n_jobs, verbose=options.verbose
+        )
+    if found is not None:
+        names = found.names_of_modes(model.modes_)
+        comparison = replace(comparison, untested=tuple(names[list(comparison.untested)].tolist()))
     return JobResult(
-        model, samples, options, terms, split, comparison, given_up, position_gain, notes
+        model=model if found is None else found.model,
+        modes=model.modes_ if found is None else found.modes,
+        declared=model,
+        found=found,
+        samples=samples,
+        options=options,
+        terms=terms,
+        split=split,
+        comparison=comparison,
+        given_up=given_up,
+        position_gain=position_gain,
+        notes=notes,
+        remark=remark,
     )
 
 

@@ -74,7 +74,7 @@ def _diagnose(
     import pandas as pd
 
     samples, named = result.samples, result.options.measurement
-    declared = clone(result.model).set_params(init="auto", n_modes=result.options.modes)
+    declared = clone(result.declared).set_params(init="auto", n_modes=result.options.modes)
     search = EffectSearchCV(
         declared,
         effects=list(effects),

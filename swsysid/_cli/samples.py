@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swsysid._cli.masking import complete_cells
 from swsysid._cli.measurement import Measurement, check_roles
+from swsysid._cli.recorded import Recorded
 from swsysid._cli.runs import Runs, runs_of
 from swsysid._cli.settings import PREPARING
 from swsysid._rendering.columns import counted
@@ -45,6 +46,7 @@ class Samples:
     decimate: int
     smoothing: Smoothing | None  # with the noise found in the states; None for measured rates
     remarks: tuple[str, ...]  # what reading had to mend, to mask and to leave out
+    recorded: Recorded | None = None  # before smoothing; None for measured rates
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -88,6 +90,7 @@ def measure(table: Table, what: Measurement) -> Samples:
         decimate=what.decimate,
         smoothing=smoothing,
         remarks=(*table.remarks, *remarks),
+        recorded=None if what.derivatives else Recorded.of(numbers[runs.rows], runs.labels, what),
     )
 
 

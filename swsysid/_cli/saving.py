@@ -78,7 +78,7 @@ def _draw(result: JobResult, path: Path) -> str:
 
     told = {"names": samples.names, "units": samples.units}
     display = SwitchingSurfaceDisplay.from_estimator(
-        result.model, samples.X, modes="fitted", **told
+        result.model, samples.X, modes=result.modes, **told
     )
     display.figure_.savefig(path, dpi=150)
     plt.close(display.figure_)

@@ -26,6 +26,26 @@ class Preparing:
 
 
 @dataclass(frozen=True)
+class Recordings:
+    """From recordings to a model, without derivatives."""
+
+    # A sample takes a millisecond where the laws are right and six where they lack something.
+    most_samples: int = 20_000
+    # The same for a pipeline of transformers, which takes some fifty times as long for a step.
+    most_of_pipelines: int = 2_000
+    # Times the noise of neighbouring samples from which on rollouts leave more than noise.
+    noise_alone: float = 1.3
+    # The same, from which on what the laws lack decides the answer and not the noise.
+    hopeless: float = 10.0
+    # Times the error of derivatives that the model of derivatives has, where rollouts leave more
+    # than noise; right laws may have this much, for smoothing bends derivatives at a switch.
+    worse: float = 2.0
+    # Trajectories, and switches of each, whose instants are printed; the file holds all.
+    most_trajectories: int = 8
+    most_instants: int = 8
+
+
+@dataclass(frozen=True)
 class Judging:
     """From errors on held-out rows to a verdict."""
 
@@ -63,4 +83,5 @@ class Wording:
     fewest_switches: int = 3
 
 
-PREPARING, JUDGING, WORDING = Preparing(), Judging(), Wording()
+PREPARING, RECORDINGS = Preparing(), Recordings()
+JUDGING, WORDING = Judging(), Wording()

@@ -6,11 +6,11 @@ import numpy as np
 
 from swsysid._cli.guard_words import memory, regions
 from swsysid._cli.job import JobResult
+from swsysid._cli.recording_words import recording_text, standard_errors
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import JUDGING, WORDING
 from swsysid._cli.verdict import Comparison, Verdict
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.columns import text_table
 from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
@@ -19,7 +19,9 @@ from swsysid._surfaces.surface import solves_margin_program
 
 def render(result: JobResult) -> str:
     """The whole text, sections separated by empty lines."""
-    parts = [_data(result), *_laws(result), _guards(result), _errors(result), verdict_text(result)]
+    told = recording_text(result.found, result.samples) if result.found else result.remark
+    parts = [_data(result), *_laws(result), _guards(result), told]
+    parts += [_errors(result), verdict_text(result)]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -78,21 +80,23 @@ def _laws(result: JobResult) -> list[str]:
     rates = samples.rate_names[: samples.n_known]
     known = zip(samples.names, rates, strict=False)
     sections = ["\n".join(f"known: the derivative of {name} is {rate}" for name, rate in known)]
-    for mode, share in enumerate(_shares(model)):
+    for mode, share in enumerate(_shares(result)):
         lines = [f"mode {mode} ({100 * share:.0f} % of the samples)"]
         for state in range(samples.n_known, len(samples.rate_names)):
             row = model.coef_[mode, state]
             rate = samples.rate_names[state]
             lines.append(f"    {rate} = {_sum(row, features)}{_unit_after(samples.unit(rate))}")
-            if _is_driven(row, features, samples, state, model.modes_ == mode):
+            if result.found is not None:
+                lines += standard_errors(result.found, mode, state, features)
+            if _is_driven(row, features, samples, state, result.modes == mode):
                 lines.append(_balance(row, features, rate, samples))
         sections.append("\n".join(lines))
     return sections
 
 
-def _shares(model: SwitchingSystemRegressor) -> Array:
+def _shares(result: JobResult) -> Array:
     """Share of the samples in each mode."""
-    return np.bincount(model.modes_, minlength=model.n_modes_) / len(model.modes_)
+    return np.bincount(result.modes, minlength=result.model.n_modes_) / len(result.modes)
 
 
 def _is_driven(row, features, samples, state: int, members) -> bool:
@@ -140,7 +144,7 @@ def _guards(result: JobResult) -> str:
         equations = model.surface_equations(precision=WORDING.precision)
         return "\n    ".join(["switching surface", *lines, *equations])
     always = int(model.surface_.predict(samples.X[:1])[0])
-    shares = enumerate(_shares(model))
+    shares = enumerate(_shares(result))
     listed = ", ".join(f"mode {mode} in {100 * share:.0f} %" for mode, share in shares)
     lines = [
         f"no switching surface: the fitted one gives mode {always} to every sample, although the "
@@ -148,7 +152,7 @@ def _guards(result: JobResult) -> str:
         "The same values of the columns are seen in different modes: these columns do not tell "
         "the modes apart.",
     ]
-    told = memory(model.modes_, samples) if model.n_modes_ == 2 else ""
+    told = memory(result.modes, samples) if model.n_modes_ == 2 else ""
     if told:
         lines.append(f"The modes have a memory (hysteresis): {told}.")
     lines.append(
@@ -201,7 +205,9 @@ def verdict_text(result: JobResult) -> str:
             f"{_n_compared(result)} modes: {_change(comparison)})."
         )
     if model.n_modes_ > 1:
-        stability = f"The same answer came from {100 * model.stability_:.0f} % of the starts."
+        stability = (
+            f"The same answer came from {100 * result.declared.stability_:.0f} % of the starts."
+        )
         return f"{_of_modes(result)}\n{stability}"
     best = comparison.best
     if best is comparison.rivals[0]:

@@ -263,6 +263,8 @@ class FeatureMap:
 
     def at_rows(self, X) -> np.ndarray:
         """Phi(X) as it comes, also where it overflows or has no value."""
+        if not len(X):  # transformers of scikit-learn refuse no rows
+            return np.empty((0, len(self.names_out)))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             if self._monomials is not None and isinstance(X, np.ndarray):
                 return self._monomials(X)

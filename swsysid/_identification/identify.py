@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 from joblib import Parallel, delayed
-from tqdm import tqdm
 
 from swsysid._data.rows import spread_rows
 from swsysid._identification.calibration import calibrate
@@ -24,6 +23,7 @@ from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import Parameters
 from swsysid._identification.sparsity import choose_terms
 from swsysid._identification.starts import Search, Starts, draw_starts
+from swsysid._rendering.progress import watched
 from swsysid._seeding.search import same_partition
 from swsysid.relaxations._base import one_hot
 
@@ -112,7 +112,7 @@ def _best_of(
         few, memberships = problem.some(rows), [start[rows] for start in memberships]
     runs = Parallel(n_jobs=parameters.n_jobs)(
         delayed(descent)(few, start)
-        for start in tqdm(memberships, desc="starts", disable=not parameters.verbose)
+        for start in watched(memberships, "starts", bool(parameters.verbose))
     )
     best = min(runs, key=lambda run: run.objective)
     hits = sum(

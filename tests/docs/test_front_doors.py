@@ -125,7 +125,9 @@ def test_the_chart_of_settings_names_what_exists():
         assert any(hasattr(home, name) for home in homes), name
 
 
-@pytest.mark.parametrize("page", ["glossary", "how_to_choose", "coming_from_pysindy", "quickstart"])
+@pytest.mark.parametrize(
+    "page", ["glossary", "how_to_choose", "coming_from_pysindy", "quickstart", "from_recordings"]
+)
 def test_fitted_attributes_that_a_page_names_exist(page):
     described = " ".join(
         inspect.getdoc(cls)
@@ -133,6 +135,7 @@ def test_fitted_attributes_that_a_page_names_exist(page):
             swsysid.SwitchingSystemRegressor,
             swsysid.PolynomialSurfaceClassifier,
             swsysid.EffectSearchCV,
+            swsysid.TrajectoryIdentifier,
         )
     )
     named = set(re.findall(r"`(\w+[a-z]_)`", _text(f"docs/{page}.md")))

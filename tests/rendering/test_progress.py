@@ -1,10 +1,13 @@
 """Bars of progress go to standard error, only where asked for, and end full."""
 
+from time import sleep
+
 import numpy as np
 import pytest
 
-from swsysid import EffectSearchCV, SwitchingSystemRegressor
-from swsysid._rendering.progress import progress
+from swsysid import EffectSearchCV, SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid._rendering import progress as module
+from swsysid._rendering.progress import progress, watched
 from swsysid.effects import CoulombFriction
 from swsysid.refinement import StatedModel, refine
 
@@ -23,6 +26,41 @@ def test_a_bar_ends_full_when_the_work_ends_early(most, capsys):
         bar.update(3)
     (shown,) = _last(capsys.readouterr().err)
     assert shown.startswith("rounds: 100%") and "3/3" in shown
+
+
+def test_short_work_leaves_its_full_bar_only(capsys):
+    assert list(watched([1, 2, 3], "steps", verbose=True)) == [1, 2, 3]
+    drawn = [frame for frame in capsys.readouterr().err.split("\r") if frame]
+    assert drawn and all("3/3" in frame for frame in drawn)
+
+
+def test_a_long_step_is_seen_to_go_on(capsys, monkeypatch):
+    monkeypatch.setattr(module, "_BEAT", 0.05)
+    with progress(None, "rounds", verbose=True):
+        sleep(0.4)
+    assert capsys.readouterr().err.count("rounds: 0it") >= 2
+
+
+def test_work_that_fails_leaves_no_bar_open(capsys, monkeypatch):
+    monkeypatch.setattr(module, "_BEAT", 0.05)
+    with pytest.raises(RuntimeError), progress(3, "rounds", verbose=True):
+        sleep(0.2)
+        raise RuntimeError
+    shown = capsys.readouterr().err
+    assert "0/3" in shown and shown.endswith("\n")
+    with pytest.raises(RuntimeError), progress(3, "rounds", verbose=True):
+        raise RuntimeError
+    assert capsys.readouterr().err == ""  # a refusal comes without a bar
+
+
+def test_an_identification_from_recordings_shows_its_rounds(capsys):
+    t = np.linspace(0.0, 5.0, 60)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(60)
+    one = SwitchingSystemRegressor(n_modes=1, random_state=0)
+    found = TrajectoryIdentifier(one, verbose=1).fit(np.exp(-t) + noise, t)
+    (shown,) = _last(capsys.readouterr().err)
+    assert shown.startswith("rounds: 100%")
+    assert found.history_
 
 
 def test_refine_shows_its_integrations(capsys):

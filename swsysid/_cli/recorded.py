@@ -1,0 +1,54 @@
+"""The trajectories of a file as they were measured, for an identification without derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._cli.measurement import Measurement
+from swsysid._data.trajectories import group_labels, places_along, trajectories
+from swsysid._results import Array
+from swsysid._stays.given import FEWEST_SAMPLES
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Measured states and inputs with their times, in order of time within each trajectory."""
+
+    states: Array  # as they are in the file; with order 2 positions
+    inputs: Array
+    t: Array
+    groups: NDArray
+
+    @classmethod
+    def of(cls, numbers: Array, labels: NDArray, what: Measurement) -> Recorded:
+        """Every K-th row, without trajectories that are too short for a motion."""
+        codes = np.unique(labels, return_inverse=True)[1]
+        kept = places_along(codes) % what.decimate == 0
+        kept &= np.bincount(codes, weights=kept)[codes] >= FEWEST_SAMPLES
+        n_states, n_inputs = len(what.states), len(what.inputs)
+        rows = numbers[kept]
+        return cls(
+            rows[:, :n_states],
+            rows[:, n_states : n_states + n_inputs],
+            rows[:, -1],
+            labels[kept],
+        )
+
+    @property
+    def labels(self) -> list[object]:
+        """Names of the trajectories, in the order in which `TrajectoryIdentifier` takes them."""
+        found = trajectories(group_labels(self.groups, len(self.groups)))
+        return [label for label, _ in found]
+
+    def at(self, t: Array, groups: NDArray, values: NDArray, otherwise: NDArray) -> NDArray:
+        """Values of the rows nearest to some times; `otherwise` in trajectories left out here."""
+        found = otherwise.copy()
+        for label in np.unique(groups):
+            asked, own = groups == label, self.groups == label
+            if own.any():
+                middles = 0.5 * (self.t[own][1:] + self.t[own][:-1])
+                found[asked] = values[own][np.searchsorted(middles, t[asked])]
+        return found

@@ -1,0 +1,74 @@
+"""What recordings tell beside the laws, in words: standard errors, instants, what is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from swsysid._cli.from_recordings import FromRecordings
+from swsysid._cli.samples import Samples
+from swsysid._cli.settings import RECORDINGS
+from swsysid._rendering.columns import counted
+
+
+def standard_errors(
+    found: FromRecordings, mode: int, state: int, features: Sequence[str]
+) -> list[str]:
+    """A line with the standard error of every coefficient of a law that was estimated."""
+    errors = found.identifier.coef_errors_[mode, state]
+    terms = [
+        f"{error:.1g}" if name == "1" else f"{error:.1g} {name}"
+        for error, name in zip(errors, features, strict=True)
+        if error > 0.0
+    ]
+    return [f"      standard errors {', '.join(terms)}"] if terms else []
+
+
+def recording_text(found: FromRecordings, samples: Samples) -> str:
+    """What the rollouts leave, and when the trajectories switch."""
+    return "\n".join([_left_over(found, samples), *_instants(found, samples)])
+
+
+def _left_over(found: FromRecordings, samples: Samples) -> str:
+    span = "whole trajectories" if found.whole else "stretches of 30 samples"
+    begin = f"Identified from the trajectories as they were measured. Over {span} rollouts leave "
+    if (found.excess <= RECORDINGS.noise_alone).all():
+        report = found.identifier.report_
+        noise = ", ".join(
+            f"{name} {size:.2g} {samples.unit(name)}".rstrip()
+            for name, size in zip(report.channels, report.noise, strict=True)
+        )
+        return f"{begin}nothing but noise: {noise}."
+    worst = int(np.argmax(found.excess))
+    return (
+        f"{begin}{found.excess[worst]:.2g} times the noise of {samples.names[worst]}: a term, a "
+        "mode or an effect is missing (--diagnose looks for it)."
+    )
+
+
+def _instants(found: FromRecordings, samples: Samples) -> list[str]:
+    """The switch instants of the first trajectories."""
+    times, errors = found.identifier.switch_times_, found.identifier.switch_time_errors_
+    together = np.concatenate(errors)
+    if not len(together):
+        return []
+    unit = f" {samples.time_unit}" if samples.time_unit else ""
+    lines = [
+        f"{counted(len(together), 'switch instant')}, with a median standard error of "
+        f"{np.median(together):.2g}{unit}:"
+    ]
+    most = RECORDINGS.most_trajectories
+    for label, instants in list(zip(found.labels, times, strict=True))[:most]:
+        shown = ", ".join(f"{instant:.5g}" for instant in instants[: RECORDINGS.most_instants])
+        rest = len(instants) - RECORDINGS.most_instants
+        more = f" and {rest} more" if rest > 0 else ""
+        lines.append(f"    trajectory {_word(label)}: {shown or 'none'}{more}")
+    if len(times) > most:
+        lines.append(f"    (and those of {len(times) - most} more)")
+    return lines
+
+
+def _word(label: object) -> str:
+    """The name of a trajectory; numbers of a text file are read as floats."""
+    return f"{label:g}" if isinstance(label, float) else str(label)
