@@ -272,10 +272,10 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         X, y = rows_and_velocities(self, X, y, reset=True)
         targets = y.reshape(len(y), -1)
         self._one_target = y.ndim == 1
-        self._trajectory_names = None if groups is None else np.unique(groups)
         records = make_records(
             X, targets.shape[1], t=t, groups=groups, signals=signals, names=column_names(self)
         )
+        self._trajectory_names = None if groups is None else np.unique(groups)
         return Measured(records, targets, np.arange(len(X)))
 
     def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
