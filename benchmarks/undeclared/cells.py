@@ -25,8 +25,12 @@ GUARD_DEGREE = {"quartic": 2}
 NAMES = {"coulomb": "friction", "gain": "coefficient"}
 
 
+# Noise on each state of a recording, relative to its spread.
+RECORDED_NOISE = 0.01
+
+
 class Cell(NamedTuple):
-    """What is planted where."""
+    """What is planted where; as noise "states" a recording of noisy states without velocities."""
 
     system: str
     kinds: tuple[str, ...]
@@ -43,17 +47,21 @@ class Cell(NamedTuple):
 def run_cell(cell: Cell) -> list[dict]:
     """The record of one search for what was planted."""
     effect = None if not cell.kinds else cell.kinds[0] if len(cell.kinds) == 1 else cell.kinds
-    data = make_undeclared(
-        effect, system=cell.system, noise_kind=cell.noise, random_state=cell.seed
-    )
+    is_recording = cell.noise == "states"
+    kind = "gaussian" if is_recording else cell.noise
+    data = make_undeclared(effect, system=cell.system, noise_kind=kind, random_state=cell.seed)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         start = time.process_time()
         clone(data.estimator).fit(data.X, data.Xdot)
         fit_seconds, start = time.process_time() - start, time.process_time()
-        search = EffectSearchCV(data.estimator).fit(
-            data.X, data.Xdot, t=data.t, groups=data.groups, signals=data.signals
-        )
+        search = EffectSearchCV(data.estimator)
+        known = {"t": data.t, "groups": data.groups, "signals": data.signals}
+        if is_recording:
+            x, inputs = recorded(data, cell.seed)
+            search.fit(x, inputs=inputs, **known)
+        else:
+            search.fit(data.X, data.Xdot, **known)
         seconds = time.process_time() - start
         ratio, trimmed = error_ratios(search, data, GUARD_DEGREE.get(cell.system, 1))
     record = {
@@ -69,6 +77,13 @@ def run_cell(cell: Cell) -> list[dict]:
         "seconds": seconds,
     }
     return [record]
+
+
+def recorded(data, seed: int) -> list[np.ndarray]:
+    """States with noise, and the inputs."""
+    x, inputs = np.split(data.X, [data.Xdot.shape[1]], axis=1)
+    drawn = np.random.default_rng(1000 + seed).standard_normal(x.shape)
+    return [x + RECORDED_NOISE * x.std(axis=0) * drawn, inputs]
 
 
 def states_difference(system: str) -> float:

@@ -72,6 +72,26 @@ def tables(parts: dict[str, dict]) -> str:
     return "\n".join([*lines, "", origins(parts)]) + "\n"
 
 
+def recording_tables(records: list[dict]) -> str:
+    """Shares right, wrong, missed and false alarms of each system, and what went wrong."""
+    rows = []
+    systems = list(dict.fromkeys(one["cell"][0] for one in records))
+    for system in [*systems, "all"]:
+        own = [one for one in records if system in (one["cell"][0], "all")]
+        planted = [one for one in own if len(one["cell"][1]) == 1]
+        clean = [one for one in own if not one["cell"][1]]
+        right = [first_right(one) for one in planted]
+        found = [bool(one["found"]) for one in planted]
+        wrong = [there and not told for there, told in zip(found, right, strict=True)]
+        false = [bool(one["found"]) for one in clean]
+        shares = (right, wrong, [not there for there in found], false)
+        told = [f"{np.mean(part):.1%} of {len(part)}" if part else "-" for part in shares]
+        rows.append([system, *told])
+    head = ["system", "first effect right", "wrong", "missed", "false alarms (clean)"]
+    lines = [*table(head, rows, "lrrrr"), "", "What was planted and what was found:", ""]
+    return "\n".join([*lines, *(f"- {line}" for line in _wrong(records) or ["Nothing wrong."])])
+
+
 def first_right(record: dict) -> bool:
     """True if the first effect found is the planted one, or names it as its rival."""
     return bool(record["right"]) and (record["right"][0] or record["among_rivals"][0])

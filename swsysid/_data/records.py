@@ -36,6 +36,9 @@ class Records:
         One for each channel.
     timed : bool
         True if the times were measured.
+    average : callable or None
+        What a filter that has made velocities of measured states does to any column of the rows;
+        None where velocities were measured.
     """
 
     X: Array
@@ -45,6 +48,7 @@ class Records:
     signals: Array
     names: tuple[str, ...]
     timed: bool
+    average: Callable[[Array], Array] | None = None
 
     def __len__(self) -> int:
         return len(self.X)
@@ -102,10 +106,16 @@ class Records:
             answer[rows] = operator(self.t[rows], values[rows])
         return answer
 
+    def averaged(self, columns: Array) -> Array:
+        """Columns of all rows as the velocities show them."""
+        return columns if self.average is None else self.average(columns)
+
     def take(self, rows: NDArray) -> Records:
-        """The same record on some rows only."""
+        """The same record on some rows only, which no filter can work on."""
         t, groups = (None if one is None else one[rows] for one in (self.t, self.groups))
-        return replace(self, X=self.X[rows], t=t, groups=groups, signals=self.signals[rows])
+        return replace(
+            self, X=self.X[rows], t=t, groups=groups, signals=self.signals[rows], average=None
+        )
 
     def with_columns(self, X: Array) -> Records:
         """The same record with other states and inputs."""

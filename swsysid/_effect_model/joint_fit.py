@@ -29,6 +29,7 @@ from swsysid.effects._placed import corrected
 
 Modes = NDArray[np.intp]
 
+_SHARPENINGS = 2  # of velocities that a filter has made, each from better modes
 _SAME_MODES = 1e-3  # share of the rows whose mode may still change when the alternation ends
 _DOUBTS = (ConvergenceWarning, IdentificationWarning)
 
@@ -69,10 +70,14 @@ class JointFit:
         transform, _ = switching_step(self.estimator)
         return np.asarray(transform(corrected(self.terms, records).X))
 
-    def features(self, records: Records) -> Array:
+    def library(self, records: Records) -> Array:
         """Library of the declared model on corrected records, (n_samples, n_features_out)."""
         transform, _ = switching_step(self.estimator)
         return np.asarray(self.model.feature_map(transform(records.X)))
+
+    def features(self, records: Records) -> Array:
+        """The library as the velocities show it."""
+        return records.averaged(self.library(records))
 
     def predict_modes(self, records: Records) -> Modes:
         """Modes along the trajectories."""
@@ -96,8 +101,11 @@ class JointFit:
 
     def mode_velocities(self, records: Records) -> Array:
         """Velocity in every mode, effects included, (n_modes, n_samples, n_states)."""
-        fields = np.array(self.switching.mode_velocities(self.seen(records)))
         known = corrected(self.terms, records)
+        if records.average is None:
+            fields = np.array(self.switching.mode_velocities(self.seen(records)))
+        else:
+            fields = np.einsum("jkf,nf->jnk", self.switching.coef_, self.features(known))
         for term, coef in zip(self.terms, self.coef, strict=True):
             columns = term.columns(known)
             for mode in range(self.n_modes):
@@ -156,6 +164,12 @@ def fit_jointly(
     columns = [term.columns(whole)[rows] for term in terms]
     if not any(part.shape[1] for part in columns):
         fitted, doubts = _fitted(estimator, seen, targets, modes)
+        if whole.average is not None:
+            blurred, sharp = _libraries(estimator, whole, rows)
+            for _ in range(_SHARPENINGS):
+                modes = _modes_of(fitted)
+                at_instants = _sharpened(targets, blurred, sharp, modes)
+                fitted, doubts = _fitted(estimator, seen, at_instants, modes)
         no_coef = tuple(np.zeros(0) for _ in terms)
         return _with_guards(
             JointFit(fitted, terms, no_coef, _modes_of(fitted), doubts), whole, rows
@@ -163,15 +177,16 @@ def fit_jointly(
     if modes is None:
         modes = _modes_with_columns(estimator, np.column_stack(columns), seen, targets)
         modes = modes if like is None else _matching(modes, like)[modes]
-    library, feature_map = _library(estimator, seen.X)
-    features = feature_map(library)
+    features, sharp = _libraries(estimator, whole, rows)
     robust = switching_step(estimator)[1].loss != "squared"
     for _ in range(rounds):
         coef = _effect_coefficients(features, robust, terms, columns, targets, modes)
-        replaced = _replaced_laws(terms, coef, features, seen, modes)
+        replaced = _replaced_laws(terms, coef, sharp, seen, modes)
         rest = targets + np.einsum("nkf,nf->nk", replaced[modes], features)
         for term, part, values in zip(terms, columns, coef, strict=True):
             rest[:, term.target] -= term.design(part, modes, len(replaced)) @ values
+        if whole.average is not None:
+            rest = _sharpened(rest, features, sharp, modes)
         fitted, doubts = _fitted(estimator, seen, rest, modes)
         order, laws = _matching(modes, _modes_of(fitted)), switching_step(fitted)[1].coef_
         for mode, own in enumerate(replaced):
@@ -243,6 +258,33 @@ def _modes_with_columns(
         problem, build_search(switching, plain), check_random_state(switching.random_state)
     )
     return rows.restore(found.best.modes)
+
+
+def _libraries(
+    estimator: BaseEstimator, whole: Records, rows: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """The library on some rows as the velocities show it, and as it is at their instants."""
+    if whole.average is None:
+        library, feature_map = _library(estimator, whole.X[rows])
+        features = feature_map(library)
+        return features, features
+    library, feature_map = _library(estimator, whole.X)
+    features = feature_map(library)
+    return whole.averaged(features)[rows], features[rows]
+
+
+def _sharpened(targets: Array, blurred: Array, sharp: Array, modes: Modes) -> Array:
+    """Velocities as a filter shows them with the laws at the instants of the rows instead.
+
+    The declared model knows its library at the instants only.
+    """
+    answer = targets.copy()
+    for mode in np.unique(modes):
+        rows = modes == mode
+        for target in range(targets.shape[1]):
+            law = robust_regression(blurred[rows], targets[rows, target])
+            answer[rows, target] += (sharp[rows] - blurred[rows]) @ law
+    return answer
 
 
 def _library(estimator: BaseEstimator, X: Array) -> tuple[Array, FeatureMap]:

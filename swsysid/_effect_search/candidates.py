@@ -83,9 +83,10 @@ class CandidateContext:
     def columns(self, effect: Effect, place: Place, grid: Array) -> Array:
         """Columns for every row of a grid of parameters, (n_samples, n_values, n_terms)."""
         # Those with a memory are computed along whole trajectories and cut to the rows afterwards.
-        rows = self.data.rows
-        listed = [effect.columns(self.records, place, *theta)[rows] for theta in grid]
-        return np.stack(listed, axis=1)
+        listed = [effect.columns(self.records, place, *theta) for theta in grid]
+        stacked = np.stack(listed, axis=1)
+        flat = self.records.averaged(stacked.reshape(len(stacked), -1))
+        return flat.reshape(stacked.shape)[self.data.rows]
 
     def scanned_columns(self, effect: Effect, place: Place, grid: Array) -> Array:
         """As `columns`, and kept: the next scan of the same record asks for them again."""
@@ -185,7 +186,7 @@ def candidate_context(
     # The columns of the term `without` are left out, as if it had not been found.
     others = [term for place, term in enumerate(fit.terms) if place != without]
     records = corrected(others, data.records)
-    features = fit.features(records.take(data.rows))
+    features = fit.features(records)[data.rows]
     known = [
         term.design(term.columns(records)[data.rows], fit.modes, fit.n_modes) for term in others
     ]
@@ -201,7 +202,7 @@ def candidate_context(
         fit=fit,
         data=replace(data, records=records),
         regression=regression,
-        linear=_linear_features(features, records.X[data.rows]),
+        linear=_linear_features(fit.library(records)[data.rows], records.X[data.rows]),
         replaced={(term.target, term.replaced) for term in others if term.replaced is not None},
         # a corrected record is gone after the context, and so are its columns
         kept=kept if kept is not None and records is data.records else {},

@@ -29,6 +29,11 @@ class Split:
     held_out: Rows
     how: str
 
+    def of(self, rows: Rows) -> Split:
+        """The same parts of some rows only."""
+        search, held_out = (part[np.isin(part, rows)] for part in (self.search, self.held_out))
+        return Split(search, held_out, self.how)
+
 
 @dataclass(frozen=True)
 class Folds:
@@ -55,10 +60,10 @@ class SearchData:
     settings: SearchSettings = SETTINGS
 
     @classmethod
-    def whole(cls, records: Records, targets: Array) -> SearchData:
-        """All rows of a record."""
-        folds = make_folds(records, SETTINGS.n_folds, np.random.RandomState(0))
-        return cls(records, np.arange(len(records)), targets, folds)
+    def whole(cls, records: Records, rows: Rows, targets: Array) -> SearchData:
+        """All rows that are worked on; `targets` are those of the record."""
+        folds = make_folds(records.take(rows), SETTINGS.n_folds, np.random.RandomState(0))
+        return cls(records, rows, targets[rows], folds)
 
     @cached_property
     def exact(self) -> Array:
@@ -67,16 +72,22 @@ class SearchData:
 
 
 def split_records(
-    records: Records, rng: np.random.RandomState, settings: SearchSettings = SETTINGS
+    records: Records,
+    rng: np.random.RandomState,
+    apart: int = 1,
+    settings: SearchSettings = SETTINGS,
 ) -> Split:
-    """Hold a quarter of the record out: whole trajectories, stretches or rows."""
+    """Hold a quarter of the record out: whole trajectories, stretches or rows.
+
+    Stretches are at least so many samples apart as their velocities are made of.
+    """
     if not records.ordered:
         order = rng.permutation(len(records))
         n_held = round(settings.held_out * len(records))
         return Split(np.sort(order[n_held:]), np.sort(order[:n_held]), "random rows")
     trajectories = records.trajectories
     if len(trajectories) < settings.fewest_trajectories:
-        return _stretches_apart(trajectories, settings)
+        return _stretches_apart(trajectories, apart, settings)
     order = rng.permutation(len(trajectories))
     n_held = max(1, round(settings.held_out * len(trajectories)))
     held = np.concatenate([trajectories[place] for place in order[:n_held]])
@@ -84,12 +95,12 @@ def split_records(
     return Split(np.sort(kept), np.sort(held), f"{n_held} whole trajectories")
 
 
-def _stretches_apart(trajectories: list[Rows], settings: SearchSettings) -> Split:
+def _stretches_apart(trajectories: list[Rows], apart: int, settings: SearchSettings) -> Split:
     """Every fourth stretch is held out, with a gap to its neighbours."""
     per_trajectory = max(4, settings.n_stretches // len(trajectories))
     kept, held = [], []
     for rows in trajectories:
-        gap = max(2, int(settings.gap * len(rows)))
+        gap = max(2, apart - 1, int(settings.gap * len(rows)))
         pieces = np.array_split(rows, per_trajectory)
         taken = [place % 4 == 2 for place in range(per_trajectory)]
         for place, piece in enumerate(pieces):

@@ -23,6 +23,8 @@ from swsysid._effect_search.contributions import term_covariances
 from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import Folds, SearchData, Split, make_folds, split_records
 from swsysid._effect_search.greedy import Search
+from swsysid._effect_search.reading import read_recordings, refuse_inputs_beside_velocities
+from swsysid._effect_search.recording import Measured, from_states
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext
@@ -125,15 +127,18 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.random_state = random_state
         self.verbose = verbose
 
-    def fit(self, X, y, *, t=None, groups=None, signals=None):
+    def fit(self, X, y=None, *, t=None, groups=None, signals=None, inputs=None):
         """Search.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_states + n_inputs)
-            States, then inputs.
-        y : array-like of shape (n_samples,) or (n_samples, n_states)
-            Xdot, the measured velocities (next states in discrete time).
+            States, then inputs. Without `y` measured states alone, NaN where a value is missing,
+            or a list of recordings as `TrajectoryIdentifier.fit` takes them.
+        y : array-like of shape (n_samples,) or (n_samples, n_states), default=None
+            Xdot, the measured velocities (next states in discrete time). None makes them of the
+            states and their times: the noise is then that of the states, and neighbours that
+            share it count as one.
         t : array-like of shape (n_samples,), default=None
             Times in s, increasing along each trajectory.
         groups : array-like of shape (n_samples,), default=None
@@ -141,6 +146,9 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             with a memory are not looked for.
         signals : array-like of shape (n_samples, n_signals), default=None
             Logged channels that the declared model does not use.
+        inputs : array-like of shape (n_samples, n_inputs), default=None
+            Inputs beside measured states, linear between the samples; with `y` they are columns
+            of X.
 
         Returns
         -------
@@ -150,25 +158,38 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         ------
         ValueError, TypeError
             If a parameter or the data make no sense; the message says what to do.
+
+        Examples
+        --------
+        A recording: states with noise, their times, and an input; no velocities.
+
+        >>> import numpy as np
+        >>> from swsysid import EffectSearchCV
+        >>> from swsysid.datasets import make_undeclared
+        >>> from swsysid.effects import CoulombFriction, DeadZone, Polynomial, QuadraticDrag
+        >>> data = make_undeclared("coulomb_friction", system="pendulum", random_state=0)
+        >>> x, u = data.X[:, :2], data.X[:, 2:]
+        >>> x = x + 0.01 * x.std(axis=0) * np.random.default_rng(0).standard_normal(x.shape)
+        >>> library = [CoulombFriction(), DeadZone(), QuadraticDrag(), Polynomial()]
+        >>> search = EffectSearchCV(data.estimator, effects=library)
+        >>> search = search.fit(x, t=data.t, groups=data.groups, inputs=u)
+        >>> [(effect.kind, effect.target) for effect in search.effects_]
+        [('coulomb_friction', 1)]
         """
         self._check_parameters()
-        X, y = rows_and_velocities(self, X, y, reset=True)
-        targets = y.reshape(len(y), -1)
-        self._one_target = y.ndim == 1
-        records = make_records(
-            X, targets.shape[1], t=t, groups=groups, signals=signals, names=column_names(self)
-        )
-        self._trajectory_names = None if groups is None else np.unique(groups)
         seed = 0 if self.random_state is None else self.random_state
         self._declared, rng = seeded(self.estimator, seed), random_numbers(seed)
-        split, n_columns = split_records(records, rng), X.shape[1] + targets.shape[1]
-        final = fit_jointly(self._declared, (), records, np.arange(len(X)), targets)
+        measured = self._measured(X, y, t, groups, signals, inputs)
+        records, targets, rows = measured.records, measured.targets, measured.rows
+        split = split_records(records, rng, measured.window).of(rows)
+        n_columns = records.X.shape[1] + targets.shape[1]
+        final = fit_jointly(self._declared, (), records, rows, targets[rows])
         self.best_estimator_ = self.declared_estimator_ = self._regressor(final, records)
         if len(split.search) >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns):
-            final = self._search(records, targets, split, rng, final)
+            final = self._search(measured, split, rng, final)
         else:
             warnings.warn(
-                f"{len(records)} samples are too few to hold any out: the declared model is "
+                f"{len(rows)} samples are too few to hold any out: the declared model is "
                 "returned unchanged. Record more, or fit the declared model itself.",
                 IdentificationWarning,
                 stacklevel=2,
@@ -201,14 +222,13 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _search(
         self,
-        records: Records,
-        targets: Array,
+        measured: Measured,
         split: Split,
         rng: np.random.RandomState,
         plain: JointFit,
     ) -> JointFit:
         """Effects beside the plain fit, a report of them, and the fit with them to all rows."""
-        rows = split.search
+        records, targets, rows = measured.records, measured.targets, split.search
         folds = self._folds(records.take(rows), targets[rows], rng)
         first = fit_jointly(self._declared, (), records, rows, targets[rows])
         context = SearchContext(
@@ -221,11 +241,16 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         search = Search(context, self.max_effects, self.n_jobs, self.verbose)
         structure, findings, rounds = search.run()
         ladder = Ladder(context, structure, findings, targets, split)
-        final, whole = plain, SearchData.whole(records, targets)
+        final, whole = plain, SearchData.whole(records, measured.rows, targets)
         if ladder.terms:
             modes = structure.fit.modes_along(records, rows)
             final = fit_jointly(
-                context.estimator, ladder.terms, records, whole.rows, targets, modes
+                context.estimator,
+                ladder.terms,
+                records,
+                whole.rows,
+                whole.targets,
+                modes[whole.rows],
             )
             self.best_estimator_ = self._regressor(final, records)
         covariances = term_covariances(final, whole)
@@ -236,6 +261,22 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             ladder, rounds, self.effects_, models, covariances, self._trajectory_names
         )
         return final
+
+    def _measured(self, X, y, t, groups, signals, inputs) -> Measured:
+        """Rows with velocities as they are given, or recordings and what follows from them."""
+        if y is None:
+            recorded = read_recordings(self, X, t, groups, signals, inputs)
+            self._one_target, self._trajectory_names = False, recorded.names
+            return from_states(self._declared, recorded.records)
+        refuse_inputs_beside_velocities(inputs)
+        X, y = rows_and_velocities(self, X, y, reset=True)
+        targets = y.reshape(len(y), -1)
+        self._one_target = y.ndim == 1
+        records = make_records(
+            X, targets.shape[1], t=t, groups=groups, signals=signals, names=column_names(self)
+        )
+        self._trajectory_names = None if groups is None else np.unique(groups)
+        return Measured(records, targets, np.arange(len(X)))
 
     def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
         regressor = EffectRegressor(clone(self._declared), fit.terms)

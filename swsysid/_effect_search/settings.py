@@ -22,6 +22,13 @@ class SearchSettings:
     rows_a_column: int = 8  # fewer rows than that are too short to hold any out
     fewest_rows: int = 40
 
+    # -- velocities of recorded states -----------------------------------------------------------
+    n_filterings: int = 3  # each with a better model of what need not be filtered
+    shortest_window: int = 7  # samples
+    enough_rows: int = 200  # a longer window is not worth fewer
+    rows_a_window: int = 3  # slopes a third of a window apart are uncorrelated
+    fewest_lone: float = 0.3  # share of the rows; where fewer are away from a switch all count
+
     # -- candidates beside a model ---------------------------------------------------------------
     sure: float = 0.95  # a row whose mode is less sure than this says nothing about the laws
     most_unsure: float = 0.4  # share of the rows; where more are unsure all count

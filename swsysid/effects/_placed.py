@@ -61,8 +61,8 @@ class PlacedEffect:
     # -- its columns -----------------------------------------------------------------------------
 
     def columns(self, records: Records) -> Array:
-        """Columns of the effect, shape (n_samples, n_terms)."""
-        return self.effect.columns(records, self.place, *self.theta)
+        """Columns of the effect as the velocities show them, shape (n_samples, n_terms)."""
+        return records.averaged(self.effect.columns(records, self.place, *self.theta))
 
     def design(self, columns: Array, modes: Modes, n_modes: int) -> Array:
         """Columns that multiply the coefficients: all, those of one mode, or those of each."""

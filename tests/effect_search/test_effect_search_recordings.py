@@ -1,0 +1,143 @@
+"""The search in recordings: noisy states and their times, no velocities."""
+
+import numpy as np
+import pytest
+
+from swsysid import EffectSearchCV, SwitchingSystemRegressor
+from swsysid._data.records import make_records
+from swsysid._effect_search.recording import from_states
+from swsysid.datasets import make_undeclared
+from swsysid.effects import (
+    Bias,
+    CoulombFriction,
+    DeadZone,
+    Delay,
+    Lag,
+    Polynomial,
+    QuadraticDrag,
+    Saturation,
+)
+
+LIBRARY = [
+    *(Bias(), CoulombFriction(), QuadraticDrag(), Polynomial()),
+    *(DeadZone(), Saturation(), Delay(), Lag()),
+]
+
+
+def recorded(effect, system, seed, noise=0.01):
+    """States with noise of one per cent of their spread, the input, and what was planted."""
+    data = make_undeclared(effect, system=system, random_state=seed)
+    x, u = np.split(data.X, [data.Xdot.shape[1]], axis=1)
+    drawn = np.random.default_rng(seed).standard_normal(x.shape)
+    return data, x + noise * x.std(axis=0) * drawn, u
+
+
+def search(data, x, u, effects=LIBRARY):
+    found = EffectSearchCV(data.estimator, effects=effects)
+    return found.fit(x, t=data.t, groups=data.groups, inputs=u, signals=data.signals)
+
+
+@pytest.mark.parametrize(
+    ("kind", "system", "planted", "name", "tolerance"),
+    [
+        ("coulomb_friction", "pendulum", "coulomb", "friction", 0.1),
+        ("coulomb_friction", "oscillator", "coulomb", "friction", 0.1),
+        ("dead_zone", "pendulum", "threshold", "threshold", 0.1),
+        ("saturation", "oscillator", "threshold", "threshold", 0.1),
+        ("delay", "pendulum", "delay", "delay", 0.1),
+    ],
+)
+def test_a_planted_effect_is_found_without_velocities(kind, system, planted, name, tolerance):
+    data, x, u = recorded(kind, system, seed=1)
+    result = search(data, x, u)
+    (found,), truth = result.effects_, data.effects[0]
+    assert (found.kind, found.target) == (kind, truth.target)
+    assert found.parameters[name] == pytest.approx(truth.parameters[planted], rel=tolerance)
+    assert found.error_after < 0.7 * found.error_before
+
+
+@pytest.mark.parametrize("system", ["oscillator", "pendulum", "tanks"])
+def test_a_clean_recording_stays_clean(system):
+    data, x, u = recorded(None, system, seed=1)
+    result = search(data, x, u)
+    assert result.effects_ == []
+    # the filter's own correlation is no finding either
+    assert result.report_.residual_before.clean
+
+
+def test_what_comes_of_a_recording_predicts_rows_as_any_other():
+    data, x, u = recorded("coulomb_friction", "pendulum", seed=1)
+    result = search(data, x, u)
+    test = data.test
+    error = result.predict(test.X, t=test.t, groups=test.groups) - test.Xdot_clean
+    spread = test.Xdot_clean.std(axis=0)
+    assert (np.median(np.abs(error), axis=0) < 0.01 * spread).all()
+    run = result.simulate(test.X[0, :2], test.t[:100], test.X[:100, 2:], input_hold="linear")
+    np.testing.assert_allclose(run.x, test.X[:100, :2], atol=0.1 * test.X[:, 0].std())
+
+
+def test_recordings_in_a_list_and_rows_in_any_order_are_the_same():
+    data, x, u = recorded("dead_zone", "pendulum", seed=1)
+    library = [DeadZone(), Polynomial()]
+    whole = search(data, x, u, library)
+    listed = [
+        {"t": data.t[rows], "x": x[rows], "inputs": u[rows]}
+        for rows in (data.groups == label for label in np.unique(data.groups))
+    ]
+    apart = EffectSearchCV(data.estimator, effects=library).fit(listed)
+    order = np.argsort(data.t, kind="stable").reshape(8, -1).T.ravel()  # the recordings in turns
+    mixed = EffectSearchCV(data.estimator, effects=library)
+    mixed.fit(x[order], t=data.t[order], groups=data.groups[order], inputs=u[order])
+    (one,) = whole.effects_
+    for other in (apart, mixed):
+        assert other.effects_[0].parameters == pytest.approx(one.parameters)
+    assert str(whole.report_).splitlines()[1] == str(apart.report_).splitlines()[1]
+
+
+def test_in_discrete_time_the_next_samples_are_the_targets():
+    data, x, u = recorded("dead_zone", "discrete", seed=1, noise=0.002)
+    (found,) = search(data, x, u, [DeadZone(), Saturation(), Polynomial()]).effects_
+    assert (found.kind, found.target) == ("dead_zone", 1)
+
+
+def test_a_term_that_the_laws_lack_is_shown_as_the_average_of_itself():
+    # x' = -x + push without noise; of the push, which jumps, the declared law knows nothing
+    t = np.linspace(0.0, 20.0, 801)
+    push = np.sign(np.sin(3.0 * t))
+    step, fine = t[1], 20
+    x = [0.0]
+    for before, after in zip(push, push[1:], strict=False):
+        state = x[-1]
+        for part in (np.arange(fine) + 0.5) / fine:
+            state += step / fine * (before + part * (after - before) - state)
+        x.append(state)
+    x = np.array(x)
+    declared = SwitchingSystemRegressor(n_modes=1, random_state=0)
+    measured = from_states(declared, make_records(x[:, None], 1, t=t, names=["x"]))
+    rows, records = measured.rows, measured.records
+    shown = records.averaged(np.column_stack([-records.X[:, 0], push])).sum(axis=1)
+    np.testing.assert_allclose(measured.targets[rows, 0], shown[rows], atol=0.02)
+    # at the instants themselves, the filter is off by as much as the jumps are large
+    assert np.abs(measured.targets[rows, 0] - (push - x)[rows]).max() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "give velocities, or the times t of measured states"),
+        ({"t": "times", "x": "constant"}, "a state that never moves has no law"),
+        ({"t": "short"}, "t"),
+        ({"t": "times", "inputs": "short"}, "inputs"),
+        ({"y": "velocities", "inputs": "whole"}, "make them the last columns of X"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_a_sentence(arguments, message):
+    t = np.linspace(0.0, 10.0, 200)
+    x = np.column_stack([np.sin(t), np.cos(t)])
+    known = {"times": t, "short": t[:-1], "velocities": x, "whole": t[:, None]}
+    given = {name: known.get(value) for name, value in arguments.items()}
+    if "x" in arguments:
+        x = np.column_stack([x, np.ones(len(t))])
+        given.pop("x")
+    with pytest.raises(ValueError, match=message):
+        EffectSearchCV(SwitchingSystemRegressor(n_modes=1)).fit(x, given.pop("y", None), **given)
