@@ -22,8 +22,8 @@ from joblib import delayed
 
 from benchmarks.records import read, run_and_append
 from benchmarks.results import keep, measured_here
-from benchmarks.trajectories.figures import figures
-from benchmarks.trajectories.methods import METHODS, number_of_modes
+from benchmarks.trajectories.figures import figures, of_recordings
+from benchmarks.trajectories.methods import METHODS, RECORDINGS, identified, number_of_modes
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
 from benchmarks.trajectories.tables import COUNT, condensed, tables
@@ -93,9 +93,11 @@ def run(name: str, scenario: Scenario, seed: int, method: str) -> list[dict]:
         try:
             if method == COUNT:
                 one["right"] = number_of_modes(plant, campaign, seed) == plant.n_modes
+            elif method == RECORDINGS:
+                found = identified(plant, campaign, seed)
+                one |= figures(plant, found.estimator_) | of_recordings(plant, campaign, found)
             else:
-                model = METHODS[method](plant, campaign, seed)
-                one |= figures(plant, model)
+                one |= figures(plant, METHODS[method](plant, campaign, seed))
         except ValueError as refusal:
             one["refused"] = str(refusal)
     return [one | {"seconds": time.process_time() - began}]

@@ -28,7 +28,7 @@ from swsysid.refinement import refine
 from swsysid.refinement._trajectories import read_trajectories
 from swsysid.weak_form import weak_refit
 
-__all__ = ["METHODS", "number_of_modes"]
+__all__ = ["METHODS", "RECORDINGS", "identified", "number_of_modes"]
 
 Method = Callable[[Plant, Campaign, int], Any]
 
@@ -146,10 +146,11 @@ def _most_likely(start: Any, plant: Plant, campaign: Campaign) -> Any:
     ).model
 
 
+RECORDINGS = "recordings"  # it says more of its recordings than a model does
 METHODS: dict[str, Method] = {
     "oracle": oracle,
     "told": told,
     "fit": fitted,
     "fit and refine": refined,
-    "recordings": recordings,
+    RECORDINGS: recordings,
 }

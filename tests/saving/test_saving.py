@@ -335,7 +335,11 @@ def test_a_damaged_file_is_refused(written, tmp_path):
     digits = [place for place, letter in enumerate(written) if letter in "123456789"]
     for place in generator.choice(digits, 40):
         turned = str(int(written[place]) % 9 + 1)
-        path.write_text(written[:place] + turned + written[place + 1 :], encoding="utf-8")
+        damaged = written[:place] + turned + written[place + 1 :]
+        # the seventeenth digit of a number may say no more than the sixteen before it
+        if json.loads(damaged) == json.loads(written):
+            continue
+        path.write_text(damaged, encoding="utf-8")
         with pytest.raises(ValueError, match="damaged or was edited|is in format"):
             load_model(path)
 
