@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.trajectories.plants import PLANTS, Plant
 from benchmarks.trajectories.recordings import Campaign, Scenario, record
 from swsysid import TrajectoryIdentifier
-from swsysid._data.matching import best_matching
+from swsysid._data.matching import best_matching, contingency
 from swsysid.metrics import balanced_mode_accuracy
 
 __all__ = ["figures", "of_recordings"]
@@ -68,8 +68,7 @@ def of_recordings(
     near = far[far < 5.0]
     covered = np.nan
     if found.n_modes_ == plant.n_modes:
-        joint = np.zeros((plant.n_modes, plant.n_modes))
-        np.add.at(joint, (campaign.modes, found.modes_), 1)
+        joint = contingency(campaign.modes, found.modes_, shape=(plant.n_modes, plant.n_modes))
         order = best_matching(joint)[1]
         errors = found.coef_errors_[order]
         off = np.abs(found.estimator_.coef_[order] - truth)[errors > 0.0]

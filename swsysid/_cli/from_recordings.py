@@ -12,7 +12,7 @@ from swsysid._cli.recorded import Recorded
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import RECORDINGS
 from swsysid._cli.verdict import relative_error
-from swsysid._data.matching import best_matching
+from swsysid._data.matching import best_matching, contingency
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, SolverError
 from swsysid._stays.settings import StaySettings
@@ -36,8 +36,7 @@ class FromRecordings:
     def names_of_modes(self, modes: NDArray[np.intp]) -> NDArray[np.intp]:
         """How the modes of another model of the same rows are called here."""
         n_modes = self.identifier.n_modes_
-        joint = np.zeros((n_modes, n_modes))
-        np.add.at(joint, (modes, self.modes), 1.0)
+        joint = contingency(modes, self.modes, shape=(n_modes, n_modes))
         return np.asarray(best_matching(joint)[1], dtype=np.intp)
 
     @property

@@ -19,6 +19,8 @@ from swsysid._results import Array
 from swsysid._stays.laws import Features, Modes, slopes_of
 from swsysid._surfaces.surface import Surface, is_linear
 
+_SLOWEST = 0.1  # of the median rate at which surfaces are crossed: slower ones graze
+
 
 class Crossings(NamedTuple):
     """Where recordings switch, one row for each switch."""
@@ -87,13 +89,11 @@ class Guards:
         coef[self.free] += step
         return replace(self, coef=coef)
 
-    def with_sides(
-        self, columns: Array, rates: Array, modes: Modes, unit: float, slowest: float
-    ) -> Guards:
+    def with_sides(self, columns: Array, rates: Array, modes: Modes, unit: float) -> Guards:
         """The same, told the modes of samples; `unit` is a time that counts as one."""
         basis, slopes = slopes_of(self.features, columns, self.spread)
         speeds = np.abs(np.einsum("lf,kfc,kc->lk", self.coef, slopes, rates))
-        speeds = np.maximum(speeds, slowest * np.median(speeds, axis=1, keepdims=True))
+        speeds = np.maximum(speeds, _SLOWEST * np.median(speeds, axis=1, keepdims=True))
         speeds[speeds == 0.0] = np.inf  # a surface that is not there has no sides
         scaled = basis / (speeds * unit)[:, :, None]
         return replace(self, sides=Sides(scaled, self.mode_book[modes].T))
@@ -118,10 +118,10 @@ class Guards:
             right[place] = varied.T @ (self.sides.signs[surface, rows] * wrong[surface, rows])
         return matrix, right, float(0.5 * np.square(wrong).sum())
 
-    def misses(self, at: Crossings, slowest: float) -> Misses:
+    def misses(self, at: Crossings) -> Misses:
         """Times to the surface, for switches between modes that one surface separates.
 
-        Rates below `slowest` times their median count as that.
+        Rates far below their median, where a crossing grazes, count as a part of it.
         """
         apart = self.mode_book[at.old] * self.mode_book[at.new] < 0
         used = np.flatnonzero(apart.sum(axis=1) == 1)
@@ -131,7 +131,7 @@ class Guards:
         values = np.einsum("kf,kf->k", coef, basis)
         gradients = np.einsum("kf,kfc->kc", coef, slopes)
         rates = np.einsum("kc,kc->k", gradients, at.rates[used])
-        size = np.maximum(np.abs(rates), slowest * np.median(np.abs(rates)) if len(used) else 1.0)
+        size = np.maximum(np.abs(rates), _SLOWEST * np.median(np.abs(rates)) if len(used) else 1.0)
         size = np.maximum(size, np.finfo(float).tiny)
         return Misses(
             used,

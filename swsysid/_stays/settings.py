@@ -36,7 +36,6 @@ class StaySettings:
     guard_times: tuple[tuple[float, int], ...] = ((3.0, 8), (0.3, 8), (0.1, 15))
     # a sample on the wrong side of a surface pays for so many intervals as for one deviation
     beyond: float = 0.3
-    slowest: float = 0.1  # of the median rate at which surfaces are crossed: slower ones graze
     damping: float = 1e-3  # of the first step, relative to the diagonal
     most_failures: int = 8
     converged: float = 0.02  # nats by which a turn must make the data more likely

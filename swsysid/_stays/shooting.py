@@ -28,7 +28,6 @@ from swsysid._stays.stays import Stays
 
 _FARTHEST = 2.0  # intervals that an instant may move at once
 _NEAR = 0.25  # intervals: crossings that miss their surfaces by less are on it
-_SLOWEST = 0.1  # of the median rate at which surfaces are crossed: slower ones graze
 _FAR = 3.0  # beyond so many standard deviations a crossing counts less
 _DIVERGED = 1e3  # spreads of a state beyond which it is held
 
@@ -229,7 +228,7 @@ class Estimate:
         if self.guards is None:
             return self
         done = rollouts(self.laws, self.segments, self.starts, varied=False)
-        misses = self.guards.misses(done.crossings, _SLOWEST)
+        misses = self.guards.misses(done.crossings)
         instants = self.segments.instants.copy()
         interval = self.segments.recordings.interval
         if (np.abs(misses.times) < _NEAR * interval).all():
@@ -271,7 +270,7 @@ class Objective:
         misfit, defects = self._residuals(estimate, done)
         value = float(0.5 * (np.square(misfit).sum() + np.square(defects).sum()))
         if estimate.guards is not None:
-            times = estimate.guards.misses(done.crossings, _SLOWEST).times / self.guard_time
+            times = estimate.guards.misses(done.crossings).times / self.guard_time
             value += float(_FAR**2 * (np.sqrt(1.0 + np.square(times / _FAR)) - 1.0).sum())
             value += float(0.5 * np.square(estimate.guards.wrong_sides()).sum())
         return value
@@ -316,7 +315,7 @@ class Objective:
         guards, segments = estimate.guards, estimate.segments
         assert guards is not None and crossings.varied is not None
         n_states = estimate.starts.shape[1]
-        misses = guards.misses(crossings, _SLOWEST)
+        misses = guards.misses(crossings)
         times = misses.times / self.guard_time
         varied = np.einsum(
             "kc,kcz->kz", misses.by_columns[:, :n_states], crossings.varied[misses.switches]

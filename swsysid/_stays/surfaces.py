@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._classifier import PolynomialSurfaceClassifier
-from swsysid._data.matching import best_matching
+from swsysid._data.matching import best_matching, contingency
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.descent import Reached, most_likely_with_guards
 from swsysid._stays.guards import Guards
@@ -114,7 +114,7 @@ def _placed(
 
 def _sides(samples: Samples, reached: Reached, settings: StaySettings) -> tuple:
     unit = settings.beyond * reached.estimate.segments.recordings.interval
-    return samples.columns, samples.rates, samples.modes, unit, settings.slowest
+    return samples.columns, samples.rates, samples.modes, unit
 
 
 def _take(surface: object, reached: Reached) -> None:
@@ -134,6 +134,5 @@ def _refitted(
     groups = reached.estimate.segments.recordings.groups
     model.fit(named(samples.columns, names), samples.velocities, groups=groups)
     # the estimator counts modes from the most populated one
-    joint = np.zeros((n_modes, n_modes))
-    np.add.at(joint, (model.modes_, samples.modes), 1)
+    joint = contingency(model.modes_, samples.modes, shape=(n_modes, n_modes))
     return model, best_matching(joint)[1]
