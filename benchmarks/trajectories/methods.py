@@ -22,6 +22,7 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import SETTINGS
 from swsysid._stays.shooting import Estimate, Segments
+from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.stays import Stays
 from swsysid.differentiation import differentiate
 from swsysid.refinement import refine
@@ -36,18 +37,17 @@ Method = Callable[[Plant, Campaign, int], Any]
 def oracle(plant: Plant, campaign: Campaign, seed: int) -> Any:
     """Laws, states, instants and surface of highest likelihood, looked for from the true ones."""
     model, inputs = plant.truth(), campaign.inputs
-    recordings = _recordings(campaign)
     noise = (campaign.x - campaign.states).std(axis=0)
     spread = campaign.states.std(axis=0)
     free = np.ones(model.coef_.shape, dtype=bool)
     laws = Laws(model.coef_, model.feature_map.at_rows, spread, free)
+    recordings = in_exact_steps(_recordings(campaign), laws, noise, SETTINGS)
     stays = [
         Stays(np.array(modes, dtype=np.intp), np.array(times)).within(t)
         for (modes, times), t in zip(campaign.stays, recordings.times, strict=True)
     ]
     segments = Segments(recordings, stays, SETTINGS.segment)
-    places = [(campaign.groups == k).nonzero()[0][i] for k, i, _ in segments.places]
-    estimate = Estimate(laws, segments, campaign.states[places])
+    estimate = Estimate(laws, segments, _true_starts(campaign, segments))
     if plant.n_modes > 1:
         extent = spread if inputs is None else np.append(spread, inputs.std(axis=0))
         guards = Guards.of(model.surface, extent, plant.n_modes)
@@ -59,6 +59,16 @@ def oracle(plant: Plant, campaign: Campaign, seed: int) -> Any:
         estimate = most_likely(estimate, noise, SETTINGS).estimate
     model.coef_ = estimate.laws.coef
     return model
+
+
+def _true_starts(campaign: Campaign, segments: Segments) -> NDArray[np.float64]:
+    """True states where segments begin; between two samples linear."""
+    times, starts = segments.recordings.times, []
+    for k, first, _ in segments.places:
+        own = campaign.groups == k
+        columns = campaign.states[own].T
+        starts.append([np.interp(times[k][first], campaign.t[own], column) for column in columns])
+    return np.array(starts)
 
 
 class _Told:

@@ -73,7 +73,7 @@ def assign(
 
     @cache
     def found(candidate: int) -> tuple[float, Decoded, Filter]:
-        filter_ = Filter(laws.known(), noise, disturbances[candidate])
+        filter_ = Filter(laws.known(), noise, disturbances[candidate], pieces.first_step)
         decoded = decode(filter_, pieces, own, price=price, n_kept=settings.n_kept)
         return float(decoded.log_likelihood.sum()), decoded, filter_
 

@@ -30,7 +30,7 @@ def certainty(found: StayIdentification) -> Certainty:
     """
     estimate, laws = found.estimate, found.estimate.laws
     together = _correlation(found)
-    errors = np.sqrt(together * np.clip(np.diag(found.reached.covariance()), 0.0, np.inf))
+    errors = np.sqrt(together * np.clip(np.diag(found.reached.covariance), 0.0, np.inf))
     n_free, n_instants = laws.n_free, len(estimate.segments.instants)
     first = n_free + estimate.starts.size
     coef = np.zeros(laws.coef.shape)
@@ -45,7 +45,7 @@ def _of_surface(found: StayIdentification, together: float) -> Array | None:
     guards, surface = found.estimate.guards, found.model.surface_
     if guards is None or not isinstance(surface, PolynomialSurfaceClassifier):
         return None
-    own = together * found.reached.covariance_of_guards()
+    own = together * found.reached.covariance_of_guards
     other, start = deepcopy(surface), surface.coef_
     columns = []
     for place in zip(*np.nonzero(guards.free), strict=True):

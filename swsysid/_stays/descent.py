@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from swsysid._results import Array
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate, Objective
+
+_ROUNDING = 1e-12  # of the diagonal: what normal equations of double precision cannot tell
 
 
 @dataclass(frozen=True)
@@ -24,21 +28,28 @@ class Reached:
         """Standard deviations that the misfits are measured in."""
         return self.objective.noise
 
+    @cached_property
     def covariance(self) -> Array:
-        """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix."""
+        """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix.
+
+        What the data do not tell has a variance that is very large, not none.
+        """
         matrix, _, _ = self.objective.normal_equations(self.estimate)
-        diagonal = np.diag(matrix)
-        unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        scaled = np.nan_to_num(matrix * unit[:, None] * unit)
-        inverse = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True)
+        scaled, unit = _in_units(matrix)
+        scaled[np.diag_indices_from(scaled)] += _ROUNDING
+        try:
+            factor = cho_factor(np.nan_to_num(scaled), check_finite=False)
+            inverse = cho_solve(factor, np.eye(len(scaled)), check_finite=False)
+        except LinAlgError:
+            inverse = np.linalg.pinv(np.nan_to_num(scaled), rcond=_ROUNDING, hermitian=True)
         return np.asarray(inverse * unit[:, None] * unit, dtype=float)
 
+    @property
     def covariance_of_guards(self) -> Array:
         """Of the free coefficients of the surfaces alone."""
-        covariance = self.covariance()
         n_guards = 0 if self.estimate.guards is None else self.estimate.guards.n_free
-        first = len(covariance) - n_guards
-        return covariance[first:, first:]
+        first = len(self.covariance) - n_guards
+        return self.covariance[first:, first:]
 
 
 def most_likely(
@@ -63,8 +74,11 @@ def most_likely_with_guards(
     snapped = reached.estimate.snapped()
     if snapped is reached.estimate:
         return reached
-    again = _through(snapped, stages[-1:], settings)
-    return min(reached, again, key=lambda one: one.value)
+    objective, n_turns = stages[-1]
+    again = _through(snapped, [(objective, settings.turns_of_snapped)], settings)
+    if again.value >= reached.value:
+        return reached
+    return _through(again.estimate, [(objective, n_turns)], settings)
 
 
 def _through(
@@ -118,9 +132,18 @@ def _hold(estimate: Estimate) -> Array:
 
 
 def _damped_step(matrix: Array, right: Array, damping: float) -> Array:
-    """The step, unknowns in units in which the diagonal is one."""
+    """The step of damped normal equations."""
+    scaled, unit = _in_units(matrix)
+    scaled[np.diag_indices_from(scaled)] += damping
+    try:
+        factor = cho_factor(scaled, overwrite_a=True, check_finite=False)
+    except LinAlgError:  # not positive by rounding, or not finite: no step, and more damping
+        return np.zeros(len(right))
+    return np.asarray(cho_solve(factor, right * unit, check_finite=False) * unit, dtype=float)
+
+
+def _in_units(matrix: Array) -> tuple[Array, Array]:
+    """The matrix of unknowns in units in which its diagonal is one, and these units."""
     diagonal = np.diag(matrix)
     unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    scaled = matrix * unit[:, None] * unit
-    scaled[np.diag_indices_from(scaled)] += damping
-    return np.linalg.solve(scaled, right * unit) * unit
+    return matrix * unit[:, None] * unit, unit

@@ -54,20 +54,27 @@ class Filter:
     laws: Laws  # no coefficient of them free
     noise: Array  # (n_states,): of the measurement
     disturbance: Array  # (n_states,) or (n_rows, n_states): of the velocity, times sqrt(s)
+    first_step: float = 0.5  # part of an interval that is integrated at once, without a switch
 
     def predict(
         self, belief: Belief, old: Modes, new: Modes, u: Array, after: Array, duration: Array
     ) -> Prediction:
         """The belief after an interval in the mode `new`, which began as `old`."""
-        n_states = belief.mean.shape[1]
+        n_states, step = belief.mean.shape[1], self.laws.varied_step
         transition = np.tile(np.eye(n_states), (len(belief.mean), 1, 1))
-        middle, half = 0.5 * (u + after), 0.5 * duration
-        mean, transition = self.laws.varied_step(old, belief.mean, transition, u, middle, half)
         rows = np.flatnonzero(old != new)
+        share = np.full(len(old), self.first_step)
+        share[rows] = 0.5
+        middle = u + share[:, None] * (after - u)
+        mean, transition = step(old, belief.mean, transition, u, middle, share * duration)
         jump = self.laws.velocities(new[rows], mean[rows], middle[rows])
         jump -= self.laws.velocities(old[rows], mean[rows], middle[rows])
         jump *= duration[rows, None]
-        mean, transition = self.laws.varied_step(new, mean, transition, middle, after, half)
+        if (on := np.flatnonzero(share < 1.0)).size:
+            left = (1.0 - share[on]) * duration[on]
+            mean[on], transition[on] = step(
+                new[on], mean[on], transition[on], middle[on], after[on], left
+            )
         covariance = transition @ belief.covariance @ transition.transpose(0, 2, 1)
         every = np.arange(n_states)
         covariance[:, every, every] += self.disturbance**2 * duration[:, None]

@@ -27,6 +27,7 @@ from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import intervals_of, misfits, states_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate
+from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.surfaces import on_surface, with_few_monomials, with_surface
 
 
@@ -78,8 +79,7 @@ class Alternation:
 
     Between two rounds it knows laws, rough states, the prior of the modes and the noise.
     `noise` are standard deviations of the states; `free` are the coefficients that are sought,
-    all by default; `names` are those of states and inputs, if they have any; `done` is told of
-    every round.
+    all by default; `names` are those of states and inputs, if they have any.
     """
 
     def __init__(
@@ -91,20 +91,23 @@ class Alternation:
         *,
         free: NDArray[np.bool_] | None = None,
         names: list[str] | None = None,
-        done: Callable[[StayRecord], object] = id,
     ):
-        self.start, self.settings, self.names, self.done = start, settings, names, done
-        self.recordings, self.noise, self.first_noise = recordings, noise, noise
+        self.start, self.names = start, names
+        self.settings, self.exactly = settings.roughly(), settings
+        self.noise = self.first_noise = noise
         spread = recordings.joined(recordings.guess).std(axis=0)
         spread = np.where(spread > 0.0, spread, 1.0)
         free = np.ones(start.coef_.shape, dtype=bool) if free is None else free
         system = start.switching_model
         self.laws = Laws(start.coef_, system.feature_map.at_rows, spread, free)
+        recordings = in_exact_steps(recordings, self.laws, noise, settings)
+        self.recordings = recordings
         self.disturbances = disturbances(self.laws, recordings, settings)
         self.prior: Array | None = None
         if len(self.laws.coef) > 1:
             self.prior = prior_of_model(system, recordings, settings.trust[0])
-        self.modes = np.zeros(recordings.steps.shape, dtype=np.intp)
+        self.modes = np.full(recordings.steps.shape, -1)
+        self.last: StayIdentification | None = None  # what a round goes on from
         self.found: list[StayIdentification] = []
         self.history: list[StayRecord] = []
 
@@ -114,37 +117,50 @@ class Alternation:
             self._round(stage)
         return self.best
 
-    def finish(self) -> StayIdentification:
-        """The other rounds."""
+    def finish(self, told: Callable[[], object]) -> StayIdentification:
+        """The other rounds; `told` is called now and then."""
         settings = self.settings
         n_prices = len(settings.prices)
         for turn in range(settings.settled, settings.most_rounds):
             changed = self._round(min(turn, n_prices - 1))
+            told()
             if turn >= n_prices - 1 and not changed:
                 break
         if len(self.laws.coef) > 1 and self._doubtful():
             self._begin_anew()
             for stage in range(n_prices):
                 self._round(stage)
+                told()
         while self._simplified():
-            pass
-        return self.best
+            told()
+        return self._polished(self.best)
 
-    def _round(self, stage: int) -> int:
+    def _polished(self, found: StayIdentification) -> StayIdentification:
+        """The same at the very maximum."""
+        model, reached = found.model, found.reached
+        if reached.estimate.guards is None:
+            reached = most_likely(reached.estimate, reached.noise, self.exactly, near=True)
+        else:
+            model, reached = on_surface(model, reached, reached.estimate.guards, self.exactly)
+        model.coef_ = reached.estimate.laws.coef
+        return replace(found, model=model, reached=reached)
+
+    def _round(self, stage: int, *, same_surface: bool = False, always: bool = False) -> int:
         """Assign, estimate, refit the surface; the number of intervals whose mode changed."""
-        settings = self.settings
         assigned = self._assigned(stage)
-        modes = assigned.modes
-        changed = modes.size if not self.history else int((modes != self.modes).sum())
-        if changed:
-            before = self.found[-1].estimate if self.found else None
-            moved = (modes != self.modes).any(axis=0)
-            first = assigned.estimate(self.laws, self.recordings, settings, before, moved)
-            model, reached = self._estimated(first, stage)
-            self._keep(model, reached, changed, stage)
-            self.modes = modes
+        moved = assigned.modes != self.modes
+        if moved.any() or always:
+            before = None if self.last is None else self.last.estimate
+            first = assigned.estimate(
+                self.laws, self.recordings, self.settings, before, moved.any(axis=0)
+            )
+            estimated = (
+                self._on_same_surface(first) if same_surface else self._estimated(first, stage)
+            )
+            self._keep(*estimated, int(moved.sum()), stage)
+            self.modes = assigned.modes
             self.disturbances = _near(self.disturbances, assigned.filter.disturbance)
-        return changed
+        return int(moved.sum())
 
     def _simplified(self) -> bool:
         """Try the surfaces without their least certain coefficient; true if that is better.
@@ -152,32 +168,18 @@ class Alternation:
         Stays and surface agree with each other, also where both are a little wrong: what a
         coefficient is worth shows only where the modes are assigned without it.
         """
-        best, guards = self.best, self.best.estimate.guards
+        best, guards, settings = self.best, self.best.estimate.guards, self.settings
         if guards is None or not guards.n_free:
             return False
-        guards = without_weakest(guards, best.reached.covariance_of_guards())
-        last = len(self.settings.prices) - 1
-        self._go_on_from(
-            best,
-            prior_of_guards(
-                guards, None, self._at(best), self.settings.trust[1], self.settings.blurred
-            ),
-        )
+        guards = without_weakest(guards, best.reached.covariance_of_guards)
+        estimate = replace(best.estimate, guards=guards)
+        simpler = replace(best, reached=replace(best.reached, estimate=estimate))
+        prior = prior_of_guards(guards, None, self._at(best), settings.trust[1], settings.blurred)
+        self._go_on_from(simpler, prior)
         n_found = len(self.found)
-        for _ in range(self.settings.rounds_of_simplified):
-            assigned = self._assigned(last)
-            modes = assigned.modes
-            if len(self.found) > n_found and np.array_equal(modes, self.modes):
+        for turn in range(settings.rounds_of_simplified):
+            if not self._round(len(settings.prices) - 1, same_surface=True, always=turn == 0):
                 break
-            moved = (modes != self.modes).any(axis=0)
-            first = assigned.estimate(
-                self.laws, self.recordings, self.settings, best.estimate, moved
-            )
-            start = Reached(first, best.reached.objective.with_noise(self.noise), np.inf)
-            model, reached = on_surface(best.model, start, guards, self.settings)
-            self._keep(model, reached, int((modes != self.modes).sum()), last)
-            self.modes = modes
-            guards = guards if reached.estimate.guards is None else reached.estimate.guards
         better = self.best.criterion < best.criterion
         if not better:
             self.found = self.found[:n_found]
@@ -189,7 +191,7 @@ class Alternation:
     def _go_on_from(self, found: StayIdentification, prior: Array | None) -> None:
         self.laws, self.noise = found.estimate.laws, _noise(found.reached, self.first_noise)
         self.recordings, self.prior = self._at(found), prior
-        self.modes = intervals_of(found.estimate)
+        self.modes, self.last = intervals_of(found.estimate), found
 
     def _doubtful(self) -> bool:
         """True if a recording is further from its rollout than noise brings it."""
@@ -202,7 +204,7 @@ class Alternation:
     def _begin_anew(self) -> None:
         """Go on from the best laws, the surface hardly trusted: its modes may be the wrong ones."""
         self._go_on_from(self.best, None)
-        self.modes = np.full(self.modes.shape, -1)
+        self.modes, self.last = np.full(self.modes.shape, -1), None
 
     def _assigned(self, stage: int) -> Assigned:
         price = self.settings.prices[stage]
@@ -218,14 +220,21 @@ class Alternation:
 
     def _estimated(self, first: Estimate, stage: int) -> tuple[SwitchingSystemRegressor, Reached]:
         """Laws and surface of highest likelihood with the stays as assigned."""
-        settings, guards = self.settings, self.found[-1].estimate.guards if self.found else None
-        if stage >= settings.settled and guards is not None:
-            start = Reached(first, self.found[-1].reached.objective.with_noise(self.noise), np.inf)
-            model, reached = on_surface(self.found[-1].model, start, guards, settings)
+        settings = self.settings
+        known = self.last is not None and self.last.estimate.guards is not None
+        if known and stage >= settings.settled:
+            model, reached = self._on_same_surface(first)
         else:
-            reached = most_likely(first, self.noise, settings, near=bool(self.found))
+            reached = most_likely(first, self.noise, settings, near=self.last is not None)
             model, reached = with_surface(self.start, reached, settings, self.names)
         return with_few_monomials(model, reached, settings)
+
+    def _on_same_surface(self, first: Estimate) -> tuple[SwitchingSystemRegressor, Reached]:
+        """The same from the surface of the round before."""
+        last = self.last
+        assert last is not None and last.estimate.guards is not None
+        start = Reached(first, last.reached.objective.with_noise(self.noise), np.inf)
+        return on_surface(last.model, start, last.estimate.guards, self.settings)
 
     @property
     def best(self) -> StayIdentification:
@@ -241,9 +250,9 @@ class Alternation:
         self.history.append(
             StayRecord(len(self.history), reached.value, n_switches, changed, reached.noise)
         )
-        self.done(self.history[-1])
         criterion = _criterion(reached, self.first_noise, self.settings)
-        self.found.append(StayIdentification(model, reached, (), criterion))
+        self.last = StayIdentification(model, reached, (), criterion)
+        self.found.append(self.last)
         self.laws = reached.estimate.laws
         self.recordings = self.recordings.with_guess(states_of(reached.estimate))
         self.noise = _noise(reached, self.noise)
@@ -295,5 +304,5 @@ def _prior(
     guards = reached.estimate.guards
     if guards is None:
         return prior_of_model(model.switching_model, recordings, trust)
-    own = reached.covariance_of_guards()
+    own = reached.covariance_of_guards
     return prior_of_guards(guards, own, recordings, trust, settings.blurred)

@@ -55,6 +55,16 @@ class Laws:
         """Number of free coefficients."""
         return len(self.places[0])
 
+    def error_of_steps(self, x: Array, u: Array, after: Array, duration: Array) -> Array:
+        """By how much steps miss two of half their length, at most in any mode; shape of `x`."""
+        errors, half, middle = [], 0.5 * duration, 0.5 * (u + after)
+        for mode in self.modes:
+            modes = np.full(len(x), mode, dtype=np.intp)
+            halved = self.step(modes, x, u, middle, half)
+            halved = self.step(modes, halved, middle, after, half)
+            errors.append(np.abs(halved - self.step(modes, x, u, after, duration)))
+        return np.max(errors, axis=0)
+
     def velocities(self, modes: Modes, x: Array, u: Array) -> Array:
         """Velocity of every row, each in a given mode."""
         features = self.features(np.concatenate([x, u], axis=1))
@@ -68,6 +78,12 @@ class Laws:
         third = self.velocities(modes, x + h / 2 * second, middle)
         fourth = self.velocities(modes, x + h * third, after)
         return x + h / 6 * (first + 2 * (second + third) + fourth)
+
+    def plain_step(
+        self, modes: Modes, x: Array, Z: Array, u: Array, after: Array, duration: Array
+    ) -> tuple[Array, Array]:
+        """States alone, the sensitivities as they were."""
+        return self.step(modes, x, u, after, duration), Z
 
     def varied_step(
         self, modes: Modes, x: Array, Z: Array, u: Array, after: Array, duration: Array

@@ -37,6 +37,8 @@ class Recordings:
     y: Array  # (n_times, n_recordings, n_states): measured states, NaN where there is none
     u: Array  # (n_times, n_recordings, n_inputs): inputs, linear between samples
     guess: Array  # like y: all states, roughly
+    first_step: float = 0.5  # part of a step that is integrated at once: a half, or 1
+    per_sample: int = 1  # steps between two samples that follow each other as usual
 
     @classmethod
     def of(cls, records: Sequence[Record], guess: Sequence[Array] | None = None) -> Recordings:
@@ -68,8 +70,8 @@ class Recordings:
 
     @property
     def interval(self) -> float:
-        """Usual duration between two times."""
-        return float(np.median(self.steps[self.steps > 0.0]))
+        """Usual duration between two samples."""
+        return float(np.median(self.steps[self.steps > 0.0]) * self.per_sample)
 
     @property
     def groups(self) -> NDArray[np.intp]:
@@ -81,8 +83,8 @@ class Recordings:
         return np.concatenate([padded[places, k] for k, places in enumerate(self.sampled)])
 
     def cut(self, length: int, overlap: int) -> tuple[Recordings, list[Piece]]:
-        """Pieces of so many steps side by side, each with some steps more to both sides."""
-        pieces = []
+        """Pieces of so many samples side by side, each with some more to both sides."""
+        length, overlap, pieces = length * self.per_sample, overlap * self.per_sample, []
         for k, t in enumerate(self.times):
             n_steps = len(t) - 1
             edges = np.linspace(0, n_steps, max(1, round(n_steps / length)) + 1).round().astype(int)
@@ -94,7 +96,33 @@ class Recordings:
         y[np.arange(len(y))[:, None] >= [len(t) for t in times]] = np.nan
         u, guess = (pieces_of(part, pieces, further=1) for part in (self.u, self.guess))
         sampled = tuple(np.arange(len(t)) for t in times)
-        return Recordings(times, sampled, pieces_of(self.steps, pieces), y, u, guess), pieces
+        steps = pieces_of(self.steps, pieces)
+        cut = replace(self, times=times, sampled=sampled, steps=steps, y=y, u=u, guess=guess)
+        return cut, pieces
+
+    def with_long_steps(self) -> Recordings:
+        """The same, every step integrated at once."""
+        return replace(self, first_step=1.0)
+
+    def divided(self, parts: int) -> Recordings:
+        """The same with so many steps in place of each."""
+        if parts == 1:
+            return self
+        fine = np.arange(len(self.steps) * parts + 1) / parts
+        low = np.minimum(fine.astype(int), len(self.steps) - 1)
+        share = (fine - low)[:, None, None]
+        u, guess = (one[low] + share * (one[low + 1] - one[low]) for one in (self.u, self.guess))
+        y = np.full(guess.shape, np.nan)
+        y[::parts] = self.y
+        return replace(
+            self,
+            times=tuple(np.interp(fine[: (len(t) - 1) * parts + 1], np.arange(len(t)), t)
+                        for t in self.times),
+            sampled=tuple(places * parts for places in self.sampled),
+            steps=np.repeat(self.steps, parts, axis=0) / parts,
+            y=y, u=u, guess=guess,
+            per_sample=self.per_sample * parts,
+        )  # fmt: skip
 
     def with_guess(self, guess: Array) -> Recordings:
         """The same with other rough states."""

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 
 import numpy as np
+from joblib import Parallel, delayed, effective_n_jobs
 from numpy.typing import NDArray
 from sklearn.base import clone
 
@@ -42,7 +43,7 @@ def check_estimator(estimator: object) -> SwitchingSystemRegressor:
 
 
 class Search:
-    """One search; `told` is called after every round of every start."""
+    """One search; `told` is called now and then, to show that it goes on."""
 
     def __init__(
         self,
@@ -85,9 +86,15 @@ class Search:
     def _with_modes(self, n_modes: object) -> StayIdentification:
         """The best of some starts after their first rounds, followed to the end."""
         stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
-        begun = [self._start(n_modes, stretch) for stretch in stretches]
-        best = min(begun, key=lambda one: one.begin().criterion)
-        return with_few_terms(best.finish(), self.estimator.sparsity, self.settings)
+        starts = [self._start(n_modes, stretch) for stretch in stretches]
+        n_jobs = min(effective_n_jobs(self.estimator.n_jobs), len(starts))
+        workers = Parallel(n_jobs=n_jobs, return_as="generator")
+        begun = []
+        for one in workers(delayed(_begun)(start) for start in starts):
+            begun.append(one)
+            self.told()
+        best = min(begun, key=lambda one: one.best.criterion)
+        return with_few_terms(best.finish(self.told), self.estimator.sparsity, self.settings)
 
     def _start(self, n_modes: object, stretch: float) -> Alternation:
         """An alternation from derivatives by a longer or shorter filter."""
@@ -103,7 +110,6 @@ class Search:
             self.settings,
             free=free,
             names=self.names,
-            done=lambda record: self.told(),
         )
 
     def _differentiated(self, stretch: float) -> Differentiated:
@@ -168,6 +174,12 @@ class Search:
         """What the rollouts leave, relative to the noise that differences show, (n_channels,)."""
         n_channels = self.given.n_channels
         return found.left[:n_channels] / self.base.noise[:n_channels]
+
+
+def _begun(start: Alternation) -> Alternation:
+    """The same after its first rounds."""
+    start.begin()
+    return start
 
 
 def _check_observed(observed: object, given: Given) -> None:

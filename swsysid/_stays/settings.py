@@ -30,6 +30,10 @@ class StaySettings:
     doubtful: float = 2.0
     rounds_of_simplified: int = 2  # with a coefficient of the surface less, before it is judged
     segment: int = 30  # samples of a segment
+    # most error of the longest rollout, in units of the noise, by steps of the integration that are
+    # too long, and most pairs of steps between two samples
+    exact: float = 0.1
+    most_steps: float = 8.0
     # how tightly segments are tied to each other, in units of the noise, and turns for each
     ties: tuple[tuple[float, int], ...] = ((2.0, 8), (0.3, 8), (0.03, 15))
     # by which crossings may miss their surface, in intervals between samples, and turns for each
@@ -38,11 +42,18 @@ class StaySettings:
     beyond: float = 0.3
     damping: float = 1e-3  # of the first step, relative to the diagonal
     most_failures: int = 8
-    converged: float = 0.02  # nats by which a turn must make the data more likely
+    # nats by which a turn must make the data more likely, in rounds and at the end
+    nearly_converged: float = 0.5
+    converged: float = 0.02
+    turns_of_snapped: int = 5  # in which instants put on the surface must be better than the others
     most_rounds: int = 6  # ends sooner where the stays repeat
     # -- starts: windows of differentiation, relative to the automatic one. A shorter one leaves
     # more noise and blurs switches less.
     stretches: tuple[float, ...] = (1.0, 0.5)
+
+    def roughly(self) -> StaySettings:
+        """The same for descents that others follow."""
+        return replace(self, converged=self.nearly_converged)
 
     def joined(self, whole: bool) -> StaySettings:
         """The same, the segments of a recording joined to one rollout or left apart."""

@@ -40,7 +40,7 @@ class Segments:
         self.places = [
             (recording, first, last)
             for recording, n in enumerate(recordings.lengths)
-            for first, last in _cuts(n - 1, length)
+            for first, last in _cuts(n - 1, length * recordings.per_sample)
         ]
         self.count = np.array([last - first for _, first, last in self.places])
         n_steps, n = int(self.count.max()), len(self.places)
@@ -92,8 +92,8 @@ class Segments:
             offset += len(cells)
 
     def shares(self) -> Array:
-        """Part of each interval before its switch; a half where there is none."""
-        shares = np.full(self.steps.shape, 0.5)
+        """Part of each interval before its switch; where there is none, of the first step."""
+        shares = np.full(self.steps.shape, self.recordings.first_step)
         k, s = np.nonzero(self.switch >= 0)
         starts = np.array([self.places[segment][1] for segment in s], dtype=np.intp)
         recording = [self.places[segment][0] for segment in s]
@@ -139,22 +139,18 @@ def rollouts(laws: Laws, segments: Segments, starts: Array, *, varied: bool = Tr
     Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
     states, sensitivities = [x], [Z]
     bound, shares, crossed = _DIVERGED * laws.spread, segments.shares(), []
+    step = laws.varied_step if varied else laws.plain_step
     for k, duration in enumerate(segments.steps):
         before, after = segments.u[k], segments.u[k + 1]
         share = shares[k]
         middle = before + share[:, None] * (after - before)
-        pieces = (
-            (segments.old[k], before, middle, share * duration),
-            (segments.new[k], middle, after, (1.0 - share) * duration),
-        )
-        for piece, (modes, u, v, part) in enumerate(pieces):
-            if not varied:
-                x = laws.step(modes, x, u, v, part)
-            else:
-                x, Z = laws.varied_step(modes, x, Z, u, v, part)
-            if piece == 0 and (rows := np.flatnonzero(segments.switch[k] >= 0)).size:
-                rate = (after - before)[rows] / duration[rows, None]
-                crossed.append(_cross(laws, segments, k, rows, x, Z, middle, rate))
+        x, Z = step(segments.old[k], x, Z, before, middle, share * duration)
+        if (rows := np.flatnonzero(segments.switch[k] >= 0)).size:
+            rate = (after - before)[rows] / duration[rows, None]
+            crossed.append(_cross(laws, segments, k, rows, x, Z, middle, rate))
+        if (on := np.flatnonzero(share < 1.0)).size:
+            left = (1.0 - share[on]) * duration[on]
+            x[on], Z[on] = step(segments.new[k, on], x[on], Z[on], middle[on], after[on], left)
         x = np.clip(np.nan_to_num(x, nan=np.inf), -bound, bound)
         states.append(x)
         if varied:
