@@ -16,52 +16,71 @@ from numpy.typing import NDArray
 from benchmarks.trajectories.plants import Plant
 from benchmarks.trajectories.recordings import Campaign
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid._stays.assign import assign, disturbances, prior_of_guards
 from swsysid._stays.descent import most_likely, most_likely_with_guards
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import SETTINGS
 from swsysid._stays.shooting import Estimate, Segments
-from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.stays import Stays
+from swsysid._stays.steps import in_exact_steps
 from swsysid.differentiation import differentiate
-from swsysid.refinement import refine
+from swsysid.refinement import StatedModel, refine
 from swsysid.refinement._trajectories import read_trajectories
 from swsysid.weak_form import weak_refit
 
 __all__ = ["METHODS", "RECORDINGS", "identified", "number_of_modes"]
 
+Array = NDArray[np.float64]
 Method = Callable[[Plant, Campaign, int], Any]
 
 
 def oracle(plant: Plant, campaign: Campaign, seed: int) -> Any:
-    """Laws, states, instants and surface of highest likelihood, looked for from the true ones."""
-    model, inputs = plant.truth(), campaign.inputs
-    noise = (campaign.x - campaign.states).std(axis=0)
-    spread = campaign.states.std(axis=0)
-    free = np.ones(model.coef_.shape, dtype=bool)
-    laws = Laws(model.coef_, model.feature_map.at_rows, spread, free)
-    recordings = in_exact_steps(_recordings(campaign), laws, noise, SETTINGS)
+    """Laws, states, instants and surface of highest likelihood, looked for from the true ones.
+
+    The stays are the true ones, or those that the true laws and surface make most likely if these
+    are likelier: where a plant slides along its surface, no stays are true.
+    """
+    model, laws, recordings, noise = _truth(plant, campaign)
     stays = [
         Stays(np.array(modes, dtype=np.intp), np.array(times)).within(t)
         for (modes, times), t in zip(campaign.stays, recordings.times, strict=True)
     ]
     segments = Segments(recordings, stays, SETTINGS.segment)
     estimate = Estimate(laws, segments, _true_starts(campaign, segments))
-    if plant.n_modes > 1:
-        extent = spread if inputs is None else np.append(spread, inputs.std(axis=0))
-        guards = Guards.of(model.surface, extent, plant.n_modes)
-        estimate = most_likely_with_guards(
-            replace(estimate, guards=guards), noise, SETTINGS
-        ).estimate
-        model.surface.use_coef(estimate.guards.coef)
-    else:
-        estimate = most_likely(estimate, noise, SETTINGS).estimate
-    model.coef_ = estimate.laws.coef
+    if plant.n_modes == 1:
+        model.coef_ = most_likely(estimate, noise, SETTINGS).estimate.laws.coef
+        return model
+    inputs = np.empty((len(campaign.x), 0)) if campaign.inputs is None else campaign.inputs
+    guards = Guards.of(model.surface, np.append(laws.spread, inputs.std(axis=0)), plant.n_modes)
+    prior = prior_of_guards(guards, None, recordings, SETTINGS.trust[-1], SETTINGS.blurred)
+    candidates = disturbances(laws, recordings, SETTINGS)
+    decoded = assign(laws, recordings, noise, prior, candidates, SETTINGS.prices[-1], SETTINGS)
+    every = np.ones(len(recordings), dtype=bool)
+    starts = [estimate, decoded.estimate(laws, recordings, SETTINGS, None, every)]
+    reached = [
+        most_likely_with_guards(replace(start, guards=guards), noise, SETTINGS) for start in starts
+    ]
+    best = min(reached, key=lambda one: one.value).estimate
+    model.surface.use_coef(best.guards.coef)
+    model.coef_ = best.laws.coef
     return model
 
 
-def _true_starts(campaign: Campaign, segments: Segments) -> NDArray[np.float64]:
+def _truth(plant: Plant, campaign: Campaign) -> tuple[StatedModel, Laws, Recordings, Array]:
+    """The plant, its laws, the recordings with true states as rough ones, and the noise."""
+    model, spread = plant.truth(), campaign.states.std(axis=0)
+    share = (campaign.x - campaign.states[:, : plant.n_measured]).std(axis=0)
+    # what is not measured is tied from segment to segment as closely as what is
+    noise = np.tile(share / spread[: plant.n_measured], plant.order) * spread
+    free = np.ones(model.coef_.shape, dtype=bool)
+    free[:, : len(plant.states) - plant.n_measured] = False  # a position changes as its speed
+    laws = Laws(model.coef_, model.feature_map.at_rows, spread, free)
+    return model, laws, in_exact_steps(_recordings(campaign), laws, noise, SETTINGS), noise
+
+
+def _true_starts(campaign: Campaign, segments: Segments) -> Array:
     """True states where segments begin; between two samples linear."""
     times, starts = segments.recordings.times, []
     for k, first, _ in segments.places:
@@ -90,6 +109,8 @@ class _Told:
 
 def told(plant: Plant, campaign: Campaign, seed: int) -> Any:
     """Laws from weighted integrals, the stays in each mode known."""
+    if plant.order == 2:
+        raise ValueError("weighted integrals need all states.")
     model = plant.truth()
     surface, model.surface = model.surface, _Told(campaign, plant.n_modes)
     # every coefficient is sought: weak_refit keeps only those at zero
@@ -111,7 +132,9 @@ def _estimator(plant: Plant, seed: int, n_modes: int | str | None) -> SwitchingS
 
 def fitted(plant: Plant, campaign: Campaign, seed: int) -> Any:
     """Differentiate, then fit."""
-    done = differentiate(campaign.x, campaign.t, campaign.groups, inputs=campaign.inputs)
+    done = differentiate(
+        campaign.x, campaign.t, campaign.groups, inputs=campaign.inputs, order=plant.order
+    )
     return _estimator(plant, seed, None).fit(done.X, done.Xdot, groups=done.groups)
 
 
@@ -125,7 +148,7 @@ def identified(
 ) -> TrajectoryIdentifier:
     """What `TrajectoryIdentifier` makes of the recordings."""
     estimator = _estimator(plant, seed, n_modes)
-    return TrajectoryIdentifier(estimator).fit(
+    return TrajectoryIdentifier(estimator, order=plant.order).fit(
         campaign.x, campaign.t, campaign.groups, campaign.inputs
     )
 
@@ -142,7 +165,9 @@ def number_of_modes(plant: Plant, campaign: Campaign, seed: int) -> int:
 
 def _recordings(campaign: Campaign) -> Recordings:
     n_inputs = 0 if campaign.inputs is None else campaign.inputs.shape[1]
-    return Recordings.of(read_trajectories(campaign.recordings(), n_inputs, campaign.x.shape[1]))
+    states = [campaign.states[campaign.groups == label] for label in np.unique(campaign.groups)]
+    records = read_trajectories(campaign.recordings(), n_inputs, campaign.x.shape[1])
+    return Recordings.of(records, states)
 
 
 def _most_likely(start: Any, plant: Plant, campaign: Campaign) -> Any:
@@ -151,6 +176,7 @@ def _most_likely(start: Any, plant: Plant, campaign: Campaign) -> Any:
         start,
         campaign.recordings(),
         fit_surface=plant.n_modes > 1,
+        observed=range(plant.n_measured),
         input_hold="linear",
         free=np.ones(start.coef_.shape, dtype=bool),
     ).model

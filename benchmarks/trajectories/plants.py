@@ -35,6 +35,8 @@ class Plant:
         Time in s to which the number of samples in a period refers.
     duration : float
         Of one recording, in periods.
+    order : {1, 2}
+        2: only the first half of the states, positions, is measured.
     start : callable
         Initial state from a random generator.
     inputs : callable or None
@@ -53,6 +55,12 @@ class Plant:
     input_names: Sequence[str] = ()
     inputs: Callable[[np.random.Generator, Array], Array] | None = None
     mode_book: Sequence[Sequence[int]] | None = None
+    order: int = 1
+
+    @property
+    def n_measured(self) -> int:
+        """Number of states that are measured."""
+        return len(self.states) // self.order
 
     @property
     def n_modes(self) -> int:
@@ -105,6 +113,11 @@ def _waves(amplitude: float, *frequencies: float, offset: float = 0.0):
         return offset + amplitude * np.sin(angles).sum(axis=1, keepdims=True)
 
     return inputs
+
+
+def _side_by_side(*columns: Callable[[np.random.Generator, Array], Array]):
+    """Several inputs."""
+    return lambda rng, t: np.hstack([column(rng, t) for column in columns])
 
 
 # -- plants ----------------------------------------------------------------------------------
@@ -226,21 +239,34 @@ _PLANTS = (
         start=_box(0.8, 0.8, centre=1.2),
         degree=2,
     ),
-    Plant(
+    Plant(  # each node is driven: neighbours that follow each other say nothing of who drives whom
         "network of three nodes",
         states=("a", "b", "c"),
         laws=[
-            [{"a": -1.1, "b": 1.0, "u": 1.0}, {"b": -1.1, "c": 1.0}, {"c": -1.1, "a": 1.0}],
-            [{"a": -2.1, "b": 1.0, "c": 1.0, "u": 1.0}, {"b": -2.1, "a": 1.0, "c": 1.0},
-             {"c": -2.1, "a": 1.0, "b": 1.0}],
+            [{"a": -1.1, "b": 1.0, "u": 1.0}, {"b": -1.1, "c": 1.0, "v": 1.0},
+             {"c": -1.1, "a": 1.0, "w": 1.0}],
+            [{"a": -2.1, "b": 1.0, "c": 1.0, "u": 1.0}, {"b": -2.1, "a": 1.0, "c": 1.0, "v": 1.0},
+             {"c": -2.1, "a": 1.0, "b": 1.0, "w": 1.0}],
         ],
-        guards=[{"1": -1.2, "a*a": 1.0, "b*b": 1.0, "c*c": 1.0}],
+        guards=[{"1": 1.2, "a*a": -1.0, "b*b": -1.0, "c*c": -1.0}],
         period=3.0,
         duration=4,
         start=_box(2.0, 2.0, 2.0),
         guard_degree=2,
-        input_names=("u",),
-        inputs=_waves(2.0, 0.21, 0.47),
+        input_names=("u", "v", "w"),
+        inputs=_side_by_side(
+            _waves(2.0, 0.21, 0.47), _waves(2.0, 0.33, 0.61), _waves(2.0, 0.17, 0.53)
+        ),
+    ),
+    Plant(  # an encoder on a mass that meets a bumper
+        "positions only",
+        states=("x", "v"),
+        laws=[[{"v": 1.0}, _SPRING], [{"v": 1.0}, {"x": -9.0, "v": -0.5, "1": -4.0}]],
+        guards=[{"x": -1.0, "1": -0.5}],
+        period=2.0 * np.pi,
+        duration=3,
+        start=_box(2.0, 2.0),
+        order=2,
     ),
     Plant(
         "one mode, cubic spring",

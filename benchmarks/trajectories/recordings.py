@@ -22,7 +22,7 @@ class Scenario:
     Attributes
     ----------
     noise : float
-        Standard deviation of white noise, as a fraction of the spread of each state.
+        Standard deviation of white noise, as a fraction of the spread of each measured state.
     per_period : int
         Samples in a period.
     n_recordings : int
@@ -48,7 +48,7 @@ class Campaign:
     Attributes
     ----------
     t : ndarray of shape (n_samples,)
-    x : ndarray of shape (n_samples, n_states)
+    x : ndarray of shape (n_samples, n_measured)
         As measured.
     inputs : ndarray of shape (n_samples, n_inputs) or None
     groups : ndarray of shape (n_samples,)
@@ -97,11 +97,12 @@ def record(plant: Plant, scenario: Scenario, seed: int) -> Campaign:
         runs.append(truth.simulate(start, t, given, input_hold="linear"))
         inputs.append(given)
     states = np.vstack([run.x for run in runs])
-    noise = scenario.noise * states.std(axis=0)
-    white = np.random.default_rng([seed, 1]).standard_normal(states.shape)
+    measured = states[:, : plant.n_measured]
+    noise = scenario.noise * measured.std(axis=0)
+    white = np.random.default_rng([seed, 1]).standard_normal(measured.shape)
     return Campaign(
         t=np.tile(t, len(runs)),
-        x=states + noise * white,
+        x=measured + noise * white,
         inputs=None if plant.inputs is None else np.vstack(inputs),
         groups=np.repeat(np.arange(len(runs)), len(t)),
         states=states,
