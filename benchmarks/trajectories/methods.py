@@ -21,8 +21,9 @@ from swsysid._stays.descent import most_likely, most_likely_with_guards
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
+from swsysid._stays.segments import Segments
 from swsysid._stays.settings import SETTINGS
-from swsysid._stays.shooting import Estimate, Segments
+from swsysid._stays.shooting import Estimate
 from swsysid._stays.stays import Stays
 from swsysid._stays.steps import in_exact_steps
 from swsysid.differentiation import differentiate

@@ -15,8 +15,9 @@ from swsysid._stays.filtering import Filter, smoothed_states
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings, pieces_of
+from swsysid._stays.segments import Segments
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.shooting import Estimate, Segments
+from swsysid._stays.shooting import Estimate
 from swsysid._stays.stays import Stays
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.matching import best_matching, contingency
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.assign import Assigned, assign, disturbances, prior_of_guards, prior_of_model
@@ -26,7 +27,7 @@ from swsysid._stays.monomials import without_weakest
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import intervals_of, misfits, states_of
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.shooting import Estimate
+from swsysid._stays.shooting import Estimate, recombined
 from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.surfaces import on_surface, with_few_monomials, with_surface
 
@@ -133,7 +134,27 @@ class Alternation:
                 told()
         while self._simplified():
             told()
+        self._recombined()
         return self._polished(self.best)
+
+    def _recombined(self, first: int = 0) -> None:
+        """A round in which every recording has the stays that suited it best in any round.
+
+        A round changes all recordings at once, some of them for the worse.
+        """
+        rounds = [one for one in self.found[first:] if one.estimate.guards is not None]
+        if not rounds:
+            return
+        best = min(rounds, key=lambda one: one.criterion)
+        named = [_named_as(best.estimate, one.estimate) for one in rounds]
+        own = np.array([best.reached.objective.by_recording(one) for one in named])
+        base = next(k for k, one in enumerate(rounds) if one is best)
+        better = own.min(axis=0) < own[base] - self.settings.nearly_converged
+        if better.any():
+            chosen = np.where(better, own.argmin(axis=0), base)
+            self._go_on_from(best, self.prior)
+            estimated = self._on_same_surface(recombined([named[k] for k in chosen]))
+            self._keep(*estimated, 0, len(self.settings.prices) - 1)
 
     def _polished(self, found: StayIdentification) -> StayIdentification:
         """The same at the very maximum."""
@@ -177,9 +198,14 @@ class Alternation:
         prior = prior_of_guards(guards, None, self._at(best), settings.trust[1], settings.blurred)
         self._go_on_from(simpler, prior)
         n_found = len(self.found)
+        self._keep(*self._on_same_surface(estimate), 0, len(settings.prices) - 1)
+        self.prior = prior
         for turn in range(settings.rounds_of_simplified):
+            if self.found[-1].criterion > best.criterion + settings.hopeless:
+                break
             if not self._round(len(settings.prices) - 1, same_surface=True, always=turn == 0):
                 break
+        self._recombined(n_found)
         better = self.best.criterion < best.criterion
         if not better:
             self.found = self.found[:n_found]
@@ -275,6 +301,18 @@ def _criterion(reached: Reached, noise: Array, settings: StaySettings) -> float:
         n_values = np.isfinite(estimate.segments.recordings.y).sum()
         paid = 0.5 * np.log(max(2, n_values)) * (estimate.guards.coef != 0.0).sum()
     return float(first + reached.value - own + paid)
+
+
+def _named_as(known: Estimate, other: Estimate) -> Estimate:
+    """The other estimate, its modes called as in the known one."""
+    n_modes = len(known.laws.coef)
+    if len(other.laws.coef) != n_modes:
+        return known
+    joint = contingency(
+        intervals_of(other).ravel(), intervals_of(known).ravel(), shape=(n_modes,) * 2
+    )
+    order = best_matching(joint)[1]
+    return other if (order == np.arange(n_modes)).all() else other.renamed(order)
 
 
 def _near(candidates: Array, chosen: Array) -> Array:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
-from swsysid._stays.shooting import Estimate, rollouts
+from swsysid._stays.rollouts import rollouts
+from swsysid._stays.shooting import Estimate
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,10 @@ class StaySettings:
     settled: int = 2  # the round from which the surface before is a start, not the classifier
     # standard deviations by which the squares of one recording exceed the others'
     doubtful: float = 2.0
-    rounds_of_simplified: int = 2  # with a coefficient of the surface less, before it is judged
+    # rounds with a coefficient of the surface less, before it is judged, and nats by which it is
+    # not judged any more
+    rounds_of_simplified: int = 2
+    hopeless: float = 100.0
     segment: int = 30  # samples of a segment
     # most error of the longest rollout, in units of the noise, by steps of the integration that are
     # too long, and most pairs of steps between two samples
@@ -43,7 +46,7 @@ class StaySettings:
     damping: float = 1e-3  # of the first step, relative to the diagonal
     most_failures: int = 8
     # nats by which a turn must make the data more likely, in rounds and at the end
-    nearly_converged: float = 0.5
+    nearly_converged: float = 0.1
     converged: float = 0.02
     turns_of_snapped: int = 5  # in which instants put on the surface must be better than the others
     most_rounds: int = 6  # ends sooner where the stays repeat

@@ -6,9 +6,8 @@ given, their instants :math:`\tau` are numbers like any others, and
 .. math:: \tfrac12 \sum_i \Big\| \frac{y_i - x(t_i; C, s, \tau)}{\sigma} \Big\|^2
           + \tfrac12 \sum_k \Big\| \frac{s_{k+1} - x_k^{end}}{\delta \sigma} \Big\|^2
 
-is a smooth function of all of them: no surface is asked, no event is looked for. At an instant the
-sensitivity to it jumps to the difference of the two velocities. With :math:`\delta` falling the
-segments become one rollout.
+is a smooth function of all of them: no surface is asked, no event is looked for. With
+:math:`\delta` falling the segments become one rollout.
 """
 
 from __future__ import annotations
@@ -23,168 +22,12 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._stays.guards import Crossings, Guards
 from swsysid._stays.laws import Laws
-from swsysid._stays.recordings import Recordings
-from swsysid._stays.stays import Stays
+from swsysid._stays.rollouts import Rollouts, rollouts
+from swsysid._stays.segments import Segments
 
 _FARTHEST = 2.0  # intervals that an instant may move at once
 _NEAR = 0.25  # intervals: crossings that miss their surfaces by less are on it
 _FAR = 3.0  # beyond so many standard deviations a crossing counts less
-_DIVERGED = 1e3  # spreads of a state beyond which it is held
-
-
-class Segments:
-    """Recordings cut into segments side by side, with the switches in each interval."""
-
-    def __init__(self, recordings: Recordings, stays: Sequence[Stays], length: int):
-        self.recordings, self.stays = recordings, list(stays)
-        self.places = [
-            (recording, first, last)
-            for recording, n in enumerate(recordings.lengths)
-            for first, last in _cuts(n - 1, length * recordings.per_sample)
-        ]
-        self.count = np.array([last - first for _, first, last in self.places])
-        n_steps, n = int(self.count.max()), len(self.places)
-        self.steps = np.zeros((n_steps, n))
-        self.u = np.zeros((n_steps + 1, n, recordings.u.shape[2]))
-        self.y = np.full((n_steps + 1, n, recordings.y.shape[2]), np.nan)
-        self.followed = np.zeros(n, dtype=bool)  # the next segment continues this one
-        for s, (recording, first, last) in enumerate(self.places):
-            count = last - first
-            self.followed[s] = last < recordings.lengths[recording] - 1
-            self.steps[:count, s] = recordings.steps[first:last, recording]
-            self.u[: count + 1, s] = recordings.u[first : last + 1, recording]
-            self.u[count + 1 :, s] = recordings.u[last, recording]
-            # a sample where two segments meet counts in the second
-            seen = count if self.followed[s] else count + 1
-            self.y[:seen, s] = recordings.y[first : first + seen, recording]
-        self._own = [
-            [s for s, place in enumerate(self.places) if place[0] == recording]
-            for recording in range(len(recordings))
-        ]
-        self.place_switches()
-
-    def place_switches(self) -> None:
-        """Modes before and after the switch of each interval, and where it is."""
-        n_steps, n = self.steps.shape
-        self.old = np.zeros((n_steps, n), dtype=np.intp)
-        self.new = np.zeros((n_steps, n), dtype=np.intp)
-        self.switch = np.full((n_steps, n), -1)  # number of the switch in the interval
-        self.instants = np.concatenate([stays.instants for stays in self.stays])
-        self.segment = np.empty(len(self.instants), dtype=np.intp)
-        self.within = np.zeros(len(self.instants), dtype=np.intp)
-        offset = 0
-        for stays, t, own in zip(self.stays, self.recordings.times, self._own, strict=True):
-            entry = np.searchsorted(stays.instants, t)
-            modes = stays.modes[entry]
-            for s in own:
-                _, first, last = self.places[s]
-                self.old[: last - first, s] = modes[first:last]
-                self.new[: last - first, s] = modes[first + 1 : last + 1]
-            cells = np.searchsorted(t, stays.instants, side="right") - 1
-            cells = np.minimum(cells, len(t) - 2)
-            firsts = np.array([self.places[s][1] for s in own])
-            of = np.searchsorted(firsts, cells, side="right") - 1
-            numbers = offset + np.arange(len(cells))
-            self.segment[numbers] = np.asarray(own)[of]
-            self.switch[cells - firsts[of], self.segment[numbers]] = numbers
-            # number of each switch within its segment: its column of the sensitivities
-            self.within[numbers] = np.arange(len(cells)) - np.searchsorted(of, of)
-            offset += len(cells)
-
-    def shares(self) -> Array:
-        """Part of each interval before its switch; where there is none, of the first step."""
-        shares = np.full(self.steps.shape, self.recordings.first_step)
-        k, s = np.nonzero(self.switch >= 0)
-        starts = np.array([self.places[segment][1] for segment in s], dtype=np.intp)
-        recording = [self.places[segment][0] for segment in s]
-        times = np.array(
-            [self.recordings.times[r][i] for r, i in zip(recording, starts + k, strict=True)]
-        )
-        shares[k, s] = (self.instants[self.switch[k, s]] - times) / self.steps[k, s]
-        return shares
-
-    def moved(self, instants: Array) -> Segments:
-        """The same segments with other instants; a switch may enter another interval."""
-        parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
-        times = self.recordings.times
-        moved = copy(self)
-        moved.stays = [s.moved(p, t) for s, p, t in zip(self.stays, parts, times, strict=True)]
-        moved.place_switches()
-        return moved
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-
-def _cuts(n_steps: int, length: int) -> list[tuple[int, int]]:
-    """Parts of about equal length."""
-    edges = np.linspace(0, n_steps, max(1, round(n_steps / length)) + 1).round().astype(int)
-    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
-
-
-@dataclass(frozen=True)
-class Rollouts:
-    """States at all samples of the segments, and their sensitivities."""
-
-    states: Array  # (n_times, n_segments, n_states)
-    varied: Array | None  # (n_times, n_segments, n_states, n_states + n_free + most switches)
-    crossings: Crossings
-
-
-def rollouts(laws: Laws, segments: Segments, starts: Array, *, varied: bool = True) -> Rollouts:
-    """All segments rolled out from their starts (n_segments, n_states)."""
-    n, n_states = starts.shape
-    most = int(np.bincount(segments.segment, minlength=1).max())
-    x, Z = starts.copy(), np.zeros((n, n_states, n_states + laws.n_free + most))
-    Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
-    states, sensitivities = [x], [Z]
-    bound, shares, crossed = _DIVERGED * laws.spread, segments.shares(), []
-    step = laws.varied_step if varied else laws.plain_step
-    for k, duration in enumerate(segments.steps):
-        before, after = segments.u[k], segments.u[k + 1]
-        share = shares[k]
-        middle = before + share[:, None] * (after - before)
-        x, Z = step(segments.old[k], x, Z, before, middle, share * duration)
-        if (rows := np.flatnonzero(segments.switch[k] >= 0)).size:
-            rate = (after - before)[rows] / duration[rows, None]
-            crossed.append(_cross(laws, segments, k, rows, x, Z, middle, rate))
-        if (on := np.flatnonzero(share < 1.0)).size:
-            left = (1.0 - share[on]) * duration[on]
-            x[on], Z[on] = step(segments.new[k, on], x[on], Z[on], middle[on], after[on], left)
-        x = np.clip(np.nan_to_num(x, nan=np.inf), -bound, bound)
-        states.append(x)
-        if varied:
-            sensitivities.append(Z)
-    crossings = _in_order(crossed, segments, Z.shape[1:], x.shape[1] + segments.u.shape[2])
-    return Rollouts(np.array(states), np.array(sensitivities) if varied else None, crossings)
-
-
-def _cross(
-    laws: Laws, segments: Segments, k: int, rows: NDArray, x: Array, Z: Array, u: Array, rate: Array
-) -> tuple:
-    """Note where segments switch; the sensitivity to the instant begins there.
-
-    It is the difference of the two velocities.
-    """
-    switches = segments.switch[k, rows]
-    old, new = segments.old[k, rows], segments.new[k, rows]
-    before = laws.velocities(old, x[rows], u[rows])
-    kept = Z[rows].copy()
-    column = x.shape[1] + laws.n_free + segments.within[switches]
-    Z[rows, :, column] = before - laws.velocities(new, x[rows], u[rows])
-    columns, rates = np.hstack([x[rows], u[rows]]), np.hstack([before, rate])
-    return switches, old, new, columns, rates, kept
-
-
-def _in_order(crossed: list[tuple], segments: Segments, varied: tuple, n_columns: int) -> Crossings:
-    """Crossings in the order of the instants."""
-    if not crossed:
-        none = np.zeros(0, dtype=np.intp)
-        empty = np.zeros((0, n_columns))
-        return Crossings(none, none, empty, empty, np.zeros((0, *varied)))
-    switches, *parts = (np.concatenate(part) for part in zip(*crossed, strict=True))
-    order = np.argsort(switches)
-    return Crossings(*(part[order] for part in parts))
 
 
 @dataclass(frozen=True)
@@ -248,6 +91,16 @@ class Estimate:
         return Estimate(replace(self.laws, coef=coef), segments, starts, guards)
 
 
+def recombined(chosen: Sequence[Estimate]) -> Estimate:
+    """Each recording, k, as in the k-th of these estimates, which have the same segments."""
+    first = chosen[0]
+    segments = copy(first.segments)
+    segments.stays = [one.segments.stays[k] for k, one in enumerate(chosen)]
+    segments.place_switches()
+    starts = [chosen[place[0]].starts[s] for s, place in enumerate(segments.places)]
+    return Estimate(first.laws, segments, np.array(starts))
+
+
 @dataclass(frozen=True)
 class Objective:
     """The sum of squares above; `noise` are standard deviations (n_states,), `tie` is delta."""
@@ -262,14 +115,27 @@ class Objective:
 
     def value(self, estimate: Estimate) -> float:
         """Half the sum of squares."""
-        done = rollouts(estimate.laws, estimate.segments, estimate.starts, varied=False)
+        return float(self.by_recording(estimate).sum())
+
+    def by_recording(self, estimate: Estimate) -> Array:
+        """What each recording adds to the value, (n_recordings,)."""
+        segments, guards = estimate.segments, estimate.guards
+        done = rollouts(estimate.laws, segments, estimate.starts, varied=False)
         misfit, defects = self._residuals(estimate, done)
-        value = float(0.5 * (np.square(misfit).sum() + np.square(defects).sum()))
-        if estimate.guards is not None:
-            times = estimate.guards.misses(done.crossings).times / self.guard_time
-            value += float(_FAR**2 * (np.sqrt(1.0 + np.square(times / _FAR)) - 1.0).sum())
-            value += float(0.5 * np.square(estimate.guards.wrong_sides()).sum())
-        return value
+        of_segment = 0.5 * np.square(misfit).sum(axis=(0, 2))
+        of_segment[segments.followed] += 0.5 * np.square(defects).sum(axis=1)
+        if guards is not None:
+            misses = guards.misses(done.crossings)
+            far = _far(misses.times / self.guard_time)
+            np.add.at(of_segment, segments.segment[misses.switches], far)
+        n_recordings = len(segments.recordings)
+        recordings = [recording for recording, _, _ in segments.places]
+        values = np.zeros(n_recordings)
+        np.add.at(values, recordings, of_segment)
+        if guards is not None and guards.sides is not None:
+            wrong = 0.5 * np.square(guards.wrong_sides()).sum(axis=0)
+            np.add.at(values, segments.recordings.groups, wrong)
+        return values
 
     def normal_equations(self, estimate: Estimate) -> tuple[Array, Array, float]:
         """Gauss and Newton's matrix, the negative gradient, and the value."""
@@ -333,7 +199,7 @@ class Objective:
         own, own_right, of_sides = guards.side_equations()
         matrix[first:-1, first:-1] += own
         right[first:-1] += own_right
-        return of_sides + float(_FAR**2 * (np.sqrt(1.0 + np.square(times / _FAR)) - 1.0).sum())
+        return of_sides + float(_far(times).sum())
 
     def _residuals(self, estimate: Estimate, done: Rollouts) -> tuple[Array, Array]:
         """Misfits of the samples, and of the starts that follow a segment."""
@@ -355,6 +221,11 @@ class Objective:
         numbers = np.arange(len(segments.instants))
         instants[segments.segment, segments.within] = first_instant + numbers
         return np.hstack([own, shared, instants])
+
+
+def _far(times: Array) -> Array:
+    """Half the squares of misses; of large ones, less."""
+    return np.asarray(_FAR**2 * (np.sqrt(1.0 + np.square(times / _FAR)) - 1.0), dtype=float)
 
 
 def _add(

@@ -13,7 +13,8 @@ from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Filter, smoothed_states
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.shooting import Estimate, Objective, Segments
+from swsysid._stays.segments import Segments
+from swsysid._stays.shooting import Estimate, Objective
 from swsysid._stays.stays import Stays
 from swsysid.refinement._trajectories import Record, read_trajectories
 
