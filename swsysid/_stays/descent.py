@@ -9,10 +9,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from swsysid._results import Array
-from swsysid._stays.settings import StaySettings
+from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.shooting import Estimate, Objective
-
-_ROUNDING = 1e-12  # of the diagonal: what normal equations of double precision cannot tell
 
 
 @dataclass(frozen=True)
@@ -36,12 +34,12 @@ class Reached:
         """
         matrix, _, _ = self.objective.normal_equations(self.estimate)
         scaled, unit = _in_units(matrix)
-        scaled[np.diag_indices_from(scaled)] += _ROUNDING
+        scaled[np.diag_indices_from(scaled)] += LIMITS.rounding
         try:
             factor = cho_factor(np.nan_to_num(scaled), check_finite=False)
             inverse = cho_solve(factor, np.eye(len(scaled)), check_finite=False)
         except LinAlgError:
-            inverse = np.linalg.pinv(np.nan_to_num(scaled), rcond=_ROUNDING, hermitian=True)
+            inverse = np.linalg.pinv(np.nan_to_num(scaled), rcond=LIMITS.rounding, hermitian=True)
         return np.asarray(inverse * unit[:, None] * unit, dtype=float)
 
     @property

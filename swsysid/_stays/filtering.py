@@ -21,10 +21,7 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._stays.laws import Laws, Modes
 from swsysid._stays.recordings import Recordings
-
-_MISSING = 1e12  # variance of a value that was not measured, in units of the noise's
-_ROUGHLY = 0.5  # of the spread of a state: how well a rough one is known
-_MOST_SQUARES = 60.0  # what one sample may cost, in units of the noise: outliers are bounded
+from swsysid._stays.settings import LIMITS
 
 
 @dataclass(frozen=True)
@@ -85,12 +82,14 @@ class Filter:
         """The belief after a measurement, and the log likelihood of that."""
         seen = np.isfinite(y)
         error = np.where(seen, y - predicted.mean, 0.0)
-        variance = self.noise**2 * np.where(seen, 1.0, _MISSING)
+        variance = self.noise**2 * np.where(seen, 1.0, LIMITS.missing)
         total = predicted.covariance + variance[:, :, None] * np.eye(y.shape[1])
         inverse = np.linalg.inv(total)
         gain = predicted.covariance @ inverse
         squares = np.einsum("ri,rij,rj->r", error, inverse, error)
-        log_likelihood = -0.5 * (np.minimum(squares, _MOST_SQUARES) + np.linalg.slogdet(total)[1])
+        log_likelihood = -0.5 * (
+            np.minimum(squares, LIMITS.most_squares) + np.linalg.slogdet(total)[1]
+        )
         mean = predicted.mean + np.einsum("rij,rj->ri", gain, error)
         covariance = predicted.covariance - gain @ predicted.covariance
         return Belief(mean, covariance), log_likelihood
@@ -98,7 +97,7 @@ class Filter:
     def first(self, y: Array, guess: Array) -> Belief:
         """The belief at the first samples; what is not measured there is roughly known."""
         seen = np.isfinite(y)
-        variance = np.where(seen, self.noise, _ROUGHLY * self.laws.spread) ** 2
+        variance = np.where(seen, self.noise, LIMITS.roughly_known * self.laws.spread) ** 2
         return Belief(np.where(seen, y, guess), variance[:, :, None] * np.eye(y.shape[1]))
 
 

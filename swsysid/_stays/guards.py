@@ -17,9 +17,8 @@ from scipy.stats import norm
 
 from swsysid._results import Array
 from swsysid._stays.laws import Features, Modes, slopes_of
+from swsysid._stays.settings import LIMITS
 from swsysid._surfaces.surface import Surface, is_linear
-
-_SLOWEST = 0.1  # of the median rate at which surfaces are crossed: slower ones graze
 
 
 class Crossings(NamedTuple):
@@ -93,7 +92,9 @@ class Guards:
         """The same, told the modes of samples; `unit` is a time that counts as one."""
         basis, slopes = slopes_of(self.features, columns, self.spread)
         speeds = np.abs(np.einsum("lf,kfc,kc->lk", self.coef, slopes, rates))
-        speeds = np.maximum(speeds, _SLOWEST * np.median(speeds, axis=1, keepdims=True))
+        speeds = np.maximum(
+            speeds, LIMITS.slowest_crossing * np.median(speeds, axis=1, keepdims=True)
+        )
         speeds[speeds == 0.0] = np.inf  # a surface that is not there has no sides
         scaled = basis / (speeds * unit)[:, :, None]
         return replace(self, sides=Sides(scaled, self.mode_book[modes].T))
@@ -131,7 +132,9 @@ class Guards:
         values = np.einsum("kf,kf->k", coef, basis)
         gradients = np.einsum("kf,kfc->kc", coef, slopes)
         rates = np.einsum("kc,kc->k", gradients, at.rates[used])
-        size = np.maximum(np.abs(rates), _SLOWEST * np.median(np.abs(rates)) if len(used) else 1.0)
+        size = np.maximum(
+            np.abs(rates), LIMITS.slowest_crossing * np.median(np.abs(rates)) if len(used) else 1.0
+        )
         size = np.maximum(size, np.finfo(float).tiny)
         return Misses(
             used,

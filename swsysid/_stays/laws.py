@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
+from swsysid._stays.settings import LIMITS
 
 Modes = NDArray[np.intp]
 Features = Callable[[Array], Array]  # rows (states, inputs) -> (n_rows, n_features)
-
-_DIFFERENCE = 1e-6  # of the spread of a state: one-sided differences lose half the digits
 
 
 @dataclass(frozen=True)
@@ -120,8 +119,8 @@ def slopes_of(features: Features, columns: Array, spread: Array) -> tuple[Array,
     """
     n_varied = len(spread)
     moves = np.zeros((n_varied, columns.shape[1]))
-    moves[np.arange(n_varied), np.arange(n_varied)] = _DIFFERENCE * spread
+    moves[np.arange(n_varied), np.arange(n_varied)] = LIMITS.difference * spread
     values = features(np.concatenate([columns, *(columns + move for move in moves)]))
     values = values.reshape(n_varied + 1, len(columns), values.shape[1])
-    slopes = (values[1:] - values[0]) / (_DIFFERENCE * spread)[:, None, None]
+    slopes = (values[1:] - values[0]) / (LIMITS.difference * spread)[:, None, None]
     return values[0], slopes.transpose(1, 2, 0)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
+from swsysid._stays.settings import LIMITS
 from swsysid.refinement._trajectories import Record
 
 
@@ -139,14 +140,11 @@ def pieces_of(padded: NDArray, pieces: Sequence[Piece], further: int = 0) -> NDA
     return cut
 
 
-_LONGEST = 1.5  # intervals: a longer step is divided
-
-
 def _filled_in(
     record: Record, guess: Array, interval: float
 ) -> tuple[Record, Array, NDArray[np.intp]]:
     """A record with times between far samples, its rough states, and places of its samples."""
-    counts = np.ceil(np.diff(record.t) / (_LONGEST * interval)).astype(int)
+    counts = np.ceil(np.diff(record.t) / (LIMITS.longest_step * interval)).astype(int)
     if (counts == 1).all():
         return record, guess, np.arange(len(record.t))
     places = np.concatenate([[0], np.cumsum(counts)])

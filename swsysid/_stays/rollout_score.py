@@ -7,10 +7,9 @@ import numpy as np
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.given import Given
+from swsysid._stays.settings import LIMITS
 from swsysid.refinement import initial_states
 from swsysid.refinement._trajectories import Record
-
-_FIRST_SAMPLES = 20  # of a recording, from which its start is found
 
 
 def rollout_score(model: SwitchingSystemRegressor, given: Given) -> float:
@@ -37,7 +36,7 @@ def _misfit(model: SwitchingSystemRegressor, record: Record) -> Array:
 def start_of(model: SwitchingSystemRegressor, record: Record) -> Array:
     """The state from which a rollout fits the first samples best."""
     n_states, n_channels = model.coef_.shape[1], record.y.shape[1]
-    first = record.part(0, min(_FIRST_SAMPLES, len(record.t) - 1))
+    first = record.part(0, min(LIMITS.first_samples, len(record.t) - 1))
     filled = first.filled
     speeds = np.gradient(filled, first.t, axis=0)[:2].mean(axis=0)
     guess = np.concatenate([filled[0], speeds])[:n_states]

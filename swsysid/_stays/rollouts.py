@@ -14,8 +14,7 @@ from swsysid._results import Array
 from swsysid._stays.guards import Crossings
 from swsysid._stays.laws import Laws
 from swsysid._stays.segments import Segments
-
-_DIVERGED = 1e3  # spreads of a state beyond which it is held
+from swsysid._stays.settings import LIMITS
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ def rollouts(laws: Laws, segments: Segments, starts: Array, *, varied: bool = Tr
     x, Z = starts.copy(), np.zeros((n, n_states, n_states + laws.n_free + most))
     Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
     states, sensitivities = [x], [Z]
-    bound, shares, crossed = _DIVERGED * laws.spread, segments.shares(), []
+    bound, shares, crossed = LIMITS.diverged * laws.spread, segments.shares(), []
     step = laws.varied_step if varied else laws.plain_step
     for k, duration in enumerate(segments.steps):
         before, after = segments.u[k], segments.u[k + 1]

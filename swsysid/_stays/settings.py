@@ -63,4 +63,32 @@ class StaySettings:
         return self if whole else replace(self, ties=self.ties[:1])
 
 
-SETTINGS = StaySettings()
+@dataclass(frozen=True)
+class Limits:
+    """Where something counts as far, missing, diverged or on its surface."""
+
+    # -- recordings, in usual intervals: a filter does not reach across a gap; between two samples
+    # further apart than a step times are inserted. Samples from which a start is found.
+    gap: float = 5.0
+    longest_step: float = 1.5
+    first_samples: int = 20
+    # -- Kalman's filter: variance of what was not measured, in units of the noise's; how well a
+    # rough state is known, in spreads; what one sample may cost in squares: outliers are bounded
+    missing: float = 1e12
+    roughly_known: float = 0.5
+    most_squares: float = 60.0
+    # -- rollouts: spreads of a state beyond which it is held; of these, one-sided differences
+    diverged: float = 1e3
+    difference: float = 1e-6
+    # -- crossings: intervals that an instant may move at once, and by which a crossing may miss its
+    # surface and is on it; standard deviations beyond which it counts less; of the median rate at
+    # which a surface is crossed, below which a crossing grazes
+    farthest_move: float = 2.0
+    on_surface: float = 0.25
+    far_miss: float = 3.0
+    slowest_crossing: float = 0.1
+    # of the diagonal: what normal equations of double precision cannot tell
+    rounding: float = 1e-12
+
+
+SETTINGS, LIMITS = StaySettings(), Limits()

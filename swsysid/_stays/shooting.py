@@ -24,10 +24,7 @@ from swsysid._stays.guards import Crossings, Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.rollouts import Rollouts, rollouts
 from swsysid._stays.segments import Segments
-
-_FARTHEST = 2.0  # intervals that an instant may move at once
-_NEAR = 0.25  # intervals: crossings that miss their surfaces by less are on it
-_FAR = 3.0  # beyond so many standard deviations a crossing counts less
+from swsysid._stays.settings import LIMITS
 
 
 @dataclass(frozen=True)
@@ -70,9 +67,9 @@ class Estimate:
         misses = self.guards.misses(done.crossings)
         instants = self.segments.instants.copy()
         interval = self.segments.recordings.interval
-        if (np.abs(misses.times) < _NEAR * interval).all():
+        if (np.abs(misses.times) < LIMITS.on_surface * interval).all():
             return self
-        farthest = _FARTHEST * interval
+        farthest = LIMITS.farthest_move * interval
         move = -misses.times * np.sign(misses.by_instants)
         instants[misses.switches] += np.clip(move, -farthest, farthest)
         return replace(self, segments=self.segments.moved(instants))
@@ -83,7 +80,7 @@ class Estimate:
         coef = self.laws.coef.copy()
         coef[self.laws.places] += step[:n_free]
         starts = self.starts + step[n_free : n_free + size].reshape(self.starts.shape)
-        farthest = _FARTHEST * self.segments.recordings.interval
+        farthest = LIMITS.farthest_move * self.segments.recordings.interval
         by_instant, by_guard = np.split(step[n_free + size :], [n_instants])
         instants = self.segments.instants + np.clip(by_instant, -farthest, farthest)
         guards = None if self.guards is None else self.guards.moved(by_guard)
@@ -193,7 +190,7 @@ class Objective:
             instants[:, None],
             np.tile(first + np.arange(n_guards), (n_used, 1)),
         ])  # fmt: skip
-        root = (1.0 + np.square(times / _FAR)) ** -0.25
+        root = (1.0 + np.square(times / LIMITS.far_miss)) ** -0.25
         slopes = slopes * (root / self.guard_time)[:, None]
         _add(matrix, right, places, slopes[:, None, :], -(root * times)[:, None])
         own, own_right, of_sides = guards.side_equations()
@@ -225,7 +222,9 @@ class Objective:
 
 def _far(times: Array) -> Array:
     """Half the squares of misses; of large ones, less."""
-    return np.asarray(_FAR**2 * (np.sqrt(1.0 + np.square(times / _FAR)) - 1.0), dtype=float)
+    return np.asarray(
+        LIMITS.far_miss**2 * (np.sqrt(1.0 + np.square(times / LIMITS.far_miss)) - 1.0), dtype=float
+    )
 
 
 def _add(

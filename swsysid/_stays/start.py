@@ -12,10 +12,9 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.recordings import Recordings
+from swsysid._stays.settings import LIMITS
 from swsysid.differentiation import Derivatives, choose_smoothing, differentiate
 from swsysid.differentiation._derivatives import rates_appended
-
-_GAP = 5.0  # intervals: a filter does not reach across a longer one
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def named(columns: Array, names: list[str] | None):
 def _pieces(times: list[Array]) -> NDArray[np.intp]:
     """Stretches without a gap, numbered through all recordings."""
     interval = np.median(np.concatenate([np.diff(t) for t in times]))
-    begins = [np.diff(t, prepend=-np.inf) > _GAP * interval for t in times]
+    begins = [np.diff(t, prepend=-np.inf) > LIMITS.gap * interval for t in times]
     return np.cumsum(np.concatenate(begins)) - 1
 
 
