@@ -1,0 +1,123 @@
+"""Recordings in steps as long as their noise allows; parts of a descent that are told apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid._stays.guards import Guards
+from swsysid._stays.laws import Laws
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.rollouts import rollouts
+from swsysid._stays.segments import Segments
+from swsysid._stays.settings import SETTINGS
+from swsysid._stays.shooting import Estimate, Objective, recombined
+from swsysid._stays.stays import Stays
+from swsysid._stays.steps import in_exact_steps
+from swsysid.refinement import StatedModel, StatedSurface
+from swsysid.refinement._trajectories import Record
+
+DECAY = Laws(np.array([[[-1.0]]]), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
+SPRINGS = StatedModel(
+    None,
+    [[[0, 1], [-1, -0.1]], [[0, 1], [-4, -0.1]]],
+    states=["x", "v"],
+    surface=StatedSurface([[0, 1, 0]], 1),
+)
+
+
+def decaying(interval: float) -> Recordings:
+    """exp(-t), one recording of eleven samples."""
+    t = interval * np.arange(11.0)
+    return Recordings.of([Record(t, np.exp(-t)[:, None], np.empty((11, 0)))])
+
+
+def test_divided_steps_keep_the_samples():
+    recordings = decaying(0.5)
+    fine = recordings.divided(3)
+    np.testing.assert_allclose(fine.times[0][fine.sampled[0]], recordings.times[0])
+    np.testing.assert_allclose(fine.joined(fine.y), recordings.joined(recordings.y))
+    np.testing.assert_allclose(fine.steps, 0.5 / 3)
+    assert fine.interval == pytest.approx(0.5)
+    assert np.isnan(fine.y[1:3]).all()
+    middle = fine.guess[1, 0, 0]
+    np.testing.assert_allclose(middle, 1.0 + (np.exp(-0.5) - 1.0) / 3)
+
+
+@pytest.mark.parametrize("interval", [0.02, 0.3, 2.0])
+@pytest.mark.parametrize("noise", [1e-2, 1e-4])
+def test_a_rollout_is_as_exact_as_its_noise_asks_for(interval, noise):
+    recordings = in_exact_steps(decaying(interval), DECAY, np.array([noise]), SETTINGS)
+    stays = [Stays(np.zeros(1, dtype=np.intp), np.zeros(0))]
+    segments = Segments(recordings, stays, 100)
+    states = rollouts(DECAY, segments, np.ones((1, 1)), varied=False).states[:, 0, 0]
+    error = np.abs(states - np.exp(-recordings.times[0])).max()
+    assert error <= SETTINGS.exact * noise
+
+
+def test_no_step_is_shorter_than_needed():
+    # (dt)^5 / 120 a step; ten of .02 gather 3e-10
+    assert in_exact_steps(decaying(0.02), DECAY, np.array([0.01]), SETTINGS).first_step == 1.0
+    assert in_exact_steps(decaying(2.0), DECAY, np.array([0.01]), SETTINGS).per_sample > 1
+
+
+def crossing() -> tuple[Estimate, Objective]:
+    """Two recordings of a mass between two springs, estimated wrongly, with a surface."""
+    t = np.linspace(0.0, 6.0, 61)
+    runs = [SPRINGS.simulate(start, t) for start in ([1.0, 1.0], [-2.0, 0.0])]
+    rng = np.random.default_rng(0)
+    records = [
+        Record(t, run.x + 0.01 * rng.standard_normal(run.x.shape), np.empty((61, 0)))
+        for run in runs
+    ]
+    spread = np.vstack([run.x for run in runs]).std(axis=0)
+    free = np.ones(SPRINGS.coef_.shape, dtype=bool)
+    laws = Laws(SPRINGS.coef_ * 1.02, SPRINGS.feature_map.at_rows, spread, free)
+    recordings = Recordings.of(records)
+    stays = [
+        Stays(
+            np.array([run.events[0].before, *(event.after for event in run.events)]),
+            np.array([event.time for event in run.events]) + 0.02,
+        )
+        for run in runs
+    ]
+    segments = Segments(recordings, stays, 30)
+    starts = np.array([recordings.y[first, k] for k, first, _ in segments.places])
+    columns = recordings.joined(recordings.y)
+    modes = np.concatenate([run.modes for run in runs])
+    guards = Guards.of(SPRINGS.surface, spread, 2)
+    guards = guards.with_sides(columns, np.ones_like(columns), modes, 0.1)
+    objective = Objective(np.full(2, 0.01), 0.3, 0.1)
+    return Estimate(laws, segments, starts, guards), objective
+
+
+def test_recordings_share_the_value_between_them():
+    estimate, objective = crossing()
+    shares = objective.by_recording(estimate)
+    assert (shares > 1.0).all()
+    # two sums of the same squares
+    assert shares.sum() == pytest.approx(objective.normal_equations(estimate)[2], rel=1e-10)
+
+
+def test_recordings_are_recombined_one_by_one():
+    estimate, objective = crossing()
+    moved = estimate.segments.moved(estimate.segments.instants + 0.03)
+    other = replace(estimate, segments=moved, starts=estimate.starts + 0.01)
+    mixed = replace(recombined([estimate, other]), guards=estimate.guards)
+    parts = [objective.by_recording(one) for one in (estimate, other)]
+    expected = [parts[0][0], parts[1][1]]
+    np.testing.assert_allclose(objective.by_recording(mixed), expected, rtol=1e-10)
+
+
+def test_starts_give_the_same_answer_side_by_side():
+    t = np.linspace(0.0, 8.0, 121)
+    rng = np.random.default_rng(1)
+    recordings = []
+    for start in ([1.0, 1.0], [-2.0, 0.0], [1.5, -1.0]):
+        x = SPRINGS.simulate(start, t).x
+        recordings.append({"t": t, "x": x + 0.02 * rng.standard_normal(x.shape)})
+    estimator = SwitchingSystemRegressor(random_state=0)
+    one, two = (TrajectoryIdentifier(estimator, n_jobs=n_jobs).fit(recordings) for n_jobs in (1, 2))
+    np.testing.assert_array_equal(one.estimator_.coef_, two.estimator_.coef_)
+    np.testing.assert_array_equal(one.modes_, two.modes_)
