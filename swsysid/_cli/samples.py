@@ -68,15 +68,11 @@ def measure(table: Table, what: Measurement) -> Samples:
     """The rows that `what` describes; TableError or ValueError say what is in the way."""
     check_roles(table, what)
     numbers, labels, remarks = complete_cells(table, what)
-    rows = np.flatnonzero(np.isfinite(numbers).all(axis=1))
-    if what.timed:
-        gap = PREPARING.even_gap if what.method == "butterworth" else DIFFERENTIATION.largest_gap
-        runs = runs_of(numbers[:, -1], labels, rows, table.row, what.time or "time", gap)
-    else:
-        runs = Runs(rows, np.zeros(len(rows), dtype=int) if labels is None else labels[rows], [])
+    runs = _runs(table, what, numbers, labels)
+    whole = _complete(table, what, numbers, runs)
     make = _with_derivatives if what.derivatives else _differentiated
-    X, Xdot, t, kept, smoothing = make(numbers[runs.rows], runs.labels, what)
-    remarks += [*runs.remarks, *_shortened(runs, kept, smoothing)]
+    X, Xdot, t, kept, smoothing = make(numbers[whole.rows], whole.labels, what)
+    remarks += [*runs.remarks, *_shortened(whole, kept, smoothing)]
     X, signals = np.split(X, [X.shape[1] - len(what.signals)], axis=1)
     return Samples(
         X,
@@ -92,6 +88,28 @@ def measure(table: Table, what: Measurement) -> Samples:
         remarks=(*table.remarks, *remarks),
         recorded=None if what.derivatives else Recorded.of(numbers[runs.rows], runs.labels, what),
     )
+
+
+def _runs(table: Table, what: Measurement, numbers: Array, labels: NDArray | None) -> Runs:
+    """The rows in order, those with a missing state among them."""
+    rows = np.flatnonzero(np.isfinite(numbers).any(axis=1))
+    if not what.timed:
+        return Runs(rows, np.zeros(len(rows), dtype=int) if labels is None else labels[rows], [])
+    gap = PREPARING.even_gap if what.method == "butterworth" else DIFFERENTIATION.largest_gap
+    return runs_of(numbers[:, -1], labels, rows, table.row, what.time or "time", gap)
+
+
+def _complete(table: Table, what: Measurement, numbers: Array, runs: Runs) -> Runs:
+    """The rows with all states; a run ends where too many in a row lack one."""
+    holds_all = np.isfinite(numbers[runs.rows]).all(axis=1)
+    if holds_all.all():
+        return runs
+    rows = runs.rows[holds_all]
+    labels = np.zeros(len(numbers), dtype=runs.labels.dtype)
+    labels[runs.rows] = runs.labels
+    alone = np.full_like(numbers, np.nan)
+    alone[rows] = numbers[rows]
+    return _runs(table, what, alone, labels)
 
 
 def _differentiated(numbers, labels, what: Measurement):

@@ -65,6 +65,11 @@ class Judging:
     # Features of a richer law that is only tried, and rows that each of them needs.
     most_features: int = 200
     rows_a_feature: int = 5
+    # Samples of a held-out stretch, as where a recording is identified; turns that look for its
+    # start, and their first damping, relative to the diagonal.
+    stretch: int = 30
+    turns: int = 12
+    damping: float = 1e-3
 
 
 @dataclass(frozen=True)
