@@ -30,6 +30,7 @@ class FromRecordings:
     split: Split  # of the rows of the recordings
     comparison: Comparison
     given_up: int | None  # modes that "auto" found before a smooth law proved as good
+    excess: Array  # what rollouts leave, in units of the noise that neighbouring samples show
 
     @property
     def model(self) -> SwitchingSystemRegressor:
@@ -40,11 +41,6 @@ class FromRecordings:
     def whole(self) -> bool:
         """Rollouts over whole trajectories; else over stretches."""
         return bool(self.identifier.refine)
-
-    @property
-    def excess(self) -> Array:
-        """What the rollouts leave, in units of the noise that neighbouring samples show."""
-        return _excess(self.identifier)
 
 
 class _Unfit(Exception):
@@ -100,7 +96,14 @@ class _Identification:
         assert samples.t is not None
         modes = recorded.at(samples.t, samples.groups, identifier.modes_, predicted)
         return FromRecordings(
-            identifier, terms, modes, recorded.labels, self.held_out.split, comparison, given_up
+            identifier,
+            terms,
+            modes,
+            recorded.labels,
+            self.held_out.split,
+            comparison,
+            given_up,
+            self.held_out.excess(identifier),
         )
 
     def _of_several(self, n_modes: int | str) -> tuple[TrajectoryIdentifier, Comparison]:
@@ -141,10 +144,10 @@ class _Identification:
         identified = self.held_out.identified
         if trained is None:
             trained = stretches = identified(terms, n_modes, **options)
-        if (_excess(trained) <= RECORDINGS.noise_alone).all():
+        if (self.held_out.excess(trained) <= RECORDINGS.noise_alone).all():
             whole = identified(terms, n_modes, whole=True, **options)
             same = stretches is None or whole.n_modes_ == stretches.n_modes_
-            if same and (_excess(whole) <= RECORDINGS.noise_alone).all():
+            if same and (self.held_out.excess(whole) <= RECORDINGS.noise_alone).all():
                 return whole
         return identified(terms, n_modes, **options) if stretches is None else stretches
 
@@ -200,7 +203,7 @@ class _Identification:
 
     def _check(self, identifier: TrajectoryIdentifier, terms: Terms) -> None:
         """Refuse what derivatives know better."""
-        samples, excess = self.samples, _excess(identifier)
+        samples, excess = self.samples, self.held_out.excess(identifier)
         lacking = bool((excess > RECORDINGS.noise_alone).any())
         wanted = self.options.modes
         asked = identifier.n_modes_ if wanted == "auto" else int(wanted)
@@ -234,8 +237,3 @@ def _left(model: SwitchingSystemRegressor, samples: Samples) -> float:
     """What a model leaves of the derivatives that are not known."""
     errors = (samples.Xdot - model.predict(samples.frame))[:, samples.n_known :]
     return relative_error(errors, samples.Xdot[:, samples.n_known :].std(axis=0))
-
-
-def _excess(identifier: TrajectoryIdentifier) -> Array:
-    report = identifier.report_
-    return report.noise / report.noise_of_differences

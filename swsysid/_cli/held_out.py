@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
+from swsysid._cli.settings import JUDGING
 from swsysid._cli.stretches import Stretches
 from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Split, hold_out
-from swsysid._results import Array
+from swsysid._results import Array, SolverError
 from swsysid._stays.given import read_given
 from swsysid._stays.sensors import without_clipped
 from swsysid._stays.start import differentiated
@@ -24,7 +26,7 @@ class HeldOut:
     """Fits to some of the recordings, and what rollouts along the others leave of them."""
 
     def __init__(self, samples: Samples, options: JobOptions):
-        assert samples.recorded is not None
+        assert samples.recorded is not None and samples.smoothing is not None
         self.samples, self.options, self.recorded = samples, options, samples.recorded
         recorded, self.order = self.recorded, options.measurement.order
         self.split: Split = hold_out(recorded.groups, options.test_fraction, options.random_state)
@@ -32,8 +34,11 @@ class HeldOut:
             warnings.simplefilter("ignore")  # the fit to all recordings tells of clipped samples
             given = without_clipped(read_given(*self._data(slice(None))))
             base = differentiated(given, self.order)
-        self.noise: Array = base.noise[: given.n_channels]
         recordings = base.recordings
+        # of the samples that were measured, whichever cells are missing between them
+        spread = recordings.joined(recordings.guess).std(axis=0)
+        shown = samples.smoothing.noise[: given.n_channels]
+        self.noise: Array = np.maximum(shown, JUDGING.integrated * spread[: given.n_channels])
         records, guess, places = [], [], []
         for k, (record, rows) in enumerate(zip(given.records, given.rows, strict=True)):
             held = self.split.test[rows]
@@ -65,7 +70,10 @@ class HeldOut:
         By rollouts over stretches, or with `whole` over whole ones; `options` are the regressor's.
         """
         library = terms.library(self.samples.X.shape[1])
-        return self._fitted(n_modes, slice(None), whole, feature_library=library, **options)
+        with warnings.catch_warnings():
+            # smoothing told of clipped samples already
+            warnings.filterwarnings("ignore", message="samples stand at an end of the range")
+            return self._fitted(n_modes, slice(None), whole, feature_library=library, **options)
 
     def trained(self, terms: Terms, n_modes: int) -> TrajectoryIdentifier:
         """The same of those that are not held out; what it warns about is no news."""
@@ -75,8 +83,15 @@ class HeldOut:
 
     def rivals(self, terms: Terms) -> list[tuple[Terms, TrajectoryIdentifier]]:
         """Laws of one mode of the training recordings, with these terms and with more of them."""
-        every = [terms, *terms.richer(int(self.split.train.sum()))]
-        return [(each, self.trained(each, 1)) for each in every]
+        found = [(terms, self.trained(terms, 1))]
+        for each in terms.richer(int(self.split.train.sum())):
+            with suppress(ValueError, SolverError):  # such as sines of columns in the thousands
+                found.append((each, self.trained(each, 1)))
+        return found
+
+    def excess(self, identifier: TrajectoryIdentifier) -> Array:
+        """What the rollouts of a fit leave, in units of what neighbouring samples show."""
+        return np.asarray(identifier.noise_ / self.noise, dtype=float)
 
     def left_by(self, identifier: TrajectoryIdentifier) -> Array:
         """What rollouts leave of all held-out samples."""

@@ -46,6 +46,7 @@ def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | N
     if labels is not None:
         codes = np.unique(labels.astype(str), return_inverse=True)[1]
         unlabelled = np.array([label == "" or label != label for label in labels], dtype=bool)
+    numbers[np.isinf(numbers)] = np.nan
     remarks = [] if what.keep_spikes else _mask(table, what, names, numbers, codes)
     gaps = np.column_stack([~np.isfinite(numbers), unlabelled])
     n_states = 0 if what.derivatives else len(what.states)

@@ -76,7 +76,9 @@ class Terms:
 
 
 class LawTerms(TransformerMixin, BaseEstimator):
-    """The values of `Terms` without the checks of a pipeline, which rollouts would wait for.
+    """The same laws as with `Terms`, without a pipeline's checks, for which rollouts would wait.
+
+    Columns of products are in units of their largest value.
 
     Examples
     --------
@@ -90,14 +92,16 @@ class LawTerms(TransformerMixin, BaseEstimator):
         self.waves = waves
 
     def fit(self, X, y=None):
-        """Exponents of the products."""
+        """Exponents of the products, and units of the columns."""
         self._products = Monomials.up_to(self.degree or 1, len(self.columns))
+        size = np.abs(np.asarray(X, dtype=float)[:, list(self.columns)]).max(axis=0)
+        self._size = np.where(size > 0.0, size, 1.0)
         return self
 
     def transform(self, X) -> Array:
         """Products, then sines, then cosines of the columns."""
         chosen = np.asarray(X, dtype=float)[:, list(self.columns)]
-        products = self._products(chosen)[:, 0 if self.degree else 1 :]
+        products = self._products(chosen / self._size)[:, 0 if self.degree else 1 :]
         if not self.waves:
             return products
         return np.hstack([products, np.sin(chosen), np.cos(chosen)])
