@@ -183,7 +183,7 @@ def _errors(result: JobResult) -> str:
     lines += [f"    {line}" for line in text_table([("", "<1", names), *cells], gap="  ")]
     if comparison.seen:
         lines.append(
-            f"    The {n_modes} modes have seen these samples too, and are no better still."
+            f"    The {n_modes} modes have seen these samples too, and are no better even so."
         )
     if comparison.untested:
         listed = ", ".join(map(str, comparison.untested))

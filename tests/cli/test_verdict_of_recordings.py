@@ -78,6 +78,21 @@ def test_two_straight_springs_of_a_cubic_one_are_no_modes():
     assert "Do not trust the modes" in render(result)
 
 
+def test_auto_gives_modes_up_for_a_cubic_law_and_delivers_it(monkeypatch):
+    regressor = JobOptions.regressor
+    monkeypatch.setattr(
+        JobOptions, "regressor", lambda *a, **more: regressor(*a, **{"max_modes": 2, **more})
+    )
+    result = judged(DUFFING, modes="auto", n_runs=5)
+    assert result.given_up == 2 and result.found is not None and result.model.n_modes_ == 1
+    names = [str(name) for name in result.model.feature_names_out_]
+    law = dict(zip(names, result.model.coef_[0, 1], strict=True))
+    assert [law[name] for name in ("x", "v", "x^3")] == pytest.approx([-1, -0.1, -0.3], abs=0.01)
+    text = render(result)
+    assert f"No switching: {result.given_up} modes were found" in text
+    assert "have seen these samples too" in text
+
+
 def test_one_mode_is_enough_for_a_linear_oscillator():
     result = judged(DAMPED)
     assert result.comparison.verdict is Verdict.ONE_MODE
