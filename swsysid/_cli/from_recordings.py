@@ -1,21 +1,21 @@
-"""The model as the recordings themselves tell it; derivatives are where it starts."""
+"""The model as the recordings themselves tell it, judged on recordings that it has not seen."""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import clone
 
-from swsysid._cli.recorded import Recorded
+from swsysid._cli.held_out import HeldOut
+from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
-from swsysid._cli.settings import RECORDINGS
-from swsysid._cli.verdict import relative_error
-from swsysid._data.matching import best_matching, contingency
+from swsysid._cli.settings import JUDGING, RECORDINGS
+from swsysid._cli.terms import Terms
+from swsysid._cli.verdict import Comparison, Rival, Split, Verdict, relative_error
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, SolverError
-from swsysid._stays.settings import StaySettings
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 
 
@@ -24,116 +24,216 @@ class FromRecordings:
     """Laws, modes and instants of highest likelihood, with their standard errors."""
 
     identifier: TrajectoryIdentifier
-    whole: bool  # rollouts over whole trajectories; else over stretches
+    terms: Terms
     modes: NDArray[np.intp]  # of the rows of the samples
     labels: list[object]  # of the trajectories
+    split: Split  # of the rows of the recordings
+    comparison: Comparison
+    given_up: int | None  # modes that "auto" found before a smooth law proved as good
+    excess: Array  # what rollouts leave, in units of the noise that neighbouring samples show
 
     @property
     def model(self) -> SwitchingSystemRegressor:
         """The identified model."""
         return self.identifier.estimator_
 
-    def names_of_modes(self, modes: NDArray[np.intp]) -> NDArray[np.intp]:
-        """How the modes of another model of the same rows are called here."""
-        n_modes = self.identifier.n_modes_
-        joint = contingency(modes, self.modes, shape=(n_modes, n_modes))
-        return np.asarray(best_matching(joint)[1], dtype=np.intp)
-
     @property
-    def excess(self) -> Array:
-        """What the rollouts leave, in units of the noise that neighbouring samples show."""
-        return _excess(self.identifier)
+    def whole(self) -> bool:
+        """Rollouts over whole trajectories; else over stretches."""
+        return bool(self.identifier.refine)
 
 
-class _Identifier(TrajectoryIdentifier):
-    """From one start: what a second one takes, somebody waits for."""
-
-    settings = StaySettings(stretches=(1.0,))
+class _Unfit(Exception):
+    """Why the recordings themselves give no model."""
 
 
 def identify_recordings(
-    model: SwitchingSystemRegressor,
-    samples: Samples,
-    *,
-    order: int,
-    n_jobs: int | None,
-    verbose: bool,
+    samples: Samples, terms: Terms, options: JobOptions
 ) -> tuple[FromRecordings | None, str]:
-    """What the recordings say of as many modes as `model` has; if nothing, why not."""
+    """What the recordings say; if nothing, why not."""
     recorded = samples.recorded
-    if recorded is None or samples.t is None:
+    if recorded is None or samples.t is None or options.quick:
         return None, ""
-    is_plain = model.feature_library is None or isinstance(model.feature_library, int)
+    is_plain = isinstance(terms.library(samples.X.shape[1]), int | None)
     most = RECORDINGS.most_samples if is_plain else RECORDINGS.most_of_pipelines
-    if len(recorded.t) > most:
-        fewer = -(-len(recorded.t) // most)
-        return None, (
-            f"Identified from derivatives: rollouts of more than {most:,} samples of these terms "
-            f"take long (--decimate {fewer} makes them fewer)."
-        )
     try:
-        identifier, whole = _fitted(model, samples, recorded, order, n_jobs, verbose)
-    except (ValueError, SolverError) as error:
-        return None, f"Identified from derivatives: {error}"
-    predicted = identifier.predict_modes(samples.frame)
-    shown = min(identifier.n_modes_, 1 if (predicted == predicted[0]).all() else model.n_modes_)
-    if shown < model.n_modes_:
-        return None, (
-            "Identified from derivatives: the trajectories themselves show "
-            f"{shown} of {model.n_modes_} modes."
-        )
-    excess = _excess(identifier)
-    if (excess > RECORDINGS.hopeless).any():
-        worst = int(np.argmax(excess))
-        return None, (
-            "Identified from derivatives: over stretches of 30 samples rollouts leave "
-            f"{excess[worst]:.2g} times the noise of {samples.names[worst]}; a term, a mode or an "
-            "effect is missing (--diagnose looks for it)."
-        )
-    left, before = _left(identifier.estimator_, samples), _left(model, samples)
-    if (excess > RECORDINGS.noise_alone).any() and left > RECORDINGS.worse * before:
-        return None, (
-            "Identified from derivatives: the laws that follow the trajectories best miss their "
-            "derivatives, and so lack something."
-        )
-    modes = recorded.at(samples.t, samples.groups, identifier.modes_, predicted)
-    return FromRecordings(identifier, whole, modes, recorded.labels), ""
+        if len(recorded.t) > most:
+            fewer = -(-len(recorded.t) // most)
+            raise _Unfit(
+                f"rollouts of more than {most:,} samples of these terms take long (--decimate "
+                f"{fewer} makes them fewer)."
+            )
+        return _Identification(samples, terms, options).found(), ""
+    except (_Unfit, ValueError, SolverError) as reason:
+        return None, f"Identified from derivatives: {reason}"
 
 
-def _fitted(
-    model: SwitchingSystemRegressor,
-    samples: Samples,
-    recorded: Recorded,
-    order: int,
-    n_jobs: int | None,
-    verbose: bool,
-) -> tuple[TrajectoryIdentifier, bool]:
-    """Stretches first: laws that lack something are bent by long rollouts, which take long too."""
-    import pandas as pd
+class _Identification:
+    """One identification: rivals of one mode, the model, and how both predict what is held out."""
 
-    n_states = recorded.states.shape[1]
-    x = pd.DataFrame(recorded.states, columns=list(samples.names[:n_states]))
-    inputs = None
-    if recorded.inputs.shape[1]:
-        inputs = pd.DataFrame(recorded.inputs, columns=list(samples.names[order * n_states :]))
-    data = x, recorded.t, recorded.groups, inputs
-    options = {"order": order, "n_jobs": n_jobs, "verbose": int(verbose)}
-    estimator = clone(model).set_params(n_modes=model.n_modes_, verbose=0)
-    stretches = _Identifier(estimator, refine=False, **options).fit(*data)
-    if (_excess(stretches) > RECORDINGS.noise_alone).any():
-        return stretches, False
-    whole = _Identifier(estimator, **options).fit(*data)
-    if (_excess(whole) > RECORDINGS.noise_alone).any() or whole.n_modes_ != stretches.n_modes_:
-        return stretches, False
-    return whole, True
+    def __init__(self, samples: Samples, terms: Terms, options: JobOptions):
+        self.samples, self.terms, self.options = samples, terms, options
+        self.held_out = HeldOut(samples, options)
+        fitted = self.held_out.rivals(terms)
+        self.plain = fitted[0][1]
+        self.rivals = tuple(Rival(each, self.held_out.left_by(one)) for each, one in fitted)
+
+    def found(self) -> FromRecordings:
+        """The model of all recordings and the comparison, or an exception that says why not."""
+        terms, n_modes, given_up = self.terms, self.options.modes, None
+        if n_modes == 1:
+            identifier = self._finished(terms, 1, self.plain)
+            comparison = self._of_one_mode()
+        else:
+            identifier, comparison = self._of_several(n_modes)
+        if n_modes == "auto" and comparison.verdict in (Verdict.SMOOTH, Verdict.ONE_MODE):
+            if identifier.n_modes_ > 1:
+                given_up, terms = identifier.n_modes_, comparison.best.terms
+                identifier = self._finished(terms, 1, None, sparsity="auto")
+        self._check(identifier, terms)
+        predicted = identifier.predict_modes(self.samples.frame)
+        recorded, samples = self.held_out.recorded, self.samples
+        assert samples.t is not None
+        modes = recorded.at(samples.t, samples.groups, identifier.modes_, predicted)
+        return FromRecordings(
+            identifier,
+            terms,
+            modes,
+            recorded.labels,
+            self.held_out.split,
+            comparison,
+            given_up,
+            self.held_out.excess(identifier),
+        )
+
+    def _of_several(self, n_modes: int | str) -> tuple[TrajectoryIdentifier, Comparison]:
+        """Several modes, judged by those of the training recordings alone.
+
+        Where a law of one mode leaves nothing but noise, that takes no second fit: modes that have
+        seen the held-out samples and are no better still settle it.
+        """
+        held_out, identifier = self.held_out, None
+        if n_modes == "auto" or self._is_smooth():
+            identifier = held_out.identified(self.terms, n_modes)
+            if identifier.n_modes_ == 1:
+                identifier = self._finished(self.terms, 1, self.plain, identifier)
+                return identifier, self._of_one_mode()
+            comparison = self._compared(identifier, identifier)
+            if comparison.improvement <= JUDGING.worth:
+                return identifier, comparison
+            n_modes = identifier.n_modes_
+        trained = held_out.trained(self.terms, int(n_modes))
+        identifier = self._finished(self.terms, int(n_modes), trained, identifier)
+        n_seen = int(self._is_seen(identifier).sum())
+        if n_seen < identifier.n_modes_:
+            trained = held_out.trained(self.terms, n_seen)
+        return identifier, self._compared(identifier, trained)
+
+    def _finished(
+        self,
+        terms: Terms,
+        n_modes: int,
+        trained: TrajectoryIdentifier | None,
+        stretches: TrajectoryIdentifier | None = None,
+        **options,
+    ) -> TrajectoryIdentifier:
+        """The model of all recordings: by rollouts over whole ones where laws lack nothing.
+
+        Laws that lack something are bent by long rollouts, which take long too.
+        """
+        identified = self.held_out.identified
+        if trained is None:
+            trained = stretches = identified(terms, n_modes, **options)
+        if (self.held_out.excess(trained) <= RECORDINGS.noise_alone).all():
+            whole = identified(terms, n_modes, whole=True, **options)
+            same = stretches is None or whole.n_modes_ == stretches.n_modes_
+            if same and (self.held_out.excess(whole) <= RECORDINGS.noise_alone).all():
+                return whole
+        return identified(terms, n_modes, **options) if stretches is None else stretches
+
+    # -- comparisons -----------------------------------------------------------------------
+
+    def _is_smooth(self) -> bool:
+        """Whether a law of one mode leaves nothing but noise of what is held out."""
+        noise = self.held_out.noise
+        left = [relative_error(rival.errors, noise) for rival in self.rivals]
+        return min(left) <= RECORDINGS.noise_alone
+
+    def _is_seen(self, identifier: TrajectoryIdentifier) -> NDArray[np.bool_]:
+        """Modes that the training recordings have."""
+        modes, train = identifier.modes_, self.held_out.split.train
+        shares = np.bincount(modes[train], minlength=identifier.n_modes_) / train.sum()
+        return shares >= JUDGING.rare_mode
+
+    def _compared(
+        self, identifier: TrajectoryIdentifier, trained: TrajectoryIdentifier
+    ) -> Comparison:
+        """The modes of a model by rollouts of one that was trained without what is held out."""
+        held_out, is_seen = self.held_out, self._is_seen(identifier)
+        judged = held_out.stretches_in(is_seen[identifier.modes_[held_out.rows]])
+        judged = judged if judged.any() else np.ones(len(judged), dtype=bool)
+        return Comparison(
+            errors=held_out.left_by(trained)[judged],
+            rivals=tuple(Rival(rival.terms, rival.errors[judged]) for rival in self.rivals),
+            spread=np.nanstd(held_out.measured[judged], axis=0),
+            n_switches=sum(map(len, identifier.switch_times_)),
+            constant=False,
+            told_by_rates=None,
+            untested=tuple(int(mode) for mode in np.flatnonzero(~is_seen)),
+            noise=held_out.noise,
+            blocks=held_out.stretches.blocks[judged],
+            seen=trained is identifier,
+        )
+
+    def _of_one_mode(self) -> Comparison:
+        held_out = self.held_out
+        return Comparison(
+            errors=self.rivals[0].errors,
+            rivals=self.rivals,
+            spread=np.nanstd(held_out.measured, axis=0),
+            n_switches=0,
+            constant=False,
+            told_by_rates=None,
+            untested=(),
+            noise=held_out.noise,
+            blocks=held_out.stretches.blocks,
+        )
+
+    # -- whether to believe it -------------------------------------------------------------
+
+    def _check(self, identifier: TrajectoryIdentifier, terms: Terms) -> None:
+        """Refuse what derivatives know better."""
+        samples, excess = self.samples, self.held_out.excess(identifier)
+        lacking = bool((excess > RECORDINGS.noise_alone).any())
+        wanted = self.options.modes
+        asked = identifier.n_modes_ if wanted == "auto" else int(wanted)
+        predicted = identifier.predict_modes(samples.frame)
+        is_constant = identifier.n_modes_ > 1 and bool((predicted == predicted[0]).all())
+        shown = 1 if is_constant else identifier.n_modes_
+        if shown < asked and (lacking or is_constant):
+            raise _Unfit(f"the trajectories themselves show {shown} of {asked} modes.")
+        if (excess > RECORDINGS.hopeless).any():
+            worst = int(np.argmax(excess))
+            raise _Unfit(
+                f"over stretches of 30 samples rollouts leave {excess[worst]:.2g} times the noise "
+                f"of {samples.names[worst]}; a term, a mode or an effect is missing (--diagnose "
+                "looks for it)."
+            )
+        if not lacking:
+            return
+        library = terms.library(samples.X.shape[1])
+        derived = self.options.regressor(identifier.n_modes_, feature_library=library)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            derived.fit(samples.frame, samples.Xdot, groups=samples.groups)
+        if _left(identifier.estimator_, samples) > RECORDINGS.worse * _left(derived, samples):
+            raise _Unfit(
+                "the laws that follow the trajectories best miss their derivatives, and so lack "
+                "something."
+            )
 
 
 def _left(model: SwitchingSystemRegressor, samples: Samples) -> float:
     """What a model leaves of the derivatives that are not known."""
     errors = (samples.Xdot - model.predict(samples.frame))[:, samples.n_known :]
     return relative_error(errors, samples.Xdot[:, samples.n_known :].std(axis=0))
-
-
-def _excess(identifier: TrajectoryIdentifier) -> Array:
-    report = identifier.report_
-    return report.noise / report.noise_of_differences

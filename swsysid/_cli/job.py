@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._cli.from_recordings import FromRecordings, identify_recordings
-from swsysid._cli.measurement import Measurement
+from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.settings import JUDGING
 from swsysid._cli.terms import Terms
@@ -25,30 +24,12 @@ from swsysid._tables.table import Table
 
 
 @dataclass(frozen=True)
-class JobOptions:
-    """What to identify."""
-
-    measurement: Measurement
-    modes: int | str = 2  # or "auto"
-    library_degree: int = 1  # of the law of each mode; 0 is linear without a constant
-    waves: bool = False  # the law may have sines and cosines of the columns
-    surface_degree: int = 1
-    loss: str = "l1"
-    position: str = "auto"  # with order 2: "yes" and "no" let the law use the positions or not
-    test_fraction: float = 0.3
-    random_state: int = 0
-    quick: bool = False  # derivatives alone, however noisy
-    n_jobs: int | None = None
-    verbose: bool = False
-
-
-@dataclass(frozen=True)
 class JobResult:
     """What was identified and how well such models predict rows that they never saw."""
 
     model: SwitchingSystemRegressor  # of all rows; its columns have names
     modes: NDArray[np.intp]  # of the rows, by that model
-    declared: SwitchingSystemRegressor  # searched for on derivatives: where the model starts
+    declared: SwitchingSystemRegressor  # what is searched for on derivatives
     found: FromRecordings | None  # the model beside what else the recordings tell
     samples: Samples
     options: JobOptions
@@ -57,49 +38,62 @@ class JobResult:
     comparison: Comparison  # of the modes that were found with smooth laws of one mode
     given_up: int | None  # modes that "auto" found before a smooth law proved as good
     position_gain: float | None  # by which positions lower the error, where that decided
-    notes: tuple[str, ...]  # what the fit of the model warned about
+    notes: tuple[str, ...] = ()  # what the fit to derivatives warned about
     remark: str = ""  # why the model is one of derivatives, where they were computed
 
 
 def run_job(table: Table, options: JobOptions) -> JobResult:
-    """Differentiate, identify, and compare with smooth laws of one mode on held-out rows.
+    """Identify, and compare with smooth laws of one mode on what is held out.
 
-    Where derivatives were computed, the model goes on from the recordings themselves.
+    Where derivatives were computed, the recordings themselves decide if they can.
     TableError and ValueError say in a sentence what to change.
     """
     samples = measure(table, options.measurement)
     split = hold_out(samples.groups, options.test_fraction, options.random_state)
     terms, position_gain = _terms(samples, split, options)
-    model, notes = _fit_with_notes(_regressor(terms, samples, options), samples)
+    found, remark = identify_recordings(samples, terms, options)
+    if found is None:
+        derived = _from_derivatives(samples, terms, split, options)
+        return replace(derived, position_gain=position_gain, remark=remark)
+    return JobResult(
+        model=found.model,
+        modes=found.modes,
+        declared=_regressor(found.terms, samples, options, options.modes),
+        found=found,
+        samples=samples,
+        options=options,
+        terms=found.terms,
+        split=found.split,
+        comparison=found.comparison,
+        given_up=found.given_up,
+        position_gain=position_gain,
+    )
+
+
+def _from_derivatives(
+    samples: Samples, terms: Terms, split: Split, options: JobOptions
+) -> JobResult:
+    """What derivatives alone say."""
+    model, notes = _fit_with_notes(_regressor(terms, samples, options, options.modes), samples)
     comparison = _compare(model, terms, samples, split, options)
     given_up = None
     if options.modes == "auto" and comparison.verdict in (Verdict.SMOOTH, Verdict.ONE_MODE):
         given_up, terms = model.n_modes_, comparison.best.terms
-        plain = _regressor(terms, samples, replace(options, modes=1)).set_params(sparsity="auto")
+        plain = _regressor(terms, samples, options, 1).set_params(sparsity="auto")
         model, notes = _fit_with_notes(plain, samples)
-    found, remark = None, ""
-    if not (comparison.constant or options.quick):
-        order = options.measurement.order
-        found, remark = identify_recordings(
-            model, samples, order=order, n_jobs=options.n_jobs, verbose=options.verbose
-        )
-    if found is not None:
-        names = found.names_of_modes(model.modes_)
-        comparison = replace(comparison, untested=tuple(names[list(comparison.untested)].tolist()))
     return JobResult(
-        model=model if found is None else found.model,
-        modes=model.modes_ if found is None else found.modes,
+        model=model,
+        modes=model.modes_,
         declared=model,
-        found=found,
+        found=None,
         samples=samples,
         options=options,
         terms=terms,
         split=split,
         comparison=comparison,
         given_up=given_up,
-        position_gain=position_gain,
+        position_gain=None,
         notes=notes,
-        remark=remark,
     )
 
 
@@ -112,21 +106,15 @@ def _terms(samples: Samples, split: Split, options: JobOptions) -> tuple[Terms, 
         return full, None
     if options.position == "no":
         return without, None
-    model = _fit_quietly(_regressor(full, samples, options), samples, split.train)
+    model = _fit_quietly(_regressor(full, samples, options, options.modes), samples, split.train)
     worth = _worth_of_positions(model, samples, split.train, options)
     return (full if worth >= JUDGING.worth else without), worth
 
 
-def _regressor(terms: Terms, samples: Samples, options: JobOptions) -> SwitchingSystemRegressor:
-    return SwitchingSystemRegressor(
-        n_modes=options.modes,
-        feature_library=terms.library(samples.X.shape[1]),
-        surface=PolynomialSurfaceClassifier(degree=options.surface_degree),
-        loss=options.loss,
-        n_jobs=options.n_jobs,
-        random_state=options.random_state,
-        verbose=int(options.verbose),
-    )
+def _regressor(
+    terms: Terms, samples: Samples, options: JobOptions, n_modes: int | str
+) -> SwitchingSystemRegressor:
+    return options.regressor(n_modes, feature_library=terms.library(samples.X.shape[1]))
 
 
 def _compare(
@@ -144,7 +132,7 @@ def _compare(
     judged = judged if judged.any() else split.test
 
     def errors(terms: Terms, n_modes: int):
-        again = _regressor(terms, samples, replace(options, modes=n_modes))
+        again = _regressor(terms, samples, options, n_modes)
         fitted = _fit_quietly(again, samples, split.train)
         return (samples.Xdot[judged] - fitted.predict(frame[judged]))[:, samples.n_known :]
 

@@ -29,8 +29,9 @@ _LIMITS = frozenset(
 def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | None, list[str]]:
     """The columns of a measurement side by side, the times last; labels; what was masked.
 
-    The numbers are NaN in every row of which a cell is missing or no measurement; the labels name
-    the trajectory of each row, None where no column does.
+    Cells that are missing or no measurement are NaN, and so are all cells of a row that says
+    nothing without them: only other states make up for a state, unless rates were measured. The
+    labels name the trajectory of each row, None where no column does.
     """
     names = [*what.channels, *([what.time] if what.time else [])]
     numbers = table.numbers(names)
@@ -45,10 +46,13 @@ def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | N
     if labels is not None:
         codes = np.unique(labels.astype(str), return_inverse=True)[1]
         unlabelled = np.array([label == "" or label != label for label in labels], dtype=bool)
+    numbers[np.isinf(numbers)] = np.nan
     remarks = [] if what.keep_spikes else _mask(table, what, names, numbers, codes)
     gaps = np.column_stack([~np.isfinite(numbers), unlabelled])
-    empty = gaps.any(axis=1)
-    remarks += _left_out(table, [*names, what.groups], gaps)
+    n_states = 0 if what.derivatives else len(what.states)
+    empty: Mask = gaps[:, n_states:].sum(axis=1) > 0
+    empty |= gaps[:, :n_states].sum(axis=1) >= max(1, n_states)
+    remarks += _left_out(table, [*names, what.groups], gaps, empty)
     numbers[empty] = np.nan
     if what.time_step is not None:
         times = what.time_step * places_along(codes)
@@ -74,25 +78,38 @@ def _mask(table: Table, what: Measurement, names, numbers: Column, codes) -> lis
     return sentences
 
 
-def _left_out(table: Table, names: Sequence[str | None], gaps: Mask) -> list[str]:
-    """How many rows have a gap, and in which columns."""
-    rows = np.flatnonzero(gaps.any(axis=1)).tolist()
-    if not rows:
-        return []
-    counts = ", ".join(
-        f"{name} {count:,}" for name, count in zip(names, gaps.sum(axis=0), strict=True) if count
-    )
-    if len(rows) == len(gaps):
+def _left_out(table: Table, names: Sequence[str | None], gaps: Mask, empty: Mask) -> list[str]:
+    """How many rows are left out, how many have a gap, and in which columns."""
+    if gaps.any(axis=1).all():
         raise TableError(
-            f"No row of {table.source} has a number in every column chosen (missing: {counts}); "
-            "leave such a column out."
+            f"No row of {table.source} has a number in every column chosen (missing: "
+            f"{_counts(names, gaps)}); leave such a column out."
         )
-    most = 2 * len(rows) > len(gaps)
-    hint = " A column that was logged more slowly than the others costs their rows." if most else ""
-    return [
-        f"Left out: {len(rows):,} of {len(gaps):,} rows, with missing values "
-        f"({counts}; {rows_listed(map(table.row, rows))}).{hint}"
-    ]
+    sentences = []
+    if empty.any():
+        told = _told(table, names, gaps, empty)
+        hint = " A column that was logged more slowly than the others costs their rows."
+        hint = hint if 2 * empty.sum() > len(gaps) else ""
+        sentences.append(
+            f"Left out: {empty.sum():,} of {len(gaps):,} rows, with missing values {told}.{hint}"
+        )
+    partly = gaps.any(axis=1) & ~empty
+    if partly.any():
+        sentences.append(
+            f"A state is missing in {partly.sum():,} of {len(gaps):,} rows "
+            f"{_told(table, names, gaps, partly)}; they are used where no derivative is needed."
+        )
+    return sentences
+
+
+def _told(table: Table, names: Sequence[str | None], gaps: Mask, rows: Mask) -> str:
+    listed = rows_listed(map(table.row, np.flatnonzero(rows).tolist()))
+    return f"({_counts(names, gaps[rows])}; {listed})"
+
+
+def _counts(names: Sequence[str | None], gaps: Mask) -> str:
+    counts = zip(names, gaps.sum(axis=0), strict=True)
+    return ", ".join(f"{name} {count:,}" for name, count in counts if count)
 
 
 def sentinels(values: Column) -> Mask:

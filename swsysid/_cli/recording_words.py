@@ -25,9 +25,12 @@ def standard_errors(
     return [f"      standard errors {', '.join(terms)}"] if terms else []
 
 
-def recording_text(found: FromRecordings, samples: Samples) -> str:
-    """What the rollouts leave, and when the trajectories switch."""
-    return "\n".join([_left_over(found, samples), *_instants(found, samples)])
+def recording_text(found: FromRecordings, samples: Samples, asked: int | str) -> str:
+    """What the rollouts leave, and when the trajectories switch; `asked` are modes."""
+    lines, n_modes = [_left_over(found, samples)], found.identifier.n_modes_
+    if asked != "auto" and n_modes < int(asked):
+        lines.append(f"The trajectories show {n_modes} of the {asked} modes asked for.")
+    return "\n".join([*lines, *_instants(found, samples)])
 
 
 def _left_over(found: FromRecordings, samples: Samples) -> str:

@@ -32,6 +32,7 @@ class Runs:
 # What is done to rows, and how it is said with their rows of the file.
 _SENTENCES = {
     "reversed": "The rows run backward in time; they were reversed.",
+    "mixed": "The rows stand in no order of time; they were sorted ({count}).",
     "late": "Rows that stood out of time order were moved: {rows}.",
     "repeated": "Left out: {count} with a time that was there before ({rows}).",
     "restarts": "The time starts again, and a new run with it: {rows}.",
@@ -65,9 +66,9 @@ def runs_of(
     repeated = sum(map(len, found["repeated"]))
     if repeated > PREPARING.coarse * len(rows):
         raise TableError(
-            f"Column {name!r} repeats its times in {repeated:,} of {len(rows):,} rows, which is "
-            "too coarse a clock; name a finer column, or give the time between two rows with "
-            "--time-step instead."
+            f"Column {name!r} repeats its times in {repeated:,} of {len(rows):,} rows: the clock "
+            "is too coarse, or rows stand there twice; name a finer column, give the time between "
+            "two rows with --time-step instead, or remove the repetitions."
         )
     kept = np.concatenate(pieces)
     lengths = list(map(len, pieces))
@@ -89,6 +90,10 @@ def runs_of(
 def _parts(times, rows: Rows, largest_gap: float, found: Findings) -> Iterator[Rows]:
     """The runs among the rows of one trajectory."""
     steps = np.diff(times[rows])
+    if _is_mixed(times[rows]):
+        found["mixed"].append(rows)
+        rows = rows[np.argsort(times[rows], kind="stable")]
+        steps = np.diff(times[rows])
     if np.sum(steps < 0) > np.sum(steps > 0):
         rows = rows[::-1]
         found["reversed"].append(rows)
@@ -107,6 +112,15 @@ def _parts(times, rows: Rows, largest_gap: float, found: Findings) -> Iterator[R
         if len(gaps):
             found["gaps"].append(part[gaps])
         yield from np.split(part, gaps)
+
+
+def _is_mixed(t) -> bool:
+    """True if neither a clock nor a writer explains the order, and each time is there once.
+
+    A clock that starts again so often would leave no run to identify anything from.
+    """
+    back, forth = np.sum(np.diff(t) < 0), np.sum(np.diff(t) > 0)
+    return bool(min(back, forth) > PREPARING.no_order * len(t) and len(np.unique(t)) == len(t))
 
 
 def _between_restarts(times, rows: Rows, found: Findings) -> list[Rows]:

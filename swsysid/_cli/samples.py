@@ -16,7 +16,8 @@ from swsysid._cli.runs import Runs, runs_of
 from swsysid._cli.settings import PREPARING
 from swsysid._rendering.columns import counted
 from swsysid._results import Array
-from swsysid._tables.table import Table
+from swsysid._stays.given import FEWEST_SAMPLES
+from swsysid._tables.table import Table, TableError
 from swsysid._tables.units import rate_unit
 from swsysid.differentiation import Smoothing, choose_smoothing, differentiate
 from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
@@ -68,15 +69,15 @@ def measure(table: Table, what: Measurement) -> Samples:
     """The rows that `what` describes; TableError or ValueError say what is in the way."""
     check_roles(table, what)
     numbers, labels, remarks = complete_cells(table, what)
-    rows = np.flatnonzero(np.isfinite(numbers).all(axis=1))
-    if what.timed:
-        gap = PREPARING.even_gap if what.method == "butterworth" else DIFFERENTIATION.largest_gap
-        runs = runs_of(numbers[:, -1], labels, rows, table.row, what.time or "time", gap)
-    else:
-        runs = Runs(rows, np.zeros(len(rows), dtype=int) if labels is None else labels[rows], [])
+    runs = _runs(table, what, numbers, labels)
+    remarks += _still(table, what, numbers[runs.rows])
+    whole = _complete(table, what, numbers, runs)
     make = _with_derivatives if what.derivatives else _differentiated
-    X, Xdot, t, kept, smoothing = make(numbers[runs.rows], runs.labels, what)
-    remarks += [*runs.remarks, *_shortened(runs, kept, smoothing)]
+    X, Xdot, t, kept, smoothing = make(numbers[whole.rows], whole.labels, what)
+    remarks += [*runs.remarks, *_shortened(whole, kept, smoothing)]
+    if smoothing is not None:
+        remarks += _unlike(what, numbers[whole.rows], smoothing)
+        _refuse_rates(what, X)
     X, signals = np.split(X, [X.shape[1] - len(what.signals)], axis=1)
     return Samples(
         X,
@@ -94,9 +95,87 @@ def measure(table: Table, what: Measurement) -> Samples:
     )
 
 
+def _runs(table: Table, what: Measurement, numbers: Array, labels: NDArray | None) -> Runs:
+    """The rows in order, those with a missing state among them."""
+    rows = np.flatnonzero(np.isfinite(numbers).any(axis=1))
+    if not what.timed:
+        return Runs(rows, np.zeros(len(rows), dtype=int) if labels is None else labels[rows], [])
+    gap = PREPARING.even_gap if what.method == "butterworth" else DIFFERENTIATION.largest_gap
+    return runs_of(numbers[:, -1], labels, rows, table.row, what.time or "time", gap)
+
+
+def _complete(table: Table, what: Measurement, numbers: Array, runs: Runs) -> Runs:
+    """The rows with all states; a run ends where too many in a row lack one."""
+    holds_all = np.isfinite(numbers[runs.rows]).all(axis=1)
+    if holds_all.all():
+        return runs
+    rows = runs.rows[holds_all]
+    labels = np.zeros(len(numbers), dtype=runs.labels.dtype)
+    labels[runs.rows] = runs.labels
+    alone = np.full_like(numbers, np.nan)
+    alone[rows] = numbers[rows]
+    return _runs(table, what, alone, labels)
+
+
+def _still(table: Table, what: Measurement, numbers: Array) -> list[str]:
+    """What columns that never change cannot tell; a state among them is refused."""
+    remarks = []
+    for name, values in zip(what.channels, numbers.T, strict=False):
+        known = values[np.isfinite(values)]
+        if not len(known) or name in what.derivatives or np.ptp(known) > 0.0:
+            continue
+        told = f"Column {name!r} of {table.source} is {known[0]:g} in all {len(known):,} rows"
+        if name in what.states:
+            raise TableError(
+                f"{told}; no law can be told from a state that never moves, leave it out."
+            )
+        if name in what.inputs:
+            remarks.append(f"{told}: what it does cannot be told from a constant, leave it out.")
+    return remarks
+
+
+def _unlike(what: Measurement, numbers: Array, smoothing: Smoothing) -> list[str]:
+    """Columns whose neighbouring samples have little in common."""
+    spread = numbers[:, : len(what.states)].std(axis=0)
+    names = [
+        name
+        for name, noise, size in zip(what.states, smoothing.noise, spread, strict=False)
+        if noise > PREPARING.unlike * size
+    ]
+    if not names:
+        return []
+    return [
+        f"Neighbouring samples of {', '.join(names)} have little in common: that is noise, or a "
+        "motion faster than its sampling; record at least ten samples between two switches."
+    ]
+
+
+def _refuse_rates(what: Measurement, X: Array) -> None:
+    """With order 2 the rate of a position is no position of its own."""
+    n = len(what.states) * (what.order - 1)
+    if n < 2:
+        return
+    alike = np.asarray(np.corrcoef(X[:, : 2 * n].T))[n : 2 * n, :n]
+    rate_of, column = np.unravel_index(np.argmax(alike - np.eye(n)), alike.shape)
+    if rate_of != column and alike[rate_of, column] > PREPARING.rate:
+        raise TableError(
+            f"Column {what.states[column]!r} is the rate of {what.states[rate_of]!r}; with "
+            "--order 2 name the positions alone, or leave --order out."
+        )
+
+
 def _differentiated(numbers, labels, what: Measurement):
+    import pandas as pd
+
     states, inputs, times = np.split(numbers, [len(what.states), numbers.shape[1] - 1], axis=1)
-    rows = states, times[:, 0], labels
+    longest = int(np.unique(labels.astype(str), return_counts=True)[1].max(initial=0))
+    if longest < FEWEST_SAMPLES:
+        raise TableError(
+            f"No trajectory is long enough to be differentiated: the longest of "
+            f"{len(set(labels.tolist()))} has {longest} samples, and {FEWEST_SAMPLES} are the "
+            "least; record longer ones, or check what --groups and --time name."
+        )
+    rows = pd.DataFrame(states, columns=list(what.states)), times[:, 0], labels
     options: dict = {"method": what.method, "order": what.order, "decimate": what.decimate}
     options["too_short"] = "drop"
     smoothing = choose_smoothing(*rows, window=what.window, cutoff=what.cutoff, **options)

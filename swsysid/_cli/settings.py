@@ -19,8 +19,14 @@ class Preparing:
     most_spikes: float = 0.05  # share of spikes above which they are the signal
     # Rows after which a clock that went back has caught up, if a row was merely written late.
     late: int = 3
+    # Share of the rows that go back in time, from which on they stand in no order at all.
+    no_order: float = 0.1
     # Share of rows with a time that was there before; more is a clock that is too coarse.
     coarse: float = 0.2
+    # Share of a column's spread that noise has where neighbouring samples have little in common.
+    unlike: float = 0.5
+    # Correlation from which on a column is the rate of another.
+    rate: float = 0.99
     # Steps after which a filter that needs even times starts again: one row is missing.
     even_gap: float = 1.5
 
@@ -65,6 +71,12 @@ class Judging:
     # Features of a richer law that is only tried, and rows that each of them needs.
     most_features: int = 200
     rows_a_feature: int = 5
+    # Samples of a held-out stretch, as where a recording is identified; turns that look for its
+    # start, and their first damping, relative to the diagonal.
+    stretch: int = 30
+    turns: int = 12
+    damping: float = 1e-3
+    integrated: float = 1e-5  # of a state's spread: to this rollouts are exact, without noise too
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from math import comb
 
 import numpy as np
-from sklearn.base import TransformerMixin
+from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.compose import ColumnTransformer
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._cli.settings import JUDGING
-from swsysid._data.features import FunctionLibrary
+from swsysid._data.features import FunctionLibrary, Monomials
+from swsysid._results import Array
 
 _DEGREES = {0: "linear", 1: "affine", 2: "quadratic", 3: "cubic"}
 
@@ -38,6 +39,10 @@ class Terms:
             [("chosen", "passthrough", list(self.columns))], verbose_feature_names_out=False
         )
         return make_pipeline(chosen, terms)
+
+    def at_once(self) -> TransformerMixin:
+        """The same as one transformer, for models that are not kept."""
+        return LawTerms(self.columns, self.degree, self.waves)
 
     @property
     def n_features(self) -> int:
@@ -68,3 +73,35 @@ class Terms:
             return "--library trigonometric" if self.degree <= 1 else ""
         word = _DEGREES.get(self.degree)
         return f"--library {word}" if word else f"--library-degree {self.degree}"
+
+
+class LawTerms(TransformerMixin, BaseEstimator):
+    """The same laws as with `Terms`, without a pipeline's checks, for which rollouts would wait.
+
+    Columns of products are in units of their largest value.
+
+    Examples
+    --------
+    >>> LawTerms((1,), 2, True).fit_transform(np.array([[5.0, 0.0]]))
+    array([[1., 0., 0., 0., 1.]])
+    """
+
+    def __init__(self, columns: tuple[int, ...], degree: int, waves: bool = False):
+        self.columns = columns
+        self.degree = degree
+        self.waves = waves
+
+    def fit(self, X, y=None):
+        """Exponents of the products, and units of the columns."""
+        self._products = Monomials.up_to(self.degree or 1, len(self.columns))
+        size = np.abs(np.asarray(X, dtype=float)[:, list(self.columns)]).max(axis=0)
+        self._size = np.where(size > 0.0, size, 1.0)
+        return self
+
+    def transform(self, X) -> Array:
+        """Products, then sines, then cosines of the columns."""
+        chosen = np.asarray(X, dtype=float)[:, list(self.columns)]
+        products = self._products(chosen / self._size)[:, 0 if self.degree else 1 :]
+        if not self.waves:
+            return products
+        return np.hstack([products, np.sin(chosen), np.cos(chosen)])

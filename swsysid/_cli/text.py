@@ -19,7 +19,9 @@ from swsysid._surfaces.surface import solves_margin_program
 
 def render(result: JobResult) -> str:
     """The whole text, sections separated by empty lines."""
-    told = recording_text(result.found, result.samples) if result.found else result.remark
+    told = result.remark
+    if result.found is not None:
+        told = recording_text(result.found, result.samples, result.options.modes)
     parts = [_data(result), *_laws(result), _guards(result), told]
     parts += [_errors(result), verdict_text(result)]
     return "\n\n".join(part for part in parts if part)
@@ -37,10 +39,12 @@ def with_effects(model: EffectRegressor) -> str:
 def _data(result: JobResult) -> str:
     samples = result.samples
     columns = ", ".join(map(samples.with_unit, samples.names))
-    n_groups = len(np.unique(samples.groups))
+    n_samples, n_groups = len(samples.X), len(np.unique(samples.groups))
+    if result.found is not None:
+        n_samples, n_groups = len(result.found.identifier.modes_), len(result.found.labels)
     every = f", every {_ordinal(samples.decimate)} row" if samples.decimate > 1 else ""
     trajectories = "1 trajectory" if n_groups == 1 else f"{n_groups} trajectories"
-    lines = [f"{len(samples.X):,} samples of {trajectories}{every}: {columns}"]
+    lines = [f"{n_samples:,} samples of {trajectories}{every}: {columns}"]
     lines += preparation(samples)
     if result.position_gain is not None:
         kept = "kept in" if 0 in result.terms.columns else "left out of"
@@ -96,7 +100,8 @@ def _laws(result: JobResult) -> list[str]:
 
 def _shares(result: JobResult) -> Array:
     """Share of the samples in each mode."""
-    return np.bincount(result.modes, minlength=result.model.n_modes_) / len(result.modes)
+    modes = result.modes if result.found is None else result.found.identifier.modes_
+    return np.bincount(modes, minlength=result.model.n_modes_) / len(modes)
 
 
 def _is_driven(row, features, samples, state: int, members) -> bool:
@@ -163,23 +168,23 @@ def _guards(result: JobResult) -> str:
 
 
 def _errors(result: JobResult) -> str:
-    comparison, samples = result.comparison, result.samples
-    whole = result.split.whole_groups
-    what = "whole trajectories" if whole else "the last stretch of each trajectory"
-    names = [samples.with_unit(name) for name in samples.rate_names[samples.n_known :]]
-    columns = [("spread", comparison.spread)]
+    comparison = result.comparison
     # the law of one mode with the same terms, and the best one if it is another
     shown = {rival.terms: rival for rival in (comparison.rivals[0], comparison.best)}
+    columns = [("spread", comparison.spread)]
+    if comparison.noise is not None:
+        columns = [("noise", comparison.noise)]
     columns += [(f"one mode, {terms}", _rms(rival.errors)) for terms, rival in shown.items()]
     n_modes = _n_compared(result)
     if n_modes > 1:
         columns.append((f"{n_modes} modes, {comparison.rivals[0].terms}", _rms(comparison.errors)))
-    lines = [
-        f"held-out error: RMSE on {len(comparison.errors)} samples, {what}, by models trained on "
-        f"the other {int(result.split.train.sum())}"
-    ]
+    lines, names = [_what_is_held_out(result)], _judged_names(result)
     cells = [(title, ">10", [f"{value:.4g}" for value in values]) for title, values in columns]
     lines += [f"    {line}" for line in text_table([("", "<1", names), *cells], gap="  ")]
+    if comparison.seen:
+        lines.append(
+            f"    The {n_modes} modes have seen these samples too, and are no better even so."
+        )
     if comparison.untested:
         listed = ", ".join(map(str, comparison.untested))
         which, whose = ("Mode", "its") if len(comparison.untested) == 1 else ("Modes", "their")
@@ -188,6 +193,31 @@ def _errors(result: JobResult) -> str:
             f"{whose} law; {whose} samples are left out of these errors."
         )
     return "\n".join(lines)
+
+
+def _what_is_held_out(result: JobResult) -> str:
+    whole = result.split.whole_groups
+    what = "whole trajectories" if whole else "the last stretch of each trajectory"
+    trained = int(result.split.train.sum())
+    if result.comparison.noise is None:
+        return (
+            f"held-out error: RMSE on {len(result.comparison.errors)} samples, {what}, by models "
+            f"trained on the other {trained}"
+        )
+    return (
+        f"held-out error: RMSE of rollouts over stretches of {JUDGING.stretch} samples, on "
+        f"{len(result.comparison.errors)} samples, {what}, by laws of the other {trained}"
+    )
+
+
+def _judged_names(result: JobResult) -> list[str]:
+    """Rates, or the states that were measured."""
+    samples, noise = result.samples, result.comparison.noise
+    if noise is None:
+        names = samples.rate_names[samples.n_known :]
+    else:
+        names = samples.names[: len(noise)]
+    return [samples.with_unit(name) for name in names]
 
 
 def _n_compared(result: JobResult) -> int:
@@ -205,6 +235,8 @@ def verdict_text(result: JobResult) -> str:
             f"{_n_compared(result)} modes: {_change(comparison)})."
         )
     if model.n_modes_ > 1:
+        if result.found is not None:
+            return _of_modes(result)
         stability = (
             f"The same answer came from {100 * result.declared.stability_:.0f} % of the starts."
         )
@@ -223,6 +255,7 @@ def _of_modes(result: JobResult) -> str:
     comparison, best = result.comparison, result.comparison.best
     n_modes = _n_compared(result)
     law = f"one mode with {best.terms} terms"
+    judged = "rates" if comparison.noise is None else "states"
     sure = f"error {_change(comparison)}, {comparison.gain:.1f} standard errors over blocks"
     return {
         Verdict.SWITCHES: (
@@ -252,8 +285,8 @@ def _of_modes(result: JobResult) -> str:
         ),
         Verdict.USELESS: (
             f"The held-out error of the {n_modes} modes is no smaller than the spread of the "
-            "rates: these laws predict no better than the mean. Smooth the data more (--window), "
-            "add what drives the system to --inputs, or try another library."
+            f"{judged}: these laws predict no better than the mean. Smooth the data more "
+            "(--window), add what drives the system to --inputs, or try another library."
         ),
         Verdict.HIDDEN: (
             "Switching does not predict the held-out samples clearly better than one mode, since "
@@ -275,7 +308,7 @@ def _advice(option: str) -> str:
 
 
 def _rms(errors):
-    return np.sqrt(np.mean(errors**2, axis=0))
+    return np.sqrt(np.nanmean(errors**2, axis=0))
 
 
 def _ordinal(number: int) -> str:

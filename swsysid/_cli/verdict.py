@@ -59,7 +59,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Rival:
-    """A law of a single mode and its errors on the held-out rows, (n_rows, n_rates)."""
+    """A law of a single mode and its errors on the held-out rows, (n_rows, n_columns)."""
 
     terms: Terms
     errors: Array
@@ -67,22 +67,34 @@ class Rival:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A model of several modes against laws of one mode, on rows that none of them has seen."""
+    """A model of several modes against laws of one mode, on rows that none of them has seen.
 
-    errors: Array  # of the model of several modes, (n_rows, n_rates)
+    Columns are rates; or, where recordings are rolled out, measured states, NaN where a value is
+    missing, with errors in units of their `noise`.
+    """
+
+    errors: Array  # of the model of several modes, (n_rows, n_columns)
     rivals: tuple[Rival, ...]  # with the same terms first, then with more of them
-    spread: Array  # standard deviations of the held-out rates
+    spread: Array  # standard deviations of what is held out
     n_switches: int  # changes of the mode along the trajectories
     constant: bool  # the surface gives one mode to all samples
     # Errors where each sample has the mode that its own rates tell; None if they do not tell.
     told_by_rates: Array | None
     # Modes that are nearly absent from the training part; their held-out rows are left out.
     untested: tuple[int, ...]
+    noise: Array | None = None  # of the columns, where they are measured states
+    blocks: NDArray[np.intp] | None = None  # of the rows: independent stretches; None cuts some
+    seen: bool = False  # by the model of several modes, which is no better all the same
+
+    @property
+    def unit(self) -> Array:
+        """What errors are measured in."""
+        return self.spread if self.noise is None else self.noise
 
     @property
     def best(self) -> Rival:
         """The rival of the smallest error; of laws that hardly differ the one of fewest terms."""
-        sizes = [relative_error(rival.errors, self.spread) for rival in self.rivals]
+        sizes = [self._size(rival.errors) for rival in self.rivals]
         enough = (1.0 + JUDGING.worth) * min(sizes)
         return next(rival for rival, size in zip(self.rivals, sizes, strict=True) if size <= enough)
 
@@ -94,8 +106,8 @@ class Comparison:
 
     @property
     def gain(self) -> float:
-        """The same in standard errors over contiguous blocks."""
-        return certainty(self.best.errors, self.errors, self.spread)
+        """The same in standard errors over blocks."""
+        return certainty(self.best.errors, self.errors, self.unit, self.blocks)
 
     @property
     def hidden(self) -> bool:
@@ -113,34 +125,40 @@ class Comparison:
             return Verdict.HIDDEN
         if self.improvement <= JUDGING.worth:
             return Verdict.ONE_MODE if self.best is self.rivals[0] else Verdict.SMOOTH
-        if self._size(self.errors) >= 1.0:
+        if relative_error(self.errors, self.spread) >= 1.0:
             return Verdict.USELESS
         if self.n_switches < JUDGING.fewest_switches:
             return Verdict.TOO_FEW
         return Verdict.SWITCHES if self.gain > JUDGING.certain else Verdict.CHANCE
 
     def _size(self, errors: Array) -> float:
-        return relative_error(errors, self.spread)
+        return relative_error(errors, self.unit)
 
 
-def relative_error(errors: Array, spread: Array) -> float:
-    """Root mean square of errors (n_rows, n_rates), each rate in units of its spread."""
-    return float(np.sqrt(np.mean((errors / _scale(spread)) ** 2)))
+def relative_error(errors: Array, unit: Array) -> float:
+    """Root mean square of errors (n_rows, n_columns), each column in its unit."""
+    return float(np.sqrt(np.nanmean((errors / _scale(unit)) ** 2)))
 
 
-def certainty(simple: Array, rich: Array, spread: Array) -> float:
-    """Gain of a rich model over a simple one, in standard errors over contiguous blocks.
+def certainty(
+    simple: Array, rich: Array, unit: Array, blocks: NDArray[np.intp] | None = None
+) -> float:
+    """Gain of a rich model over a simple one, in standard errors over blocks.
 
     The mean log ratio of the squared errors over its standard error, the blocks being
-    independent. Ratios, because the errors of a decaying trajectory differ by decades between
-    its blocks.
+    independent; by default some contiguous ones. Ratios, because the errors of a decaying
+    trajectory differ by decades between its blocks.
     """
-    scale = _scale(spread)
-    size = np.array([np.sum((error / scale) ** 2, axis=1) for error in (simple, rich)])
-    blocks = np.array_split(size, min(JUDGING.blocks, size.shape[1]), axis=1)
-    if len(blocks) < 2:
+    scale, n_rows = _scale(unit), len(simple)
+    size = np.array([np.nansum((error / scale) ** 2, axis=1) for error in (simple, rich)])
+    if blocks is None:
+        n_blocks = min(JUDGING.blocks, n_rows)
+        parts = np.array_split(np.arange(n_rows), max(1, n_blocks))
+    else:
+        parts = [np.flatnonzero(blocks == block) for block in np.unique(blocks)]
+    if len(parts) < 2:
         return 0.0
-    means = np.array([block.mean(axis=1) for block in blocks])
+    means = np.array([size[:, part].mean(axis=1) for part in parts])
     ratios = np.diff(np.log(means + JUDGING.exact * means.max()), axis=1)[:, 0]
     error = ratios.std(ddof=1) / np.sqrt(len(ratios))
     return float(-ratios.mean() / error) if error > 0 else 0.0
@@ -157,5 +175,5 @@ def count_switches(modes: NDArray[np.intp], groups: NDArray) -> int:
     return int(np.sum((modes[1:] != modes[:-1]) & (groups[1:] == groups[:-1])))
 
 
-def _scale(spread: Array) -> Array:
-    return np.where(spread > 0, spread, 1.0)
+def _scale(unit: Array) -> Array:
+    return np.where(unit > 0, unit, 1.0)

@@ -265,7 +265,7 @@ def test_progress_is_shown_on_request_and_goes_to_standard_error(recording, tmp_
     told = capsys.readouterr()
     assert told.out == quiet.out
     assert f"Reading {recording} ...\nSmoothing, and identifying modes ...\n" in told.err
-    assert "starts: 100%" in told.err
+    assert "rounds: 100%" in told.err
 
 
 @pytest.mark.parametrize(("fault", "code"), [(KeyboardInterrupt, 130), (BrokenPipeError, 1)])

@@ -280,7 +280,10 @@ def test_what_is_masked_is_named_and_may_be_kept(file):
         "Masked as no measurement: 1 cell of x (9999; row 12); --keep-spikes uses them."
     )
     assert told[1].startswith("Masked as no measurement: 1 cell of v (777.7; row 22)")
-    assert told[2] == "Left out: 2 of 300 rows, with missing values (x 1, v 1; rows 12, 22)."
+    assert told[2] == (
+        "A state is missing in 2 of 300 rows (x 1, v 1; rows 12, 22); they are used where no "
+        "derivative is needed."
+    )
     kept = Measurement(states=("x", "v"), time="t", keep_spikes=True)
     samples = measure(read_table(path), kept)
     assert not samples.remarks and np.abs(samples.X).max() > 1e3
@@ -333,6 +336,61 @@ def test_newest_first():
     np.testing.assert_array_equal(samples.Xdot, measured(T, X).Xdot)
 
 
+def test_rows_in_no_order_are_sorted_and_a_clock_that_starts_again_is_not():
+    order = np.random.default_rng(0).permutation(len(T))
+    samples = measured(T[order], X[order])
+    assert samples.remarks == ("The rows stand in no order of time; they were sorted (300 rows).",)
+    np.testing.assert_array_equal(samples.Xdot, measured(T, X).Xdot)
+
+
+def test_rows_that_lack_a_state_count_in_recordings_only(file):
+    rows = [row if k % 3 else row.rsplit(",", 1)[0] + "," for k, row in enumerate(lines())]
+    samples = measure(read_table(file(["t,x,v", *rows])), BOTH)
+    recorded = samples.recorded
+    assert len(recorded.t) == 300 and np.isnan(recorded.states[:, 1]).sum() == 100
+    np.testing.assert_allclose(recorded.states[:, 0], X, atol=6e-7)
+    np.testing.assert_allclose(samples.Xdot[:, 0], np.cos(samples.t), atol=1e-3)
+    assert len(samples.X) <= 200
+
+
+def test_a_run_ends_for_derivatives_alone_where_a_state_is_lost_for_long():
+    x = np.column_stack([X, V])
+    x[100:180, 1] = np.nan
+    table = Table("log", {"t": T, "x": x[:, 0], "v": x[:, 1]}, {}, rows=np.arange(300) + 2)
+    samples = measure(table, BOTH)
+    assert len(np.unique(samples.groups)) == 2 and len(samples.recorded.labels) == 1
+
+
+@pytest.mark.parametrize(
+    ("columns", "options", "sentence"),
+    [
+        ({"x": 0 * T + 3.0}, {}, "'x' of log is 3 in all 300 rows; .* never moves, leave it out"),
+        ({"x": X, "v": V}, {"order": 2}, "'v' is the rate of 'x'; with --order 2 name the pos"),
+    ],
+)
+def test_states_that_have_no_law_of_their_own_are_refused(columns, options, sentence):
+    table = Table("log", {"t": T, **columns}, {})
+    with pytest.raises(TableError, match=sentence):
+        measure(table, Measurement(states=tuple(columns), time="t", **options))
+
+
+def test_a_constant_input_is_named():
+    table = Table("log", {"t": T, "x": X, "u": 0 * T + 2.0}, {})
+    samples = measure(table, Measurement(states=("x",), inputs=("u",), time="t"))
+    assert samples.remarks == (
+        "Column 'u' of log is 2 in all 300 rows: what it does cannot be told from a constant, "
+        "leave it out.",
+    )
+
+
+def test_noise_alone_is_told_to_be_so():
+    samples = measured(T, np.random.default_rng(0).standard_normal(300))
+    assert samples.remarks == (
+        "Neighbouring samples of x have little in common: that is noise, or a motion faster than "
+        "its sampling; record at least ten samples between two switches.",
+    )
+
+
 def test_a_clock_in_whole_seconds_is_refused_and_a_time_step_helps():
     with pytest.raises(TableError, match="Column 't' repeats its times in 294 of 300.*--time-step"):
         measured(np.floor(T), X)
@@ -359,7 +417,7 @@ def test_a_row_of_no_trajectory_is_left_out():
 
 
 def test_nothing_long_enough_is_a_sentence():
-    with pytest.raises(ValueError, match="the longest of 60 has 5 samples"):
+    with pytest.raises(ValueError, match="the longest of 60 has 5 samples, and 8 are the least"):
         measured(np.tile(T[:5], 60), X)
 
 

@@ -1,0 +1,114 @@
+"""Recordings of which some are held out, and models identified from the others alone."""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._cli.options import JobOptions
+from swsysid._cli.samples import Samples
+from swsysid._cli.settings import JUDGING
+from swsysid._cli.stretches import Stretches
+from swsysid._cli.terms import Terms
+from swsysid._cli.verdict import Split, hold_out
+from swsysid._results import Array, SolverError
+from swsysid._stays.given import read_given
+from swsysid._stays.sensors import without_clipped
+from swsysid._stays.start import differentiated
+from swsysid._trajectory_identifier import TrajectoryIdentifier
+from swsysid.refinement._trajectories import Record
+
+
+class HeldOut:
+    """Fits to some of the recordings, and what rollouts along the others leave of them."""
+
+    def __init__(self, samples: Samples, options: JobOptions):
+        assert samples.recorded is not None and samples.smoothing is not None
+        self.samples, self.options, self.recorded = samples, options, samples.recorded
+        recorded, self.order = self.recorded, options.measurement.order
+        self.split: Split = hold_out(recorded.groups, options.test_fraction, options.random_state)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the fit to all recordings tells of clipped samples
+            given = without_clipped(read_given(*self._data(slice(None))))
+            base = differentiated(given, self.order)
+        recordings = base.recordings
+        # of the samples that were measured, whichever cells are missing between them
+        spread = recordings.joined(recordings.guess).std(axis=0)
+        shown = samples.smoothing.noise[: given.n_channels]
+        self.noise: Array = np.maximum(shown, JUDGING.integrated * spread[: given.n_channels])
+        records, guess, places = [], [], []
+        for k, (record, rows) in enumerate(zip(given.records, given.rows, strict=True)):
+            held = self.split.test[rows]
+            if held.any():
+                records.append(Record(record.t[held], record.y[held], record.u[held]))
+                guess.append(recordings.guess[recordings.sampled[k][held], k])
+                places.append(rows[held])
+        self.rows = np.concatenate(places)  # of the recordings: those of the stretches
+        self.stretches = Stretches.of(records, guess)
+        self.measured = np.vstack([record.y for record in records])
+
+    def _data(self, rows) -> tuple:
+        """States, times, trajectories and inputs of some rows, as an identifier takes them."""
+        import pandas as pd
+
+        recorded, names = self.recorded, self.samples.names
+        n_states, n_inputs = recorded.states.shape[1], recorded.inputs.shape[1]
+        x = pd.DataFrame(recorded.states[rows], columns=list(names[:n_states]))
+        inputs = None
+        if n_inputs:
+            inputs = pd.DataFrame(recorded.inputs[rows], columns=list(names[-n_inputs:]))
+        return x, recorded.t[rows], recorded.groups[rows], inputs
+
+    def identified(
+        self, terms: Terms, n_modes: int | str, *, whole: bool = False, **options
+    ) -> TrajectoryIdentifier:
+        """Laws, modes and surface of highest likelihood of all recordings.
+
+        By rollouts over stretches, or with `whole` over whole ones; `options` are the regressor's.
+        """
+        library = terms.library(self.samples.X.shape[1])
+        with warnings.catch_warnings():
+            # smoothing told of clipped samples already
+            warnings.filterwarnings("ignore", message="samples stand at an end of the range")
+            return self._fitted(n_modes, slice(None), whole, feature_library=library, **options)
+
+    def trained(self, terms: Terms, n_modes: int) -> TrajectoryIdentifier:
+        """The same of those that are not held out; what it warns about is no news."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return self._fitted(n_modes, self.split.train, False, feature_library=terms.at_once())
+
+    def rivals(self, terms: Terms) -> list[tuple[Terms, TrajectoryIdentifier]]:
+        """Laws of one mode of the training recordings, with these terms and with more of them."""
+        found = [(terms, self.trained(terms, 1))]
+        for each in terms.richer(int(self.split.train.sum())):
+            with suppress(ValueError, SolverError):  # such as sines of columns in the thousands
+                found.append((each, self.trained(each, 1)))
+        return found
+
+    def excess(self, identifier: TrajectoryIdentifier) -> Array:
+        """What the rollouts of a fit leave, in units of what neighbouring samples show."""
+        return np.asarray(identifier.noise_ / self.noise, dtype=float)
+
+    def left_by(self, identifier: TrajectoryIdentifier) -> Array:
+        """What rollouts leave of all held-out samples."""
+        return self.stretches.left_by(identifier.estimator_.switching_model, self.noise)
+
+    def stretches_in(self, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Samples of the stretches all of whose samples are kept."""
+        blocks = self.stretches.blocks
+        return (np.bincount(blocks, weights=~kept) == 0)[blocks]
+
+    def _fitted(self, n_modes: int | str, rows, whole: bool, **options) -> TrajectoryIdentifier:
+        estimator = self.options.regressor(n_modes).set_params(verbose=0, **options)
+        identifier = TrajectoryIdentifier(
+            estimator,
+            order=self.order,
+            refine=whole,
+            n_jobs=self.options.n_jobs,
+            verbose=int(self.options.verbose and not isinstance(rows, np.ndarray)),
+        )
+        return identifier.fit(*self._data(rows))

@@ -1,0 +1,38 @@
+"""What to identify, and the estimator that is asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._cli.measurement import Measurement
+from swsysid._regressor import SwitchingSystemRegressor
+
+
+@dataclass(frozen=True)
+class JobOptions:
+    """What to identify."""
+
+    measurement: Measurement
+    modes: int | str = 2  # or "auto"
+    library_degree: int = 1  # of the law of each mode; 0 is linear without a constant
+    waves: bool = False  # the law may have sines and cosines of the columns
+    surface_degree: int = 1
+    loss: str = "l1"
+    position: str = "auto"  # with order 2: "yes" and "no" let the law use the positions or not
+    test_fraction: float = 0.3
+    random_state: int = 0
+    quick: bool = False  # derivatives alone, however noisy
+    n_jobs: int | None = None
+    verbose: bool = False
+
+    def regressor(self, n_modes: object, **options) -> SwitchingSystemRegressor:
+        """The estimator of so many modes; its other parameters are `options`."""
+        return SwitchingSystemRegressor(
+            n_modes=n_modes,
+            surface=PolynomialSurfaceClassifier(degree=self.surface_degree),
+            loss=self.loss,
+            n_jobs=self.n_jobs,
+            random_state=self.random_state,
+            verbose=int(self.verbose),
+        ).set_params(**options)
