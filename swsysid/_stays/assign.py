@@ -69,6 +69,10 @@ def assign(
     `disturbances` (n_candidates, n_states) are spectral densities of the velocities, the largest
     first; they are tried from the middle one on, as long as it gets better.
     """
+    if len(laws.coef) == 1:
+        middle = disturbances[len(disturbances) // 2]
+        filter_ = Filter(laws.known(), noise, middle, recordings.first_step)
+        return Assigned(np.zeros(recordings.steps.shape, dtype=np.intp), filter_)
     pieces, places = recordings.cut(settings.piece, settings.overlap)
     own = None if prior is None else pieces_of(prior, places)
 

@@ -26,6 +26,13 @@ class Reached:
         """Standard deviations that the misfits are measured in."""
         return self.objective.noise
 
+    def with_crossings(self, guard_time: float) -> Reached:
+        """The same estimate, judged by how closely its crossings lie on their surfaces."""
+        if self.estimate.guards is None or self.objective.guard_time == guard_time:
+            return self
+        objective = replace(self.objective, guard_time=guard_time)
+        return Reached(self.estimate, objective, objective.value(self.estimate))
+
     @cached_property
     def covariance(self) -> Array:
         """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix.

@@ -127,11 +127,8 @@ class Alternation:
             told()
             if turn >= n_prices - 1 and not changed:
                 break
-        if len(self.laws.coef) > 1 and self._doubtful():
-            self._begin_anew()
-            for stage in range(n_prices):
-                self._round(stage)
-                told()
+        if len(self.laws.coef) > 1:
+            self._restarted(told)
         while self._simplified():
             told()
         self._recombined()
@@ -227,10 +224,20 @@ class Alternation:
         scores = (np.nansum(squares, axis=(0, 2)) - count) / np.sqrt(2.0 * np.maximum(count, 1))
         return bool(scores.max() > self.settings.doubtful)
 
-    def _begin_anew(self) -> None:
-        """Go on from the best laws, the surface hardly trusted: its modes may be the wrong ones."""
-        self._go_on_from(self.best, None)
+    def _restarted(self, told: Callable[[], object]) -> None:
+        """Go on from the best laws without their surface: stays may agree with a wrong one.
+
+        As long as that is better, or as a recording does not fit.
+        """
+        best, doubtful = self.best, self._doubtful()
+        self._go_on_from(best, None)
         self.modes, self.last = np.full(self.modes.shape, -1), None
+        for stage in range(len(self.settings.prices)):
+            if stage >= self.settings.settled and not doubtful:
+                if self.found[-1].criterion > best.criterion - self.settings.nearly_converged:
+                    break
+            self._round(stage)
+            told()
 
     def _assigned(self, stage: int) -> Assigned:
         price = self.settings.prices[stage]
@@ -246,12 +253,12 @@ class Alternation:
 
     def _estimated(self, first: Estimate, stage: int) -> tuple[SwitchingSystemRegressor, Reached]:
         """Laws and surface of highest likelihood with the stays as assigned."""
-        settings = self.settings
+        settings = self.settings if stage else self.settings.coarsely()
         known = self.last is not None and self.last.estimate.guards is not None
         if known and stage >= settings.settled:
             model, reached = self._on_same_surface(first)
         else:
-            reached = most_likely(first, self.noise, settings, near=self.last is not None)
+            reached = most_likely(first, self.noise, settings, near=bool(self.found))
             model, reached = with_surface(self.start, reached, settings, self.names)
         return with_few_monomials(model, reached, settings)
 
@@ -276,7 +283,8 @@ class Alternation:
         self.history.append(
             StayRecord(len(self.history), reached.value, n_switches, changed, reached.noise)
         )
-        criterion = _criterion(reached, self.first_noise, self.settings)
+        closely = self.settings.guard_times[-1][0] * self.recordings.interval
+        criterion = _criterion(reached.with_crossings(closely), self.first_noise, self.settings)
         self.last = StayIdentification(model, reached, (), criterion)
         self.found.append(self.last)
         self.laws = reached.estimate.laws

@@ -58,6 +58,10 @@ class StaySettings:
         """The same for descents that others follow."""
         return replace(self, converged=self.nearly_converged)
 
+    def coarsely(self) -> StaySettings:
+        """The same where crossings need not be on their surface yet."""
+        return replace(self, guard_times=self.guard_times[:-1])
+
     def joined(self, whole: bool) -> StaySettings:
         """The same, the segments of a recording joined to one rollout or left apart."""
         return self if whole else replace(self, ties=self.ties[:1])
