@@ -28,7 +28,7 @@ help:
 	@echo "make bench-quality  many systems and methods, into the documentation (hours)"
 	@echo "make bench-undeclared  planted effects: every kind, system and seed (hours; resumes)"
 	@echo "make bench-measured  measured data, before and after"
-	@echo "make bench-trajectories  noisy recordings without velocities, beside what they allow (hours)"
+	@echo "make bench-trajectories  noisy recordings without velocities, beside what they allow (hours; resumes)"
 	@echo "make bench-speed     structured solvers and whole fits, in ratios"
 	@echo "make figures   draw the figures of README and pages, write what commands print into them"
 
@@ -82,7 +82,7 @@ bench-measured: $(VENV)/.installed-bench
 	$(BIN)/python -W ignore -m benchmarks.measured --docs docs
 
 bench-trajectories: $(VENV)/.installed-bench
-	$(BIN)/python -W ignore -m benchmarks.trajectories --jobs $(WORKERS)
+	$(BIN)/python -W ignore -m benchmarks.trajectories --jobs $(WORKERS) --docs docs
 
 bench-speed: $(VENV)/.installed-bench $(PARC)
 	OMP_NUM_THREADS=1 $(BIN)/python -W ignore -m benchmarks.speed --parc $(PARC) --docs docs

@@ -18,6 +18,7 @@ from benchmarks.quality import tables as quality
 from benchmarks.results import RESULTS, load
 from benchmarks.seeding import table as seeding
 from benchmarks.speed import tables as speed
+from benchmarks.trajectories import tables as trajectories
 from benchmarks.undeclared import tables as undeclared
 
 __all__ = ["PAGES", "Page", "write"]
@@ -58,6 +59,7 @@ PAGES = (
     Page("quality_summary.md", "quality", "make bench-quality", quality.summary),
     Page("quality_tables.md", "quality", "make bench-quality", quality.tables),
     Page("paper_tables.md", "paper", "make bench", paper.tables),
+    Page("trajectories_tables.md", "trajectories", "make bench-trajectories", trajectories.tables),
     Page("seeding_table.md", "seeding", "make bench-seeding", seeding.table),
 )
 

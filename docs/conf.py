@@ -43,6 +43,7 @@ exclude_patterns = [
     "speed_tables.md",
     "paper_tables.md",
     "seeding_table.md",
+    "trajectories_tables.md",
 ]
 html_theme = "pydata_sphinx_theme"
 html_static_path = ["_static"]

@@ -1,13 +1,14 @@
 """From recordings with noise on the states: how far from what the data allow.
 
-    python -m benchmarks.trajectories [--output FOLDER] [--seeds 5] [--fast] [--jobs 2]
+    python -m benchmarks.trajectories [--output FOLDER] [--seeds 5] [--first-seed 100] [--fast] [--jobs 2]
                                       [--plants "contact" ...] [--methods oracle ...]
                                       [--noise .01 ...] [--per-period 60 ...] [--recordings 12 ...]
+                                      [--docs docs]
 
 Every cell (plant, scenario, seed, method) is one line of FOLDER/trajectories.jsonl; a cell that is
 there is not run again, so that an interrupted run resumes. Plants are in `plants.py`, what is
-compared in `methods.py`. Seconds are CPU seconds. What the table shows is kept in
-FOLDER/trajectories.json.
+compared in `methods.py`. Seconds are CPU seconds. The tables show all lines of the file; they are
+kept in FOLDER/trajectories.json, with ``--docs`` in benchmarks/results, and the page is written.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from pathlib import Path
 
 from joblib import delayed
 
+from benchmarks import pages
 from benchmarks.records import read, run_and_append
-from benchmarks.results import keep, measured_here
+from benchmarks.results import add_docs_options, keep, measured_here, place
 from benchmarks.trajectories.figures import figures, of_recordings
 from benchmarks.trajectories.methods import METHODS, RECORDINGS, identified, number_of_modes
 from benchmarks.trajectories.plants import PLANTS
@@ -41,10 +43,10 @@ def main(arguments: list[str] | None = None) -> None:
     runs = run_and_append(file, (delayed(run)(*cell) for cell in missing), options.jobs)
     for count, [one] in enumerate(runs, start=1):
         print(f"{count}/{len(missing)} {one}", flush=True)
-    chosen = {(cell[0], cell[1].told, *cell[2:]) for cell in asked}
-    found = [record for record in read(file) if key(record) in chosen]
-    parts = {"trajectories": {"origin": measured_here(), **condensed(found)}}
-    print(tables(keep("trajectories", parts, Path(options.output))))
+    parts = {"trajectories": {"origin": measured_here(), **condensed(read(file))}}
+    print(tables(keep("trajectories", parts, place(options))))
+    if options.docs:
+        pages.write("trajectories", options.docs, options.results)
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -52,6 +54,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", default="output/trajectories", help="folder of the results")
     parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first-seed", type=int, default=100, help="not one that was tuned on")
     parser.add_argument("--plants", nargs="+", choices=PLANTS, default=list(PLANTS))
     methods = [*METHODS, COUNT]
     parser.add_argument("--methods", nargs="+", choices=methods, default=methods)
@@ -60,6 +63,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--recordings", nargs="+", type=int, default=[4, 12])
     parser.add_argument("--fast", action="store_true", help="few plants, one scenario and seed")
     parser.add_argument("--jobs", type=int, default=1)
+    add_docs_options(parser)
     options = parser.parse_args(arguments)
     if options.fast:
         options.seeds, options.plants = 1, FAST_PLANTS
@@ -71,7 +75,10 @@ def wanted(options: argparse.Namespace):
     """(plant, scenario, seed, method) of every cell, seed by seed."""
     scenarios = product(options.noise, options.per_period, options.recordings)
     cells = product(
-        range(options.seeds), [Scenario(*one) for one in scenarios], options.plants, options.methods
+        range(options.first_seed, options.first_seed + options.seeds),
+        [Scenario(*one) for one in scenarios],
+        options.plants,
+        options.methods,
     )
     for seed, scenario, plant, method in cells:
         yield plant, scenario, seed, method

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.markdown import table
+from benchmarks.results import origins
+from swsysid._rendering.columns import counted
 
 __all__ = ["condensed", "tables"]
 
@@ -42,30 +44,26 @@ def _finite(value: float) -> float | None:
 
 
 def tables(parts: dict) -> str:
-    """One table for each scenario: median and largest error of the field, accuracy of modes."""
+    """For each scenario: errors and accuracy, and what the recordings tell of themselves."""
     cells = parts["trajectories"]["cells"]
     by_key = {(one["plant"], one["scenario"], one["method"]): one for one in cells}
-    plants, scenarios, methods = (
-        list(dict.fromkeys(column)) for column in zip(*by_key, strict=True)
-    )
-    text = []
-    for scenario in scenarios:
+    text = [origins(parts)]
+    for scenario in dict.fromkeys(one["scenario"] for one in cells):
+        here = [one for one in cells if one["scenario"] == scenario]
+        plants, methods = (
+            list(dict.fromkeys(one[name] for one in here)) for name in ("plant", "method")
+        )
         rows = [
             [plant, *(_cell(by_key.get((plant, scenario, method))) for method in methods)]
             for plant in plants
         ]
-        text += ["", scenario, "", *table(["plant", *methods], rows)]
-        own = [cell for cell in cells if cell["scenario"] == scenario and "late" in cell]
+        seeds = max(one["seeds"] for one in here)
+        text += ["", f"**{scenario}**, {counted(seeds, 'seed')}", ""]
+        text += table(["plant", *methods], rows)
+        own = [one for one in here if "late" in one]
         if own:
-            text += ["", *table(_OWN, [_of_recordings(cell) for cell in own])]
-    note = (
-        "Median over the seeds of the relative error of the velocity field (largest in brackets), "
-        "and of the balanced mode accuracy, on recordings that were not seen; n_modes is the "
-        "share of seeds in which their number is right. Of recordings: root mean square distance "
-        "of true switches to those found in samples, share of switches missed, share of "
-        "coefficients whose interval of 95 % holds the true one, CPU seconds; means over the seeds."
-    )
-    return "\n".join([*text, "", note, ""])
+            text += ["", *table(_OWN, [_of_recordings(one) for one in own])]
+    return "\n".join([*text, ""])
 
 
 _OWN = ["plant", "switches off by", "missed", "intervals hold", "seconds"]
