@@ -1,7 +1,7 @@
 """From recordings with noise on the states: how far from what the data allow.
 
-    python -m benchmarks.trajectories [--output FOLDER] [--seeds 5] [--first-seed 100] [--fast] [--jobs 2]
-                                      [--plants "contact" ...] [--methods oracle ...]
+    python -m benchmarks.trajectories [--output FOLDER] [--seeds 5] [--first-seed 100] [--jobs 2]
+                                      [--fast] [--plants "contact" ...] [--methods oracle ...]
                                       [--noise .01 ...] [--per-period 60 ...] [--recordings 12 ...]
                                       [--docs docs]
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._stays.filtering import Belief, Filter
 from swsysid._stays.recordings import Recordings
+from swsysid._stays.settings import LIMITS
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,9 @@ class _Beam:
         if prior is not None:
             gained = gained + prior[k, recording, new]
         scores = np.full(shape, -np.inf)
-        scores[asked] = self.scores[recording, slot] + np.nan_to_num(gained, nan=-np.inf)
+        scores[asked] = self.scores[recording, slot] + np.nan_to_num(
+            gained, nan=LIMITS.diverged_nats
+        )
         scores -= price * enters
         number = np.full(shape, -1)
         number[asked] = np.arange(len(recording))

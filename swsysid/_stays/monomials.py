@@ -43,7 +43,8 @@ def needed_coefficients(guards: Guards, covariance: Array, gain: float) -> Guard
 def without_weakest(guards: Guards, covariance: Array) -> Guards:
     """The surfaces without the coefficient that is least certain to be there."""
     values = guards.coef[guards.free]
-    weakest = np.array([np.argmin(np.abs(values) / np.sqrt(np.diag(covariance)))])
+    certain = np.maximum(np.diag(covariance), np.finfo(float).tiny)
+    weakest = np.array([np.argmin(np.abs(values) / np.sqrt(certain))])
     kept = np.ones(len(values), dtype=bool)
     kept[weakest] = False
     moved = values - covariance[:, weakest] @ _solved(covariance, weakest, values)

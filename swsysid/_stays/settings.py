@@ -75,12 +75,18 @@ class Limits:
     # further apart than a step times are inserted. Samples from which a start is found.
     gap: float = 5.0
     longest_step: float = 1.5
+    # samples that a run without missing values needs for a sixth difference, and how many of these
+    # tell the noise
+    shortest_run: int = 7
+    fewest_in_runs: int = 70
     first_samples: int = 20
     # -- Kalman's filter: variance of what was not measured, in units of the noise's; how well a
-    # rough state is known, in spreads; what one sample may cost in squares: outliers are bounded
+    # rough state is known, in spreads; what one sample may cost in squares: outliers are bounded;
+    # log likelihood of a sample that has none, since its rollout diverges
     missing: float = 1e12
     roughly_known: float = 0.5
     most_squares: float = 60.0
+    diverged_nats: float = -1e6
     # -- rollouts: spreads of a state beyond which it is held; of these, one-sided differences
     diverged: float = 1e3
     difference: float = 1e-6

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 from sklearn.base import clone
 
 from swsysid._regressor import SwitchingSystemRegressor
@@ -13,7 +14,12 @@ from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
-from swsysid.differentiation import Derivatives, choose_smoothing, differentiate
+from swsysid.differentiation import (
+    Derivatives,
+    choose_smoothing,
+    differentiate,
+    estimate_noise,
+)
 from swsysid.differentiation._derivatives import rates_appended
 
 
@@ -47,7 +53,7 @@ def differentiated(given: Given, order: int, stretch: float = 1.0) -> Differenti
     rows = differentiate(x, times, labels, inputs=u, order=order, window=window, too_short="drop")
     n_states = rows.Xdot.shape[1]
     spread = rows.X[:, :n_states].std(axis=0)
-    noise = np.maximum(rows.noise, 1e-6 * spread[: len(rows.noise)])
+    noise = np.maximum(_noise(given, rows.noise), 1e-6 * spread[: len(rows.noise)])
     if order == 2:
         # speeds are not measured; what is tied to them is tied as closely as a position
         share = np.median(noise / spread[: len(noise)])
@@ -75,6 +81,46 @@ def named(columns: Array, names: list[str] | None):
     import pandas as pd
 
     return pd.DataFrame(columns, columns=names)
+
+
+def _noise(given: Given, of_filled: Array) -> Array:
+    """Noise of the values that were measured: those put between them are smoother than they."""
+    found = of_filled.copy()
+    for k in range(len(found)):
+        runs = [
+            run
+            for record in given.records
+            for run in _without_missing(record.y[:, k])
+            if len(run) >= LIMITS.shortest_run
+        ]
+        if not any(np.isnan(record.y[:, k]).any() for record in given.records):
+            continue
+        if sum(len(run) - LIMITS.shortest_run + 1 for run in runs) >= LIMITS.fewest_in_runs:
+            labels = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
+            found[k] = estimate_noise(np.concatenate(runs)[:, None], labels)[0]
+        else:
+            off = [_off_their_line(record.t, record.y[:, k]) for record in given.records]
+            found[k] = max(found[k], np.median(np.abs(np.concatenate(off))) / norm.ppf(0.75))
+    return found
+
+
+def _off_their_line(t: Array, values: Array) -> Array:
+    """Distances of values from the line between their measured neighbours, of unit noise.
+
+    Where motions are curved that is too much, not too little.
+    """
+    known = np.isfinite(values)
+    t, y = t[known], values[known]
+    share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
+    off = y[1:-1] - (1.0 - share) * y[:-2] - share * y[2:]
+    return np.asarray(off / np.sqrt(1.0 + (1.0 - share) ** 2 + share**2), dtype=float)
+
+
+def _without_missing(values: Array) -> list[Array]:
+    """Runs of values that follow each other, none of them missing."""
+    known = np.isfinite(values)
+    parts = np.split(values, np.flatnonzero(np.diff(known)) + 1)
+    return [part for part in parts if np.isfinite(part[0])]
 
 
 def _pieces(times: list[Array]) -> NDArray[np.intp]:

@@ -121,3 +121,22 @@ def test_starts_give_the_same_answer_side_by_side():
     one, two = (TrajectoryIdentifier(estimator, n_jobs=n_jobs).fit(recordings) for n_jobs in (1, 2))
     np.testing.assert_array_equal(one.estimator_.coef_, two.estimator_.coef_)
     np.testing.assert_array_equal(one.modes_, two.modes_)
+
+
+@pytest.mark.parametrize("missing", [0.1, 0.5])
+def test_the_noise_is_that_of_the_values_that_were_measured(missing):
+    t = np.linspace(0.0, 8.0, 241)
+    rng = np.random.default_rng(3)
+    recordings = []
+    for start in ([1.0, 1.0], [-2.0, 0.0], [1.5, -1.0]):
+        x = SPRINGS.simulate(start, t).x
+        x = x + 0.02 * rng.standard_normal(x.shape)
+        x[rng.random(x.shape) < missing] = np.nan
+        recordings.append({"t": t, "x": x})
+    found = TrajectoryIdentifier(SwitchingSystemRegressor(random_state=0)).fit(recordings)
+    # the median of some hundred differences that overlap is known to 7 %; what lies off the line
+    # between its neighbours is some curvature too
+    assert (found.report_.noise_of_differences >= 0.85 * 0.02).all()
+    assert (found.report_.noise_of_differences <= 1.4 * 0.02).all()
+    np.testing.assert_allclose(found.noise_, 0.02, rtol=0.12)
+    assert found.report_.advice == "The rollouts leave nothing but noise."
