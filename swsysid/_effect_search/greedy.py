@@ -126,7 +126,7 @@ class Search:
                     continue
                 if isinstance(effect, ResetEffect):
                     gain, _ = effect.gain(
-                        beside.records, beside.velocities, beside.surface_modes, candidate.target
+                        beside.records, beside.velocities, beside.switched_modes, candidate.target
                     )
                     options.append(context.with_reset(current, candidate, gain))
                     continue
@@ -144,8 +144,11 @@ class Search:
         """The best candidate with the present modes, and others with modes sought anew."""
         terms, settings = current.terms, self.context.settings
         warm = self.context.structure((*terms, first), current.fit.modes)
+        told = self.context.data.told
         unchanged = np.mean(warm.fit.modes == current.fit.modes)
-        if current.fit.n_modes == 1 or unchanged >= settings.same_modes:
+        # Modes that are told may be wrong together with those of the declared model: few rows are
+        # left in the stays, and one that is wrong decides between two kinds.
+        if current.fit.n_modes == 1 or (told is None and unchanged >= settings.same_modes):
             return [warm]  # the modes were right without the effect
         best_of_kind = {first.effect.kind: first}
         for trial in top:
@@ -155,7 +158,7 @@ class Search:
             for candidate in list(best_of_kind.values())[: settings.n_restarts]
         ]
         anew = Parallel(n_jobs=self.n_jobs)(
-            delayed(self.context.structure)((*terms, candidate), None, 1)
+            delayed(self.context.structure)((*terms, candidate), told, 1)
             for candidate in tqdm(
                 restarts, desc="modes anew", leave=False, disable=not self.verbose
             )
