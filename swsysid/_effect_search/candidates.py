@@ -100,7 +100,7 @@ class CandidateContext:
     @cached_property
     def velocities(self) -> Array:
         """Measured velocities on the rows of the search, modelled ones elsewhere."""
-        velocities = self.fit.predict(self.records)
+        velocities = self.fit.predict(self.records, self._most_likely_modes)
         velocities[self.data.rows] = self.regression.targets
         return velocities
 
@@ -108,6 +108,14 @@ class CandidateContext:
     def surface_modes(self) -> NDArray[np.intp]:
         """Modes of the whole record according to the surface or guard."""
         return self.fit.predict_modes(self.records)
+
+    @property
+    def _most_likely_modes(self) -> NDArray[np.intp]:
+        """Those that the states have told, and where they have not those of the surface."""
+        if self.records.told is None:
+            return self.fit.predict_modes(self.records)
+        known = self.known_modes
+        return np.where(known >= 0, known, self.surface_modes)
 
     @cached_property
     def known_modes(self) -> NDArray[np.intp]:
