@@ -266,7 +266,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects found, and the fit with them to all rows."""
         records, targets, context = measured.records, measured.targets, found.context
-        ladder = Ladder(context, found.structure, found.findings, targets, found.split)
+        ladder = Ladder(context, found.structure, found.findings, records, targets, found.split)
         final, whole = plain, SearchData.whole(records, measured.rows, targets)
         if ladder.terms:
             modes = found.structure.fit.modes_along(records, found.split.search)

@@ -1,0 +1,92 @@
+"""The residual report of rows that a smoother has made: its own filter is no finding."""
+
+import numpy as np
+import pytest
+
+from swsysid import SwitchingSystemRegressor
+from swsysid._residual_report.spacing import rows_apart
+from swsysid.diagnosis import residual_report
+from swsysid.differentiation import differentiate
+
+STEP = 0.03
+
+
+def recording(rng, n_rows, switching, friction=0.0):
+    """A mass on a spring, stiffer beyond x = 0.2 if it switches, and 1 % noise on both states."""
+    frequencies, phases = rng.uniform(0.5, 3.0, 4), rng.uniform(0.0, 2.0 * np.pi, 4)
+
+    def force(t):
+        return 2.0 * np.sin(np.multiply.outer(t, frequencies) + phases).sum(axis=-1)
+
+    def velocity(t, z):
+        stiffness, damping = (7.0, 2.0) if switching and z[0] > 0.2 else (4.0, 0.5)
+        pull = force(t) - stiffness * z[0] - damping * z[1]
+        return np.array([z[1], pull - friction * np.tanh(50.0 * z[1])])
+
+    t = STEP * np.arange(n_rows)
+    x = np.empty((n_rows, 2))
+    x[0] = rng.uniform(-1.0, 1.0, 2)
+    fine, h = 4, STEP / 4
+    for row in range(n_rows - 1):
+        z = x[row]
+        for part in range(fine):
+            now = t[row] + part * h
+            middle = z + 0.5 * h * velocity(now, z)
+            z = z + h * velocity(now + 0.5 * h, middle)
+        x[row + 1] = z
+    return t, x + 0.01 * x.std(axis=0) * rng.standard_normal(x.shape), force(t)
+
+
+def reported(seed, switching, friction=0.0, n_rows=1500, **options):
+    t, x, u = recording(np.random.default_rng(seed), n_rows, switching, friction)
+    rows = differentiate(x, t, inputs=u)
+    model = SwitchingSystemRegressor(n_modes=1 + switching, random_state=0)
+    model.fit(rows.X, rows.Xdot)
+    options = {"window": rows.window} | options
+    return residual_report(model, *rows[:4], random_state=seed, **options)
+
+
+@pytest.mark.parametrize("switching", [False, True])
+def test_a_right_model_of_differentiated_rows_is_clean(switching):
+    n_trials = 50
+    n_clean = sum(reported(seed, switching).clean for seed in range(n_trials))
+    assert n_clean >= 0.98 * n_trials
+
+
+@pytest.mark.parametrize("switching", [False, True])
+def test_without_the_window_the_filter_is_a_finding(switching):
+    assert not reported(0, switching, window=1).clean
+
+
+@pytest.mark.parametrize("switching", [False, True])
+def test_a_planted_effect_is_found_in_differentiated_rows(switching):
+    for seed in range(3):
+        report = reported(seed, switching, friction=0.5)
+        first = report.findings[0]
+        assert (first.equation, first.channel) == ("x1", "x1")
+        assert report.skipped["rows"].endswith("share measurements or are next to a switch")
+
+
+def test_rows_are_a_window_apart_and_no_window_holds_a_switch():
+    modes = np.repeat([0, 1, 0], [10, 4, 11])
+    kept = rows_apart([np.arange(25)], modes, 5)
+    # the first stay leaves rows 0 to 7, the second none that is two rows inside, the last 16 to 24
+    np.testing.assert_array_equal(kept, [1, 6, 17, 22])
+    np.testing.assert_array_equal(rows_apart([np.arange(25)], None, 1), np.arange(25))
+
+
+def test_a_window_needs_rows_in_order_and_enough_of_them():
+    rng = np.random.default_rng(0)
+    X, Xdot = rng.standard_normal((100, 1)), rng.standard_normal(100)
+    model = SwitchingSystemRegressor(n_modes=1).fit(X, Xdot)
+    with pytest.raises(ValueError, match="window=9 is that of a smoother along trajectories"):
+        residual_report(model, X, Xdot, window=9)
+    with pytest.raises(ValueError, match="only 12 of 100 rows share no measurement"):
+        residual_report(model, X, Xdot, np.arange(100.0), window=9)
+
+
+def test_derivatives_know_their_window():
+    t = np.linspace(0.0, 5.0, 501)
+    assert differentiate(np.sin(t), t, window=9).window == 9
+    assert differentiate(np.sin(t), t, window=9, decimate=3).window == 3
+    assert differentiate(np.sin(t), t, method="finite_difference").window == 3
