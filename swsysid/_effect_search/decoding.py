@@ -125,12 +125,3 @@ def _prior(fit: JointFit, recordings: Recordings, n_inputs: int) -> Array:
     transform, switching = switching_step(fit.estimator)
     told = switching.predict_mode_proba(transform(middle.reshape(-1, middle.shape[2])))
     return np.log(np.maximum(told, SETTINGS.trust[0])).reshape(*middle.shape[:2], -1)
-
-
-def stays_of(modes: Modes, trajectories: list[Rows]) -> list[Rows]:
-    """Rows of each stretch of a trajectory that has one mode, or none that is sure."""
-    return [
-        stay
-        for rows in trajectories
-        for stay in np.split(rows, np.flatnonzero(np.diff(modes[rows])) + 1)
-    ]

@@ -101,6 +101,7 @@ class Search:
             if n_candidates * beside.p_value(first) <= self.context.settings.hopeful:
                 options += self._with_modes(current, first.candidate, top)
         options = [option for option in options if option.cost < current.cost]
+        options = self._without_delayed(current, options, n_candidates)
         options = self._compared_with_named(current, options, n_candidates)
         while options:
             best = preferred(self.context, options)
@@ -137,6 +138,21 @@ class Search:
                     own = candidate.switched(context.data.records)[context.data.rows]
                     options.append(context.structure(terms, own))
         return options
+
+    def _without_delayed(
+        self, current: Structure, options: list[Structure], n_candidates: int
+    ) -> list[Structure]:
+        """Options without guards that remember where the states jump at the switches.
+
+        Measured states that jump tell their switch late, as if the guard remembered; a guard that
+        does makes no state jump.
+        """
+        jumps = self.context.data.told is not None and any(
+            isinstance(option.last, ResetEffect)
+            and is_promising(self.context, current, option, n_candidates)
+            for option in options
+        )
+        return [one for one in options if not (jumps and isinstance(one.last, GuardEffect))]
 
     def _with_modes(
         self, current: Structure, first: PlacedEffect, top: list[Trial]

@@ -22,12 +22,12 @@ import numpy as np
 from sklearn.base import BaseEstimator
 
 from swsysid._data.records import Records
+from swsysid._data.windows import Windows, stays_of
 from swsysid._effect_model.joint_fit import JointFit, fit_jointly
-from swsysid._effect_search.decoding import Decoded, Modes, decoded, stays_of
+from swsysid._effect_search.decoding import Decoded, Modes, decoded
 from swsysid._effect_search.drawn import drawn
 from swsysid._effect_search.folds import Rows
 from swsysid._effect_search.settings import SETTINGS
-from swsysid._effect_search.windows import Windows
 from swsysid._pipelines import switching_step
 from swsysid._results import Array
 from swsysid.differentiation import differentiate
@@ -156,7 +156,7 @@ def _windows(rest: Array, records: Records, modes: Modes) -> Windows:
         for column in rest.T
     ]
     length = min((one.window for one in chosen if one.window), default=SETTINGS.shortest_window)
-    return Windows(records.t, stays, length // 2)
+    return Windows(records.t, stays, length // 2, SETTINGS.degree)
 
 
 def _longest(of_modes: list[Rows]) -> int:

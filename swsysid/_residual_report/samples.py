@@ -16,7 +16,7 @@ from swsysid._checks.estimators import column_names, in_fitted_form
 from swsysid._data.records import Records, make_records
 from swsysid._pipelines import switching_step
 from swsysid._residual_report.settings import SETTINGS
-from swsysid._residual_report.spacing import rows_apart
+from swsysid._residual_report.smoothed import Smoothed
 from swsysid._results import Array
 from swsysid._surfaces.surface import gives_values, has_decisions
 
@@ -81,18 +81,22 @@ class ResidualSamples:
             raise ValueError(
                 f"window={window} is that of a smoother along trajectories; give t or groups too."
             )
-        rows = rows_apart(self.records.trajectories, self.modes, window)
+        smoothed = Smoothed.of(self.records, self.modes, window)
+        rows = smoothed.apart
         if len(rows) < SETTINGS.fewest_rows:
             raise ValueError(
                 f"only {len(rows)} of {len(self.residual)} rows share no measurement with another "
                 f"and lie in one mode; a residual report needs {SETTINGS.fewest_rows}: record "
                 "more, or smooth over a shorter window."
             )
+        predicted = self.target - self.residual
+        modes = np.zeros(len(predicted)) if self.modes is None else self.modes
+        residual = smoothed.straightened(self.residual, self.records.X, predicted, modes)
         return replace(
             self,
             records=self.records.take(rows),
             target=self.target[rows],
-            residual=self.residual[rows],
+            residual=residual[rows],
             modes=None if self.modes is None else self.modes[rows],
             nearness=None if self.nearness is None else self.nearness[rows],
             n_shared=len(self.residual) - len(rows),

@@ -12,6 +12,7 @@ from scipy import stats
 from sklearn.base import BaseEstimator
 
 from swsysid._data.records import Records
+from swsysid._noise import robust_scale
 from swsysid._pipelines import switching_step, with_parameters
 from swsysid._results import Array
 from swsysid.effects._base import Place, figure
@@ -84,6 +85,13 @@ class _Jumps:
         return (1.0 / ratio - 1.0) * freedom, freedom
 
     @property
+    def deviations(self) -> float:
+        """Size of those that are a multiple of the state, over the error of a single one."""
+        multiple = self.before * self.slope
+        error = float(robust_scale(self.moved - multiple))
+        return float(np.sqrt(np.mean(multiple**2))) / max(error, np.finfo(float).tiny)
+
+    @property
     def gain(self) -> float:
         """By how much the log likelihood rises if they are a multiple of the state."""
         statistic, freedom = self._statistic
@@ -127,7 +135,10 @@ def _between_stays(records: Records, velocity: Array, modes: Modes, target: int)
         own = (modes[first] == kind[0]) & (modes[last] == kind[1])
         if own.sum() >= SETTINGS.fewest_jumps:
             state, move = (_without(part[own], apart[own]) for part in (before, moved))
-            found.append(_Jumps(state, move, kind, n_explained=1, n_crossings=len(kinds)))
+            jumps = _Jumps(state, move, kind, n_explained=1, n_crossings=len(kinds))
+            # The ends of stays have errors that all share: a reset is seen at each crossing.
+            if jumps.deviations >= SETTINGS.sure_jump:
+                found.append(jumps)
     return max(found, key=lambda jumps: jumps.gain, default=None)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from swsysid import EffectSearchCV
 from swsysid._data.records import make_records
-from swsysid._effect_search.decoding import stays_of
+from swsysid._data.windows import stays_of
 from swsysid._effect_search.recording import from_states
 from swsysid.datasets import make_undeclared
 from swsysid.effects import Bias, CoulombFriction, ExtraMode, GuardHysteresis, Polynomial, Reset

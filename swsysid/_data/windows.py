@@ -1,9 +1,9 @@
-r"""Local parabolas along recordings that do not reach across a switch.
+r"""Local polynomials along recordings that do not reach across a switch.
 
 Each sample has a window, the neighbours up to half a window before and after it that are in the
-same stay. The parabola of least squares through them gives value and slope at the sample; both are
-linear in the samples, and so are rows of sparse matrices. With w the weights of a slope and I the
-integral of a column c by trapezia,
+same stay. The polynomial of least squares through them gives value and slope at the sample; both
+are linear in the samples, and so are rows of sparse matrices. With w the weights of a slope and I
+the integral of a column c by trapezia,
 
 .. math:: \sum_k w_k I_k = \sum_j \tfrac{h_j}{2} (c_j + c_{j+1}) \sum_{k > j} w_k,
 
@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from swsysid._effect_search.settings import SETTINGS
 from swsysid._results import Array
 
 Rows = NDArray[np.intp]
@@ -36,6 +35,7 @@ class Windows:
     t: Array  # (n_samples,)
     stays: list[Rows]  # rows of each stay in order of time, of all of them every row
     half: int  # samples to either side
+    degree: int = 2  # of the polynomials
 
     @property
     def length(self) -> int:
@@ -70,7 +70,7 @@ class Windows:
         places, parts = [], []
         for rows in self._alike():
             times = self.t[rows.around]
-            parts.append([one.ravel() for one in _weights(times, rows.place)])
+            parts.append([one.ravel() for one in _weights(times, rows.place, self.degree)])
             places.append((np.repeat(rows.rows, times.shape[1]), rows.around.ravel()))
         row, column = (np.concatenate(one) for one in zip(*places, strict=True))
         shape = len(self.t), len(self.t)
@@ -103,14 +103,23 @@ class _Alike:
     place: int  # of the sample itself in its window
 
 
-def _weights(times: Array, place: int) -> tuple[Array, Array, Array]:
+def stays_of(modes: NDArray, trajectories: list[Rows]) -> list[Rows]:
+    """Rows of each stretch of a trajectory that has one mode."""
+    return [
+        stay
+        for rows in trajectories
+        for stay in np.split(rows, np.flatnonzero(modes[rows][1:] != modes[rows][:-1]) + 1)
+    ]
+
+
+def _weights(times: Array, place: int, degree: int) -> tuple[Array, Array, Array]:
     """Weights of the samples of windows in value, slope and mean, each (n_rows, n_around)."""
     n_around = times.shape[1]
     if n_around == 1:
         return np.ones_like(times), np.zeros_like(times), np.ones_like(times)
     offsets = times - times[:, place, None]
     scale = np.ptp(offsets, axis=1)[:, None]
-    powers = (offsets / scale)[..., None] ** np.arange(min(SETTINGS.degree, n_around - 1) + 1)
+    powers = (offsets / scale)[..., None] ** np.arange(min(degree, n_around - 1) + 1)
     turned = powers.swapaxes(1, 2)
     solved = np.linalg.solve(turned @ powers, turned)
     values, slopes = solved[:, 0], solved[:, 1] / scale

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from swsysid._effect_search.decoding import stays_of
+from swsysid._data.windows import Windows, stays_of
 from swsysid._effect_search.recording import _longest
-from swsysid._effect_search.windows import Windows
 from swsysid.differentiation._smoothing import local_polynomial
 
 
