@@ -141,8 +141,9 @@ def residual_report(
     correlated in time are rearranged in blocks, so that channels and residuals that are slow, but
     have nothing to do with each other, are not brought together.
 
-    What a window of the smoother bends, as it is too long for the fastest of the motion, is left in
-    the residual, with a `window` too: it is an error of the velocities, and it is reported.
+    With a `window`, what polynomials of degree 4 bend over so many rows of states, inputs and
+    predicted velocities is taken from the residual. Of laws that are far from linear over a window
+    something is left, and is reported.
 
     Examples
     --------

@@ -78,16 +78,28 @@ def test_rows_are_a_window_apart_and_no_window_holds_a_switch():
     np.testing.assert_array_equal(Smoothed.of(records, None, 1).apart, np.arange(25))
 
 
-def test_velocities_are_shown_as_differentiate_makes_them():
-    t = np.linspace(0.0, 20.0, 401)
-    rows = differentiate(np.sin(2.0 * t), t, window=57)
-    records = make_records(rows.X, 1, t=rows.t, names=["x"])
-    smoothed = Smoothed.of(records, None, rows.window)
-    true, inner = 2.0 * np.cos(2.0 * rows.t), smoothed.windows.whole()
-    bent = np.abs(rows.Xdot[:, 0] - true)[inner].max()
-    # what the window bends is the same on both sides, but for the trapezia of the integral
-    left = np.abs(rows.Xdot[:, 0] - smoothed.shown(true))[inner].max()
-    assert bent > 0.1 and left < 2e-3
+def test_what_a_window_bends_is_taken_away_and_an_effect_is_not():
+    t = np.linspace(0.0, 40.0, 2001)
+    # x'' = -4 x + u with two frequencies, of which a window bends the faster one more
+    x = np.sin(t) + 0.5 * np.sin(3.0 * t)
+    v, u = np.cos(t) + 1.5 * np.cos(3.0 * t), 3.0 * np.sin(t) - 2.5 * np.sin(3.0 * t)
+    rows = differentiate(np.column_stack([x, v]), t, inputs=u, window=81)
+    records = make_records(rows.X, 2, t=rows.t, names=["x", "v", "u"])
+    predicted = np.column_stack([rows.X[:, 1], rows.X[:, 2] - 4.0 * rows.X[:, 0]])
+    smoothed, one_mode = Smoothed.of(records, None, rows.window), np.zeros(len(rows.t))
+    inner = smoothed.windows.whole()
+    bent = rows.Xdot - predicted
+    straight = smoothed.straightened(bent, rows.X, predicted, one_mode)
+    # what is linear in states and input, a fit would have taken
+    linear = np.column_stack([np.ones(len(inner)), rows.X[inner]])
+    bent, straight = (
+        one[inner] - linear @ np.linalg.lstsq(linear, one[inner], rcond=None)[0]
+        for one in (bent, straight)
+    )
+    assert np.abs(bent[:, 0]).max() > 0.04 and np.abs(straight).max() < 1e-9
+    friction = -0.5 * np.sign(rows.X[:, 1:])
+    kept = smoothed.straightened(friction, rows.X, predicted, one_mode)
+    assert np.mean(kept[inner] * friction[inner]) > 0.9 * 0.25
 
 
 def test_a_window_needs_rows_in_order_and_enough_of_them():
