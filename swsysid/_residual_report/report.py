@@ -162,7 +162,7 @@ def residual_report(
     >>> from swsysid.differentiation import differentiate
     >>> t = np.linspace(0, 60, 3001)
     >>> x = np.column_stack([np.sin(t), np.cos(t)]) + 0.01 * rng.standard_normal((3001, 2))
-    >>> rows = differentiate(x, t)
+    >>> rows = differentiate(x, t, window=41)
     >>> model = LinearRegression().fit(rows.X, rows.Xdot)
     >>> residual_report(model, *rows[:4], window=rows.window, random_state=0).clean
     True
