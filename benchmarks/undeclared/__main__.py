@@ -3,13 +3,16 @@
     python -m benchmarks.undeclared [--output FOLDER] [--seeds 5] [--first-seed 0] [--fast]
                                     [--systems oscillator ...] [--kinds coulomb_friction ...]
                                     [--pairs N] [--clean N] [--jobs 2] [--docs docs]
-                                    [--recordings]
+                                    [--draw N] [--recordings]
 
 Every cell (system, kinds, noise, seed) is one line of FOLDER/undeclared.jsonl; a cell that is
 there is not run again, so that an interrupted run resumes. Plants and effects are those of
 `swsysid.datasets.make_undeclared` at 2 % noise; what counts as right is in `cells.py`.
 Seconds are CPU seconds of the search and of one fit of the declared model. What the tables show is
 kept in FOLDER/undeclared.json; with ``--docs`` in benchmarks/results, and the page is written.
+
+With ``--draw`` only so many of the cells with effects are run, drawn by chance, each with the same
+probability.
 
 With ``--recordings`` the search is given no velocities but the states with white noise of one per
 cent of their spread. The shares of first effects that are right, wrong or missed, and of clean
@@ -74,6 +77,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--kinds", nargs="+", help="all that a system supports by default")
     parser.add_argument("--pairs", type=int, default=3, help="pairs of kinds a system and seed")
     parser.add_argument("--clean", type=int, default=5, help="clean records a system and noise")
+    parser.add_argument("--draw", type=int, help="cells with effects, all of them by default")
     parser.add_argument("--fast", action="store_true", help="few kinds and systems, one seed")
     parser.add_argument("--recordings", action="store_true", help="noisy states, no velocities")
     parser.add_argument("--jobs", type=int, default=1)
@@ -104,7 +108,14 @@ def wanted(options: argparse.Namespace) -> list[Cell]:
         for noise in (first, *others):
             clean = range(options.first_seed, options.first_seed + options.clean)
             cells += [Cell(system, (), noise, seed) for seed in clean]
-    return cells
+    return cells if options.draw is None else drawn(cells, options.draw, options.first_seed)
+
+
+def drawn(cells: list[Cell], n_planted: int, seed: int) -> list[Cell]:
+    """So many of the cells with effects and all others, in an order that is drawn too."""
+    order = [cells[place] for place in np.random.RandomState(seed).permutation(len(cells))]
+    planted = [cell for cell in order if cell.kinds][:n_planted]
+    return [cell for cell in order if not cell.kinds or cell in set(planted)]
 
 
 def pairs(kinds: list[str], options: argparse.Namespace, seed: int) -> list[tuple[str, ...]]:

@@ -39,6 +39,9 @@ class Records:
     average : callable or None
         What a filter that has made velocities of measured states does to any column of the rows;
         None where velocities were measured.
+    told : ndarray of shape (n_samples,), int, or None
+        Modes that the measured states themselves have told, -1 where they take no part; None where
+        velocities were measured.
     """
 
     X: Array
@@ -49,6 +52,7 @@ class Records:
     names: tuple[str, ...]
     timed: bool
     average: Callable[[Array], Array] | None = None
+    told: NDArray[np.intp] | None = None
 
     def __len__(self) -> int:
         return len(self.X)
@@ -112,10 +116,26 @@ class Records:
 
     def take(self, rows: NDArray) -> Records:
         """The same record on some rows only, which no filter can work on."""
-        t, groups = (None if one is None else one[rows] for one in (self.t, self.groups))
-        return replace(
-            self, X=self.X[rows], t=t, groups=groups, signals=self.signals[rows], average=None
+        t, groups, told = (
+            None if one is None else one[rows] for one in (self.t, self.groups, self.told)
         )
+        return replace(
+            self,
+            X=self.X[rows],
+            t=t,
+            groups=groups,
+            signals=self.signals[rows],
+            average=None,
+            told=told,
+        )
+
+    def told_on(self, rows: NDArray) -> Records:
+        """The same record whose modes are told on some rows only."""
+        if self.told is None:
+            return self
+        told = np.full(len(self), -1)
+        told[rows] = self.told[rows]
+        return replace(self, told=told)
 
     def with_columns(self, X: Array) -> Records:
         """The same record with other states and inputs."""

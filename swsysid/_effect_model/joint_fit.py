@@ -114,6 +114,17 @@ class JointFit:
                     fields[mode, :, term.target] += columns @ own
         return fields
 
+    def contributions(self, records: Records) -> Array:
+        """What the effects add to the velocities at the instants, shaped like those of all modes.
+
+        The measurement as it should be is part of it.
+        """
+        transform, _ = switching_step(self.estimator)
+        declared = np.array(self.switching.mode_velocities(np.asarray(transform(records.X))))
+        if not self.terms:
+            return np.zeros_like(declared)
+        return self.mode_velocities(replace(records, average=None)) - declared
+
     def predict(self, records: Records, modes: Modes | None = None) -> Array:
         """Velocities, shape (n_samples, n_states)."""
         modes = self.predict_modes(records) if modes is None else modes
@@ -198,6 +209,20 @@ def fit_jointly(
             break
     coef = _effect_coefficients(features, robust, terms, columns, targets, modes)
     return _with_guards(JointFit(fitted, terms, tuple(coef), modes, doubts), whole, rows)
+
+
+def known_modes(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Modes:
+    """Modes of a whole record from the data, -1 where they say nothing.
+
+    On the rows of the fit they are its own, elsewhere those that measured states have told.
+    """
+    known = np.full(len(records), -1)
+    if records.told is not None:
+        order = _matching(records.told[rows], fit.modes)
+        inside = (records.told >= 0) & (records.told < len(order))
+        known[inside] = order[records.told[inside]]
+    known[rows] = fit.modes
+    return known
 
 
 def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:
@@ -300,9 +325,7 @@ def _library(estimator: BaseEstimator, X: Array) -> tuple[Array, FeatureMap]:
 
 def _with_guards(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> JointFit:
     """The fit with the guards that remember found anew for its modes."""
-    known = np.full(len(records), -1)
-    known[rows] = fit.modes
-    terms = []
+    known, terms = known_modes(fit, records, rows), []
     for term in fit.terms:
         if isinstance(term.effect, GuardEffect):
             guard, theta = term.effect.refitted(term.place, records, known)

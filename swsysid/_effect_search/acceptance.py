@@ -70,7 +70,7 @@ def _chance(
     """Of what a term without columns gains."""
     effect, target = structure.terms[place].effect, structure.terms[place].target
     if isinstance(effect, ResetEffect):
-        return effect.gain(beside.records, beside.velocities, beside.surface_modes, target)[1]
+        return effect.gain(beside.records, beside.velocities, beside.switched_modes, target)[1]
     others = (context.without(structure, place), *fewer)
     return max(context.structural_chance(other, structure) for other in others)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._data.records import Records
-from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Background, Regression
 from swsysid._noise import STUDENT, robust_weights
@@ -100,7 +100,7 @@ class CandidateContext:
     @cached_property
     def velocities(self) -> Array:
         """Measured velocities on the rows of the search, modelled ones elsewhere."""
-        velocities = self.fit.predict(self.records)
+        velocities = self.fit.predict(self.records, self._most_likely_modes)
         velocities[self.data.rows] = self.regression.targets
         return velocities
 
@@ -109,12 +109,24 @@ class CandidateContext:
         """Modes of the whole record according to the surface or guard."""
         return self.fit.predict_modes(self.records)
 
+    @property
+    def _most_likely_modes(self) -> NDArray[np.intp]:
+        """Those that the states have told, and where they have not those of the surface."""
+        if self.records.told is None:
+            return self.fit.predict_modes(self.records)
+        known = self.known_modes
+        return np.where(known >= 0, known, self.surface_modes)
+
     @cached_property
     def known_modes(self) -> NDArray[np.intp]:
         """Modes of the whole record from the data, -1 where there are none."""
-        known = np.full(len(self.records), -1)
-        known[self.data.rows] = self.regression.modes
-        return known
+        return known_modes(self.fit, self.records, self.data.rows)
+
+    @cached_property
+    def switched_modes(self) -> NDArray[np.intp]:
+        """Modes between which the whole record switches: as it tells them, or as the surface."""
+        known = self.known_modes
+        return self.surface_modes if self.records.told is None else known
 
     @property
     def most_switched_state(self) -> int:

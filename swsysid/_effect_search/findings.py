@@ -28,13 +28,9 @@ class Ladder:
     context: SearchContext
     structure: Structure
     found: tuple[Finding, ...]  # one for each term of the structure
-    targets: Array  # of the whole record
+    records: Records  # the whole record
+    targets: Array  # of all of it
     split: Split
-
-    @property
-    def records(self) -> Records:
-        """The whole record."""
-        return self.context.data.records
 
     @cached_property
     def _order(self) -> list[int]:

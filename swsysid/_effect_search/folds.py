@@ -65,6 +65,11 @@ class SearchData:
         folds = make_folds(records.take(rows), SETTINGS.n_folds, np.random.RandomState(0))
         return cls(records, rows, targets[rows], folds)
 
+    @property
+    def told(self) -> Rows | None:
+        """Modes of the rows that measured states have told."""
+        return None if self.records.told is None else self.records.told[self.rows]
+
     @cached_property
     def exact(self) -> Array:
         """Errors of each state below which an equation is exact."""

@@ -101,6 +101,7 @@ class Search:
             if n_candidates * beside.p_value(first) <= self.context.settings.hopeful:
                 options += self._with_modes(current, first.candidate, top)
         options = [option for option in options if option.cost < current.cost]
+        options = self._without_delayed(current, options, n_candidates)
         options = self._compared_with_named(current, options, n_candidates)
         while options:
             best = preferred(self.context, options)
@@ -126,7 +127,7 @@ class Search:
                     continue
                 if isinstance(effect, ResetEffect):
                     gain, _ = effect.gain(
-                        beside.records, beside.velocities, beside.surface_modes, candidate.target
+                        beside.records, beside.velocities, beside.switched_modes, candidate.target
                     )
                     options.append(context.with_reset(current, candidate, gain))
                     continue
@@ -138,14 +139,32 @@ class Search:
                     options.append(context.structure(terms, own))
         return options
 
+    def _without_delayed(
+        self, current: Structure, options: list[Structure], n_candidates: int
+    ) -> list[Structure]:
+        """Options without guards that remember where the states jump at the switches.
+
+        Measured states that jump tell their switch late, as if the guard remembered; a guard that
+        does makes no state jump.
+        """
+        jumps = self.context.data.told is not None and any(
+            isinstance(option.last, ResetEffect)
+            and is_promising(self.context, current, option, n_candidates)
+            for option in options
+        )
+        return [one for one in options if not (jumps and isinstance(one.last, GuardEffect))]
+
     def _with_modes(
         self, current: Structure, first: PlacedEffect, top: list[Trial]
     ) -> list[Structure]:
         """The best candidate with the present modes, and others with modes sought anew."""
         terms, settings = current.terms, self.context.settings
         warm = self.context.structure((*terms, first), current.fit.modes)
+        told = self.context.data.told
         unchanged = np.mean(warm.fit.modes == current.fit.modes)
-        if current.fit.n_modes == 1 or unchanged >= settings.same_modes:
+        # Modes that are told may be wrong together with those of the declared model: few rows are
+        # left in the stays, and one that is wrong decides between two kinds.
+        if current.fit.n_modes == 1 or (told is None and unchanged >= settings.same_modes):
             return [warm]  # the modes were right without the effect
         best_of_kind = {first.effect.kind: first}
         for trial in top:
@@ -155,7 +174,7 @@ class Search:
             for candidate in list(best_of_kind.values())[: settings.n_restarts]
         ]
         anew = Parallel(n_jobs=self.n_jobs)(
-            delayed(self.context.structure)((*terms, candidate), None, 1)
+            delayed(self.context.structure)((*terms, candidate), told, 1)
             for candidate in tqdm(
                 restarts, desc="modes anew", leave=False, disable=not self.verbose
             )

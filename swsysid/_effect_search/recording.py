@@ -9,30 +9,32 @@ over the window. The velocity of a row is
 
 .. math:: C_j \bar\Phi + D r,
 
-and whatever is compared with it is averaged alike. Nothing is left of the filter but its noise, of
-which neighbours share some: only rows are kept whose noise is independent, and of those near a
-switch none, since its instant is the model's.
+and whatever is compared with it is averaged alike. No window reaches across a switch, which two
+laws would share; a window of two thirds of a stay leaves most of it. Nothing is left of the filter
+but its noise, of which neighbours share some: only rows are kept whose noise is independent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from sklearn.base import BaseEstimator
 
 from swsysid._data.records import Records
+from swsysid._data.windows import Windows, stays_of
 from swsysid._effect_model.joint_fit import JointFit, fit_jointly
-from swsysid._effect_search.drawn import Drawing
+from swsysid._effect_search.decoding import Decoded, Modes, decoded
+from swsysid._effect_search.drawn import drawn
 from swsysid._effect_search.folds import Rows
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._pipelines import switching_step
 from swsysid._results import Array
-from swsysid.differentiation import choose_smoothing, differentiate
-from swsysid.differentiation._smoothing import Smoother, local_polynomial
-
-_STRAIGHT = 2  # degree of the polynomials that a rest is fitted with: its slope is a mean then
+from swsysid.differentiation import differentiate
+from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
+from swsysid.differentiation._smoothing import local_polynomial
+from swsysid.differentiation._strength import Strength, strongest
+from swsysid.effects import StructureEffect
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,25 @@ class Measured:
     targets: Array  # (n_samples, n_states)
     rows: Rows
     window: int = 1  # samples that the velocity of a row is made of
+    recorded: Records | None = None  # the states as they were measured, if velocities were not
+
+    def fitted(self, declared: BaseEstimator, rows: Rows | None = None) -> JointFit:
+        """The declared model alone, fitted to these rows or some of them."""
+        rows = self.rows if rows is None else rows
+        told = self.records.told
+        modes = None if told is None else told[rows]
+        return fit_jointly(declared, (), self.records, rows, self.targets[rows], modes)
+
+    def beside(self, fit: JointFit) -> Measured | None:
+        """The same from a model with effects, by which modes and velocities are better known.
+
+        None where velocities were measured, or where the model says nothing new.
+        """
+        anew = any(isinstance(term.effect, StructureEffect) for term in fit.terms)
+        if self.recorded is None or not fit.terms or anew:
+            return None
+        states = self.records.X
+        return _filtered(fit, self.recorded, states, decoded(fit, self.recorded, states))
 
 
 def from_states(declared: BaseEstimator, records: Records) -> Measured:
@@ -50,12 +71,13 @@ def from_states(declared: BaseEstimator, records: Records) -> Measured:
     if switching_step(declared)[1].discrete_time:
         return _next_states(records)
     fit, states = _start(declared, records)
-    for _ in range(SETTINGS.n_filterings):
-        measured = _filtered(fit, records, states)
-        targets = measured.targets[measured.rows]
-        fit = fit_jointly(declared, (), measured.records, measured.rows, targets)
-        states = measured.records.X
-    return _independent(_filtered(fit, records, states), fit)
+    told = decoded(fit, records, states)
+    measured = _filtered(fit, records, states, told)
+    for _ in range(SETTINGS.n_filterings - 1):
+        fit, states = measured.fitted(declared), measured.records.X
+        told = decoded(fit, records, states, told.disturbances)
+        measured = _filtered(fit, records, states, told)
+    return measured
 
 
 def _next_states(records: Records) -> Measured:
@@ -63,7 +85,8 @@ def _next_states(records: Records) -> Measured:
     targets = records.X[:, : records.n_states].copy()
     for rows in records.trajectories:
         targets[rows[:-1]] = targets[rows[1:]]
-    return Measured(records, targets, np.sort(_inner(records, 0, 1)))
+    inner = np.concatenate([rows[:-1] for rows in records.trajectories])
+    return Measured(records, targets, np.sort(inner))
 
 
 def _start(declared: BaseEstimator, records: Records) -> tuple[JointFit, Array]:
@@ -88,83 +111,64 @@ def _start(declared: BaseEstimator, records: Records) -> tuple[JointFit, Array]:
     return fit, X
 
 
-def _filtered(fit: JointFit, records: Records, states: Array) -> Measured:
+def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> Measured:
     """Velocities of a model and what it leaves over, and states that are less noisy."""
     n_states = records.n_states
-    drawn = Drawing(fit, records.with_columns(states)).drawn()
-    rest = records.X[:, :n_states] - drawn
-    # The equation that bends most decides: the others lose nothing but some of their quiet.
-    window = min(_window(column, records) for column in rest.T)
-    smoother, half = local_polynomial(window, _STRAIGHT), window // 2
-    values, slopes = rest.copy(), np.zeros_like(rest)
-    for rows, jets in _jets(smoother, half, rest, records):
-        values[rows], slopes[rows] = jets[0], jets[1]
-    X = np.column_stack([drawn + values, records.X[:, n_states:]])
+    added = fit.contributions(records.with_columns(states))
+    motion = drawn(fit, records.with_columns(states), told.modes, added)
+    rest = records.X[:, :n_states] - motion
+    modes = np.where(told.sure, told.modes, -1)
+    windows = _windows(rest, records, modes)
+    X = np.column_stack([motion + windows.values @ rest, records.X[:, n_states:]])
+    shown = np.zeros((len(records), 1), dtype=bool)
+    shown[windows.whole()] = True
 
     def average(columns: Array) -> Array:
-        answer = np.array(columns, dtype=float)
-        for rows, jets in _jets(smoother, half, _running_integral(answer, records), records):
-            answer[rows] = jets[1]
-        return answer
+        return np.where(shown, windows.means @ columns, columns)
 
-    records = replace(records, X=X, average=average)
-    laws = fit.switching.coef_[fit.surface_modes(records)]
-    targets = np.einsum("nkf,nf->nk", laws, fit.features(records)) + slopes
-    return Measured(records, targets, np.sort(_inner(records, half, half)), window)
+    seen = replace(records, X=X, average=average, told=modes)
+    laws, every = fit.switching.coef_[told.modes], np.arange(len(records))
+    targets = np.einsum("nkf,nf->nk", laws, fit.features(seen)) + windows.slopes @ rest
+    targets += seen.averaged(added[told.modes, every])
+    rows = windows.whole(max(1, round(windows.length / SETTINGS.rows_a_window)))
+    return Measured(seen, targets, rows[told.sure[rows]], windows.length, records)
 
 
-def _window(rest: Array, records: Records) -> int:
-    """Samples over which a rest is straight, but no more than leave enough rows."""
+def _windows(rest: Array, records: Records, modes: Modes) -> Windows:
+    """Windows over which a rest is straight, but no longer than leaves most in the stays."""
     assert records.t is not None
-    smoothing = choose_smoothing(
-        rest, records.t, records.groups, degree=_STRAIGHT, too_short="drop"
+    stays = stays_of(modes, records.trajectories)
+    of_modes = [
+        np.array([len(stay) for stay in stays if modes[stay[0]] == mode])
+        for mode in np.unique(modes[modes >= 0])
+    ]
+    longest = _longest(of_modes)
+    lengths = [w for w in DIFFERENTIATION.windows if SETTINGS.shortest_window <= w <= longest]
+    candidates = [Strength(local_polynomial(w, SETTINGS.degree), window=w) for w in lengths]
+    long = sorted(stays, key=len, reverse=True)
+    enough = np.cumsum([len(stay) for stay in long]) >= SETTINGS.deciding_rows
+    long = long[: int(np.argmax(enough)) + 1] if enough.any() else long
+    # The equation that bends most decides: the others lose nothing but some of their quiet.
+    chosen = [
+        strongest(
+            candidates, [(column[stay, None], records.t[stay]) for stay in long], np.zeros(1), 1
+        )
+        for column in rest.T
+    ]
+    length = min((one.window for one in chosen if one.window), default=SETTINGS.shortest_window)
+    return Windows(records.t, stays, length // 2, SETTINGS.degree)
+
+
+def _longest(of_modes: list[Rows]) -> int:
+    """The longest window that is worth the rows it costs, for the lengths of the stays in modes."""
+    # Slopes over w samples have variances that fall with the third power of w, and of a stay of L
+    # samples there are (L - w) / w of them that are independent. A mode of short stays is to have
+    # its share: what the modes know is multiplied, as in a determinant.
+    most = max([SETTINGS.shortest_window, *(int(own.max()) for own in of_modes)])
+    windows = np.arange(SETTINGS.shortest_window, most + 1)
+    left = np.array(
+        [np.maximum(own[:, None] - windows + 1, 0).sum(axis=0) for own in of_modes], dtype=float
     )
-    assert smoothing.window is not None
-    longest = SETTINGS.rows_a_window * len(records) // SETTINGS.enough_rows
-    return min(smoothing.window, max(SETTINGS.shortest_window, longest // 2 * 2 + 1))
-
-
-def _jets(
-    smoother: Smoother, half: int, columns: Array, records: Records
-) -> Iterator[tuple[Rows, Array]]:
-    """Values and slopes of columns, trajectory by trajectory; their ends are left out."""
-    assert records.t is not None
-    for rows in records.trajectories:
-        if len(rows) > 2 * half and columns.shape[1]:
-            yield rows[half : len(rows) - half], smoother(columns[rows], records.t[rows], None)[0]
-
-
-def _running_integral(columns: Array, records: Records) -> Array:
-    """Integrals along each trajectory, by trapezia."""
-    assert records.t is not None
-    integral = np.zeros_like(columns)
-    for rows in records.trajectories:
-        own, steps = columns[rows], np.diff(records.t[rows])[:, None]
-        integral[rows[1:]] = np.cumsum(0.5 * steps * (own[1:] + own[:-1]), axis=0)
-    return integral
-
-
-def _inner(records: Records, before: int, after: int) -> Rows:
-    """Rows with so many others of their trajectory before and after them."""
-    return np.concatenate([rows[before : len(rows) - after] for rows in records.trajectories])
-
-
-# -- rows whose noise is independent ---------------------------------------------------------------
-
-
-def _independent(measured: Measured, fit: JointFit) -> Measured:
-    """Rows so far apart that their noise is independent, away from the switches of the model."""
-    records, half = measured.records, measured.window // 2
-    stride = max(1, round(measured.window / SETTINGS.rows_a_window))
-    lone = np.zeros(len(records), dtype=bool)
-    lone[measured.rows] = True
-    position = np.empty(len(records), dtype=np.intp)
-    switches = Drawing(fit, records).near_a_switch
-    for rows in records.trajectories:
-        position[rows] = np.arange(len(rows))
-        for place in position[np.intersect1d(rows, switches)]:
-            lone[rows[max(0, place + 1 - half) : place + 1 + half]] = False
-    if lone.mean() < SETTINGS.fewest_lone:
-        lone[measured.rows] = True
-    kept = measured.rows[lone[measured.rows] & (position[measured.rows] % stride == 0)]
-    return replace(measured, rows=kept)
+    many = left.sum(axis=0) * SETTINGS.rows_a_window >= SETTINGS.enough_rows * windows
+    worth = np.prod(left * (windows / most) ** 2, axis=0)
+    return int(windows[np.argmax(np.where(many, worth, 0.0))])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
-from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.display import EffectReportDisplay
@@ -207,12 +207,17 @@ def _leftover(fit: JointFit, ladder: Ladder, names: NDArray | None) -> ResidualR
     records, rows = ladder.records, ladder.split.held_out
     if len(rows) < SETTINGS.fewest_rows:
         return None
+    # Where the states have told the modes, a surface that is a little off is no finding.
+    modes = fit.predict_modes(records)
+    if records.told is not None:
+        known = known_modes(fit, records, ladder.split.search)
+        modes = np.where(known >= 0, known, modes)
     samples = ResidualSamples.of(
         fit.estimator,
         records.take(rows),
         ladder.targets[rows],
-        fit.predict(records)[rows],  # whose memory has seen the rows before
-        fit.predict_modes(records)[rows],
+        fit.predict(records, modes)[rows],  # whose memory has seen the rows before
+        modes[rows],
         [None] if names is None else names.tolist(),
     )
     return report_on(samples, random_state=0)

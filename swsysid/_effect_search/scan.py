@@ -260,7 +260,9 @@ def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     if context.fit.switching.discrete_time:
         return  # the targets are the next states, jumps included
     for target in context.records.states:
-        found = effect.candidate(context.records, context.velocities, context.surface_modes, target)
+        found = effect.candidate(
+            context.records, context.velocities, context.switched_modes, target
+        )
         if found is not None:
             crossing, theta = found
             yield PlacedEffect(effect, crossing, target, theta=theta)

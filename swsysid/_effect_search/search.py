@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import wraps
 from numbers import Integral
 from typing import TypeVar
@@ -19,20 +19,32 @@ from swsysid._data.records import Records, make_records
 from swsysid._data.scores import explained
 from swsysid._effect_model.joint_fit import JointFit, check_declared, fit_jointly, warn_of_doubts
 from swsysid._effect_regressor import EffectRegressor
+from swsysid._effect_search.acceptance import Finding
 from swsysid._effect_search.contributions import term_covariances
 from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import Folds, SearchData, Split, make_folds, split_records
-from swsysid._effect_search.greedy import Search
+from swsysid._effect_search.greedy import Round, Search
 from swsysid._effect_search.reading import read_recordings, refuse_inputs_beside_velocities
 from swsysid._effect_search.recording import Measured, from_states
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.settings import SETTINGS
-from swsysid._effect_search.structures import SearchContext
+from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._pipelines import seeded, with_parameters
 from swsysid._results import Array, IdentificationWarning
 from swsysid.effects import Effect, all_effects
 
 Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a search has found, and of what it was a search."""
+
+    split: Split
+    context: SearchContext
+    structure: Structure
+    findings: tuple[Finding, ...]
+    rounds: list[Round]
 
 
 def _of_the_best(method: Callable[..., Answer]) -> Callable[..., Answer]:
@@ -180,21 +192,28 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         seed = 0 if self.random_state is None else self.random_state
         self._declared, rng = seeded(self.estimator, seed), random_numbers(seed)
         measured = self._measured(X, y, t, groups, signals, inputs)
-        records, targets, rows = measured.records, measured.targets, measured.rows
-        split = split_records(records, rng, measured.window).of(rows)
-        n_columns = records.X.shape[1] + targets.shape[1]
-        final = fit_jointly(self._declared, (), records, rows, targets[rows])
-        self.best_estimator_ = self.declared_estimator_ = self._regressor(final, records)
-        if len(split.search) >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns):
-            final = self._search(measured, split, rng, final)
+        parts = split_records(measured.records, rng, measured.window)
+        final = measured.fitted(self._declared)
+        self.best_estimator_ = self.declared_estimator_ = self._regressor(final, measured.records)
+        if self._is_enough(measured, parts):
+            if measured.recorded is not None and self.max_effects:
+                # With the first effect inside, fewer modes and velocities are wrong, and perhaps
+                # its kind is another one.
+                first = self._search(measured, parts, rng, most=1).structure.fit
+                again = measured.beside(first)
+                if again is not None and self._is_enough(again, parts):
+                    measured, final = again, again.fitted(self._declared)
+                    self.declared_estimator_ = self._regressor(final, measured.records)
+            found = self._search(measured, parts, rng, self.max_effects)
+            final = self._concluded(measured, found, final)
         else:
             warnings.warn(
-                f"{len(rows)} samples are too few to hold any out: the declared model is "
+                f"{len(measured.rows)} samples are too few to hold any out: the declared model is "
                 "returned unchanged. Record more, or fit the declared model itself.",
                 IdentificationWarning,
                 stacklevel=2,
             )
-            self.effects_, self.report_ = [], EffectReport.nothing_done(records)
+            self.effects_, self.report_ = [], EffectReport.nothing_done(measured.records)
         warn_of_doubts(final, 2)
         return self
 
@@ -220,30 +239,37 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     # -- parts of fit ------------------------------------------------------------------------------
 
+    def _is_enough(self, measured: Measured, parts: Split) -> bool:
+        """Whether there are rows enough to hold some of them out."""
+        n_columns = measured.records.X.shape[1] + measured.targets.shape[1]
+        n_searched = len(parts.of(measured.rows).search)
+        return n_searched >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
+
     def _search(
-        self,
-        measured: Measured,
-        split: Split,
-        rng: np.random.RandomState,
-        plain: JointFit,
-    ) -> JointFit:
-        """Effects beside the plain fit, a report of them, and the fit with them to all rows."""
+        self, measured: Measured, parts: Split, rng: np.random.RandomState, most: int
+    ) -> Outcome:
+        """So many effects at most beside the declared model."""
+        split = parts.of(measured.rows)
         records, targets, rows = measured.records, measured.targets, split.search
         folds = self._folds(records.take(rows), targets[rows], rng)
-        first = fit_jointly(self._declared, (), records, rows, targets[rows])
+        first = measured.fitted(self._declared, rows)
         context = SearchContext(
             estimator=with_parameters(self._declared, n_modes=first.n_modes),
             effects=all_effects() if isinstance(self.effects, str) else list(self.effects),
-            data=SearchData(records, rows, targets[rows], folds),
+            data=SearchData(records.told_on(parts.search), rows, targets[rows], folds),
             declared=first,
             significance=self.significance,
         )
-        search = Search(context, self.max_effects, self.n_jobs, self.verbose)
-        structure, findings, rounds = search.run()
-        ladder = Ladder(context, structure, findings, targets, split)
+        search = Search(context, most, self.n_jobs, self.verbose)
+        return Outcome(split, context, *search.run())
+
+    def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
+        """A report of the effects found, and the fit with them to all rows."""
+        records, targets, context = measured.records, measured.targets, found.context
+        ladder = Ladder(context, found.structure, found.findings, records, targets, found.split)
         final, whole = plain, SearchData.whole(records, measured.rows, targets)
         if ladder.terms:
-            modes = structure.fit.modes_along(records, rows)
+            modes = found.structure.fit.modes_along(records, found.split.search)
             final = fit_jointly(
                 context.estimator,
                 ladder.terms,
@@ -258,7 +284,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         models = [self._regressor(ladder.fits[place], records) for place in (0, -1)]
         models.append(self.best_estimator_)
         self.report_ = EffectReport.of(
-            ladder, rounds, self.effects_, models, covariances, self._trajectory_names
+            ladder, found.rounds, self.effects_, models, covariances, self._trajectory_names
         )
         return final
 

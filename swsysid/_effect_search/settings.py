@@ -23,11 +23,14 @@ class SearchSettings:
     fewest_rows: int = 40
 
     # -- velocities of recorded states -----------------------------------------------------------
-    n_filterings: int = 3  # each with a better model of what need not be filtered
+    n_filterings: int = 3  # the later ones with a better model of what need not be filtered
+    degree: int = 2  # of local polynomials: a slope in the middle is a mean of what it shows
     shortest_window: int = 7  # samples
+    deciding_rows: int = 600  # of the longest stays, which say how straight a rest is
+    doubt: float = 3.0  # standard errors of the instant of a switch within which no mode is sure
+    most_doubtful: int = 10  # samples to either side of a switch
     enough_rows: int = 200  # a longer window is not worth fewer
     rows_a_window: int = 3  # slopes a third of a window apart are uncorrelated
-    fewest_lone: float = 0.3  # share of the rows; where fewer are away from a switch all count
 
     # -- candidates beside a model ---------------------------------------------------------------
     sure: float = 0.95  # a row whose mode is less sure than this says nothing about the laws

@@ -22,6 +22,7 @@ from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.held_out import held_out_cost, unseen_cost
 from swsysid._effect_search.scan import proposals, refined, scan
 from swsysid._effect_search.settings import SearchSettings
+from swsysid._effect_search.switches import gain_of_guard
 from swsysid._noise import robust_scale
 from swsysid._pipelines import switching_step
 from swsysid._results import Array
@@ -112,7 +113,7 @@ class SearchContext:
 
     def priced(self, fit: JointFit) -> Structure:
         """What a fit is worth on rows that its regressions have not seen."""
-        rows = held_out_cost(fit, self.data)
+        rows = held_out_cost(fit, self.data) - gain_of_guard(fit, self.data)
         of_a_mode = fit.switching.coef_[0].size + self.data.records.X.shape[1] + 1
         n_parameters = sum(term.n_parameters for term in fit.terms)
         n_parameters += (fit.n_modes - self._n_declared_modes) * of_a_mode

@@ -80,6 +80,7 @@ def residual_report(
     groups: ArrayLike | None = None,
     signals: ArrayLike | None = None,
     *,
+    window: int = 1,
     n_lags: int = 10,
     n_permutations: int = 499,
     significance: float = 0.01,
@@ -110,6 +111,11 @@ def residual_report(
         and everything about time is skipped.
     signals : array-like or data frame of shape (n_samples, n_signals), default=None
         Logged channels that the model does not use.
+    window : int, default=1
+        Rows that share measurements with a row, itself included, where a smoother has made the
+        velocities: `Derivatives.window`. Neighbours then share their noise, and a row next to a
+        switch is a mixture of two laws. Only rows that share nothing and whose window lies in one
+        mode are tested, so that the smoother itself is no finding. 1 is for measured velocities.
     n_lags : int, default=10
         Rows to look back.
     n_permutations : int, default=499
@@ -135,6 +141,10 @@ def residual_report(
     correlated in time are rearranged in blocks, so that channels and residuals that are slow, but
     have nothing to do with each other, are not brought together.
 
+    With a `window`, what polynomials of degree 4 bend over so many rows of states, inputs and
+    predicted velocities is taken from the residual. Of laws that are far from linear over a window
+    something is left, and is reported.
+
     Examples
     --------
     >>> import numpy as np
@@ -146,16 +156,27 @@ def residual_report(
     >>> report = residual_report(LinearRegression().fit(X, Xdot), X, Xdot, random_state=0)
     >>> report.clean, report.findings[0].channel
     (False, 'x1')
+
+    A recording, differentiated: the noise that neighbours share is no finding.
+
+    >>> from swsysid.differentiation import differentiate
+    >>> t = np.linspace(0, 60, 3001)
+    >>> x = np.column_stack([np.sin(t), np.cos(t)]) + 0.01 * rng.standard_normal((3001, 2))
+    >>> rows = differentiate(x, t, window=41)
+    >>> model = LinearRegression().fit(rows.X, rows.Xdot)
+    >>> residual_report(model, *rows[:4], window=rows.window, random_state=0).clean
+    True
     """
     real("significance", significance, above=0, below=1)
     whole("n_lags", n_lags)
+    whole("window", window)
     fewest = math.ceil(1.0 / (SETTINGS.weight_of_rearrangements * significance) - 1e-9) - 1
     if whole("n_permutations", n_permutations, most=SETTINGS.most_permutations) < fewest:
         raise ValueError(
             f"n_permutations={n_permutations} cannot reach significance {significance:g}; use at "
             f"least {fewest}."
         )
-    samples = collect(model, X, Xdot, t, groups, signals)
+    samples = collect(model, X, Xdot, t, groups, signals, window)
     return report_on(samples, n_lags, n_permutations, significance, random_state)
 
 
@@ -202,6 +223,8 @@ def _clock(samples: ResidualSamples) -> tuple[Clock | None, dict[str, str]]:
         skipped = dict.fromkeys(("whiteness", "lags", "spectrum", "time"), reason)
     elif not records.timed:
         skipped = dict.fromkeys(("spectrum", "time"), "t is not given")
+    if samples.n_shared:
+        skipped["rows"] = f"{samples.n_shared} that share measurements or are next to a switch"
     if samples.nearness is None:
         skipped["surface"] = samples.why_no_nearness
     if records.t is None or not records.timed:

@@ -16,6 +16,7 @@ from swsysid._checks.estimators import column_names, in_fitted_form
 from swsysid._data.records import Records, make_records
 from swsysid._pipelines import switching_step
 from swsysid._residual_report.settings import SETTINGS
+from swsysid._residual_report.smoothed import Smoothed
 from swsysid._results import Array
 from swsysid._surfaces.surface import gives_values, has_decisions
 
@@ -38,6 +39,7 @@ class ResidualSamples:
     nearness: Array | None  # (n_rows,): distance from the surface, in the units of its function
     why_no_nearness: str  # empty if there is one
     trajectories: list  # their names, by the codes of the rows
+    n_shared: int = 0  # rows left out, as they share measurements with others
 
     @classmethod
     def of(
@@ -73,6 +75,33 @@ class ResidualSamples:
             trajectories=trajectories,
         )
 
+    def apart(self, window: int) -> ResidualSamples:
+        """Only rows that share no measurement, where each is made of `window` of them."""
+        if not self.records.ordered:
+            raise ValueError(
+                f"window={window} is that of a smoother along trajectories; give t or groups too."
+            )
+        smoothed = Smoothed.of(self.records, self.modes, window)
+        rows = smoothed.apart
+        if len(rows) < SETTINGS.fewest_rows:
+            raise ValueError(
+                f"only {len(rows)} of {len(self.residual)} rows share no measurement with another "
+                f"and lie in one mode; a residual report needs {SETTINGS.fewest_rows}: record "
+                "more, or smooth over a shorter window."
+            )
+        predicted = self.target - self.residual
+        modes = np.zeros(len(predicted)) if self.modes is None else self.modes
+        residual = smoothed.straightened(self.residual, self.records.X, predicted, modes)
+        return replace(
+            self,
+            records=self.records.take(rows),
+            target=self.target[rows],
+            residual=residual[rows],
+            modes=None if self.modes is None else self.modes[rows],
+            nearness=None if self.nearness is None else self.nearness[rows],
+            n_shared=len(self.residual) - len(rows),
+        )
+
     @property
     def codes(self) -> NDArray[np.intp]:
         """Trajectory of each row, contiguous; one for all where rows have no order."""
@@ -105,8 +134,9 @@ def collect(
     t: ArrayLike | None,
     groups: ArrayLike | None,
     signals: ArrayLike | None,
+    window: int = 1,
 ) -> ResidualSamples:
-    """Check everything, predict, subtract, and sort the rows."""
+    """Check everything, predict, subtract, sort the rows, and keep those that share nothing."""
     if isinstance(model, type) or not hasattr(model, "predict"):
         kind = model if isinstance(model, type) else type(model)
         raise TypeError(f"{kind.__name__} has no predict; give a fitted model.")
@@ -142,7 +172,8 @@ def collect(
         raise ValueError("the model predicts NaN or infinity on these rows; leave them out.")
     modes = np.asarray(model.predict_modes(frame)) if hasattr(model, "predict_modes") else None
     named = [None] if groups is None else np.unique(labels("groups", groups)).tolist()
-    return ResidualSamples.of(model, records, target, predicted, modes, named, X)
+    samples = ResidualSamples.of(model, records, target, predicted, modes, named, X)
+    return samples if window == 1 else samples.apart(window)
 
 
 def _predicted(model: Predictor, X: ArrayLike, **extras: ArrayLike | None) -> Array:

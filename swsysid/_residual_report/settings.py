@@ -16,6 +16,9 @@ class Settings:
     exact: float = 1e-9  # of the velocities: below it a residual is rounding
     rounding: float = 1e-12  # of a column: below it its changes are rounding
 
+    # -- rows that a smoother has made --------------------------------------------------------
+    degree: int = 4  # of its polynomials, as `differentiate` has them
+
     # -- how the significance is divided ------------------------------------------------------
     # Rearrangements share one correction (Westfall and Young); the two tests whose distribution
     # is known have Holm's.

@@ -41,6 +41,8 @@ class Derivatives(_Parts):
         Standard deviation of the noise in each measured column, in its unit.
     names : tuple of str
         Names of the columns of `X`; x0, x1, ... where the data had none.
+    window : int
+        Rows that share measurements with a row, itself included.
 
     Examples
     --------
@@ -55,6 +57,7 @@ class Derivatives(_Parts):
     """
 
     names: tuple[str, ...]
+    window: int
 
     def __new__(
         cls,
@@ -64,9 +67,11 @@ class Derivatives(_Parts):
         groups: NDArray,
         noise: Array,
         names: Iterable[str] = (),
+        window: int = 1,
     ):
         parts = super().__new__(cls, X, Xdot, t, groups, noise)
         parts.names = tuple(names_or_numbers(tuple(names), X.shape[1]))
+        parts.window = int(window)
         return parts
 
     def __repr__(self) -> str:

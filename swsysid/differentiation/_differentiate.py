@@ -174,7 +174,7 @@ def differentiate(
     *rows, still, loud = (np.concatenate(part) for part in zip(*pieces, strict=True))
     stays = thinned(still & thin, loud, every)
     X, Xdot, t, groups = (part[stays] for part in rows)
-    return Derivatives(X, Xdot, t, groups, noise, names)
+    return Derivatives(X, Xdot, t, groups, noise, names, every)
 
 
 def choose_smoothing(

@@ -31,6 +31,7 @@ class EffectSettings:
 
     # -- resets ----------------------------------------------------------------------------------
     fewest_jumps: int = 5
+    sure_jump: float = 3.0  # errors of a single jump between two stays, where states were measured
     same_crossing: float = 0.7  # share of the jumps; the others are gaps of the record
 
     # -- guards with memory, agreements as shares of the rows ------------------------------------

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,7 @@ from scipy import stats
 from sklearn.base import BaseEstimator
 
 from swsysid._data.records import Records
+from swsysid._noise import robust_scale
 from swsysid._pipelines import switching_step, with_parameters
 from swsysid._results import Array
 from swsysid.effects._base import Place, figure
@@ -43,10 +46,9 @@ class Reset(ResetEffect):
         self, records: Records, velocities: Array, modes: Modes, target: int
     ) -> tuple[tuple[int, int], tuple[float, ...]] | None:
         jumps = _jumps(records, velocities[:, target], modes, target)
-        if jumps is None or jumps[2][0] == jumps[2][1]:
+        if jumps is None or jumps.crossing[0] == jumps.crossing[1]:
             return None
-        before, after, crossing = jumps
-        return crossing, (float(before @ after / (before @ before)),)
+        return jumps.crossing, (1.0 + jumps.slope,)
 
     def gain(
         self, records: Records, velocities: Array, modes: Modes, target: int
@@ -55,21 +57,99 @@ class Reset(ResetEffect):
         jumps = _jumps(records, velocities[:, target], modes, target)
         if jumps is None:  # the effects found since have explained them
             return 0.0, 1.0
-        before, after, _ = jumps
-        size = before @ before
-        leverage = before**2 / size
-        error = (after - before * (before @ after) / size) / (1.0 - leverage)
-        unexplained = np.sum((after - before) ** 2)
-        count = len(before)
-        ratio = max(float(np.sum(error**2) / unexplained), 1e-12)
-        statistic = (1.0 / ratio - 1.0) * (count - 1)
-        return 0.5 * count * -np.log(ratio), float(stats.f.sf(max(statistic, 0.0), 1, count - 1))
+        return jumps.gain, jumps.p_value
 
 
-def _jumps(
-    records: Records, velocity: Array, modes: Modes, target: int
-) -> tuple[Array, Array, tuple[int, int]] | None:
+@dataclass(frozen=True)
+class _Jumps:
+    """Jumps of a state at one kind of crossing, and the states before them."""
+
+    before: Array
+    moved: Array
+    crossing: tuple[int, int]
+    n_explained: int = 0  # numbers that were fitted to them before
+    n_crossings: int = 1  # kinds of crossings from which this one was chosen
+
+    @property
+    def slope(self) -> float:
+        """By how much of the state before them they move it."""
+        return float(self.before @ self.moved / (self.before @ self.before))
+
+    @cached_property
+    def _statistic(self) -> tuple[float, int]:
+        """Squares that the states before them explain, over the rest for each degree of freedom."""
+        leverage = self.before**2 / (self.before @ self.before)
+        error = (self.moved - self.before * self.slope) / (1.0 - leverage)
+        freedom = len(self.moved) - 1 - self.n_explained
+        ratio = max(float(np.sum(error**2) / np.sum(self.moved**2)), 1e-12)
+        return (1.0 / ratio - 1.0) * freedom, freedom
+
+    @property
+    def deviations(self) -> float:
+        """Size of those that are a multiple of the state, over the error of a single one."""
+        multiple = self.before * self.slope
+        error = float(robust_scale(self.moved - multiple))
+        return float(np.sqrt(np.mean(multiple**2))) / max(error, np.finfo(float).tiny)
+
+    @property
+    def gain(self) -> float:
+        """By how much the log likelihood rises if they are a multiple of the state."""
+        statistic, freedom = self._statistic
+        return 0.5 * len(self.moved) * float(np.log(statistic / freedom + 1.0))
+
+    @property
+    def p_value(self) -> float:
+        """Of so good a multiple by chance."""
+        statistic, freedom = self._statistic
+        chance = float(stats.f.sf(max(statistic, 0.0), 1, freedom))
+        return min(1.0, self.n_crossings * chance)
+
+
+def _jumps(records: Records, velocity: Array, modes: Modes, target: int) -> _Jumps | None:
     """Moves of a state that its velocity cannot explain; None if they are few or of many kinds."""
+    if records.told is None:
+        return _surprising(records, velocity, modes, target)
+    return _between_stays(records, velocity, modes, target)
+
+
+def _between_stays(records: Records, velocity: Array, modes: Modes, target: int) -> _Jumps | None:
+    """Moves between the stays that measured states have told, of the likeliest kind of crossing.
+
+    Both states are carried to the middle. The instant of a switch is not known better than that,
+    and a later one is worth the difference of the two velocities: as much of the moves is no jump.
+    """
+    assert records.t is not None
+    rows = np.concatenate(records.trajectories)
+    of = np.repeat(np.arange(len(records.trajectories)), list(map(len, records.trajectories)))
+    sure = np.flatnonzero(modes[rows] >= 0)
+    first, last, same = rows[sure[:-1]], rows[sure[1:]], of[sure[:-1]] == of[sure[1:]]
+    switched = same & (modes[first] != modes[last])
+    first, last = first[switched], last[switched]
+    half, values = 0.5 * (records.t[last] - records.t[first]), records.channel(target)
+    before = values[first] + half * velocity[first]
+    moved = values[last] - half * velocity[last] - before
+    apart = velocity[last] - velocity[first]
+    kinds = sorted(set(zip(modes[first].tolist(), modes[last].tolist(), strict=True)))
+    found = []
+    for kind in kinds:
+        own = (modes[first] == kind[0]) & (modes[last] == kind[1])
+        if own.sum() >= SETTINGS.fewest_jumps:
+            state, move = (_without(part[own], apart[own]) for part in (before, moved))
+            jumps = _Jumps(state, move, kind, n_explained=1, n_crossings=len(kinds))
+            # The ends of stays have errors that all share: a reset is seen at each crossing.
+            if jumps.deviations >= SETTINGS.sure_jump:
+                found.append(jumps)
+    return max(found, key=lambda jumps: jumps.gain, default=None)
+
+
+def _without(values: Array, column: Array) -> Array:
+    """What is left of values when all that a column explains is taken away."""
+    size = float(column @ column)
+    return values - column * (float(column @ values) / size) if size > 0.0 else values
+
+
+def _surprising(records: Records, velocity: Array, modes: Modes, target: int) -> _Jumps | None:
+    """Moves from sample to sample that are far from those that measured velocities explain."""
     # The states before and after each, and the modes between which most of them happen.
     assert records.t is not None
     before, after, crossings = [], [], []
@@ -91,7 +171,8 @@ def _jumps(
     kept = np.array([one == crossing for one in crossings])
     if kept.mean() < SETTINGS.same_crossing or kept.sum() < SETTINGS.fewest_jumps:
         return None
-    return np.array(before)[kept], np.array(after)[kept], crossing
+    moved = np.array(after)[kept] - np.array(before)[kept]
+    return _Jumps(np.array(before)[kept], moved, crossing)
 
 
 class ExtraMode(StructureEffect):
