@@ -22,9 +22,7 @@ def free_runs(parts: dict[str, dict]) -> str:
     scored = [f"without {n}" if n else "all samples" for n in LEFT_OUT]
     left_out = table(["data set", "change", *scored], [_left_out(row) for row in every], "l")
     told = "The same second models, scored without the first samples of each test record:"
-    chosen = [
-        f"- {row['data']}: {row['change']}. {row['chosen']}." for row in every if row["chosen"]
-    ]
+    chosen = [f"- {row['data']}, {row['chosen']}." for row in every if row["chosen"]]
     if chosen:
         chosen = ["", "What was chosen, by errors on the training record:", "", *chosen]
     return "\n".join([*lines, "", _cost(runs), "", told, "", *left_out, *chosen]) + "\n"
