@@ -128,8 +128,10 @@ def _circuit(train):
     """The refined model that predicts a held-out part of the record best, and the errors in mV."""
     candidates = {
         "cubic spring": _stated(),
-        "cubic spring and damping with the deflection": _stated(damping=True),
-        "cubic spring, damping and phase with the deflection": _stated(damping=True, phase=True),
+        "cubic spring and damping with the deflection": _stated(bend=float(train.x.std())),
+        "cubic spring, damping and phase with the deflection": _stated(
+            bend=float(train.x.std()), phase=True
+        ),
     }
     whole, quarter = _around(train), _around(train, N_FITTED)
     options = {
@@ -143,7 +145,9 @@ def _circuit(train):
     return model, {name: 1e3 * error for name, error in errors.items()}
 
 
-def _stated(damping: bool = False, phase: bool = False) -> StatedModel:
+def _stated(bend: float | None = None, phase: bool = False) -> StatedModel:
+    """The circuit to start from; damping that bends at a deflection, and a phase, if asked for."""
+    damping = bend is not None
     terms = SPRING | DAMPING if damping else SPRING
     # the spring, the damping, small asymmetries, the cubic; the input counts now; more damping
     law = [-STIFFNESS, -0.06, 0.01, -4 * STIFFNESS, -0.001, 0.01, 0.01, STIFFNESS, 0.01, 0.01]
@@ -153,7 +157,7 @@ def _stated(damping: bool = False, phase: bool = False) -> StatedModel:
     lag = {"lag": 0.0} if phase else {}
     late = lambda y, v, lag: y - lag * y**2 * v  # noqa: E731
     return StatedModel(
-        ParametricLibrary(terms, CIRCUIT, {"bend": 0.1} if damping else None),
+        ParametricLibrary(terms, CIRCUIT, {"bend": bend} if damping else None),
         [[0.0, 1.0, *np.zeros(len(law) - 2)], law],
         states=CIRCUIT[:2],
         inputs=TAPS,
