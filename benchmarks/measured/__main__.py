@@ -3,9 +3,10 @@
     python -m benchmarks.measured [--sets emps mr_damper ...] [--output FOLDER] [--docs docs]
 
 Every data set has a file ``<name>.py`` beside this one with a function ``rows()``. Train
-and test are those of the data sets' own loaders; nothing is chosen on the test data. The data are
-found through SWSYSID_DATA or downloaded. Set OMP_NUM_THREADS=1 for fair times. Results are kept in
-FOLDER/measured.json, where sets that are not measured this time stay; with ``--docs`` they are
+and test are those of the data sets' own loaders; nothing is chosen on the test data: where a model
+is one of several, stretches held out of the training record decide, and the row says how. The data
+are found through SWSYSID_DATA or downloaded. Set OMP_NUM_THREADS=1 for fair times. Results are kept
+in FOLDER/measured.json, where sets that are not measured this time stay; with ``--docs`` they are
 kept in benchmarks/results, and the tables of the documentation are written from them.
 """
 
@@ -21,7 +22,7 @@ from benchmarks.measured.tables import effects, free_runs
 from benchmarks.results import add_docs_options, keep, measured_here, place
 
 # `effects` searches the whole library in every set; the others are sets.
-PARTS = ("emps", "mr_damper", "cascaded_tanks", "silverbox", "effects")
+PARTS = ("emps", "mr_damper", "cascaded_tanks", "coupled_drives", "silverbox", "effects")
 
 
 def main() -> None:

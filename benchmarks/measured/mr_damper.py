@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from benchmarks.measured.rows import FreeRun, rms
+from benchmarks.measured.rows import FreeRun, Run
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
 from swsysid.datasets import fetch_mr_damper
 from swsysid.differentiation import differentiate
@@ -29,10 +27,10 @@ def rows() -> list[FreeRun]:
     refined = [
         refine(model, train, input_hold="linear", fit_surface=True).model for model in direct
     ]
-    errors = [_free_run(model, test) for model in (*direct, *refined)]
+    runs = [[_free_run(model, test)] for model in (*direct, *refined)]
     return [
-        FreeRun("MR damper, force, N", f"two modes on the sign of v, {how}", (before,), (after,))
-        for how, (before, after) in {"by regression": errors[:2], "refined": errors[2:]}.items()
+        FreeRun.of_runs("MR damper, force, N", f"two modes on the sign of v, {how}", before, after)
+        for how, (before, after) in {"by regression": runs[:2], "refined": runs[2:]}.items()
     ]
 
 
@@ -60,8 +58,8 @@ def _with_direct_term(model, terms) -> StatedModel:
     )
 
 
-def _free_run(model, test) -> float:
+def _free_run(model, test) -> Run:
     head = {"t": test.t[:N_START], "x": test.x[:N_START], "inputs": test.inputs[:N_START]}
     start = initial_states(model, head, guess=test.x[0], input_hold="linear")[0]
     run = model.simulate(start, test.t, test.inputs, input_hold="linear")
-    return rms(model.measure(run.x, test.inputs[: len(run.x)]), np.ravel(test.x))
+    return Run(model.measure(run.x, test.inputs[: len(run.x)]), test.x)

@@ -1,10 +1,35 @@
-"""What a data set of this benchmark returns: rows of its tables, and the error in them."""
+"""What a data set of this benchmark returns: rows of its tables, and the errors in them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+# Published scores differ in how many samples at the begin of a test record they leave out.
+LEFT_OUT = (0, 5, 50)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A free run of one model on one test record.
+
+    Attributes
+    ----------
+    simulated, measured : ndarray
+        In the unit of the table; a simulation that ended early is shorter.
+    """
+
+    simulated: np.ndarray
+    measured: np.ndarray
+
+    def error(self, left_out: int = 0) -> float:
+        """Root mean square error without the first samples; infinite where the run ended early."""
+        simulated, measured = np.ravel(self.simulated), np.ravel(self.measured)
+        if len(simulated) < len(measured):
+            return np.inf
+        return float(np.sqrt(np.mean((simulated - measured)[left_out:] ** 2)))
 
 
 @dataclass(frozen=True)
@@ -18,18 +43,45 @@ class FreeRun:
     change : str
         What the second model has and the first one lacks.
     before, after : tuple of float
-        Errors of the two models, one for each test record.
+        Errors of the two models, one for each test record, as the data set's own split scores them.
+    after_leaving_out : tuple of tuple of float
+        Errors of the second model, one row for each of `LEFT_OUT`.
     linear, best : tuple of float
         Published errors on the same records: of a linear model, and the smallest of any method.
         Empty where there are none that are comparable.
+    chosen : str
+        What was chosen on the training record, and the errors there that decided; empty where
+        nothing was.
     """
 
     data: str
     change: str
     before: tuple[float, ...]
     after: tuple[float, ...]
+    after_leaving_out: tuple[tuple[float, ...], ...] = ()
     linear: tuple[float, ...] = ()
     best: tuple[float, ...] = ()
+    chosen: str = ""
+
+    @classmethod
+    def of_runs(
+        cls,
+        data: str,
+        change: str,
+        before: Sequence[Run],
+        after: Sequence[Run],
+        left_out: int = 0,
+        **others,
+    ) -> FreeRun:
+        """The row of two models, scored without the first `left_out` samples."""
+        return cls(
+            data,
+            change,
+            tuple(run.error(left_out) for run in before),
+            tuple(run.error(left_out) for run in after),
+            tuple(tuple(run.error(n) for run in after) for n in LEFT_OUT),
+            **others,
+        )
 
 
 @dataclass(frozen=True)
@@ -53,14 +105,6 @@ class Found:
     before: float
     after: float
     fits: float
-
-
-def rms(simulated, measured) -> float:
-    """Root mean square error; infinite where the simulation ended early."""
-    simulated, measured = np.ravel(simulated), np.ravel(measured)
-    if len(simulated) < len(measured):
-        return np.inf
-    return float(np.sqrt(np.mean((simulated - measured) ** 2)))
 
 
 def published_errors(published, unit: str) -> dict[str, tuple[float, ...]]:

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from benchmarks.goals import Goal
 from benchmarks.markdown import table
+from benchmarks.measured.rows import LEFT_OUT
 from benchmarks.results import origins
 
 __all__ = ["effects", "free_runs"]
 
 
 def free_runs(parts: dict[str, dict]) -> str:
-    """Errors of free runs beside the published ones, marked where the best is not reached."""
+    """Errors of free runs beside the published ones, marked where the best is not reached.
+
+    Below them what the scores are without the first samples, and what was chosen in training.
+    """
     head = ["data set", "change", "before", "after", "published, linear", "published, best"]
     runs = {name: part for name, part in parts.items() if name != "effects"}
-    rows = [_free_run(row) for part in runs.values() for row in part["rows"]]
-    return "\n".join([*table([*head, "against it"], rows, "l"), "", _cost(runs)]) + "\n"
+    every = [row for part in runs.values() for row in part["rows"]]
+    lines = table([*head, "against it"], [_free_run(row) for row in every], "l")
+    scored = [f"without {n}" if n else "all samples" for n in LEFT_OUT]
+    left_out = table(["data set", "change", *scored], [_left_out(row) for row in every], "l")
+    told = "The same second models, scored without the first samples of each test record:"
+    chosen = [f"- {row['data']}, {row['chosen']}." for row in every if row["chosen"]]
+    if chosen:
+        chosen = ["", "What was chosen, by errors on the training record:", "", *chosen]
+    return "\n".join([*lines, "", _cost(runs), "", told, "", *left_out, *chosen]) + "\n"
 
 
 def effects(parts: dict[str, dict]) -> str:
@@ -40,6 +51,10 @@ def _free_run(row: dict) -> list[str]:
     # one mark where all test records have the same
     columns.append(" / ".join(verdicts if len(set(verdicts)) > 1 else verdicts[:1]))
     return columns
+
+
+def _left_out(row: dict) -> list[str]:
+    return [row["data"], row["change"], *(_errors(errors) for errors in row["after_leaving_out"])]
 
 
 def _errors(errors: list[float]) -> str:

@@ -1,0 +1,49 @@
+"""Scores and choices of the benchmark of measured data."""
+
+import numpy as np
+import pytest
+
+from benchmarks.measured.choice import best_of, blocks, held_out_errors
+from benchmarks.measured.rows import LEFT_OUT, FreeRun, Run
+from swsysid.refinement import ParametricLibrary, StatedModel
+
+
+def test_a_score_leaves_out_the_first_samples():
+    run = Run(np.array([3.0, 1.0, -1.0]), np.zeros((3, 1)))
+    assert run.error() == pytest.approx(np.sqrt(11.0 / 3.0))
+    assert run.error(1) == pytest.approx(1.0)
+    assert Run(np.zeros(2), np.zeros(3)).error() == np.inf
+
+
+def test_a_row_has_the_scores_that_the_literature_may_mean():
+    run = Run(np.arange(60.0), np.zeros(60))
+    row = FreeRun.of_runs("data", "change", [run], [run, run], left_out=5)
+    assert row.before == (run.error(5),)
+    assert row.after_leaving_out == tuple((run.error(n), run.error(n)) for n in LEFT_OUT)
+
+
+def test_blocks_make_up_a_record():
+    parts = blocks(10, 3)
+    assert [part.stop - part.start for part in parts] == [3, 3, 4]
+    assert parts[0].start == 0 and parts[-1].stop == 10
+
+
+def test_held_out_stretches_choose_the_law_that_made_the_record():
+    """x' = -x^3 + u under a known input; the other candidate is linear."""
+
+    def stated(terms):
+        library = ParametricLibrary({**terms, "u": lambda u: u}, ["x", "u"])
+        return StatedModel(library, [[-0.5, 1.0]], states=["x"], inputs=["u"])
+
+    candidates = {
+        "linear": stated({"x": lambda x: x}),
+        "cubic": stated({"x^3": lambda x: x**3}),
+    }
+    t = np.linspace(0.0, 20.0, 201)
+    u = 2.0 * np.sin(t)
+    truth = candidates["cubic"]
+    truth.coef_[0, 0, 0] = -1.0
+    record = {"t": t, "x": truth.simulate([0.0], t, u[:, None]).x, "inputs": u[:, None]}
+    errors = held_out_errors(candidates, record, blocks(len(t), 3)[1:])
+    assert best_of(errors) == "cubic"
+    assert errors["cubic"] < 1e-3 < 0.05 < errors["linear"]
