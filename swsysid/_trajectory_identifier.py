@@ -52,7 +52,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         Whole recordings are rolled out from one start. False leaves stretches of some 30 samples
         apart, each with a start of its own: for chaotic systems, whose rollouts mean nothing.
     n_jobs : int, default=None
-        Given to the starts of `estimator`.
+        Starts that run side by side, those of `estimator` too; the answer is the same for any.
     random_state : int, RandomState instance or None, default=None
         Given to `estimator` where that has none.
     verbose : int, default=0
