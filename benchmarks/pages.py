@@ -51,10 +51,15 @@ class Page:
         return f"{marker}\n\n{self.render(load(self.result, results))}"
 
 
+RECORDINGS = (
+    "python -m benchmarks.undeclared --recordings --seeds 10 --first-seed 10 --pairs 0 --clean 9 "
+    "--draw 54 --docs docs"
+)
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
     Page("measured_effects.md", "measured", "make bench-measured", measured.effects),
     Page("undeclared_tables.md", "undeclared", "make bench-undeclared", undeclared.tables),
+    Page("recordings_table.md", "recordings", RECORDINGS, undeclared.recording_tables),
     Page("speed_tables.md", "speed", "make bench-speed", speed.table),
     Page("quality_summary.md", "quality", "make bench-quality", quality.summary),
     Page("quality_tables.md", "quality", "make bench-quality", quality.tables),

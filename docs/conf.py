@@ -39,6 +39,7 @@ exclude_patterns = [
     "measured_effects.md",
     "measured_tables.md",
     "quality_summary.md",
+    "recordings_table.md",
     "undeclared_tables.md",
     "speed_tables.md",
     "paper_tables.md",

@@ -16,12 +16,13 @@ probability.
 
 With ``--recordings`` the search is given no velocities but the states with white noise of one per
 cent of their spread. The shares of first effects that are right, wrong or missed, and of clean
-systems in which something was found, are printed.
+systems in which something was found, are printed and kept in FOLDER/recordings.json.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 
@@ -32,7 +33,7 @@ from benchmarks import pages
 from benchmarks.records import read, run_and_append
 from benchmarks.results import add_docs_options, keep, measured_here, place
 from benchmarks.undeclared.cells import Cell, run_cell, states_difference
-from benchmarks.undeclared.tables import condensed, recording_tables, tables
+from benchmarks.undeclared.tables import condensed, recording_counts, recording_tables, tables
 from swsysid.datasets import undeclared_kinds
 
 SYSTEMS = ["oscillator", "quartic", "two_mass", "pendulum", "tanks", "discrete"]
@@ -53,18 +54,23 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{count}/{len(missing)} {record['cell']} -> {record['found']}", flush=True)
     asked = [record for record in read(file) if Cell.of(record) in set(cells)]
     if options.recordings:
-        print(recording_tables(asked))
+        finish(options, "recordings", {"searches": recording_counts(asked)}, recording_tables)
         return
     exact = {system: states_difference(system) for system in options.systems}
+    parts = {"searches": condensed(asked), "states": {"largest_difference": exact}}
+    finish(options, "undeclared", parts, tables)
+
+
+def finish(
+    options: argparse.Namespace, name: str, found: dict[str, dict], render: Callable[[dict], str]
+) -> None:
+    """Keep the results, print them, and write the page that shows them if it is wanted."""
     origin = measured_here()
-    parts = {
-        "searches": {"origin": origin, **condensed(asked)},
-        "states": {"origin": origin, "largest_difference": exact},
-    }
-    keep("undeclared", parts, place(options))
-    print(tables(parts))
+    parts = {part: {"origin": origin, **told} for part, told in found.items()}
+    keep(name, parts, place(options))
+    print(render(parts))
     if options.docs:
-        pages.write("undeclared", options.docs, options.results)
+        pages.write(name, options.docs, options.results)
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
@@ -83,8 +89,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=1)
     add_docs_options(parser)
     options = parser.parse_args(arguments)
-    if options.recordings and options.docs:
-        parser.error("the page is of searches with velocities; leave --docs or --recordings out.")
     if options.fast:
         options.seeds, options.pairs, options.clean = 1, 0, 1
         options.systems, options.kinds = ["oscillator", "pendulum"], FAST_KINDS

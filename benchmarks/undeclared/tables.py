@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,7 @@ from benchmarks.goals import Goal
 from benchmarks.markdown import table
 from benchmarks.results import origins
 
-__all__ = ["condensed", "tables"]
+__all__ = ["condensed", "recording_counts", "recording_tables", "tables"]
 
 
 @dataclass(frozen=True)
@@ -72,24 +72,53 @@ def tables(parts: dict[str, dict]) -> str:
     return "\n".join([*lines, "", origins(parts)]) + "\n"
 
 
-def recording_tables(records: list[dict]) -> str:
+def recording_counts(records: list[dict]) -> dict:
+    """What is kept of searches in recordings: how many of each system, and what went wrong."""
+    planted = [one for one in records if len(one["cell"][1]) == 1]
+    clean = [one for one in records if not one["cell"][1]]
+    counts = {}
+    for system in dict.fromkeys(one["cell"][0] for one in records):
+        own = [one for one in planted if one["cell"][0] == system]
+        found = [one for one in own if one["found"]]
+        alarms = [bool(one["found"]) for one in clean if one["cell"][0] == system]
+        counts[system] = {
+            "right": [sum(map(first_right, found)), len(own)],
+            "wrong": [sum(not first_right(one) for one in found), len(own)],
+            "missed": [len(own) - len(found), len(own)],
+            "false": [sum(alarms), len(alarms)],
+        }
+    times = {
+        "planted": [one["seconds"] for one in planted],
+        "clean": [one["seconds"] for one in clean],
+    }
+    seconds = {name: [float(np.median(own)), max(own)] for name, own in times.items() if own}
+    drawn = dict(sorted(Counter(one["cell"][1][0] for one in planted).items()))
+    return {"counts": counts, "drawn": drawn, "seconds": seconds, "wrong": _wrong(records)}
+
+
+def recording_tables(parts: dict[str, dict]) -> str:
     """Shares right, wrong, missed and false alarms of each system, and what went wrong."""
-    rows = []
-    systems = list(dict.fromkeys(one["cell"][0] for one in records))
-    for system in [*systems, "all"]:
-        own = [one for one in records if system in (one["cell"][0], "all")]
-        planted = [one for one in own if len(one["cell"][1]) == 1]
-        clean = [one for one in own if not one["cell"][1]]
-        right = [first_right(one) for one in planted]
-        found = [bool(one["found"]) for one in planted]
-        wrong = [there and not told for there, told in zip(found, right, strict=True)]
-        false = [bool(one["found"]) for one in clean]
-        shares = (right, wrong, [not there for there in found], false)
-        told = [f"{np.mean(part):.1%} of {len(part)}" if part else "-" for part in shares]
-        rows.append([system, *told])
+    found = parts["searches"]
+    counts = found["counts"]
+    every = {
+        name: np.sum([own[name] for own in counts.values()], axis=0).tolist()
+        for name in ("right", "wrong", "missed", "false")
+    }
+    rows = [
+        [system, *(f"{n / of:.1%} of {of}" if of else "-" for n, of in own.values())]
+        for system, own in {**counts, "all": every}.items()
+    ]
     head = ["system", "first effect right", "wrong", "missed", "false alarms (clean)"]
-    lines = [*table(head, rows, "lrrrr"), "", "What was planted and what was found:", ""]
-    return "\n".join([*lines, *(f"- {line}" for line in _wrong(records) or ["Nothing wrong."])])
+    drawn = ", ".join(f"{kind} {count}" for kind, count in found["drawn"].items())
+    told = [
+        f"{name} {median:.1f} and {largest:.1f}"
+        for name, (median, largest) in found["seconds"].items()
+    ]
+    lines = [*table(head, rows, "lrrrr"), "", f"Planted: {drawn}.", ""]
+    lines += [f"CPU seconds of a search, median and largest: {'; '.join(told)}.", ""]
+    lines += ["What was planted and what was found where they differ:", ""]
+    lines += [f"- {line}" for line in found["wrong"]] or ["Nothing."]
+    return "\n".join([*lines, "", origins(parts)]) + "\n"
 
 
 def first_right(record: dict) -> bool:
