@@ -24,6 +24,7 @@ class CountCandidate:
     Attributes
     ----------
     n_modes : int
+        That were asked for; a mode in which no sample is left is gone from the answer.
     criterion : float
         The least is chosen.
     n_coefficients : int
@@ -37,8 +38,8 @@ class CountCandidate:
     n_switches: int
 
 
-def criterion(found: StayIdentification) -> CountCandidate:
-    """The criterion of one identification."""
+def criterion(n_modes: int, found: StayIdentification) -> CountCandidate:
+    """The criterion of one identification, of so many modes asked for."""
     estimate, left = found.estimate, misfits(found.estimate)
     count = np.isfinite(left).sum(axis=(0, 1))
     squares = np.nansum(np.square(left), axis=(0, 1)) / np.maximum(count, 1)
@@ -48,7 +49,7 @@ def criterion(found: StayIdentification) -> CountCandidate:
     n_guards = n_switches if estimate.guards is None else estimate.guards.n_free
     k = estimate.laws.n_free + (n_guards if len(estimate.laws.coef) > 1 else 0)
     value = misfit + 0.5 * k * float(np.log(max(2, count.sum())))
-    return CountCandidate(len(estimate.laws.coef), value, k, n_switches)
+    return CountCandidate(n_modes, value, k, n_switches)
 
 
 def fewest_modes(
@@ -56,10 +57,10 @@ def fewest_modes(
 ) -> tuple[StayIdentification, list[CountCandidate]]:
     """The number at which another mode no longer pays; one more is always tried."""
     found = [identified(1)]
-    candidates = [criterion(found[0])]
+    candidates = [criterion(1, found[0])]
     for n_modes in range(2, most + 1):
         found.append(identified(n_modes))
-        candidates.append(criterion(found[-1]))
+        candidates.append(criterion(n_modes, found[-1]))
         if n_modes > 2 and candidates[-1].criterion > min(c.criterion for c in candidates[:-1]):
             break
     best = int(np.argmin([one.criterion for one in candidates]))
