@@ -96,8 +96,8 @@ def _left_out(table: Table, names: Sequence[str | None], gaps: Mask, empty: Mask
     partly = gaps.any(axis=1) & ~empty
     if partly.any():
         sentences.append(
-            f"A state is missing in {partly.sum():,} of {len(gaps):,} rows "
-            f"{_told(table, names, gaps, partly)}; they are used where no derivative is needed."
+            f"Kept where no derivative is needed: {partly.sum():,} of {len(gaps):,} rows, with "
+            f"missing values {_told(table, names, gaps, partly)}."
         )
     return sentences
 

@@ -281,8 +281,8 @@ def test_what_is_masked_is_named_and_may_be_kept(file):
     )
     assert told[1].startswith("Masked as no measurement: 1 cell of v (777.7; row 22)")
     assert told[2] == (
-        "A state is missing in 2 of 300 rows (x 1, v 1; rows 12, 22); they are used where no "
-        "derivative is needed."
+        "Kept where no derivative is needed: 2 of 300 rows, with missing values "
+        "(x 1, v 1; rows 12, 22)."
     )
     kept = Measurement(states=("x", "v"), time="t", keep_spikes=True)
     samples = measure(read_table(path), kept)
