@@ -378,15 +378,15 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         velocity = self.switching_model.predict(rows_of(self, X))
         return velocity[:, 0] if self._one_target else velocity
 
+    def use_features(self, feature_map: FeatureMap) -> None:
+        """Let the coefficients be those of other features.
+
+        A library that learns from its data, such as one that scales them, is another one in every
+        fit.
+        """
+        self._feature_map = feature_map
+
     @property
     def switching_model(self) -> SwitchingModel:
         """Vector fields, feature map and surface of the fit as one system."""
         return SwitchingModel(self.coef_, self._feature_map, self.surface_, self.discrete_time)
-
-
-def share_features(model: SwitchingSystemRegressor, other: SwitchingSystemRegressor) -> None:
-    """Let the coefficients of a fitted model be those of another's features.
-
-    A library that learns from its data, such as one that scales them, is another one in every fit.
-    """
-    model._feature_map = other._feature_map

@@ -11,7 +11,7 @@ from sklearn.base import clone
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.matching import best_matching, contingency
-from swsysid._regressor import SwitchingSystemRegressor, share_features
+from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.descent import Reached, most_likely_with_guards
 from swsysid._stays.guards import Guards
 from swsysid._stays.monomials import needed_coefficients
@@ -133,7 +133,7 @@ def _refitted(
     model = clone(start).set_params(init=samples.modes, n_modes=n_modes, sparsity=None)
     groups = reached.estimate.segments.recordings.groups
     model.fit(named(samples.columns, names), samples.velocities, groups=groups)
-    share_features(model, start)  # of the laws
+    model.use_features(start.switching_model.feature_map)  # those of the laws
     # the estimator counts modes from the most populated one
     joint = contingency(model.modes_, samples.modes, shape=(n_modes, n_modes))
     return model, best_matching(joint)[1]
