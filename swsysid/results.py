@@ -8,6 +8,7 @@ public, whichever part of the package makes them.
 'Increase time_limit; the bound and the gap say how far the answer can be.'
 """
 
+from swsysid._automaton.transitions import AffineReset, FirstModes, PolynomialGuard, Transition
 from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._results import (
@@ -25,17 +26,21 @@ from swsysid.relaxations._certificates import FitCertificate
 from swsysid.relaxations._mixed_integer import MipResult
 
 __all__ = [
+    "AffineReset",
     "Assignment",
     "CountCandidate",
+    "FirstModes",
     "FitCertificate",
     "IterationRecord",
     "MarginCertificate",
     "MipResult",
     "ModeCandidate",
+    "PolynomialGuard",
     "RecordingReport",
     "Status",
     "StayRecord",
     "SurfaceCandidate",
     "SwitchEvent",
     "Trajectory",
+    "Transition",
 ]
