@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +30,12 @@ from swsysid._stays.samples import intervals_of, misfits, states_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate, recombined
 from swsysid._stays.steps import in_exact_steps
-from swsysid._stays.surfaces import on_surface, with_few_monomials, with_surface
+from swsysid._stays.surfaces import (
+    on_present_modes,
+    on_surface,
+    with_few_monomials,
+    with_surface,
+)
 
 
 @dataclass(frozen=True)
@@ -92,8 +98,9 @@ class Alternation:
         *,
         free: NDArray[np.bool_] | None = None,
         names: list[str] | None = None,
+        surfaces: bool = True,
     ):
-        self.start, self.names = start, names
+        self.start, self.names, self.surfaces = start, names, surfaces
         self.settings, self.exactly = settings.roughly(), settings
         self.noise = self.first_noise = noise
         spread = recordings.joined(recordings.guess).std(axis=0)
@@ -105,7 +112,7 @@ class Alternation:
         self.recordings = recordings
         self.disturbances = disturbances(self.laws, recordings, settings)
         self.prior: Array | None = None
-        if len(self.laws.coef) > 1:
+        if self._separates:
             self.prior = prior_of_model(system, recordings, settings.trust[0])
         self.modes = np.full(recordings.steps.shape, -1)
         self.last: StayIdentification | None = None  # what a round goes on from
@@ -127,7 +134,7 @@ class Alternation:
             told()
             if turn >= n_prices - 1 and not changed:
                 break
-        if len(self.laws.coef) > 1:
+        if self._separates:
             self._restarted(told)
         while self._simplified():
             told()
@@ -254,6 +261,9 @@ class Alternation:
     def _estimated(self, first: Estimate, stage: int) -> tuple[SwitchingSystemRegressor, Reached]:
         """Laws and surface of highest likelihood with the stays as assigned."""
         settings = self.settings if stage else self.settings.coarsely()
+        if not self.surfaces:
+            reached = most_likely(first, self.noise, settings, near=bool(self.found))
+            return self.start, on_present_modes(reached)
         known = self.last is not None and self.last.estimate.guards is not None
         if known and stage >= settings.settled:
             model, reached = self._on_same_surface(first)
@@ -270,11 +280,17 @@ class Alternation:
         return on_surface(last.model, start, last.estimate.guards, self.settings)
 
     @property
+    def _separates(self) -> bool:
+        """True if there are surfaces to be found."""
+        return self.surfaces and len(self.laws.coef) > 1
+
+    @property
     def best(self) -> StayIdentification:
         """The round of least misfit, its switches paid for."""
         best = min(self.found, key=lambda one: one.criterion)
-        best.model.coef_ = best.estimate.laws.coef
-        return replace(best, history=tuple(self.history))
+        model = copy(best.model)
+        model.coef_ = best.estimate.laws.coef
+        return replace(best, model=model, history=tuple(self.history))
 
     def _keep(
         self, model: SwitchingSystemRegressor, reached: Reached, changed: int, stage: int
@@ -290,7 +306,7 @@ class Alternation:
         self.laws = reached.estimate.laws
         self.recordings = self.recordings.with_guess(states_of(reached.estimate))
         self.noise = _noise(reached, self.noise)
-        if len(self.laws.coef) > 1:
+        if self._separates:
             trust = self.settings.trust[min(stage + 1, len(self.settings.trust) - 1)]
             self.prior = _prior(model, reached, self.recordings, trust, self.settings)
 

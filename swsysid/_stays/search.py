@@ -53,11 +53,12 @@ class Search:
         observed: object,
         settings: StaySettings,
         told: Callable[[], object],
+        surfaces: bool = True,
     ):
         check_channels(given)
         _check_observed(observed, given)
         self.estimator, self.given, self.order = estimator, without_clipped(given), order
-        self.settings, self.told = settings, told
+        self.settings, self.told, self.surfaces = settings, told, surfaces
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}
 
@@ -110,6 +111,7 @@ class Search:
             self.settings,
             free=free,
             names=self.names,
+            surfaces=self.surfaces,
         )
 
     def _differentiated(self, stretch: float) -> Differentiated:

@@ -15,7 +15,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.descent import Reached, most_likely_with_guards
 from swsysid._stays.guards import Guards
 from swsysid._stays.monomials import needed_coefficients
-from swsysid._stays.samples import Samples
+from swsysid._stays.samples import Samples, modes_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.start import named
 from swsysid._surfaces.surface import is_linear, solves_margin_program, takes_relevance
@@ -28,11 +28,8 @@ def with_surface(
     names: list[str] | None,
 ) -> tuple[SwitchingSystemRegressor, Reached]:
     """The estimator fitted to the estimate, and the estimate with its surfaces."""
+    reached = on_present_modes(reached)
     samples = Samples.of(reached.estimate)
-    present = np.unique(samples.modes)
-    if len(present) < len(reached.estimate.laws.coef):
-        reached = replace(reached, estimate=reached.estimate.only(present))
-        samples = Samples.of(reached.estimate)
     model, order = _refitted(start, samples, reached, names)
     reached = replace(reached, estimate=reached.estimate.renamed(order))
     if len(order) == 1 or not is_linear(model.surface_):
@@ -44,6 +41,14 @@ def with_surface(
     reached = _placed(guards, reached, samples, settings)
     _take(model.surface_, reached)
     return model, reached
+
+
+def on_present_modes(reached: Reached) -> Reached:
+    """The estimate without modes in which there is no sample."""
+    present = np.unique(modes_of(reached.estimate))
+    if len(present) == len(reached.estimate.laws.coef):
+        return reached
+    return replace(reached, estimate=reached.estimate.only(present))
 
 
 def on_surface(

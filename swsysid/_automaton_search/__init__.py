@@ -1,0 +1,1 @@
+"""Identification of hybrid automata from recordings: stays, guards, resets."""

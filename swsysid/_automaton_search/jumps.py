@@ -1,0 +1,109 @@
+r"""Where the state of a recording jumps, before any law is known.
+
+Two parabolas, one through the samples before an interval and one through those after it, meet in
+its middle. Where the state goes on, a kink anywhere in the interval leaves at most
+:math:`\tfrac12 \Delta t\, |\Delta \dot x|` between them; what they miss each other by beyond that,
+beyond noise and beyond what the parabolas themselves leave over, is a jump.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from swsysid._automaton_search.settings import SETTINGS
+from swsysid._results import Array
+from swsysid._stays.given import FEWEST_SAMPLES, Given
+from swsysid.differentiation import estimate_noise
+from swsysid.refinement._trajectories import Record
+
+
+def jumps_of(given: Given) -> list[NDArray[np.intp]]:
+    """Of each recording the samples after which its state jumps."""
+    lengths = [len(record.t) for record in given.records]
+    labels = np.repeat(np.arange(len(lengths)), lengths)
+    x = np.vstack([record.filled for record in given.records])
+    noise = np.maximum(estimate_noise(x, labels), SETTINGS.least_noise * x.std(axis=0))
+    return [_jumps_of(record, noise) for record in given.records]
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """The stretches between jumps as recordings of their own."""
+
+    given: Given
+    recording: NDArray[np.intp]  # of which each is a part
+    first: NDArray[np.intp]  # sample of the recording at which it begins
+    last: NDArray[np.intp]
+
+    @property
+    def follows(self) -> NDArray[np.bool_]:
+        """True for a piece that begins at the sample after the end of the one before."""
+        same = np.append(False, self.recording[1:] == self.recording[:-1])
+        return same & np.append(False, self.first[1:] == self.last[:-1] + 1)
+
+
+def cut_at(given: Given, jumps: list[NDArray[np.intp]]) -> Pieces:
+    """Recordings cut after some samples.
+
+    A stretch that is too short to tell a motion from noise is left out.
+    """
+    records, rows, labels, places = [], [], [], []
+    for k, (record, own, after) in enumerate(zip(given.records, given.rows, jumps, strict=True)):
+        for part in np.split(np.arange(len(record.t)), after + 1):
+            if len(part) >= FEWEST_SAMPLES:
+                records.append(Record(record.t[part], record.y[part], record.u[part]))
+                rows.append(own[part])
+                labels.append(given.labels[k])
+                places.append((k, part[0], part[-1]))
+    recording, first, last = np.array(places, dtype=np.intp).T
+    return Pieces(replace(given, records=records, rows=rows, labels=labels), recording, first, last)
+
+
+def _jumps_of(record: Record, noise: Array) -> NDArray[np.intp]:
+    """Intervals of one recording in which it jumps, the most certain of each neighbourhood."""
+    n = len(record.t)
+    certain = np.zeros(n - 1)
+    for width in SETTINGS.sides:
+        if n >= 2 * width:
+            inside = slice(width - 1, n - width)
+            certain[inside] = np.maximum(certain[inside], _excess(record, noise, width))
+    found: list[int] = []
+    for place in np.argsort(-certain, kind="stable"):
+        if certain[place] <= 1.0:
+            break
+        if all(abs(place - other) >= SETTINGS.sides[0] for other in found):
+            found.append(int(place))
+    return np.sort(np.array(found, dtype=np.intp))
+
+
+def _excess(record: Record, noise: Array, width: int) -> Array:
+    """By how much both sides of an interval miss each other, in units of what they may."""
+    t, y = record.t, record.filled
+    windows, values = sliding_window_view(t, width), sliding_window_view(y, width, axis=0)
+    middles = 0.5 * (t[width - 1 : len(t) - width] + t[width : len(t) - width + 1])
+    n = len(middles)
+    left = _parabolas(windows[:n], values[:n], middles)
+    right = _parabolas(windows[width : width + n], values[width : width + n], middles)
+    durations = (t[width : len(t) - width + 1] - t[width - 1 : len(t) - width])[:, None]
+    apart = np.abs(right[0] - left[0]) - SETTINGS.kink * durations * np.abs(right[1] - left[1])
+    of_noise = SETTINGS.beyond_noise * np.sqrt(left[3] + right[3])[:, None] * noise
+    of_curvature = SETTINGS.beyond_curvature * np.maximum(left[2], right[2])
+    return np.asarray((apart / (of_noise + of_curvature + np.finfo(float).tiny)).max(axis=1))
+
+
+def _parabolas(t: Array, values: Array, at: Array) -> tuple[Array, Array, Array, Array]:
+    """Values and slopes of parabolas at some times, what they leave, and how noise enters.
+
+    Shapes: t (n, width), values (n, n_channels, width), at (n,).
+    """
+    unit = (t[:, -1] - t[:, 0])[:, None]
+    offsets = (t - at[:, None]) / unit
+    basis = offsets[:, :, None] ** np.arange(3)
+    inverse = np.linalg.pinv(basis)
+    coef = np.matmul(values, inverse.transpose(0, 2, 1))
+    left = np.abs(values - np.matmul(coef, basis.transpose(0, 2, 1))).max(axis=2)
+    return coef[..., 0], coef[..., 1] / unit, left, np.square(inverse[:, 0]).sum(axis=1)

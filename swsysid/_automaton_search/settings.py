@@ -1,0 +1,42 @@
+"""Numbers of an identification of automata."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class AutomatonSettings:
+    """What an identification of automata takes for granted."""
+
+    # -- jumps: samples to each side that tell where a state was going, and how far beyond noise
+    # and curvature it must land
+    sides: tuple[int, ...] = (5, 9, 15)
+    kink: float = 0.55  # intervals for which a kink may lead astray: a half, and rounding
+    beyond_noise: float = 6.0
+    # extrapolated by half an interval, the cubic part of a motion is six times what a parabola
+    # through five samples leaves of it on both sides together
+    beyond_curvature: float = 12.0
+    least_noise: float = 1e-6  # of a spread: what is counted as exact
+
+    steps: int = 4  # of the integration between two samples
+    # -- guards: least and largest size of what is known, in intervals: a switch instant, and by
+    # how much a sample may lie beyond a guard; what is further off counts less
+    instant: float = 1e-4
+    beyond: float = 0.1
+    far_miss: float = 3.0
+    slowest: float = 0.1  # of the median rate at which a guard is crossed
+    most_columns: int = 3  # that a guard depends on
+    better: float = 1.0  # nats by which a guard of more columns must be better, beside its price
+    unexplained: float = 6.0  # nats of a switch that a guard does not know
+    turns: int = 6  # of weights and sides
+    # -- resets: turns of least absolute deviations, of jumps what counts as exact; turns of
+    # instants, guards and resets; times between two samples
+    turns_of_deviations: int = 20
+    exact: float = 1e-9
+    turns_of_instants: int = 30
+    grid: int = 33
+    rate_step: float = 1e-4  # of an interval, to see how fast a guard rises
+
+
+SETTINGS = AutomatonSettings()

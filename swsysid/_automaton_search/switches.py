@@ -1,0 +1,170 @@
+"""What an identification on stays says of its switches: when, from where, to where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton_search.jumps import Pieces
+from swsysid._automaton_search.settings import SETTINGS
+from swsysid._results import Array
+from swsysid._stays.certainty import certainty
+from swsysid._stays.identify import StayIdentification
+from swsysid._stays.laws import Laws, Modes
+from swsysid._stays.rollouts import rollouts
+from swsysid._stays.samples import modes_of, states_of
+from swsysid._stays.stays import Stays
+
+
+@dataclass(frozen=True)
+class Switches:
+    """One row for each switch, in the order of recordings and times.
+
+    A switch at which the state goes on has its instant from the identification. One at which it
+    jumps has one somewhere between two samples: the state is known at the sample before and at the
+    one after.
+    """
+
+    recording: NDArray[np.intp]
+    source: Modes
+    target: Modes
+    entered: Array  # when the source was entered, NaN where a recording began in it
+    times: Array
+    errors: Array  # standard errors of the times
+    jumped: NDArray[np.bool_]
+    known: Array  # (n_switches, 2): times at which the states on both sides are known
+    ends: Array  # (n_switches, n_states + n_inputs): at the first of these times
+    starts: Array  # at the second
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def take(self, rows: NDArray) -> Switches:
+        """Some of the switches."""
+        return Switches(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def moved(self, times: Array) -> Switches:
+        """The same at other instants, those of jumps within their samples."""
+        times = np.where(self.jumped, np.clip(times, *self.known.T), self.times)
+        return replace(self, times=times)
+
+    def before(self, laws: Laws) -> tuple[Array, Array]:
+        """Columns at the instants in the old modes, and their rates.
+
+        Columns are states, inputs, the time since the mode was entered, and the time.
+        """
+        n_states = len(laws.spread)
+        slopes = self._slopes(n_states)
+        x = self._flown(laws, self.source, self.ends, self.times - self.known[:, 0])
+        u = self.ends[:, n_states:] + (self.times - self.known[:, 0])[:, None] * slopes
+        columns = np.column_stack([x, u, self.times - self.entered, self.times])
+        velocities = laws.velocities(self.source, x, u)
+        ones = np.ones((len(self), 2))
+        return columns, np.hstack([velocities, slopes, ones])
+
+    def after(self, laws: Laws) -> Array:
+        """States at the instants in the new modes, (n_switches, n_states)."""
+        return self._flown(laws, self.target, self.starts, self.times - self.known[:, 1])
+
+    def _slopes(self, n_states: int) -> Array:
+        duration = self.known[:, 1] - self.known[:, 0]
+        change = self.starts[:, n_states:] - self.ends[:, n_states:]
+        return np.asarray(change / np.where(duration > 0.0, duration, np.inf)[:, None])
+
+    def _flown(self, laws: Laws, modes: Modes, columns: Array, durations: Array) -> Array:
+        """States some time after known ones, by the laws of modes; the time may be negative."""
+        n_states = len(laws.spread)
+        x, u, slopes = columns[:, :n_states], columns[:, n_states:], self._slopes(n_states)
+        step = durations / SETTINGS.steps
+        for _ in range(SETTINGS.steps):
+            after = u + step[:, None] * slopes
+            x, u = laws.step(modes, x, u, after, step), after
+        return x
+
+
+@dataclass(frozen=True)
+class Visits:
+    """All samples with the modes that they are in: what guards must not have fired at."""
+
+    modes: Modes  # (n_samples,)
+    columns: Array  # (n_samples, n_columns), as those of `Switches.before`
+    rates: Array
+    recording: NDArray[np.intp]
+
+
+def switches_of(found: StayIdentification, pieces: Pieces) -> tuple[Switches, Visits]:
+    """Switches within the pieces and between them, and the samples of the stays."""
+    estimate = found.estimate
+    recordings, stays = estimate.segments.recordings, estimate.segments.stays
+    done = rollouts(estimate.laws, estimate.segments, estimate.starts, varied=False).crossings
+    padded = np.concatenate([states_of(estimate), recordings.u], axis=2)
+    columns = [padded[: len(t), k] for k, t in enumerate(recordings.times)]
+    follows = pieces.follows
+    begins = [_begins(k, stays, recordings.times, follows) for k in range(len(stays))]
+    counts = [len(one.instants) for one in stays]
+    own = np.repeat(np.arange(len(stays)), counts)
+    instants = estimate.segments.instants
+    within = Switches(
+        pieces.recording[own],
+        done.old,
+        done.new,
+        np.concatenate([begin[:-1] for begin in begins]),
+        instants,
+        np.concatenate(certainty(found).instants),
+        np.zeros(len(own), dtype=bool),
+        np.column_stack([instants, instants]),
+        done.columns,
+        done.columns,
+    )
+    later = np.flatnonzero(follows)
+    known = np.array([
+        (recordings.times[k - 1][-1], recordings.times[k][0]) for k in later
+    ]).reshape(-1, 2)  # fmt: skip
+    between = Switches(
+        pieces.recording[later],
+        np.array([stays[k - 1].modes[-1] for k in later], dtype=np.intp),
+        np.array([stays[k].modes[0] for k in later], dtype=np.intp),
+        np.array([begins[k - 1][-1] for k in later]),
+        known.mean(axis=1),
+        np.ptp(known, axis=1) / np.sqrt(12.0),
+        np.ones(len(later), dtype=bool),
+        known,
+        np.array([columns[k - 1][-1] for k in later]).reshape(len(later), padded.shape[2]),
+        np.array([columns[k][0] for k in later]).reshape(len(later), padded.shape[2]),
+    )
+    joined = [np.concatenate(pair) for pair in zip(_parts(within), _parts(between), strict=True)]
+    switches = Switches(*joined)
+    ordered = switches.take(np.lexsort((switches.times, switches.recording)))
+    return ordered, _visits(found, pieces, begins)
+
+
+def _parts(switches: Switches) -> list[NDArray]:
+    return [getattr(switches, field.name) for field in fields(switches)]
+
+
+def _begins(k: int, stays: list[Stays], times: tuple, follows: NDArray[np.bool_]) -> Array:
+    """When each stay of a piece was entered; NaN for one in which a recording began."""
+    first = 0.5 * (times[k - 1][-1] + times[k][0]) if follows[k] else np.nan
+    return np.append(first, stays[k].instants)
+
+
+def _visits(found: StayIdentification, pieces: Pieces, begins: list[Array]) -> Visits:
+    """The samples with their modes and the time since these were entered."""
+    estimate = found.estimate
+    recordings, stays = estimate.segments.recordings, estimate.segments.stays
+    modes = modes_of(estimate)
+    x, u = recordings.joined(states_of(estimate)), recordings.joined(recordings.u)
+    sampled = [t[places] for t, places in zip(recordings.times, recordings.sampled, strict=True)]
+    dwells = [
+        t - begin[np.searchsorted(own.instants, t)]
+        for t, begin, own in zip(sampled, begins, stays, strict=True)
+    ]
+    slopes = np.concatenate([
+        np.gradient(recordings.u[: len(t), k], t, axis=0)[places]
+        for k, (t, places) in enumerate(zip(recordings.times, recordings.sampled, strict=True))
+    ])  # fmt: skip
+    columns = np.column_stack([x, u, np.concatenate(dwells), np.concatenate(sampled)])
+    rates = np.hstack([estimate.laws.velocities(modes, x, u), slopes, np.ones((len(x), 2))])
+    return Visits(modes, columns, rates, pieces.recording[recordings.groups])
