@@ -1,10 +1,19 @@
-"""When a state jumps: where the flows before and after it, guard and reset agree best."""
+r"""When a state jumps: where the flows before and after it, guard and reset agree best.
+
+Between the samples around a jump the old law is followed forwards and the new one backwards. For an
+instant :math:`\tau_k` of each switch guard and reset are found as they are for known instants; with
+these, the instants move to where :math:`\big(f(c_k) / \rho \sigma_f\big)^2 + \sum_c \big((x^+_c -
+R_c(x^-)) / \sigma_c\big)^2` is least, and so on in turns. It begins where components of the state
+that may go on do so, and every choice of these is tried.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._automaton_search.guards import Crossed, FoundGuard, best_guard
 from swsysid._automaton_search.resets import FoundReset, best_reset
@@ -15,103 +24,156 @@ from swsysid._stays.laws import Laws
 
 
 @dataclass(frozen=True)
+class Known:
+    """What transitions are found from, beside their switches."""
+
+    visits: Visits
+    laws: Laws
+    noise: Array  # (n_states,)
+    interval: float
+    degree: int
+
+    def guard(self, switches: Switches) -> FoundGuard | None:
+        """The guard of switches at their present instants."""
+        columns, rates = switches.before(self.laws)
+        own = self.visits.modes == switches.source[0]
+        below, below_rates = self.visits.columns[own], self.visits.rates[own]
+        crossed = Crossed(columns, rates, switches.errors, below, below_rates, self.interval)
+        return best_guard(crossed, self.degree)
+
+    @property
+    def errors(self) -> Array:
+        """What a state at the end of a stay is off by, about."""
+        return SETTINGS.end_of_stay * self.noise
+
+
+@dataclass(frozen=True)
 class FoundTransition:
     """Guard and reset of one transition, and its switches at their best instants."""
 
     switches: Switches
     guard: FoundGuard | None
     reset: FoundReset | None
+    cost: float = 0.0
+
+    @property
+    def source(self) -> int:
+        """Mode that is left."""
+        return int(self.switches.source[0])
+
+    @property
+    def target(self) -> int:
+        """Mode that is entered."""
+        return int(self.switches.target[0])
+
+    @property
+    def jumps(self) -> bool:
+        """True if the state does not go on."""
+        return self.reset is not None and bool(self.reset.changed.any())
 
 
-def transition_of(
-    switches: Switches, visits: Visits, laws: Laws, noise: Array, interval: float, degree: int
-) -> FoundTransition:
+def transition_of(switches: Switches, known: Known) -> FoundTransition:
     """What one transition is, from its switches."""
     if not switches.jumped.any():
-        return FoundTransition(switches, _guard(switches, visits, laws, interval, degree), None)
-    switches = _where_states_meet(switches, laws, noise)
-    errors = SETTINGS.least_noise * laws.spread
-    found = FoundTransition(switches, None, None)
-    for _ in range(SETTINGS.turns_of_instants):
-        guard = _guard(switches, visits, laws, interval, degree)
-        reset = best_reset(
-            switches.before(laws)[0][:, : len(noise)], switches.after(laws), errors
+        return FoundTransition(switches, known.guard(switches), None)
+    flows = _Flows.of(switches, known.laws)
+    tried = [_settled(flows.where(some), flows, known) for some in _may_go_on(flows, known)]
+    return min(tried, key=lambda one: one.cost)
+
+
+@dataclass(frozen=True)
+class _Flows:
+    """Both flows at times between the samples around each switch."""
+
+    switches: Switches
+    times: Array  # (n_times, n_switches)
+    columns: Array  # (n_times, n_switches, n_columns)
+    rates: Array
+    after: Array  # (n_times, n_switches, n_states)
+
+    @classmethod
+    def of(cls, switches: Switches, laws: Laws) -> _Flows:
+        """The flows of some switches."""
+        share = np.linspace(0.0, 1.0, SETTINGS.grid)[:, None]
+        times = switches.known[:, 0] + share * np.ptp(switches.known, axis=1)
+        moved = [switches.moved(row) for row in times]
+        before = [one.before(laws) for one in moved]
+        after = np.array([one.after(laws) for one in moved])
+        return cls(
+            switches, times, np.array([c for c, _ in before]), np.array([r for _, r in before]), after
         )
-        found = FoundTransition(switches, guard, reset)
-        moved = _agreeing(found, laws, errors, interval)
-        if np.abs(moved.times - switches.times).max() < SETTINGS.instant * interval:
+
+    @property
+    def gaps(self) -> Array:
+        """By what the states do not meet, (n_times, n_switches, n_states)."""
+        return np.asarray(self.after - self.columns[:, :, : self.after.shape[2]])
+
+    def where(self, some: NDArray[np.intp]) -> Switches:
+        """The switches where some components meet; in the middle for none."""
+        gaps = self.gaps[:, :, some]
+        sizes = np.maximum(np.abs(np.diff(gaps, axis=0)).mean(axis=(0, 1)), np.finfo(float).tiny)
+        return self.lowest(np.square(gaps / sizes).sum(axis=2)) if len(some) else self.switches
+
+    def agreeing(self, found: FoundTransition, known: Known) -> Switches:
+        """The switches where guard and reset are missed least."""
+        guard, reset = found.guard, found.reset
+        assert reset is not None, "only jumps have instants to be found"
+        n_states = self.after.shape[2]
+        landed = self.columns[:, :, :n_states] @ reset.reset.matrix.T + reset.reset.offset
+        sizes = np.maximum(reset.sizes, known.errors)
+        cost = np.square((self.after - landed) / sizes).sum(axis=2)
+        if guard is not None:
+            size = max(guard.miss, SETTINGS.instant * known.interval)
+            flat = self.columns.reshape(-1, self.columns.shape[2])
+            value = guard.guard.values(flat).reshape(cost.shape)
+            rate = np.gradient(value, axis=0) / np.gradient(self.times, axis=0)
+            missed = value / np.where(rate == 0.0, np.inf, rate) / size
+            cost = cost + np.nan_to_num(np.square(missed))
+        return self.lowest(cost)
+
+    def lowest(self, cost: Array) -> Switches:
+        """The switches at times of the least cost, between those of the grid by a parabola."""
+        every = np.arange(self.times.shape[1])
+        lowest = cost.argmin(axis=0)
+        best = np.clip(lowest, 1, len(self.times) - 2)
+        before, middle, after = (cost[best + k, every] for k in (-1, 0, 1))
+        bend = before - 2.0 * middle + after
+        vertex = 0.5 * (before - after) / np.where(bend > 0.0, bend, np.inf)
+        shift = np.where(lowest == best, np.clip(vertex, -1.0, 1.0), lowest - best)
+        return self.switches.moved(self.times[best, every] + shift * np.diff(self.times[:2], axis=0)[0])
+
+
+def _may_go_on(flows: _Flows, known: Known) -> list[NDArray[np.intp]]:
+    """Sets of components that go on in most switches at some instant: all, each one, none."""
+    gaps = flows.gaps
+    nearest = np.abs(gaps).min(axis=0)
+    steps = np.abs(np.diff(gaps, axis=0)).max(axis=0)
+    share = (nearest <= steps + SETTINGS.beyond_noise * known.errors).mean(axis=0)
+    some = np.flatnonzero(share > 0.5)
+    sets = {(), tuple(some), *combinations(some.tolist(), 1)}
+    return [np.array(one, dtype=np.intp) for one in sorted(sets)]
+
+
+def _settled(switches: Switches, flows: _Flows, known: Known) -> FoundTransition:
+    """Instants, guard and reset in turns."""
+    n_states, laws = len(known.noise), known.laws
+    found = FoundTransition(switches, None, None, np.inf)
+    for _ in range(SETTINGS.turns_of_instants):
+        columns, _ = switches.before(laws)
+        reset = best_reset(columns[:, :n_states], switches.after(laws), known.errors)
+        guard = known.guard(switches)
+        cost = reset.cost + (0.0 if guard is None else _cost_of(guard, known))
+        trial = FoundTransition(switches, guard, reset, cost)
+        if cost < found.cost:
+            found = trial
+        moved = flows.agreeing(trial, known)
+        if np.abs(moved.times - switches.times).max() < SETTINGS.instant * known.interval:
             break
         switches = moved
     return found
 
 
-def _guard(
-    switches: Switches, visits: Visits, laws: Laws, interval: float, degree: int
-) -> FoundGuard | None:
-    columns, rates = switches.before(laws)
-    own = visits.modes == switches.source[0]
-    crossed = Crossed(
-        columns, rates, switches.errors, visits.columns[own], visits.rates[own], interval
-    )
-    return best_guard(crossed, degree)
-
-
-def _on_grid(switches: Switches) -> Array:
-    """Times between the samples around each jump, (n_times, n_switches)."""
-    share = np.linspace(0.0, 1.0, SETTINGS.grid)[:, None]
-    return np.asarray(switches.known[:, 0] + share * np.ptp(switches.known, axis=1))
-
-
-def _where_states_meet(switches: Switches, laws: Laws, noise: Array) -> Switches:
-    """Instants at which the components that can go on do so in all switches."""
-    times, n_states = _on_grid(switches), len(noise)
-    gaps = np.array([_gap(switches.moved(row), laws, n_states) for row in times])
-    meets = np.abs(gaps).min(axis=0)  # (n_switches, n_states)
-    steps = np.abs(np.diff(gaps, axis=0)).max(axis=0)
-    jumped = switches.jumped
-    goes_on = (meets <= steps + SETTINGS.beyond_noise * noise)[jumped].mean(axis=0) > 0.5
-    if not goes_on.any():
-        return switches
-    scale = np.square(gaps[:, :, goes_on] / noise[goes_on]).sum(axis=2)
-    return switches.moved(_lowest(times, scale))
-
-
-def _agreeing(
-    found: FoundTransition, laws: Laws, errors: Array, interval: float
-) -> Switches:
-    """Instants at which guard and reset are missed least."""
-    switches, guard, reset = found.switches, found.guard, found.reset
-    assert reset is not None
-    times, n_states = _on_grid(switches), len(errors)
-    cost = np.zeros(times.shape)
-    sizes = np.maximum(reset.sizes, errors)
-    for row, at in enumerate(times):
-        moved = switches.moved(at)
-        columns, rates = moved.before(laws)
-        landed = columns[:, :n_states] @ reset.reset.matrix.T + reset.reset.offset
-        left = moved.after(laws) - landed
-        cost[row] = np.square(left / sizes).sum(axis=1)
-        if guard is not None:
-            size = max(guard.miss, SETTINGS.instant * interval)
-            step = SETTINGS.rate_step * interval
-            value = guard.guard.values(columns)
-            rate = (guard.guard.values(columns + step * rates) - value) / step
-            missed = value / np.where(rate == 0.0, np.inf, rate) / size
-            cost[row] += np.nan_to_num(np.square(missed))
-    return switches.moved(_lowest(times, cost))
-
-
-def _gap(switches: Switches, laws: Laws, n_states: int) -> Array:
-    return np.asarray(switches.after(laws) - switches.before(laws)[0][:, :n_states])
-
-
-def _lowest(times: Array, cost: Array) -> Array:
-    """Times of the least cost, between those of the grid by a parabola."""
-    every = np.arange(times.shape[1])
-    best = np.clip(cost.argmin(axis=0), 1, len(times) - 2)
-    low, middle, high = (cost[best + k, every] for k in (-1, 0, 1))
-    bend = low - 2.0 * middle + high
-    shift = np.where(bend > 0.0, 0.5 * (low - high) / np.where(bend > 0.0, bend, 1.0), 0.0)
-    edge = cost.argmin(axis=0) - best  # at an end of the grid
-    shift = np.where(bend > 0.0, np.clip(shift, -1.0, 1.0), edge)
-    return np.asarray(times[best, every] + shift * (times[1] - times[0]))
+def _cost_of(guard: FoundGuard, known: Known) -> float:
+    """The logarithm of what the instants miss the guard by."""
+    missed = max(guard.miss / known.interval, SETTINGS.instant)
+    return float(np.isfinite(guard.misses).sum() * np.log(missed))

@@ -39,6 +39,16 @@ class Pieces:
     first: NDArray[np.intp]  # sample of the recording at which it begins
     last: NDArray[np.intp]
 
+    def take(self, some: NDArray[np.bool_]) -> Pieces:
+        """Some of the pieces."""
+        own = self.given
+        given = replace(
+            own,
+            **{name: [one for one, kept in zip(getattr(own, name), some, strict=True) if kept]
+               for name in ("records", "rows", "labels")},
+        )  # fmt: skip
+        return Pieces(given, self.recording[some], self.first[some], self.last[some])
+
     @property
     def follows(self) -> NDArray[np.bool_]:
         """True for a piece that begins at the sample after the end of the one before."""
@@ -46,20 +56,19 @@ class Pieces:
         return same & np.append(False, self.first[1:] == self.last[:-1] + 1)
 
 
-def cut_at(given: Given, jumps: list[NDArray[np.intp]]) -> Pieces:
-    """Recordings cut after some samples.
-
-    A stretch that is too short to tell a motion from noise is left out.
-    """
+def cut_at(
+    given: Given, jumps: list[NDArray[np.intp]], fewest: int = FEWEST_SAMPLES
+) -> Pieces:
+    """Recordings cut after some samples, stretches of fewer samples left out."""
     records, rows, labels, places = [], [], [], []
     for k, (record, own, after) in enumerate(zip(given.records, given.rows, jumps, strict=True)):
         for part in np.split(np.arange(len(record.t)), after + 1):
-            if len(part) >= FEWEST_SAMPLES:
+            if len(part) >= fewest:
                 records.append(Record(record.t[part], record.y[part], record.u[part]))
                 rows.append(own[part])
                 labels.append(given.labels[k])
                 places.append((k, part[0], part[-1]))
-    recording, first, last = np.array(places, dtype=np.intp).T
+    recording, first, last = np.array(places, dtype=np.intp).reshape(-1, 3).T
     return Pieces(replace(given, records=records, rows=rows, labels=labels), recording, first, last)
 
 

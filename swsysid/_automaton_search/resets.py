@@ -4,7 +4,7 @@ Component c goes on where nothing is said against it. Otherwise its jump is affi
 
 .. math:: x_c^+ - x_c^- = b_c + \sum_d D_{cd}\, x_d^- ,
 
-those few for which :math:`n \log \sum_k |r_k| + \tfrac12 m \log n` is least: least absolute
+those few for which :math:`n \log \sum_k |r_k| + m \log n` is least: least absolute
 deviations, so that a switch that is none does not count.
 """
 
@@ -28,6 +28,7 @@ class FoundReset:
     reset: AffineReset
     left: Array  # (n_switches, n_states)
     changed: NDArray[np.bool_]  # (n_states,): components that do not go on
+    cost: float  # the sum above over the components
 
     @property
     def sizes(self) -> Array:
@@ -39,21 +40,24 @@ def best_reset(before: Array, after: Array, errors: Array) -> FoundReset:
     """The reset of fewest terms; `errors` are those in which states are known, (n_states,)."""
     n, n_states = before.shape
     matrix, offset = np.eye(n_states), np.zeros(n_states)
-    changed = np.zeros(n_states, dtype=bool)
+    changed, total = np.zeros(n_states, dtype=bool), 0.0
     regressors = np.column_stack([np.ones(n), before])
     for component in range(n_states):
         jump = after[:, component] - before[:, component]
-        terms, coef = _few_terms(regressors, jump, errors[component])
+        cost, terms, coef = _few_terms(regressors, jump, errors[component])
+        total += cost
         changed[component] = bool(len(terms))
         full = np.zeros(n_states + 1)
         full[terms] = coef
         offset[component] = full[0]
         matrix[component] += full[1:]
     reset = AffineReset(matrix, offset)
-    return FoundReset(reset, after - before @ matrix.T - offset, changed)
+    return FoundReset(reset, after - before @ matrix.T - offset, changed, total)
 
 
-def _few_terms(regressors: Array, jump: Array, error: float) -> tuple[NDArray[np.intp], Array]:
+def _few_terms(
+    regressors: Array, jump: Array, error: float
+) -> tuple[float, NDArray[np.intp], Array]:
     n = len(jump)
     best: tuple[float, NDArray[np.intp], Array] | None = None
     most = min(SETTINGS.most_columns, regressors.shape[1], n // 2)
@@ -62,11 +66,11 @@ def _few_terms(regressors: Array, jump: Array, error: float) -> tuple[NDArray[np
             terms = np.array(some, dtype=np.intp)
             coef = _least_deviations(regressors[:, terms], jump)
             left = np.abs(jump - regressors[:, terms] @ coef).mean()
-            cost = n * np.log(max(float(left), error)) + 0.5 * count * np.log(max(2, n))
+            cost = n * np.log(max(float(left), error)) + count * np.log(max(2, n))
             if best is None or cost < best[0] - SETTINGS.better:
                 best = cost, terms, coef
     assert best is not None, "no term at all is always tried"
-    return best[1], best[2]
+    return best
 
 
 def _least_deviations(regressors: Array, target: Array) -> Array:

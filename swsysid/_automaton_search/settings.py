@@ -30,13 +30,14 @@ class AutomatonSettings:
     better: float = 1.0  # nats by which a guard of more columns must be better, beside its price
     unexplained: float = 6.0  # nats of a switch that a guard does not know
     turns: int = 6  # of weights and sides
+    fewest_of_a_stay: int = 4  # samples by which a stay tells its own states
     # -- resets: turns of least absolute deviations, of jumps what counts as exact; turns of
     # instants, guards and resets; times between two samples
     turns_of_deviations: int = 20
     exact: float = 1e-9
     turns_of_instants: int = 30
     grid: int = 33
-    rate_step: float = 1e-4  # of an interval, to see how fast a guard rises
+    end_of_stay: float = 0.5  # of the noise: what a state there is off by
 
 
 SETTINGS = AutomatonSettings()
