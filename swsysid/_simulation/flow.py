@@ -37,9 +37,9 @@ class Flow(ABC):
                 if not self.system.within(self.x):
                     raise SimulationEnded(Status.STATE_LIMIT)
                 for end, signal in pieces:
-                    self._enter(signal)
+                    self.enter(signal)
                     while self.time < end:
-                        self._go_on(end, signal)
+                        self.go_on(end, signal)
                 if len(self.done.states) < len(self.done.t):
                     status = Status.INPUT_RANGE
             except SimulationEnded as ended:
@@ -47,14 +47,14 @@ class Flow(ABC):
         return self.done.trajectory(status, len(self.x))
 
     @abstractmethod
-    def _enter(self, signal: Signal) -> None:
+    def enter(self, signal: Signal) -> None:
         """Begin a stretch of smooth inputs; their jump may have changed the mode."""
 
     @abstractmethod
-    def _go_on(self, end: float, signal: Signal) -> None:
+    def go_on(self, end: float, signal: Signal) -> None:
         """Move to the end of the stretch or through the next event."""
 
-    def _pieces(self, field: Callable, end: float, signal: Signal) -> Iterator[Piece]:
+    def pieces(self, field: Callable, end: float, signal: Signal) -> Iterator[Piece]:
         """Steps of the integrator from the present state to `end`."""
         if self.step_size is not None:
             # the last step may have been cut by the end of its stretch: try a longer one
@@ -86,7 +86,7 @@ class Flow(ABC):
             grown = np.abs(solver.y).max() > 1e-3 * self.system.state_bound
             raise SimulationEnded(Status.STATE_LIMIT if grown else Status.STEP_FAILURE)
 
-    def _advance(self, piece: Piece, until: float) -> None:
+    def advance(self, piece: Piece, until: float) -> None:
         """Move to a time within the piece, and note the requested times on the way."""
         # the state that located this time, bit for bit
         x, known = piece.state(until), len(self.done.states)
@@ -102,6 +102,6 @@ class Flow(ABC):
             raise SimulationEnded(Status.STATE_LIMIT)
         self.time, self.x = float(until), x
 
-    def _record_event(self, after: int, kind: str) -> None:
+    def record_event(self, after: int, kind: str) -> None:
         self.done.add(SwitchEvent(self.time, self.x, self.mode, after, kind))
         self.step_size = None

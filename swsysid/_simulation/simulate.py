@@ -135,7 +135,7 @@ class _Rollout(Flow):
         self.scale = float(np.linalg.norm(x0)) or 1.0
         self.slide: SlidingSurface | None = None
 
-    def _enter(self, signal: Signal) -> None:
+    def enter(self, signal: Signal) -> None:
         if not self.done.modes:
             self.mode = self.system.mode(self.x, signal(self.time))
             self.done.modes.append(self.mode)
@@ -147,7 +147,7 @@ class _Rollout(Flow):
         # the row of this time holds the inputs after the jump, and so the mode after it
         self.done.modes[-1] = self.mode
 
-    def _go_on(self, end: float, signal: Signal) -> None:
+    def go_on(self, end: float, signal: Signal) -> None:
         if self.slide is None:
             self._flow(end, signal)
         else:
@@ -160,13 +160,13 @@ class _Rollout(Flow):
         def field(time, x):
             return self.system.velocity(x, signal(time), mode)
 
-        for piece in self._pieces(field, end, signal):
+        for piece in self.pieces(field, end, signal):
             switch = first_switch(self.system, piece, mode, self.options.rtol)
             if switch is not None:
-                self._advance(piece, switch[1])
+                self.advance(piece, switch[1])
                 self._cross(piece, switch, end)
                 return
-            self._advance(piece, piece.stop)
+            self.advance(piece, piece.stop)
 
     def _cross(self, piece: Piece, switch: tuple[float, float], end: float) -> None:
         """Enter the mode behind the surface, or slide where its field points back."""
@@ -177,7 +177,7 @@ class _Rollout(Flow):
         surface = SlidingSurface.at(self.system, piece, switch, modes, self.scale, span)
         if surface.attracts(self.x, self.time, piece.inputs):
             self.slide = surface
-            self._record_event(modes[1], "sliding")
+            self.record_event(modes[1], "sliding")
         else:
             self._enter_mode(modes[1], "crossing")
 
@@ -190,10 +190,10 @@ class _Rollout(Flow):
         def goes_on(time):
             return slide.margin(piece.state(time), time, signal) > 0
 
-        for piece in self._pieces(field, end, signal):
+        for piece in self.pieces(field, end, signal):
             times = np.linspace(piece.start, piece.stop, SETTINGS.n_parts + 1)
             last = _end_of(goes_on, times)
-            self._advance(piece, last)
+            self.advance(piece, last)
             if last < piece.stop:
                 self._leave(slide, signal)
                 return
@@ -201,16 +201,16 @@ class _Rollout(Flow):
     def _leave(self, slide: SlidingSurface, signal: Signal) -> None:
         mode, self.x = slide.leave(self.x, self.time, signal)
         self.slide = None
-        self._record_event(mode, "leaving")
+        self.record_event(mode, "leaving")
         self.mode = mode
 
     def _enter_mode(self, mode: int, kind: str) -> None:
         if mode != self.mode:
-            self._record_event(mode, kind)
+            self.record_event(mode, kind)
             self.mode = mode
 
-    def _advance(self, piece: Piece, until: float) -> None:
-        super()._advance(piece, until)
+    def advance(self, piece: Piece, until: float) -> None:
+        super().advance(piece, until)
         self.scale = max(self.scale, float(np.linalg.norm(self.x)))
 
 
