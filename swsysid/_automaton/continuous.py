@@ -7,18 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from swsysid._automaton.crossings import GuardColumns, Watched, first_rise
+from swsysid._automaton.parts import AutomatonParts
 from swsysid._automaton.settings import SETTINGS
-from swsysid._automaton.transitions import Transition
 from swsysid._results import Array, Status, Trajectory
 from swsysid._simulation.events import Piece
 from swsysid._simulation.flow import Flow
 from swsysid._simulation.inputs import Options, Signal, Stretch
-from swsysid._simulation.system import GuardedLaws, Laws, SimulationEnded
+from swsysid._simulation.system import GuardedLaws, SimulationEnded
 
 
 def follow(
-    laws: Laws,
-    transitions: Sequence[Transition],
+    automaton: AutomatonParts,
     mode: int,
     x0: Array,
     t: Array,
@@ -26,15 +25,15 @@ def follow(
     options: Options,
 ) -> Trajectory:
     """Roll an automaton out from a mode and a state along inputs that are known piece by piece."""
-    return _Rollout(laws, transitions, mode, x0, t, options).run(pieces)
+    return _Rollout(automaton, mode, x0, t, options).run(pieces)
 
 
 class _Rollout(Flow):
     """State of one rollout: beside the state and the mode, when that was entered."""
 
-    def __init__(self, laws: Laws, transitions, mode: int, x0: Array, t: Array, options: Options):
-        super().__init__(GuardedLaws(laws, options.state_bound), x0, t, options)
-        self.transitions = transitions
+    def __init__(self, automaton: AutomatonParts, mode: int, x0: Array, t: Array, options: Options):
+        super().__init__(GuardedLaws(automaton, options.state_bound), x0, t, options)
+        self.transitions = automaton.transitions
         self.mode, self.entered = mode, self.time
         self.sizes = np.abs(x0)  # of the states in the last step
         self.watched: list[Watched] = []
@@ -51,7 +50,7 @@ class _Rollout(Flow):
         def field(time, x):
             return self.system.velocity(x, signal(time), mode)
 
-        for piece in self.pieces(field, end, signal):
+        for piece in self.steps(field, end, signal):
             columns = GuardColumns(piece, self.entered)
             rises = [first_rise(one, columns, len(self.x)) for one in self.watched]
             times = [time for time in rises if time is not None]

@@ -6,26 +6,29 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from swsysid._automaton.parts import AutomatonParts
 from swsysid._automaton.transitions import AffineReset, Transition
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.events import History
+from swsysid._simulation.inputs import Options
 from swsysid._simulation.system import GuardedLaws
 
 
 def iterate(
-    laws: GuardedLaws,
-    transitions: Sequence[Transition],
+    automaton: AutomatonParts,
     mode: int,
     rows: Array,
     t: Array,
     inputs: Array,
+    options: Options,
 ) -> Trajectory:
     """Iterate a map with lags from its first rows on, (lags + 1, n_states), the oldest first.
 
     These are the states at the first of the times, so that the inputs beside them are known.
     Arguments as `HybridAutomaton.simulate` takes them, checked.
     """
-    n_lags, n_states = len(rows) - 1, rows.shape[1]
+    laws = GuardedLaws(automaton, options.state_bound)
+    n_lags, n_states = automaton.lags, automaton.n_states
     done = History(t, states=list(rows[:-1]), modes=[mode] * n_lags)
     status = Status.COMPLETED if len(inputs) == len(t) else Status.INPUT_RANGE
     lagged = rows[::-1].ravel()  # x[k], x[k-1], ..., x[k-lags]
@@ -38,12 +41,12 @@ def iterate(
                 break
             u = inputs[k - n_lags : k + 1][::-1].ravel()
             columns = np.concatenate([lagged, u, (k - entered, k)])
-            taken = _taken(transitions, mode, columns, lately)
+            taken = _taken(automaton.transitions, mode, columns, lately)
             if taken is not None:
                 kind = "transition" if taken.reset is None else "jump"
                 event = SwitchEvent(float(t[k]), lagged[:n_states], mode, taken.target, kind)
                 done.events.append(event)
-                lagged = jumped(lagged, taken.reset)
+                lagged = _jumped(lagged, taken.reset)
                 mode, entered = taken.target, k
             done.states.append(lagged[:n_states])
             done.modes.append(mode)
@@ -52,7 +55,7 @@ def iterate(
     return done.trajectory(status, n_states)
 
 
-def jumped(lagged: Array, reset: AffineReset | None) -> Array:
+def _jumped(lagged: Array, reset: AffineReset | None) -> Array:
     """The lagged state after a reset of all of it, or of its newest part."""
     if reset is None:
         return lagged

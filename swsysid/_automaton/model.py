@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from pathlib import Path
 
-import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 
-from swsysid._automaton.continuous import follow
-from swsysid._automaton.discrete import iterate
-from swsysid._automaton.first_modes import FirstModes, first_mode
+from swsysid._automaton.documents import document_of, parts_of
+from swsysid._automaton.equations import transition_equation
+from swsysid._automaton.parts import AutomatonParts
+from swsysid._automaton.rollouts import roll_out
+from swsysid._automaton.spaceex import spaceex_model
+from swsysid._automaton.spaceex_reading import read_spaceex
 from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
-from swsysid._automaton.transitions import Transition, check_transition
-from swsysid._checks.arrays import state, table
 from swsysid._checks.parameters import flag, whole
-from swsysid._data.features import FeatureMap
-from swsysid._results import Array, Trajectory
-from swsysid._simulation.inputs import Options, checked_options, checked_request, stretches
-from swsysid._simulation.system import GuardedLaws
+from swsysid._results import Trajectory
+from swsysid._simulation.law_equations import law_equations
 
 
 @dataclass(frozen=True, eq=False)
-class HybridAutomaton:
+class HybridAutomaton(AutomatonParts):
     """Modes with a law each, and transitions between them.
 
     Attributes
@@ -39,14 +39,11 @@ class HybridAutomaton:
         How many past rows a law in discrete time sees beside the present one.
     first_modes : FirstModes or None
         What tells the mode in which a rollout starts where the guards do not.
-    """
 
-    coef: Array
-    feature_map: FeatureMap
-    transitions: tuple[Transition, ...]
-    discrete_time: bool = False
-    lags: int = 0
-    first_modes: FirstModes | None = None
+    Examples
+    --------
+    See `stated`, which makes one, and `simulate`.
+    """
 
     @classmethod
     def stated(
@@ -114,25 +111,6 @@ class HybridAutomaton:
         told = tuple(said.transition(number, one) for number, one in enumerate(transitions))
         return cls(coef, features, told, discrete_time, lags)
 
-    def __post_init__(self):
-        flag("discrete_time", self.discrete_time)
-        whole("lags", self.lags, least=0, most=None if self.discrete_time else 0)
-        n_features = self.feature_map.n_features_out
-        if self.coef.ndim != 3 or self.coef.shape[2] != n_features:
-            raise ValueError(
-                f"coef has shape {self.coef.shape}; give (n_modes, n_states, {n_features}), one "
-                "column for each feature."
-            )
-        n_columns = len(self.feature_map.names_in)
-        if n_columns % (self.lags + 1) or self.n_inputs < 0:
-            raise ValueError(
-                f"the laws have {n_columns} columns; give those of {self.n_states} states and of "
-                f"the inputs, each {self.lags + 1} times."
-            )
-        sizes = self.n_states, self.n_states * (self.lags + 1)
-        for number, transition in enumerate(self.transitions):
-            check_transition(number, transition, self.n_modes, n_columns, sizes)
-
     def __repr__(self) -> str:
         time = "discrete" if self.discrete_time else "continuous"
         names = ", ".join(self.state_names)
@@ -141,40 +119,183 @@ class HybridAutomaton:
             f"{time} time)"
         )
 
-    @property
-    def n_modes(self) -> int:
-        """Number of modes."""
-        return len(self.coef)
+    def equations(self, precision: int = 3, format: str = "text") -> list[str]:
+        r"""The law of every mode and every transition, as text or LaTeX.
 
-    @property
-    def n_states(self) -> int:
-        """Number of states, without their lags."""
-        return self.coef.shape[1]
+        Parameters
+        ----------
+        precision : int, default=3
+            Decimals of coefficients of order one.
+        format : {"text", "latex"}, default="text"
 
-    @property
-    def n_inputs(self) -> int:
-        """Number of inputs, without their lags."""
-        return len(self.feature_map.names_in) // (self.lags + 1) - self.n_states
+        Returns
+        -------
+        list of str
+            One line for each mode and state, then one for each transition: where it is taken, and
+            what becomes of the states that it resets.
 
-    @property
-    def state_names(self) -> list[str]:
-        """Names of the states."""
-        newest = self.feature_map.names_in[: self.n_states]
-        return [name.removesuffix("[k]") for name in newest]
+        Raises
+        ------
+        ValueError
+            If `format` is another one, or `precision` no number of decimals.
 
-    @property
-    def input_names(self) -> list[str]:
-        """Names of the inputs."""
-        first = self.n_states * (self.lags + 1)
-        newest = self.feature_map.names_in[first : first + self.n_inputs]
-        return [name.removesuffix("[k]") for name in newest]
+        Examples
+        --------
+        >>> from swsysid import HybridAutomaton
+        >>> ball = HybridAutomaton.stated(
+        ...     [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
+        ... )
+        >>> print("\n".join(ball.equations(precision=2)))
+        mode 0: h' = 1.00 v
+        mode 0: v' = -9.81
+        mode 0 -> 0 where h <= 0: v := -0.80 v
+        """
+        laws = law_equations(
+            self.coef,
+            self.feature_map,
+            precision,
+            format,
+            discrete_time=self.discrete_time,
+            states=self.state_names,
+        )
+        columns, states = self.guard_columns, self.guard_columns[: self.n_lagged]
+        return laws + [
+            transition_equation(one, columns, states, precision, format) for one in self.transitions
+        ]
 
-    def velocity(self, x: Array, u: Array, mode: int) -> Array:
-        """The velocity, or the next state, at one point in one mode."""
-        return self.coef[mode] @ self.feature_map.at(np.concatenate([x, u]))
+    # -- files -------------------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, object]:
+        """The automaton in types that JSON knows.
+
+        Returns
+        -------
+        dict
+
+        Raises
+        ------
+        TypeError
+            If its features are functions of the user's, which a document without code cannot hold.
+
+        Examples
+        --------
+        >>> import json
+        >>> from swsysid import HybridAutomaton
+        >>> timer = HybridAutomaton.stated(
+        ...     [{"x": "1"}, {"x": "-1"}], [(0, 1, "dwell >= 2"), (1, 0, "x <= 0")], states=["x"]
+        ... )
+        >>> again = HybridAutomaton.from_dict(json.loads(json.dumps(timer.to_dict())))
+        >>> again.equations() == timer.equations()
+        True
+        """
+        return document_of(self)
+
+    @classmethod
+    def from_dict(cls, told: Mapping[str, object]) -> HybridAutomaton:
+        """The automaton that `to_dict` wrote; no code is run.
+
+        Parameters
+        ----------
+        told : dict
+
+        Returns
+        -------
+        HybridAutomaton
+
+        Raises
+        ------
+        ValueError
+            If it is none, is damaged or was written by a newer version.
+        """
+        return cls(*parts_of(told))
+
+    def to_spaceex(self, path: str | Path, component: str = "automaton") -> None:
+        """Write a SpaceEx model: a component with a location for each mode.
+
+        A location has the law of its mode as flow and, as transitions here are urgent, an invariant
+        that ends where one of its guards becomes positive. Clocks in guards are further variables,
+        ``dwell`` and ``time``. Names of states and inputs are made to fit where need be. What
+        SpaceEx does not know is not written: the mode at the start, and the support of transitions.
+
+        Parameters
+        ----------
+        path : str or path
+        component : str, default="automaton"
+            Name of the component.
+
+        Raises
+        ------
+        ValueError
+            In discrete time.
+        TypeError
+            If the features are no monomials.
+        OSError
+            If the file cannot be written.
+        """
+        if self.discrete_time:
+            raise ValueError("SpaceEx models have continuous time; use to_dict for this automaton.")
+        Path(path).write_bytes(spaceex_model(self, component))
+
+    @classmethod
+    def from_spaceex(
+        cls, path: str | Path, parameters: Mapping[str, float] | None = None
+    ) -> HybridAutomaton:
+        """The automaton of a SpaceEx model that `to_spaceex` wrote, or of one like it.
+
+        That is a model of one component with polynomial flows (one equation for each variable), one
+        polynomial inequality as guard of each transition, affine assignments, and no invariant but
+        those that end where a guard begins.
+
+        Parameters
+        ----------
+        path : str or path
+        parameters : dict of str to float, default=None
+            Values of the constants of the model.
+
+        Returns
+        -------
+        HybridAutomaton
+
+        Raises
+        ------
+        ValueError
+            If the model is damaged, or one that an automaton here cannot be.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from swsysid import HybridAutomaton
+        >>> ball = HybridAutomaton.stated(
+        ...     [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
+        ... )
+        >>> path = Path(tempfile.mkdtemp()) / "ball.xml"
+        >>> ball.to_spaceex(path)
+        >>> HybridAutomaton.from_spaceex(path).equations() == ball.equations()
+        True
+        """
+        model = read_spaceex(Path(path).read_bytes(), parameters or {})
+        return cls.stated(
+            model.laws,
+            model.transitions,
+            states=model.states,
+            inputs=model.inputs,
+            parameters=parameters,
+        )
+
+    # -- rollouts ----------------------------------------------------------------------------------
 
     def simulate(
-        self, x0, t, inputs=None, *, mode=None, input_hold="zero", **options
+        self,
+        x0: ArrayLike,
+        t: ArrayLike,
+        inputs: ArrayLike | None = None,
+        *,
+        mode: int | None = None,
+        input_hold: str = "zero",
+        **options: object,
     ) -> Trajectory:
         """Roll the automaton out, with its transitions located.
 
@@ -224,46 +345,4 @@ class HybridAutomaton:
             If arguments are of another shape, or if the mode at the start is not given and the
             guards do not tell it.
         """
-        checked = checked_options(options)
-        first = whole("mode", mode, least=0, most=self.n_modes - 1, also=(None,))
-        rows = self._first_rows(x0)
-        widths = self.n_states, self.n_inputs
-        _, times, samples = checked_request(rows[-1], t, inputs, input_hold, widths)
-        held = np.empty((len(times), 0)) if samples is None else samples
-        if len(held) <= self.lags:
-            raise ValueError(
-                f"t and inputs have {len(held)} rows; give at least the {self.lags + 1} of x0."
-            )
-        if first is None:
-            first = self._first_mode(
-                rows, held, float(self.lags if self.discrete_time else times[0])
-            )
-        done = self._rolled_out(first, rows, times, samples, held, input_hold, checked)
-        return replace(done, names=tuple(self.state_names))
-
-    def _rolled_out(
-        self, mode: int, rows: Array, t: Array, samples, held, input_hold: str, options: Options
-    ) -> Trajectory:
-        if self.discrete_time:
-            laws = GuardedLaws(self, options.state_bound)
-            return iterate(laws, self.transitions, mode, rows, t, held)
-        pieces = list(stretches(t, samples, input_hold))
-        return follow(self, self.transitions, mode, rows[0], t, pieces, options)
-
-    def _first_rows(self, x0) -> Array:
-        """The states that a rollout starts from, (lags + 1, n_states)."""
-        if not self.lags:
-            return state("x0", x0, self.n_states)[None]
-        rows = table("x0", x0, n_columns=self.n_states)
-        if len(rows) != self.lags + 1:
-            raise ValueError(
-                f"x0 has {len(rows)} rows; give the states at the first {self.lags + 1} times."
-            )
-        return rows
-
-    def _first_mode(self, rows: Array, inputs: Array, time: float) -> int:
-        """The mode at the start, as the guards or the recordings tell it."""
-        lagged = rows[::-1].ravel()
-        dwell = float(self.lags)
-        columns = np.concatenate([lagged, inputs[self.lags :: -1].ravel(), (dwell, time)])
-        return first_mode(self.transitions, self.n_modes, columns, lagged, self.first_modes)
+        return roll_out(self, x0, t, inputs, mode, input_hold, options)

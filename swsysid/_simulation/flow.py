@@ -54,7 +54,7 @@ class Flow(ABC):
     def go_on(self, end: float, signal: Signal) -> None:
         """Move to the end of the stretch or through the next event."""
 
-    def pieces(self, field: Callable, end: float, signal: Signal) -> Iterator[Piece]:
+    def steps(self, field: Callable, end: float, signal: Signal) -> Iterator[Piece]:
         """Steps of the integrator from the present state to `end`."""
         if self.step_size is not None:
             # the last step may have been cut by the end of its stretch: try a longer one

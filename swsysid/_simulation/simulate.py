@@ -160,7 +160,7 @@ class _Rollout(Flow):
         def field(time, x):
             return self.system.velocity(x, signal(time), mode)
 
-        for piece in self.pieces(field, end, signal):
+        for piece in self.steps(field, end, signal):
             switch = first_switch(self.system, piece, mode, self.options.rtol)
             if switch is not None:
                 self.advance(piece, switch[1])
@@ -190,7 +190,7 @@ class _Rollout(Flow):
         def goes_on(time):
             return slide.margin(piece.state(time), time, signal) > 0
 
-        for piece in self.pieces(field, end, signal):
+        for piece in self.steps(field, end, signal):
             times = np.linspace(piece.start, piece.stop, SETTINGS.n_parts + 1)
             last = _end_of(goes_on, times)
             self.advance(piece, last)
