@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.parts import AutomatonParts
+from swsysid._automaton.settings import SETTINGS
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._checks.arrays import numbers
 from swsysid._checks.parameters import flag, names_of_columns, whole
-from swsysid._data.features import FeatureMap, FunctionLibrary
+from swsysid._data.features import FeatureMap, FunctionLibrary, check_degree
 from swsysid._results import Array
 
 FORMAT, VERSION = "swsysid automaton", 1  # raised where an older version could not read it
@@ -61,7 +63,8 @@ def parts_of(told: object) -> Parts:
 
 def _read(told: Told) -> Parts:
     columns = names_of_columns("columns", told["columns"])
-    features = FeatureMap(_read_library(told["features"]), np.ones((1, len(columns))), columns)
+    library = _read_library(_mapping(told["features"]), len(columns))
+    features = FeatureMap(library, np.ones((1, len(columns))), columns)
     features.sizes = _array("feature_sizes", told["feature_sizes"], (features.n_features_out,))
     first = told["first_modes"]
     return (
@@ -98,10 +101,10 @@ def _name_in_numpy(function: object) -> str | None:
     return name if name and vars(np).get(name) is function else None
 
 
-def _read_library(told: object) -> PolynomialFeatures | FunctionLibrary:
-    told = _mapping(told)
+def _read_library(told: Told, n_columns: int) -> PolynomialFeatures | FunctionLibrary:
     if "degree" in told:
         degree = whole("degree", told["degree"], least=0)
+        check_degree("degree", degree, n_columns)
         return PolynomialFeatures(degree, include_bias=flag("constant", told["constant"]))
     named = [vars(np).get(str(name)) for name in _listed(told["functions"])]
     functions = [function for function in named if isinstance(function, np.ufunc)]
@@ -166,10 +169,11 @@ def _array(name: str, told: object, shape: tuple[int | None, ...]) -> Array:
     return values
 
 
-def _whole_numbers(name: str, told: object):
+def _whole_numbers(name: str, told: object) -> NDArray[np.intp]:
     values = numbers(name, told)
-    if (values != np.round(values)).any() or (values < 0).any():
-        raise ValueError(f"{name} holds other entries than numbers from 0 on")
+    most = SETTINGS.most_terms
+    if (values != np.round(values)).any() or (values < 0).any() or (values > most).any():
+        raise ValueError(f"{name} holds other entries than whole numbers from 0 to {most}")
     return values.astype(np.intp)
 
 

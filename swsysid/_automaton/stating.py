@@ -85,7 +85,7 @@ class Statement:
             )
         source, target, guard, reset = (*told, None)[:4]
         if isinstance(reset, Mapping):
-            reset = self._reset(number, reset)
+            reset = self._reset(number, reset) if reset else None
         if not isinstance(guard, PolynomialGuard):
             guard = self._guard(guard)
         return Transition(source, target, guard, reset)
