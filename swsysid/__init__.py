@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from swsysid._automaton.model import HybridAutomaton
     from swsysid._classifier import PolynomialSurfaceClassifier
     from swsysid._data.features import FunctionLibrary
     from swsysid._effect_regressor import EffectRegressor
@@ -42,6 +43,7 @@ __all__ = [
     "ExactRelaxation",
     "FunctionLibrary",
     "GuardWarning",
+    "HybridAutomaton",
     "IdentificationWarning",
     "MisfitWarning",
     "ModePipeline",
@@ -66,6 +68,7 @@ __all__ = [
 _HOMES = {
     name: home
     for home, names in {
+        "_automaton.model": "HybridAutomaton",
         "_classifier": "PolynomialSurfaceClassifier",
         "_data.features": "FunctionLibrary",
         "_effect_regressor": "EffectRegressor",

@@ -158,11 +158,13 @@ class SwitchEvent:
     ----------
     time : float
     state : ndarray of shape (n_states,)
+        Before a jump of an automaton.
     before, after : int
         Modes on the two sides.
     kind : str
         ``"crossing"``, ``"sliding"`` (both fields point at the surface), ``"leaving"`` (the end
-        of a slide), ``"input"`` (a jump of the inputs changed the mode; no root was sought).
+        of a slide), ``"input"`` (a jump of the inputs changed the mode; no root was sought); in an
+        automaton ``"transition"`` or ``"jump"`` (a transition that resets the state).
     """
 
     time: float

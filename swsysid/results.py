@@ -8,7 +8,8 @@ public, whichever part of the package makes them.
 'Increase time_limit; the bound and the gap say how far the answer can be.'
 """
 
-from swsysid._automaton.transitions import AffineReset, FirstModes, PolynomialGuard, Transition
+from swsysid._automaton.first_modes import FirstModes
+from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._results import (

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from swsysid._automaton.transitions import FirstModes, Transition
-from swsysid._data.features import FeatureMap
-from swsysid._results import Array
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
+
+from swsysid._automaton.documents import document_of, parts_of
+from swsysid._automaton.equations import transition_equation
+from swsysid._automaton.parts import AutomatonParts
+from swsysid._automaton.rollouts import roll_out
+from swsysid._automaton.spaceex import spaceex_model
+from swsysid._automaton.spaceex_reading import read_spaceex
+from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
+from swsysid._checks.parameters import flag, whole
+from swsysid._results import Trajectory
+from swsysid._simulation.law_equations import law_equations
 
 
 @dataclass(frozen=True, eq=False)
-class HybridAutomaton:
+class HybridAutomaton(AutomatonParts):
     """Modes with a law each, and transitions between them.
 
     Attributes
@@ -27,26 +39,310 @@ class HybridAutomaton:
         How many past rows a law in discrete time sees beside the present one.
     first_modes : FirstModes or None
         What tells the mode in which a rollout starts where the guards do not.
+
+    Examples
+    --------
+    See `stated`, which makes one, and `simulate`.
     """
 
-    coef: Array
-    feature_map: FeatureMap
-    transitions: tuple[Transition, ...]
-    discrete_time: bool = False
-    lags: int = 0
-    first_modes: FirstModes | None = None
+    @classmethod
+    def stated(
+        cls,
+        laws: StatedLaws,
+        transitions: Sequence[StatedTransition] = (),
+        *,
+        states: Sequence[str],
+        inputs: Sequence[str] = (),
+        feature_library: BaseEstimator | int | None = None,
+        parameters: Mapping[str, float] | None = None,
+        discrete_time: bool = False,
+        lags: int = 0,
+    ) -> HybridAutomaton:
+        """An automaton that is written down instead of identified.
 
-    @property
-    def n_modes(self) -> int:
-        """Number of modes."""
-        return len(self.coef)
+        Parameters
+        ----------
+        laws : list of dict, or array-like of shape (n_modes, n_states, n_features)
+            For each mode the velocity (in discrete time the next value) of each state by its name,
+            a polynomial as text such as ``"2 x^2 - v"``; or coefficients of the features of
+            `feature_library`.
+        transitions : list of tuple
+            (source, target, guard) or (source, target, guard, reset), or `Transition` objects. A
+            guard is one inequality, such as ``"T >= 22"``, in states, inputs, ``dwell`` (time since
+            the mode was entered) and ``time``; a reset is a dict from states to affine functions
+            of the states, such as ``{"v": "-0.8 v"}``, and leaves the other states alone.
+        states, inputs : sequence of str
+            Names of the states and of the inputs.
+        feature_library : None, int, transformer or PySINDy library, default=None
+            What the coefficients of `laws` belong to, as for `SwitchingSystemRegressor`.
+        parameters : dict of str to float, default=None
+            Values of further names in the texts.
+        discrete_time : bool, default=False
+            The laws give the next state instead of the velocity; dwell and time count rows.
+        lags : int, default=0
+            How many past rows the laws see in discrete time; ``x[k-1]`` is the row before.
 
-    @property
-    def n_states(self) -> int:
-        """Number of states, without their lags."""
-        return self.coef.shape[1]
+        Returns
+        -------
+        HybridAutomaton
 
-    @property
-    def n_inputs(self) -> int:
-        """Number of inputs, without their lags."""
-        return len(self.feature_map.names_in) // (self.lags + 1) - self.n_states
+        Raises
+        ------
+        ValueError
+            If a text cannot be read or a shape is wrong; the sentence names the place.
+
+        Examples
+        --------
+        A thermostat heats until 22 degrees and cools down to 20:
+
+        >>> from swsysid import HybridAutomaton
+        >>> thermostat = HybridAutomaton.stated(
+        ...     [{"T": "-0.1 (T - 30)"}, {"T": "-0.1 (T - 10)"}],
+        ...     [(0, 1, "T >= 22"), (1, 0, "T <= 20")],
+        ...     states=["T"],
+        ... )
+        >>> rollout = thermostat.simulate([20.0], [0.0, 5.0], mode=0)
+        >>> [round(event.time, 3) for event in rollout.events]
+        [2.231, 4.055]
+        """
+        flag("discrete_time", discrete_time)
+        said = Statement(states, inputs, parameters, whole("lags", lags, least=0))
+        coef, features = said.laws(laws, feature_library)
+        told = tuple(said.transition(number, one) for number, one in enumerate(transitions))
+        return cls(coef, features, told, discrete_time, lags)
+
+    def __repr__(self) -> str:
+        time = "discrete" if self.discrete_time else "continuous"
+        names = ", ".join(self.state_names)
+        return (
+            f"HybridAutomaton({names}; {self.n_modes} modes, {len(self.transitions)} transitions, "
+            f"{time} time)"
+        )
+
+    def equations(self, precision: int = 3, format: str = "text") -> list[str]:
+        r"""The law of every mode and every transition, as text or LaTeX.
+
+        Parameters
+        ----------
+        precision : int, default=3
+            Decimals of coefficients of order one.
+        format : {"text", "latex"}, default="text"
+
+        Returns
+        -------
+        list of str
+            One line for each mode and state, then one for each transition: where it is taken, and
+            what becomes of the states that it resets.
+
+        Raises
+        ------
+        ValueError
+            If `format` is another one, or `precision` no number of decimals.
+
+        Examples
+        --------
+        >>> from swsysid import HybridAutomaton
+        >>> ball = HybridAutomaton.stated(
+        ...     [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
+        ... )
+        >>> print("\n".join(ball.equations(precision=2)))
+        mode 0: h' = 1.00 v
+        mode 0: v' = -9.81
+        mode 0 -> 0 where h <= 0: v := -0.80 v
+        """
+        laws = law_equations(
+            self.coef,
+            self.feature_map,
+            precision,
+            format,
+            discrete_time=self.discrete_time,
+            states=self.state_names,
+        )
+        columns, states = self.guard_columns, self.guard_columns[: self.n_lagged]
+        return laws + [
+            transition_equation(one, columns, states, precision, format) for one in self.transitions
+        ]
+
+    # -- files -------------------------------------------------------------------------------------
+
+    def to_dict(self) -> dict[str, object]:
+        """The automaton in types that JSON knows.
+
+        Returns
+        -------
+        dict
+
+        Raises
+        ------
+        TypeError
+            If its features are functions of the user's, which a document without code cannot hold.
+
+        Examples
+        --------
+        >>> import json
+        >>> from swsysid import HybridAutomaton
+        >>> timer = HybridAutomaton.stated(
+        ...     [{"x": "1"}, {"x": "-1"}], [(0, 1, "dwell >= 2"), (1, 0, "x <= 0")], states=["x"]
+        ... )
+        >>> again = HybridAutomaton.from_dict(json.loads(json.dumps(timer.to_dict())))
+        >>> again.equations() == timer.equations()
+        True
+        """
+        return document_of(self)
+
+    @classmethod
+    def from_dict(cls, told: Mapping[str, object]) -> HybridAutomaton:
+        """The automaton that `to_dict` wrote; no code is run.
+
+        Parameters
+        ----------
+        told : dict
+
+        Returns
+        -------
+        HybridAutomaton
+
+        Raises
+        ------
+        ValueError
+            If it is none, is damaged or was written by a newer version.
+        """
+        return cls(*parts_of(told))
+
+    def to_spaceex(self, path: str | Path, component: str = "automaton") -> None:
+        """Write a SpaceEx model: a component with a location for each mode.
+
+        A location has the law of its mode as flow and, as transitions here are urgent, an invariant
+        that ends where one of its guards becomes positive. Clocks in guards are further variables,
+        ``dwell`` and ``time``. Names of states and inputs are made to fit where need be. What
+        SpaceEx does not know is not written: the mode at the start, and the support of transitions.
+
+        Parameters
+        ----------
+        path : str or path
+        component : str, default="automaton"
+            Name of the component.
+
+        Raises
+        ------
+        ValueError
+            In discrete time.
+        TypeError
+            If the features are no monomials.
+        OSError
+            If the file cannot be written.
+        """
+        if self.discrete_time:
+            raise ValueError("SpaceEx models have continuous time; use to_dict for this automaton.")
+        Path(path).write_bytes(spaceex_model(self, component))
+
+    @classmethod
+    def from_spaceex(
+        cls, path: str | Path, parameters: Mapping[str, float] | None = None
+    ) -> HybridAutomaton:
+        """The automaton of a SpaceEx model that `to_spaceex` wrote, or of one like it.
+
+        That is a model of one component with polynomial flows (one equation for each variable), one
+        polynomial inequality as guard of each transition, affine assignments, and no invariant but
+        those that end where a guard begins.
+
+        Parameters
+        ----------
+        path : str or path
+        parameters : dict of str to float, default=None
+            Values of the constants of the model.
+
+        Returns
+        -------
+        HybridAutomaton
+
+        Raises
+        ------
+        ValueError
+            If the model is damaged, or one that an automaton here cannot be.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from swsysid import HybridAutomaton
+        >>> ball = HybridAutomaton.stated(
+        ...     [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
+        ... )
+        >>> path = Path(tempfile.mkdtemp()) / "ball.xml"
+        >>> ball.to_spaceex(path)
+        >>> HybridAutomaton.from_spaceex(path).equations() == ball.equations()
+        True
+        """
+        model = read_spaceex(Path(path).read_bytes(), parameters or {})
+        return cls.stated(
+            model.laws,
+            model.transitions,
+            states=model.states,
+            inputs=model.inputs,
+            parameters=parameters,
+        )
+
+    # -- rollouts ----------------------------------------------------------------------------------
+
+    def simulate(
+        self,
+        x0: ArrayLike,
+        t: ArrayLike,
+        inputs: ArrayLike | None = None,
+        *,
+        mode: int | None = None,
+        input_hold: str = "zero",
+        **options: object,
+    ) -> Trajectory:
+        """Roll the automaton out, with its transitions located.
+
+        Transitions are *urgent*: in a mode, that one is taken whose guard rises to zero first; of
+        several at one instant, the first in the tuple. A guard that is zero when the mode is
+        entered counts where it rises along the law of the mode, one that is positive counts at
+        once; so a ball that has just jumped does not jump again. What a transition resets is reset
+        at that instant, and a mode entered there may be left at the same instant. There are no
+        invariants: a state that no guard stops goes on, so there is no deadlock. In continuous
+        time instants are found to the last digit on the integrator's dense output.
+
+        In discrete time the guards of the present mode are tested once at each row: a transition
+        is taken where its guard is not negative (one of a mode to itself, where it was negative
+        a row before). The reset acts on this row, and the law of the mode then makes the next.
+
+        Parameters
+        ----------
+        x0 : array-like of shape (n_states,), or (lags + 1, n_states)
+            The state at the first of the times; with lags the states at the first of the times,
+            the oldest first.
+        t : array-like of shape (n_times,)
+            Strictly increasing times; in discrete time they only count the rows.
+        inputs : array-like of shape (n_samples, n_inputs), default=None
+            Those at the first of the times.
+        mode : int, default=None
+            The mode in which the rollout starts, taken as entered at the first time. None: the
+            only mode that no guard leads out of there; of several, the one that was recorded at
+            the nearest state.
+        input_hold : {"zero", "linear"}, default="zero"
+            Inputs between the samples: constant until the next one, or linear.
+        **options
+            ``max_switches``, ``max_steps``, ``state_bound``, ``rtol``, ``atol``, ``method``; as
+            for `SwitchingSystemRegressor.simulate`.
+
+        Returns
+        -------
+        Trajectory
+            A row at the instant of a transition has the state and the mode after it. ``events``
+            are of the kind ``"jump"`` where the transition has a reset and ``"transition"``
+            where not, with the state before. ``status`` says why the rollout ended:
+            ``SWITCH_LIMIT`` where transitions crowd (Zeno behaviour), ``INPUT_RANGE`` where the
+            inputs end before the times.
+
+        Raises
+        ------
+        ValueError
+            If arguments are of another shape, or if the mode at the start is not given and the
+            guards do not tell it.
+        """
+        return roll_out(self, x0, t, inputs, mode, input_hold, options)

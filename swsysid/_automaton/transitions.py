@@ -48,9 +48,31 @@ class PolynomialGuard:
         """The value at one row of columns, (n_columns + 2,)."""
         return float(self._monomials.at(point) @ self.coef)
 
+    def gradient(self, point: Array) -> Array:
+        """The derivatives by the columns at one row of them, (n_columns + 2,)."""
+        gradient = np.zeros(len(point))
+        for column, (slopes, monomials) in self._derivatives.items():
+            gradient[column] = monomials.at(point) @ slopes
+        return gradient
+
+    def terms(self, point: Array) -> Array:
+        """The terms whose sum is the value at one row of columns, (n_monomials,)."""
+        return self._monomials.at(point) * self.coef
+
     @cached_property
     def _monomials(self) -> Monomials:
         return Monomials(self.powers)
+
+    @cached_property
+    def _derivatives(self) -> dict[int, tuple[Array, Monomials]]:
+        """Coefficients and monomials of the derivative by each column that occurs."""
+        derivatives = {}
+        for column in np.flatnonzero(self.powers.any(axis=0)).tolist():
+            kept = self.powers[:, column] > 0
+            lower = self.powers[kept].copy()
+            lower[:, column] -= 1
+            derivatives[column] = self.coef[kept] * self.powers[kept, column], Monomials(lower)
+        return derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,23 +126,32 @@ class Transition:
     support: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class FirstModes:
-    """States of the recordings with their modes, which tell the mode that a rollout starts in.
+def check_transition(
+    number: int, transition: Transition, n_modes: int, n_columns: int, state_sizes: tuple[int, int]
+) -> None:
+    """Refuse a transition between modes that there are not, or of another shape than the laws.
 
-    Attributes
-    ----------
-    states : ndarray of shape (n_rows, n_states * (lags + 1))
-        The columns of states of the laws, newest first.
-    modes : ndarray of shape (n_rows,), int
+    `state_sizes` are those of the state and of the state with its lags.
     """
-
-    states: Array
-    modes: NDArray[np.intp]
-
-    def nearest(self, state: Array, among: NDArray[np.intp]) -> int:
-        """The mode, of some, whose recorded states come nearest in units of their deviation."""
-        spread = self.states.std(axis=0)
-        distances = (self.states - state) / np.where(spread > 0.0, spread, 1.0)
-        far = np.where(np.isin(self.modes, among), (distances**2).sum(axis=1), np.inf)
-        return int(self.modes[far.argmin()])
+    which = f"transitions[{number}]"
+    if not {transition.source, transition.target} <= set(range(n_modes)):
+        raise ValueError(
+            f"{which} leads from mode {transition.source} to mode {transition.target}; the modes "
+            f"are numbered from 0 to {n_modes - 1}."
+        )
+    guard, reset = transition.guard, transition.reset
+    if guard.powers.shape != (len(guard.coef), n_columns + 2):
+        raise ValueError(
+            f"the guard of {which} has {len(guard.coef)} coefficients and powers of shape "
+            f"{guard.powers.shape}; give ({len(guard.coef)}, {n_columns + 2}): the columns of the "
+            "laws, dwell and time."
+        )
+    sizes = {(size, size) for size in state_sizes}
+    if reset is not None and (
+        reset.matrix.shape not in sizes or reset.offset.shape != reset.matrix.shape[:1]
+    ):
+        raise ValueError(
+            f"the reset of {which} has a matrix of shape {reset.matrix.shape} and an offset of "
+            f"shape {reset.offset.shape}; give ({state_sizes[0]}, {state_sizes[0]}) and "
+            f"({state_sizes[0]},)."
+        )

@@ -235,6 +235,11 @@ class FeatureMap:
         return np.asarray(self.library.transform(point[None, :]), dtype=float)[0]
 
     @property
+    def powers(self) -> np.ndarray | None:
+        """Exponents of the columns in each feature if all are monomials, else None."""
+        return None if self._monomials is None else self.library.powers_
+
+    @property
     def names_out(self) -> np.ndarray:
         """Names of the features."""
         return self.names(self.names_in)

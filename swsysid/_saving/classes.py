@@ -13,6 +13,9 @@ from inspect import signature
 
 from sklearn.base import BaseEstimator
 
+from swsysid._automaton.first_modes import FirstModes
+from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap, FunctionLibrary, Monomials
 from swsysid._effect_model.joint_fit import JointFit
@@ -35,6 +38,7 @@ _OWN = {
         FeatureMap, FunctionLibrary, Monomials,
         PolynomialBasis, LibraryBasis, RelevantBasis,
         ModePosterior, SurfaceEvidence, SurfaceCandidate, ModeCandidate, IterationRecord,
+        HybridAutomaton, Transition, PolynomialGuard, AffineReset, FirstModes,
         JointFit, PlacedEffect, Guard,
         ExactRelaxation, SimplexRelaxation, MomentRelaxation,
         *map(type, all_effects()),

@@ -46,9 +46,20 @@ class History:
 
 
 def last_and_next(
-    holds: Callable[[float], bool], inside: float, outside: float, resolution: float
+    holds: Callable[[float], bool],
+    inside: float,
+    outside: float,
+    resolution: float,
+    guess: float | None = None,
 ) -> tuple[float, float]:
-    """Neighbouring numbers between which a condition, true at `inside`, ceases to hold."""
+    """Neighbouring numbers between which a condition, true at `inside`, ceases to hold.
+
+    A guess that is right to a few digits saves most of the questions.
+    """
+    if guess is not None:
+        early, late = max(inside, guess - 4 * resolution), min(outside, guess + 4 * resolution)
+        if holds(early) and not holds(late):
+            inside, outside = early, late
     while outside - inside > resolution:
         middle = (inside + outside) / 2
         if holds(middle):
@@ -62,13 +73,15 @@ def last_and_next(
 class Piece:
     """One step of the integrator: states and inputs as functions of time in [start, stop].
 
-    For several times at once `state` returns shape (n_states, n_times).
+    For several times at once `state` returns shape (n_states, n_times). The states are polynomials
+    in time of the `degree`.
     """
 
     start: float
     stop: float
     state: Callable[[float | Array], Array]
     inputs: Signal
+    degree: int
 
     def at(self, time: float) -> tuple[Array, Array]:
         """State and inputs."""
@@ -135,8 +148,9 @@ def _short_visit(system, piece, mode, depth, times, values):
 def _locate(system, piece, mode, inside, outside):
     """Shrink a bracket of a mode change to neighbouring floating-point times."""
     resolution = np.spacing(max(abs(piece.start), abs(piece.stop)))
+    roots = []
     if system.has_values:
-        # around the first root of a surface that changes sign in it
+        # the first root of a surface that changes sign in it
 
         def value(time, surface):
             return system.values(*piece.at(time))[surface]
@@ -144,10 +158,8 @@ def _locate(system, piece, mode, inside, outside):
         ends = [system.values(*piece.at(time)) for time in (inside, outside)]
         changed = np.flatnonzero(ends[0] * ends[1] <= 0)
         roots = [brentq(value, inside, outside, args=(k,), xtol=1e-15) for k in changed]
-        first, around = min(roots, default=inside), 4 * resolution
-        early, late = max(inside, first - around), min(outside, first + around)
-        if roots and system.mode(*piece.at(early)) == mode != system.mode(*piece.at(late)):
-            inside, outside = early, late
-    return last_and_next(
-        lambda time: system.mode(*piece.at(time)) == mode, inside, outside, resolution
-    )
+
+    def holds(time):
+        return system.mode(*piece.at(time)) == mode
+
+    return last_and_next(holds, inside, outside, resolution, min(roots, default=None))

@@ -18,6 +18,8 @@ Signal = Callable[[float], Array]
 Stretch = tuple[float, Signal]
 
 METHODS = {"DOP853": DOP853, "RK45": RK45, "Radau": Radau}
+# the dense output of a step is a polynomial in time of this degree
+DENSE_DEGREES = {"DOP853": 7, "RK45": 4, "Radau": 3}
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,26 @@ def checked_inputs(inputs, t: Array, name: str = "inputs") -> Array:
             f"{name} has shape {inputs.shape} for {len(t)} times; give one row for each time."
         )
     return inputs
+
+
+def checked_request(
+    x0, t, inputs, input_hold: str, widths: tuple[int | None, int | None]
+) -> tuple[Array, Array, Array | None]:
+    """First state, requested times and samples of the inputs, None where there are none.
+
+    `widths` are the numbers of states and of inputs that are wanted, None for any.
+    """
+    start, times = checked_times(x0, t)
+    one_of("input_hold", input_hold, ("zero", "linear"))
+    samples = None if inputs is None else checked_inputs(inputs, times)
+    given = len(start), 0 if samples is None else samples.shape[1]
+    wanted = tuple(has if asks is None else asks for asks, has in zip(widths, given, strict=True))
+    if given != wanted:
+        raise ValueError(
+            f"x0 holds {given[0]} states and inputs hold {given[1]} columns; give {wanted[0]} and "
+            f"{wanted[1]}."
+        )
+    return start, times, samples
 
 
 def probe(system: SwitchingSystem, x0: Array, u: Array) -> None:

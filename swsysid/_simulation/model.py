@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -13,9 +12,9 @@ from numpy.typing import NDArray
 from swsysid._checks.parameters import shown
 from swsysid._data.features import FeatureMap
 from swsysid._data.sources import pieces
-from swsysid._rendering.printing import check_format, linear_combination, merged, rate, symbol
 from swsysid._results import Array, Trajectory
 from swsysid._simulation.inputs import checked_options
+from swsysid._simulation.law_equations import AddedTerms, law_equations
 from swsysid._simulation.simulate import simulate
 from swsysid._simulation.system import SwitchingSystem
 from swsysid._surfaces.surface import (
@@ -25,8 +24,6 @@ from swsysid._surfaces.surface import (
     locates_events,
     probabilities_of,
 )
-
-AddedTerms = Callable[[int, int], Iterable[tuple[float, str, float]]]
 
 
 @dataclass(frozen=True)
@@ -72,18 +69,16 @@ class SwitchingModel(SwitchingSystem):
         `states` and `columns` name the states and the columns of X, if not as in the fit;
         ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
         """
-        check_format(style, precision)
-        named = self.feature_map.names_in
-        features = self.feature_map.names(named if columns is None else columns)
-        lines = []
-        for mode, state in product(range(len(self.coef)), range(self.n_states)):
-            row = self.coef[mode, state].tolist()
-            own = zip(row, features, self.feature_map.sizes, strict=True)
-            coef, names, sizes = merged([*own, *(added(mode, state) if added else ())])
-            law = linear_combination(coef, names, precision=precision, style=style, sizes=sizes)
-            left = self._left_side(state, style, mode, named if states is None else states)
-            lines.append(f"{left} = {law}")
-        return lines
+        return law_equations(
+            self.coef,
+            self.feature_map,
+            precision,
+            style,
+            discrete_time=self.discrete_time,
+            states=self.feature_map.names_in if states is None else states,
+            columns=columns,
+            added=added,
+        )
 
     def surface_equations(
         self, precision: int, style: str, columns: Sequence[str] | None = None
@@ -100,11 +95,6 @@ class SwitchingModel(SwitchingSystem):
             equation + _sides(number, self.surface, style)
             for number, equation in enumerate(equations)
         ]
-
-    def _left_side(self, state: int, style: str, mode: int, names: Sequence[str]) -> str:
-        name = names[state] if state < len(names) else f"y{state}"
-        where = rf"\text{{mode }} {mode}: \; " if style == "latex" else f"mode {mode}: "
-        return where + (f"{symbol(name, style)}[k+1]" if self.discrete_time else rate(name, style))
 
     # -- what a simulation asks --------------------------------------------------------------
 

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swsysid._checks.parameters import one_of
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.events import History, Piece, first_switch, last_and_next
+from swsysid._simulation.flow import Flow
 from swsysid._simulation.inputs import (
-    METHODS,
     Options,
     Signal,
     Stretch,
-    checked_inputs,
     checked_options,
-    checked_times,
+    checked_request,
     probe,
     stretches,
 )
 from swsysid._simulation.settings import SETTINGS
 from swsysid._simulation.sliding import SlidingSurface
-from swsysid._simulation.system import FAILURES, GuardedSystem, SimulationEnded, SwitchingSystem
+from swsysid._simulation.system import GuardedSystem, SimulationEnded, SwitchingSystem
 
 
 def simulate(
@@ -75,17 +72,8 @@ def simulate(
     True
     """
     checked = checked_options(options)
-    start, times = checked_times(x0, t)
-    one_of("input_hold", input_hold, ("zero", "linear"))
-    samples = None if inputs is None else checked_inputs(inputs, times)
-    given = len(start), 0 if samples is None else samples.shape[1]
-    asked = (system.n_states, system.n_inputs)  # None for any number
-    wanted = tuple(has if asks is None else asks for asks, has in zip(asked, given, strict=True))
-    if given != wanted:
-        raise ValueError(
-            f"x0 holds {given[0]} states and inputs hold {given[1]} columns; give {wanted[0]} and "
-            f"{wanted[1]}."
-        )
+    widths = system.n_states, system.n_inputs
+    start, times, samples = checked_request(x0, t, inputs, input_hold, widths)
     if discrete_time:
         rows = np.empty((len(times), 0)) if samples is None else samples
         return iterate(system, start, times, rows, checked)
@@ -132,48 +120,22 @@ def follow(
     smooth. The other arguments are those of `simulate`, checked.
     """
     guarded = GuardedSystem(system, options.state_bound)
-    with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
-        if not guarded.within(x0):
-            return History(t).trajectory(Status.STATE_LIMIT, len(x0))
-        probe(system, x0, pieces[0][1](t[0]))
-        auto = "DOP853" if len(pieces) == 1 else "RK45"
-        method = METHODS[auto if options.method == "auto" else options.method]
-        rtol = max(options.rtol, 100 * np.finfo(float).eps)
-        solver = partial(method, rtol=rtol, atol=options.atol)
-        return _Rollout(guarded, x0, t, solver, options).run(pieces)
+    if guarded.within(x0):
+        with np.errstate(all="ignore"):
+            probe(system, x0, pieces[0][1](t[0]))
+    return _Rollout(guarded, x0, t, options).run(pieces)
 
 
-class _Rollout:
+class _Rollout(Flow):
     """State of one simulation in continuous time."""
 
-    def __init__(self, system: GuardedSystem, x0, t, solver: Callable, options: Options):
-        self.system, self.solver, self.depth = system, solver, options.rtol
-        self.steps_left = options.max_steps
-        self.done = History(t, options.max_switches, states=[x0])
-        self.time, self.x = float(t[0]), x0
+    def __init__(self, system: GuardedSystem, x0: Array, t: Array, options: Options):
+        super().__init__(system, x0, t, options)
+        self.system: GuardedSystem = system
         self.scale = float(np.linalg.norm(x0)) or 1.0
         self.slide: SlidingSurface | None = None
-        self.step_size: float | None = None
 
-    def run(self, pieces: Sequence[Stretch]) -> Trajectory:
-        """Simulate until the last time, or as far as possible."""
-        status = Status.COMPLETED
-        try:
-            for end, signal in pieces:
-                self._enter(signal)
-                while self.time < end:
-                    if self.slide is None:
-                        self._flow(end, signal)
-                    else:
-                        self._slide(self.slide, end, signal)
-            if len(self.done.states) < len(self.done.t):
-                status = Status.INPUT_RANGE
-        except SimulationEnded as ended:
-            status = ended.status
-        return self.done.trajectory(status, len(self.x))
-
-    def _enter(self, signal: Signal) -> None:
-        """Begin a stretch of smooth inputs; their jump may have changed the mode."""
+    def enter(self, signal: Signal) -> None:
         if not self.done.modes:
             self.mode = self.system.mode(self.x, signal(self.time))
             self.done.modes.append(self.mode)
@@ -185,6 +147,12 @@ class _Rollout:
         # the row of this time holds the inputs after the jump, and so the mode after it
         self.done.modes[-1] = self.mode
 
+    def go_on(self, end: float, signal: Signal) -> None:
+        if self.slide is None:
+            self._flow(end, signal)
+        else:
+            self._slide(self.slide, end, signal)
+
     def _flow(self, end: float, signal: Signal) -> None:
         """Follow the field of one mode to the end of the stretch or to the next event."""
         mode = self.mode
@@ -192,13 +160,13 @@ class _Rollout:
         def field(time, x):
             return self.system.velocity(x, signal(time), mode)
 
-        for piece in self._pieces(field, end, signal):
-            switch = first_switch(self.system, piece, mode, self.depth)
+        for piece in self.steps(field, end, signal):
+            switch = first_switch(self.system, piece, mode, self.options.rtol)
             if switch is not None:
-                self._advance(piece, switch[1])
+                self.advance(piece, switch[1])
                 self._cross(piece, switch, end)
                 return
-            self._advance(piece, piece.stop)
+            self.advance(piece, piece.stop)
 
     def _cross(self, piece: Piece, switch: tuple[float, float], end: float) -> None:
         """Enter the mode behind the surface, or slide where its field points back."""
@@ -209,7 +177,7 @@ class _Rollout:
         surface = SlidingSurface.at(self.system, piece, switch, modes, self.scale, span)
         if surface.attracts(self.x, self.time, piece.inputs):
             self.slide = surface
-            self._record_event(modes[1], "sliding")
+            self.record_event(modes[1], "sliding")
         else:
             self._enter_mode(modes[1], "crossing")
 
@@ -222,10 +190,10 @@ class _Rollout:
         def goes_on(time):
             return slide.margin(piece.state(time), time, signal) > 0
 
-        for piece in self._pieces(field, end, signal):
+        for piece in self.steps(field, end, signal):
             times = np.linspace(piece.start, piece.stop, SETTINGS.n_parts + 1)
             last = _end_of(goes_on, times)
-            self._advance(piece, last)
+            self.advance(piece, last)
             if last < piece.stop:
                 self._leave(slide, signal)
                 return
@@ -233,60 +201,17 @@ class _Rollout:
     def _leave(self, slide: SlidingSurface, signal: Signal) -> None:
         mode, self.x = slide.leave(self.x, self.time, signal)
         self.slide = None
-        self._record_event(mode, "leaving")
+        self.record_event(mode, "leaving")
         self.mode = mode
-
-    def _pieces(self, field: Callable, end: float, signal: Signal) -> Iterator[Piece]:
-        """Steps of the integrator from the present state to `end`."""
-        if self.step_size is not None:
-            # the last step may have been cut by the end of its stretch: try a longer one
-            first = min(2 * self.step_size, end - self.time)
-        elif np.isfinite(field(self.time, self.x)).all():
-            first = None
-        else:  # no integrator can choose a step from this
-            raise SimulationEnded(Status.STEP_FAILURE)
-        solver = self.solver(field, self.time, self.x, end, first_step=first)
-        while solver.status == "running":
-            self._step(solver)
-            self.step_size = solver.step_size
-            yield Piece(solver.t_old, solver.t, solver.dense_output(), signal)
-
-    def _step(self, solver) -> None:
-        self.steps_left -= 1
-        try:
-            solver.step()
-        except FAILURES as error:
-            raise SimulationEnded(Status.STEP_FAILURE) from error
-        if solver.status == "failed" or self.steps_left < 0:
-            # an integrator that runs out of step size far outside has followed a blow-up
-            grown = np.abs(solver.y).max() > 1e-3 * self.system.state_bound
-            raise SimulationEnded(Status.STATE_LIMIT if grown else Status.STEP_FAILURE)
-
-    def _advance(self, piece: Piece, until: float) -> None:
-        """Move to a time within the piece, and note the requested times on the way."""
-        # the state that `first_switch` saw at this time, bit for bit
-        x, known = piece.state(until), len(self.done.states)
-        asked = self.done.t[known : np.searchsorted(self.done.t, until, side="right")]
-        if asked.size:
-            states = piece.state(asked).T
-            reached = int(self.system.within(states).cumprod().sum())
-            self.done.states.extend(states[:reached])
-            self.done.modes.extend([self.mode] * reached)
-            if reached < len(states):
-                raise SimulationEnded(Status.STATE_LIMIT)
-        if not self.system.within(x):
-            raise SimulationEnded(Status.STATE_LIMIT)
-        self.time, self.x = float(until), x
-        self.scale = max(self.scale, float(np.linalg.norm(self.x)))
 
     def _enter_mode(self, mode: int, kind: str) -> None:
         if mode != self.mode:
-            self._record_event(mode, kind)
+            self.record_event(mode, kind)
             self.mode = mode
 
-    def _record_event(self, after: int, kind: str) -> None:
-        self.done.add(SwitchEvent(self.time, self.x, self.mode, after, kind))
-        self.step_size = None
+    def advance(self, piece: Piece, until: float) -> None:
+        super().advance(piece, until)
+        self.scale = max(self.scale, float(np.linalg.norm(self.x)))
 
 
 def _end_of(holds: Callable[[float], bool], times: Array) -> float:

@@ -25,14 +25,18 @@ class SimulationEnded(Exception):
         self.status = status
 
 
-class SwitchingSystem(Protocol):
-    """A switching system at one point; u has shape (n_inputs,), (0,) without inputs.
-
-    Only `velocity` and `mode` have to be written; a class that inherits has the rest.
-    """
+class Laws(Protocol):
+    """The law of every mode at one point; u has shape (n_inputs,), (0,) without inputs."""
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity in a mode (the next state in discrete time), shape (n_states,)."""
+
+
+class SwitchingSystem(Laws, Protocol):
+    """A switching system at one point, whose state and inputs tell the mode.
+
+    Only `velocity` and `mode` have to be written; a class that inherits has the rest.
+    """
 
     def mode(self, x: Array, u: Array) -> int:
         """Active mode."""
@@ -70,16 +74,11 @@ class SwitchingSystem(Protocol):
 
 
 @dataclass(frozen=True)
-class GuardedSystem:
-    """A switching system whose failures are non-finite velocities or an orderly end."""
+class GuardedLaws:
+    """Laws whose failures are non-finite velocities."""
 
-    system: SwitchingSystem
+    system: Laws
     state_bound: float  # the system is not asked about states far beyond it
-
-    @property
-    def has_values(self) -> bool:
-        """True if `values` and `decode` can be asked."""
-        return self.system.has_surface_values
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity in a mode; NaN, which makes the integrator shorten its step, on failure."""
@@ -87,6 +86,22 @@ class GuardedSystem:
             with suppress(*FAILURES):
                 return np.asarray(self.system.velocity(x, u, mode), dtype=float)
         return np.full(len(x), np.nan)
+
+    def within(self, states: Array) -> Array:
+        """True for each of the states (..., n_states) that is finite and inside the bound."""
+        return np.abs(states).max(axis=-1) <= self.state_bound
+
+
+@dataclass(frozen=True)
+class GuardedSystem(GuardedLaws):
+    """A switching system whose failures are non-finite velocities or an orderly end."""
+
+    system: SwitchingSystem
+
+    @property
+    def has_values(self) -> bool:
+        """True if `values` and `decode` can be asked."""
+        return self.system.has_surface_values
 
     def mode(self, x: Array, u: Array) -> int:
         """Active mode."""
@@ -99,10 +114,6 @@ class GuardedSystem:
     def decode(self, values: Array) -> int:
         """Active mode for given values of the surfaces."""
         return int(_asked(self.system.decode, values))
-
-    def within(self, states: Array) -> Array:
-        """True for each of the states (..., n_states) that is finite and inside the bound."""
-        return np.abs(states).max(axis=-1) <= self.state_bound
 
 
 def _asked(question: Callable[..., Answer], *point: Array) -> Answer:

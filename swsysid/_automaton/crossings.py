@@ -1,0 +1,134 @@
+"""Where guards rise to zero along one step of the integrator.
+
+Along a step the states are polynomials in time (the integrator's dense output), inputs and clocks
+are linear. A polynomial guard is therefore a polynomial in time, known from its values at as many
+Chebyshev points as it has coefficients, and its roots cut the step into intervals of one sign: no
+visit to the other side of a guard is missed, however short.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.optimize import brentq
+
+from swsysid._automaton.settings import SETTINGS
+from swsysid._automaton.transitions import PolynomialGuard, Transition
+from swsysid._results import Array
+from swsysid._simulation.events import Piece, last_and_next
+
+
+@dataclass
+class Watched:
+    """A transition out of the present mode.
+
+    Its guard is `armed` if it has been below zero since the mode was entered. One that has not is
+    spent, as that of a ball which has just left the ground: it takes part where it is positive
+    beyond rounding, that is above the `band`.
+    """
+
+    transition: Transition
+    armed: bool
+    band: float
+
+    def fires(self, value: float, slack: float = 0.0) -> bool:
+        """True if the transition is taken at a value of the guard, zero up to a slack."""
+        return value >= -slack if self.armed else value > self.band
+
+    def passes(self, value: float) -> None:
+        """Take note of a value at which the transition was not taken."""
+        self.armed = self.armed or value < -self.band
+
+
+@dataclass(frozen=True)
+class GuardColumns:
+    """The columns of guards along a step, in a mode that was entered at some time."""
+
+    piece: Piece
+    entered: float
+
+    def __call__(self, times: Array) -> Array:
+        """The columns at some times, (n_times, n_columns + 2)."""
+        inputs = np.array([self.piece.inputs(time) for time in times.tolist()])
+        return np.column_stack([self.piece.state(times).T, inputs, times - self.entered, times])
+
+    def at(self, time: float) -> Array:
+        """The columns at one time."""
+        return np.concatenate([*self.piece.at(time), (time - self.entered, time)])
+
+
+def first_rise(watched: Watched, columns: GuardColumns, n_states: int) -> float | None:
+    """The first time of a step at which a transition is taken, or None."""
+    piece, guard = columns.piece, watched.transition.guard
+    degree = _degree_in_time(guard, piece.degree, n_states)
+    nodes, transform = _chebyshev_points(degree)
+    middle, half = (piece.start + piece.stop) / 2, (piece.stop - piece.start) / 2
+    coef = transform @ guard.values(columns(middle + half * nodes))
+    if not np.isfinite(coef).all():  # the state is on its way out of its bound
+        return None
+    if coef[0] + np.abs(coef[1:]).sum() < -watched.band:
+        watched.armed = True
+        return None
+    cuts = np.clip(middle + half * _roots_within(coef), piece.start, piece.stop)
+    edges = [piece.start, *cuts.tolist(), piece.stop]
+    within = [(a + b) / 2 for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    last = piece.start
+    for time in (piece.start, *within, piece.stop):
+        value = guard.at(columns.at(time))
+        if watched.fires(value):
+            return _located(watched, columns, last, time)
+        watched.passes(value)
+        last = time
+    return None
+
+
+def _degree_in_time(guard: PolynomialGuard, degree_of_states: int, n_states: int) -> int:
+    """Degree of a guard as a polynomial in time; inputs and clocks are linear."""
+    powers = guard.powers
+    of_terms = degree_of_states * powers[:, :n_states].sum(1) + powers[:, n_states:].sum(1)
+    return int(of_terms.max(initial=0))
+
+
+@lru_cache(maxsize=256)
+def _chebyshev_points(degree: int) -> tuple[Array, Array]:
+    """Points in [-1, 1], and the matrix that makes a polynomial's coefficients of its values.
+
+    They are the first-kind points z_i with T_k(z_i) = cos(k pi (i + 1/2) / n), at which the T_k are
+    orthogonal: c_k is the mean over i of v_i T_k(z_i), twice that for k > 0.
+    """
+    nodes = np.asarray(chebyshev.chebpts1(degree + 1), dtype=np.float64)
+    transform = (
+        np.asarray(chebyshev.chebvander(nodes, degree).T, dtype=np.float64) * 2.0 / (degree + 1)
+    )
+    transform[0] /= 2.0
+    return nodes, transform
+
+
+def _roots_within(coef: Array) -> Array:
+    """Real roots in [-1, 1] of a Chebyshev series, close pairs that rounding made complex too."""
+    small = SETTINGS.roundings * np.finfo(float).eps * np.abs(coef).max()
+    kept = np.trim_zeros(np.where(np.abs(coef) > small, coef, 0.0), "b")
+    if len(kept) < 2:
+        return np.empty(0)
+    roots = chebyshev.chebroots(kept)
+    near = (np.abs(roots.imag) < SETTINGS.close_pair) & (np.abs(roots.real) < 1.0)
+    return np.sort(roots.real[near])
+
+
+def _located(watched: Watched, columns: GuardColumns, before: float, after: float) -> float:
+    """The first number at which a transition is taken, not yet at `before` but at `after`."""
+    if after <= before:
+        return after
+    guard, level = watched.transition.guard, 0.0 if watched.armed else watched.band
+
+    def value(time: float) -> float:
+        return guard.at(columns.at(time)) - level
+
+    resolution = float(np.spacing(max(abs(before), abs(after))))
+    guess = brentq(value, before, after, xtol=resolution)
+    return last_and_next(
+        lambda time: not watched.fires(value(time) + level), before, after, resolution, guess
+    )[1]

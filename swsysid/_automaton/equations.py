@@ -1,0 +1,91 @@
+"""Transitions as text and LaTeX: where each is taken, and what it does to the state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
+from swsysid._rendering.printing import linear_combination, symbol
+
+
+def transition_equation(
+    transition: Transition,
+    columns: Sequence[str],
+    states: Sequence[str],
+    precision: int,
+    style: str,
+) -> str:
+    """One transition as a line.
+
+    `columns` name those of guards, `states` those that a reset may change, the lagged included.
+    """
+    source, target = transition.source, transition.target
+    guard = guard_text(transition.guard, columns, precision, style)
+    resets = reset_texts(transition.reset, states, precision, style)
+    if style == "latex":
+        arrow = rf"\text{{mode }} {source} \to {target}: \; {guard}"
+        return arrow + "".join(rf", \; {one}" for one in resets)
+    then = f": {', '.join(resets)}" if resets else ""
+    return f"mode {source} -> {target} where {guard}{then}"
+
+
+def guard_text(
+    guard: PolynomialGuard, columns: Sequence[str], precision: int, style: str = "text"
+) -> str:
+    """The inequality that becomes true where a transition is taken.
+
+    Where one monomial stands beside a constant it stands alone: T >= 22.
+    """
+    names = [monomial_name(powers, columns) for powers in guard.powers.tolist()]
+    terms = {name: float(value) for value, name in zip(guard.coef, names, strict=True) if value}
+    others = [name for name in terms if name != "1"]
+    if len(others) == 1:
+        coef = terms[others[0]]
+        left = symbol(others[0], style)
+        right = linear_combination(
+            [-terms.get("1", 0.0) / coef], ["1"], precision=precision, style=style
+        )
+        return f"{left} {_relation(coef, style)} {right}"
+    value = linear_combination(list(terms.values()), list(terms), precision=precision, style=style)
+    return f"{value} {_relation(1.0, style)} 0"
+
+
+def _relation(coef: float, style: str) -> str:
+    if style == "latex":
+        return r"\geq" if coef > 0.0 else r"\leq"
+    return ">=" if coef > 0.0 else "<="
+
+
+def reset_texts(
+    reset: AffineReset | None, states: Sequence[str], precision: int, style: str = "text"
+) -> list[str]:
+    """What becomes of each state that changes."""
+    if reset is None:
+        return []
+    becomes = r"\leftarrow" if style == "latex" else ":="
+    texts = []
+    for place, (row, constant) in enumerate(zip(reset.matrix, reset.offset, strict=True)):
+        if constant == 0.0 and (row == np.eye(len(row))[place]).all():
+            continue
+        values, names = [float(constant), *row.tolist()], ["1", *states[: len(row)]]
+        value = linear_combination(values, names, precision=precision, style=style)
+        texts.append(f"{symbol(states[place], style)} {becomes} {value}")
+    return texts
+
+
+def monomial_name(powers: Sequence[int], columns: Sequence[str]) -> str:
+    """A product of powers of columns, as libraries of features name it.
+
+    Examples
+    --------
+    >>> monomial_name([2, 0, 1], ["x", "v", "u"]), monomial_name([0], ["x"])
+    ('x^2 u', '1')
+    """
+    factors = [
+        name if power == 1 else f"{name}^{power}"
+        for name, power in zip(columns, powers, strict=True)
+        if power
+    ]
+    return " ".join(factors) or "1"

@@ -1,0 +1,185 @@
+"""Polynomials from text: a small reader of arithmetic that knows names and runs no code.
+
+A polynomial is a dict from exponents, one for each column, to coefficients.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from swsysid._automaton.columns import other_names
+from swsysid._automaton.settings import SETTINGS
+from swsysid._checks.parameters import shown
+
+Polynomial = dict[tuple[int, ...], float]
+
+_NAME = r"[^\W\d]\w*(?:\[k(?:\s*-\s*\d+)?\])?"
+_TOKEN = re.compile(
+    rf"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{_NAME})"
+    r"|(?P<sign>\*\*|[-+*/^()]))"
+)
+_RELATION = re.compile(r"<=|>=|==|=|<|>")
+
+
+def read_polynomial(text: object, columns: Sequence[str], constants: Mapping[str, float]):
+    """The polynomial in named columns that a text or a number stands for.
+
+    It may have numbers, the names of columns and constants, ``+ - * /``, powers (``^`` or ``**``)
+    and brackets; factors may stand side by side. A divisor must be a number.
+
+    Examples
+    --------
+    >>> read_polynomial("2 x^2 - (x - v) / g", ["x", "v"], {"g": 10.0})
+    {(2, 0): 2.0, (1, 0): -0.1, (0, 1): 0.1}
+    """
+    if isinstance(text, (int, float)) and not isinstance(text, bool):
+        return _kept({(0,) * len(columns): float(text)})
+    if not isinstance(text, str):
+        raise TypeError(f"{shown(text)} is no polynomial; give a text, such as '2 x^2 - v'.")
+    reader = _Reader(text, columns, constants)
+    try:
+        value = reader.sum()
+    except RecursionError:
+        raise reader.refusal("has too many brackets in each other") from None
+    if reader.peek() is not None:
+        raise reader.refusal(f"ends in {reader.peek()!r}, which cannot be read")
+    return _kept(value)
+
+
+def read_inequality(text: object, columns: Sequence[str], constants: Mapping[str, float]):
+    """The polynomial that rises to zero where an inequality becomes true.
+
+    Examples
+    --------
+    >>> read_inequality("T >= 22", ["T"], {}), read_inequality("h <= 0", ["h"], {})
+    ({(1,): 1.0, (0,): -22.0}, {(1,): -1.0})
+    """
+    sides = _RELATION.split(text) if isinstance(text, str) else []
+    relations = _RELATION.findall(text) if isinstance(text, str) else []
+    if len(sides) != 2 or relations[0] in ("=", "=="):
+        raise ValueError(
+            f"{shown(text)} is no condition; give one inequality between polynomials, such as "
+            "'x^2 + v >= 3'."
+        )
+    left, right = (read_polynomial(side, columns, constants) for side in sides)
+    if "<" in relations[0]:
+        left, right = right, left
+    return _kept(_sum(left, right, -1.0))
+
+
+class _Reader:
+    """Recursive descent over the tokens of one text."""
+
+    def __init__(self, text: str, columns: Sequence[str], constants: Mapping[str, float]):
+        self.text, self.constants = text, constants
+        self.constant = (0,) * len(columns)
+        self.units = {
+            name: tuple(int(place == column) for place in range(len(columns)))
+            for column, name in enumerate(columns)
+        }
+        self.tokens: list[tuple[str, str]] = []
+        at, end = 0, len(text.rstrip())
+        while at < end:
+            match = _TOKEN.match(text, at)
+            if match is None:
+                raise self.refusal(f"has {text[at:].strip()[:1]!r}, which cannot be read")
+            self.tokens.append((str(match.lastgroup), match[str(match.lastgroup)]))
+            at = match.end()
+        self.tokens.reverse()
+
+    def refusal(self, why: str) -> ValueError:
+        return ValueError(
+            f"the polynomial {shown(self.text)} {why}; give one in "
+            f"{', '.join([*self.units, *self.constants])}."
+        )
+
+    def peek(self) -> str | None:
+        """The next token."""
+        return self.tokens[-1][1] if self.tokens else None
+
+    def sum(self) -> Polynomial:
+        value = self.product()
+        while self.peek() in ("+", "-"):
+            sign = 1.0 if self.tokens.pop()[1] == "+" else -1.0
+            value = _sum(value, self.product(), sign)
+        return value
+
+    def product(self) -> Polynomial:
+        value = self.signed()
+        while self.tokens and self.peek() not in ("+", "-", ")"):
+            if self.peek() == "/":
+                self.tokens.pop()
+                value = self.quotient(value, self.signed())
+                continue
+            if self.peek() == "*":
+                self.tokens.pop()
+            value = self.times(value, self.signed())
+        return value
+
+    def signed(self) -> Polynomial:
+        if self.peek() in ("+", "-"):
+            sign = -1.0 if self.tokens.pop()[1] == "-" else 1.0
+            return {powers: sign * coef for powers, coef in self.signed().items()}
+        return self.power()
+
+    def power(self) -> Polynomial:
+        base = self.atom()
+        if self.peek() not in ("^", "**"):
+            return base
+        self.tokens.pop()
+        kind, exponent = self.tokens.pop() if self.tokens else ("", "")
+        if kind != "number" or not exponent.isdigit():
+            raise self.refusal("has a power that is no whole number")
+        value: Polynomial = {self.constant: 1.0}
+        for _ in range(min(int(exponent), SETTINGS.most_terms)):
+            value = self.times(value, base)
+        return value
+
+    def atom(self) -> Polynomial:
+        kind, token = self.tokens.pop() if self.tokens else ("", "")
+        if kind == "number":
+            return {self.constant: float(token)}
+        if token in self.constants:
+            return {self.constant: float(self.constants[token])}
+        if kind == "name":
+            name = "".join(token.split())
+            for known in other_names(name):
+                if known in self.units:
+                    return {self.units[known]: 1.0}
+            raise self.refusal(f"has the unknown name {name!r}")
+        if token != "(":
+            raise self.refusal(f"lacks a value before {token!r}" if token else "ends too early")
+        value = self.sum()
+        if self.peek() != ")":
+            raise self.refusal("has a bracket that is not closed")
+        self.tokens.pop()
+        return value
+
+    def times(self, left: Polynomial, right: Polynomial) -> Polynomial:
+        if len(left) * len(right) > SETTINGS.most_terms:
+            raise self.refusal("has too many terms")
+        product: Polynomial = {}
+        for one, a in left.items():
+            for other, b in right.items():
+                powers = tuple(p + q for p, q in zip(one, other, strict=True))
+                product[powers] = product.get(powers, 0.0) + a * b
+        return product
+
+    def quotient(self, value: Polynomial, by: Polynomial) -> Polynomial:
+        divisor = by.get(self.constant, 0.0)
+        if len(_kept(by)) != 1 or not divisor:
+            raise self.refusal("divides by something that is no number other than zero")
+        return {powers: coef / divisor for powers, coef in value.items()}
+
+
+def _sum(left: Polynomial, right: Polynomial, sign: float) -> Polynomial:
+    total = dict(left)
+    for powers, coef in right.items():
+        total[powers] = total.get(powers, 0.0) + sign * coef
+    return total
+
+
+def _kept(value: Polynomial) -> Polynomial:
+    """Without the terms that are zero."""
+    return {powers: coef for powers, coef in value.items() if coef != 0.0}
