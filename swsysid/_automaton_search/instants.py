@@ -77,7 +77,7 @@ def transition_of(switches: Switches, known: Known) -> FoundTransition:
     if not switches.jumped.any():
         return FoundTransition(switches, known.guard(switches), None)
     flows = _Flows.of(switches, known.laws)
-    tried = [_settled(flows.where(some), flows, known) for some in _may_go_on(flows, known)]
+    tried = [_settled(flows, held, known) for held in _may_go_on(flows, known)]
     return min(tried, key=lambda one: one.cost)
 
 
@@ -92,10 +92,15 @@ class _Flows:
     after: Array  # (n_times, n_switches, n_states)
 
     @classmethod
-    def of(cls, switches: Switches, laws: Laws) -> _Flows:
-        """The flows of some switches."""
-        share = np.linspace(0.0, 1.0, SETTINGS.grid)[:, None]
-        times = switches.known[:, 0] + share * np.ptp(switches.known, axis=1)
+    def of(cls, switches: Switches, laws: Laws, part: float = 1.0) -> _Flows:
+        """The flows of some switches, in a part of the time that is possible around their instants."""
+        possible = np.ptp(switches.known, axis=1)
+        first = np.clip(
+            switches.times - 0.5 * part * possible,
+            switches.known[:, 0],
+            switches.known[:, 1] - part * possible,
+        )
+        times = first + np.linspace(0.0, part, SETTINGS.grid)[:, None] * possible
         moved = [switches.moved(row) for row in times]
         before = [one.before(laws) for one in moved]
         after = np.array([one.after(laws) for one in moved])
@@ -108,19 +113,21 @@ class _Flows:
         """By what the states do not meet, (n_times, n_switches, n_states)."""
         return np.asarray(self.after - self.columns[:, :, : self.after.shape[2]])
 
-    def where(self, some: NDArray[np.intp]) -> Switches:
-        """The switches where some components meet; in the middle for none."""
-        gaps = self.gaps[:, :, some]
-        sizes = np.maximum(np.abs(np.diff(gaps, axis=0)).mean(axis=(0, 1)), np.finfo(float).tiny)
-        return self.lowest(np.square(gaps / sizes).sum(axis=2)) if len(some) else self.switches
+    def where(self, held: NDArray[np.intp], known: Known) -> Switches:
+        """The switches where some components meet; as they are for none."""
+        gaps = self.gaps[:, :, held] / known.errors[held]
+        return self.lowest(np.square(gaps).sum(axis=2)) if len(held) else self.switches
 
-    def agreeing(self, found: FoundTransition, known: Known) -> Switches:
+    def agreeing(
+        self, found: FoundTransition, held: NDArray[np.intp], known: Known
+    ) -> Switches:
         """The switches where guard and reset are missed least."""
         guard, reset = found.guard, found.reset
         assert reset is not None, "only jumps have instants to be found"
         n_states = self.after.shape[2]
         landed = self.columns[:, :, :n_states] @ reset.reset.matrix.T + reset.reset.offset
         sizes = np.maximum(reset.sizes, known.errors)
+        sizes[held] = known.errors[held]
         cost = np.square((self.after - landed) / sizes).sum(axis=2)
         if guard is not None:
             size = max(guard.miss, SETTINGS.instant * known.interval)
@@ -154,19 +161,25 @@ def _may_go_on(flows: _Flows, known: Known) -> list[NDArray[np.intp]]:
     return [np.array(one, dtype=np.intp) for one in sorted(sets)]
 
 
-def _settled(switches: Switches, flows: _Flows, known: Known) -> FoundTransition:
-    """Instants, guard and reset in turns."""
+def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> FoundTransition:
+    """Instants, guard and reset in turns, some components of the state held to go on."""
     n_states, laws = len(known.noise), known.laws
+    switches = flows.where(held, known)
+    for part in SETTINGS.closer:
+        flows = _Flows.of(switches, laws, part)
+        switches = flows.where(held, known)
     found = FoundTransition(switches, None, None, np.inf)
     for _ in range(SETTINGS.turns_of_instants):
         columns, _ = switches.before(laws)
-        reset = best_reset(columns[:, :n_states], switches.after(laws), known.errors)
+        reset = best_reset(columns[:, :n_states], switches.after(laws), known.errors, held)
         guard = known.guard(switches)
         cost = reset.cost + (0.0 if guard is None else _cost_of(guard, known))
         trial = FoundTransition(switches, guard, reset, cost)
         if cost < found.cost:
             found = trial
-        moved = flows.agreeing(trial, known)
+        if not len(held):
+            flows = _Flows.of(switches, laws, SETTINGS.nearby)
+        moved = flows.agreeing(trial, held, known)
         if np.abs(moved.times - switches.times).max() < SETTINGS.instant * known.interval:
             break
         switches = moved
@@ -175,5 +188,5 @@ def _settled(switches: Switches, flows: _Flows, known: Known) -> FoundTransition
 
 def _cost_of(guard: FoundGuard, known: Known) -> float:
     """The logarithm of what the instants miss the guard by."""
-    missed = max(guard.miss / known.interval, SETTINGS.instant)
+    missed = max(guard.miss / known.interval, SETTINGS.missed)
     return float(np.isfinite(guard.misses).sum() * np.log(missed))

@@ -36,15 +36,24 @@ class FoundReset:
         return np.asarray(np.abs(self.left).mean(axis=0))
 
 
-def best_reset(before: Array, after: Array, errors: Array) -> FoundReset:
-    """The reset of fewest terms; `errors` are those in which states are known, (n_states,)."""
+def best_reset(
+    before: Array, after: Array, errors: Array, held: NDArray[np.intp]
+) -> FoundReset:
+    """The reset of fewest terms; `errors` are those in which states are known, (n_states,).
+
+    Components that are held go on.
+    """
     n, n_states = before.shape
     matrix, offset = np.eye(n_states), np.zeros(n_states)
     changed, total = np.zeros(n_states, dtype=bool), 0.0
+    sizes = np.maximum(before.std(axis=0), np.finfo(float).tiny)
     regressors = np.column_stack([np.ones(n), before])
+    # in units in which an error of a state is one
+    told = np.column_stack([np.ones(n) * (sizes / errors).max(), before / errors])
     for component in range(n_states):
+        most = 0 if component in held else SETTINGS.most_columns
         jump = after[:, component] - before[:, component]
-        cost, terms, coef = _few_terms(regressors, jump, errors[component])
+        cost, terms, coef = _few_terms(regressors, told, jump, errors[component], most)
         total += cost
         changed[component] = bool(len(terms))
         full = np.zeros(n_states + 1)
@@ -56,14 +65,15 @@ def best_reset(before: Array, after: Array, errors: Array) -> FoundReset:
 
 
 def _few_terms(
-    regressors: Array, jump: Array, error: float
+    regressors: Array, told: Array, jump: Array, error: float, most: int
 ) -> tuple[float, NDArray[np.intp], Array]:
     n = len(jump)
     best: tuple[float, NDArray[np.intp], Array] | None = None
-    most = min(SETTINGS.most_columns, regressors.shape[1], n // 2)
-    for count in range(most + 1):
+    for count in range(min(most, regressors.shape[1], n // 2) + 1):
         for some in combinations(range(regressors.shape[1]), count):
             terms = np.array(some, dtype=np.intp)
+            if count > 1 and _least_seen(told[:, terms]) < SETTINGS.told_apart:
+                continue
             coef = _least_deviations(regressors[:, terms], jump)
             left = np.abs(jump - regressors[:, terms] @ coef).mean()
             cost = n * np.log(max(float(left), error)) + count * np.log(max(2, n))
@@ -71,6 +81,14 @@ def _few_terms(
                 best = cost, terms, coef
     assert best is not None, "no term at all is always tried"
     return best
+
+
+def _least_seen(columns: Array) -> float:
+    """How far terms differ from each other in the direction in which they differ least.
+
+    At the switches of one guard states are bound to each other, and terms to the constant.
+    """
+    return float(np.linalg.svd(columns, compute_uv=False)[-1] / np.sqrt(len(columns)))
 
 
 def _least_deviations(regressors: Array, target: Array) -> Array:

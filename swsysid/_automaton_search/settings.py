@@ -35,9 +35,15 @@ class AutomatonSettings:
     # instants, guards and resets; times between two samples
     turns_of_deviations: int = 20
     exact: float = 1e-9
+    most_rounds: int = 4  # of pieces
     turns_of_instants: int = 30
     grid: int = 33
-    end_of_stay: float = 0.5  # of the noise: what a state there is off by
+    # of this time, once an instant is known nearly; and where nothing but the guard tells it
+    closer: tuple[float, ...] = (0.1, 0.01)
+    nearby: float = 0.5
+    missed: float = 0.01  # intervals by which a guard is missed for reasons of its own
+    end_of_stay: float = 2.0  # of the noise: what a state there is off by at most
+    told_apart: float = 10.0  # errors by which terms of a reset must differ in some direction
 
 
 SETTINGS = AutomatonSettings()

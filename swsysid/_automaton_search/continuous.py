@@ -1,0 +1,131 @@
+"""From recordings to an automaton in continuous time: stays, what each switch does, guards.
+
+1. *Stays.* Recordings are cut where their states jump. Within the pieces the laws alone tell the
+   stays and the instants at which the mode changes (`_stays`, without surfaces).
+2. *What each switch does.* The stays are taken apart, each with states of its own: across every
+   switch the reset of least terms is found (`instants`, `resets`). Where the state goes on after all,
+   pieces are joined, where it jumps they are cut, and stays are told anew.
+3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
+   zero at the samples of its mode (`guards`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton_search.apart import apart, by_samples
+from swsysid._automaton_search.instants import FoundTransition, Known, transition_of
+from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of
+from swsysid._automaton_search.settings import SETTINGS
+from swsysid._automaton_search.switches import switches_of
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import Array
+from swsysid._stays.count import CountCandidate
+from swsysid._stays.given import Given
+from swsysid._stays.identify import Alternation, StayIdentification
+from swsysid._stays.search import Search
+from swsysid._stays.settings import StaySettings
+
+
+@dataclass(frozen=True)
+class FoundAutomaton:
+    """What recordings say of an automaton in continuous time."""
+
+    stays: StayIdentification
+    transitions: list[FoundTransition]
+    modes: list[NDArray[np.intp]]  # of the samples of each recording
+    states: list[Array]
+    candidates: list[CountCandidate]
+    interval: float
+
+
+def identified(
+    estimator: SwitchingSystemRegressor,
+    given: Given,
+    degree: int,
+    settings: StaySettings,
+    told: Callable[[], object],
+) -> FoundAutomaton:
+    """The automaton of some recordings; `degree` is that of the guards."""
+    jumps = jumps_of(given)
+    pieces = cut_at(given, jumps)
+    search = _search(estimator, pieces, settings, told)
+    stays = search.identified()
+    for _ in range(SETTINGS.most_rounds):
+        told()
+        jumps, before = _jumps(_transitions(*apart(given, stays, pieces, settings), degree), given), jumps
+        if all(map(np.array_equal, jumps, before)):
+            break
+        pieces = cut_at(given, jumps)
+        stays = _again(_search(estimator, pieces, settings, told), stays, settings, told)
+    modes, states = by_samples(given, stays, pieces)
+    return FoundAutomaton(
+        stays,
+        _transitions(stays, pieces, degree),
+        [_filled(own) for own in modes],
+        states,
+        search.candidates,
+        stays.estimate.segments.recordings.interval,
+    )
+
+
+def _search(
+    estimator: SwitchingSystemRegressor,
+    pieces: Pieces,
+    settings: StaySettings,
+    told: Callable[[], object],
+) -> Search:
+    return Search(estimator, pieces.given, 1, None, settings, told, surfaces=False)
+
+
+def _again(
+    search: Search, stays: StayIdentification, settings: StaySettings, told: Callable[[], object]
+) -> StayIdentification:
+    """Stays told anew on other pieces, from the laws at hand."""
+    laws, base = stays.estimate.laws, search.base
+    alternation = Alternation(
+        stays.model, base.recordings, base.noise, settings,
+        free=laws.free, names=search.names, surfaces=False,
+    )  # fmt: skip
+    alternation.begin()
+    return alternation.finish(told)
+
+
+def _transitions(
+    stays: StayIdentification, pieces: Pieces, degree: int
+) -> list[FoundTransition]:
+    """One for each pair of modes that follow each other."""
+    switches, visits = switches_of(stays, pieces)
+    interval = stays.estimate.segments.recordings.interval
+    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, degree)
+    pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0)
+    return [
+        transition_of(
+            switches.take((switches.source == source) & (switches.target == target)), known
+        )
+        for source, target in pairs
+    ]
+
+
+def _jumps(transitions: list[FoundTransition], given: Given) -> list[NDArray[np.intp]]:
+    """Of each recording the samples after which it jumps."""
+    places: list[list[int]] = [[] for _ in given.records]
+    for one in transitions:
+        if one.jumps:
+            for recording, known in zip(one.switches.recording, one.switches.known, strict=True):
+                t = given.records[recording].t
+                places[recording].append(int(np.searchsorted(t, known[0])))
+    return [np.array(sorted(own), dtype=np.intp) for own in places]
+
+
+def _filled(modes: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Modes of all samples: those in no piece have that of the nearest before, or after."""
+    known = np.flatnonzero(modes >= 0)
+    if not len(known):
+        return np.zeros_like(modes)
+    last = np.maximum(np.searchsorted(known, np.arange(len(modes)), side="right") - 1, 0)
+    return modes[known[last]]
