@@ -30,8 +30,14 @@ def apart(
         np.union1d(np.flatnonzero(np.diff(own)), pieces.last[pieces.recording == k])
         for k, own in enumerate(modes)
     ]
-    alone = cut_at(given, [own[own < len(own_modes) - 1] for own, own_modes in zip(cuts, modes, strict=True)], SETTINGS.fewest_of_a_stay)
-    first = np.array([modes[k][place] for k, place in zip(alone.recording, alone.first, strict=True)])
+    alone = cut_at(
+        given,
+        [own[own < len(own_modes) - 1] for own, own_modes in zip(cuts, modes, strict=True)],
+        SETTINGS.fewest_of_a_stay,
+    )
+    first = np.array(
+        [modes[k][place] for k, place in zip(alone.recording, alone.first, strict=True)]
+    )
     alone, first = alone.take(first >= 0), first[first >= 0]
     rough = [
         states[k][a : b + 1]
@@ -39,7 +45,9 @@ def apart(
     ]
     recordings = Recordings.of(alone.given.records, rough)
     parts = found.estimate.segments.recordings.per_sample
-    recordings = replace(recordings.divided(parts), first_step=found.estimate.segments.recordings.first_step)
+    recordings = replace(
+        recordings.divided(parts), first_step=found.estimate.segments.recordings.first_step
+    )
     stays = [Stays(np.array([mode]), np.zeros(0)) for mode in first]
     segments = Segments(recordings, stays, settings.segment)
     starts = np.array([recordings.guess[at, k] for k, at, _ in segments.places])

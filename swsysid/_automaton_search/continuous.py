@@ -57,7 +57,10 @@ def identified(
     stays = search.identified()
     for _ in range(SETTINGS.most_rounds):
         told()
-        jumps, before = _jumps(_transitions(*apart(given, stays, pieces, settings), degree), given), jumps
+        jumps, before = (
+            _jumps(_transitions(*apart(given, stays, pieces, settings), degree), given),
+            jumps,
+        )
         if all(map(np.array_equal, jumps, before)):
             break
         pieces = cut_at(given, jumps)
@@ -95,9 +98,7 @@ def _again(
     return alternation.finish(told)
 
 
-def _transitions(
-    stays: StayIdentification, pieces: Pieces, degree: int
-) -> list[FoundTransition]:
+def _transitions(stays: StayIdentification, pieces: Pieces, degree: int) -> list[FoundTransition]:
     """One for each pair of modes that follow each other."""
     switches, visits = switches_of(stays, pieces)
     interval = stays.estimate.segments.recordings.interval

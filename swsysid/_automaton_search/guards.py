@@ -1,12 +1,12 @@
 r"""The guard of one transition, from the switches that took it and the samples at which it did not.
 
 With the columns c (states, inputs, dwell, time), the guard is the polynomial of few columns that is
-zero at the switches, rises there, and is below zero at the samples of its mode:
+zero at the switches, rises there, and is below zero at the samples of its mode (the sign s is -1):
 
 .. math::
 
     \min_a \tfrac12 \sum_k \Big( \frac{a \cdot \phi(c_k)}{\rho_k \sigma_k} \Big)^2
-    + \tfrac12 \sum_i \Big( \frac{\max(0, a \cdot \phi(c_i))}{\rho_i \sigma} \Big)^2
+    + \tfrac12 \sum_i \Big( \frac{\max(0, -s_i\, a \cdot \phi(c_i))}{\rho_i \sigma} \Big)^2
     \quad \text{with} \quad \tfrac1n \sum_k a \cdot \dot\phi(c_k) = 1 .
 
 The rates :math:`\rho = |a \cdot \dot\phi|` make times of what is missing, so that
@@ -28,28 +28,47 @@ from swsysid._results import Array
 
 
 @dataclass(frozen=True)
-class Crossed:
-    """What one transition is known by."""
+class Sides:
+    """Samples on a known side of a guard: below zero (-1) or not (+1)."""
 
-    columns: Array  # (n_switches, n_columns): at the instants
-    rates: Array  # of these
+    columns: Array  # (n_samples, n_columns)
+    rates: Array
+    signs: Array  # (n_samples,)
+
+    def joined(self, other: Sides) -> Sides:
+        """These samples and others."""
+        return Sides(
+            np.vstack([self.columns, other.columns]),
+            np.vstack([self.rates, other.rates]),
+            np.append(self.signs, other.signs),
+        )
+
+
+@dataclass(frozen=True)
+class Crossed:
+    """What one guard is known by."""
+
+    columns: Array  # (n_switches, n_columns): where it is zero
+    rates: Array  # of these, in the direction in which it rises
     errors: Array  # (n_switches,): of the instants
-    below: Array  # (n_samples, n_columns): samples of its mode, at which it did not fire
-    below_rates: Array
+    sides: Sides
     interval: float  # between two samples
 
     def of(self, some: NDArray[np.intp]) -> Crossed | None:
         """The same with some of the columns, rows in which one is missing left out."""
         seen = np.isfinite(self.columns[:, some]).all(axis=1)
-        below = np.isfinite(self.below[:, some]).all(axis=1)
+        own = self.sides
+        beside = np.isfinite(own.columns[:, some]).all(axis=1)
         if not seen.any():
             return None
+        sides = Sides(
+            own.columns[np.ix_(beside, some)], own.rates[np.ix_(beside, some)], own.signs[beside]
+        )
         return Crossed(
             self.columns[np.ix_(seen, some)],
             self.rates[np.ix_(seen, some)],
             self.errors[seen],
-            self.below[np.ix_(below, some)],
-            self.below_rates[np.ix_(below, some)],
+            sides,
             self.interval,
         )
 
@@ -90,14 +109,15 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     powers = _powers(len(some), degree)
     if powers.shape[0] > len(own.columns) + 1:
         return None
-    centre, spread = own.below.mean(axis=0), own.below.std(axis=0)
+    beside = own.sides
+    centre, spread = beside.columns.mean(axis=0), beside.columns.std(axis=0)
     if not (spread > 0.0).all():
         return None
     scaled = [
         _monomials((own.columns - centre) / spread, powers),
         _slopes((own.columns - centre) / spread, own.rates / spread, powers),
-        _monomials((own.below - centre) / spread, powers),
-        _slopes((own.below - centre) / spread, own.below_rates / spread, powers),
+        _monomials((beside.columns - centre) / spread, powers),
+        _slopes((beside.columns - centre) / spread, beside.rates / spread, powers),
     ]
     solved = _solved(*scaled, own)
     if solved is None:
@@ -114,7 +134,7 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
 
 
 def _solved(
-    values: Array, slopes: Array, below: Array, below_slopes: Array, own: Crossed
+    values: Array, slopes: Array, beside: Array, beside_slopes: Array, own: Crossed
 ) -> tuple[Array, Array, float] | None:
     """Coefficients, misses in time, and cost; weights and sides are found in turns."""
     rising = slopes.mean(axis=0)
@@ -122,28 +142,26 @@ def _solved(
         return None
     errors = np.maximum(own.errors, SETTINGS.instant * own.interval)
     unit = max(float(np.median(errors)), SETTINGS.beyond * own.interval)
-    rates, beyond = np.ones(len(values)), np.zeros(len(below), dtype=bool)
-    below_rates = np.ones(len(below))
-    weights = np.ones(len(values))
-    coef = np.zeros(values.shape[1])
+    signs, far = own.sides.signs, SETTINGS.far_miss
+    rates, weights = np.ones(len(values)), np.ones(len(values))
+    beside_rates, beyond = np.ones(len(beside)), np.zeros(len(beside), dtype=bool)
     for _ in range(SETTINGS.turns):
         rows = np.vstack([
             values * (weights / (rates * errors))[:, None],
-            below[beyond] / (below_rates[beyond] * unit)[:, None],
+            beside[beyond] / (beside_rates[beyond] * unit)[:, None],
         ])  # fmt: skip
         coef = _least(rows, rising)
         own_rates = np.abs(slopes @ coef)
         least = max(SETTINGS.slowest * float(np.median(own_rates)), np.finfo(float).tiny)
         rates = np.maximum(own_rates, least)
-        below_rates = np.maximum(np.abs(below_slopes @ coef), least)
+        beside_rates = np.maximum(np.abs(beside_slopes @ coef), least)
         times = values @ coef / rates
-        weights = (1.0 + np.square(times / (SETTINGS.far_miss * errors))) ** -0.25
-        late = np.maximum(0.0, below @ coef / below_rates)
-        beyond = beyond & (below @ coef > -unit * below_rates) | (late > unit)
-    far = SETTINGS.far_miss
+        weights = (1.0 + np.square(times / (far * errors))) ** -0.25
+        wrong = -signs * (beside @ coef) / beside_rates
+        beyond = (beyond & (wrong > -unit)) | (wrong > unit)
     cost = far**2 * (np.sqrt(1.0 + np.square(times / (far * errors))) - 1.0).sum()
-    late = np.maximum(0.0, late - unit) / unit
-    cost += far**2 * (np.sqrt(1.0 + np.square(late / far)) - 1.0).sum()
+    wrong = np.maximum(0.0, wrong - unit) / unit
+    cost += far**2 * (np.sqrt(1.0 + np.square(wrong / far)) - 1.0).sum()
     return coef, times, float(cost)
 
 

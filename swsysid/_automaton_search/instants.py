@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.guards import Crossed, FoundGuard, best_guard
+from swsysid._automaton_search.guards import Crossed, FoundGuard, Sides, best_guard
 from swsysid._automaton_search.resets import FoundReset, best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
@@ -33,13 +33,16 @@ class Known:
     interval: float
     degree: int
 
-    def guard(self, switches: Switches) -> FoundGuard | None:
-        """The guard of switches at their present instants."""
+    def crossed(self, switches: Switches) -> Crossed:
+        """What the guard of switches is known by, these at their present instants."""
         columns, rates = switches.before(self.laws)
         own = self.visits.modes == switches.source[0]
-        below, below_rates = self.visits.columns[own], self.visits.rates[own]
-        crossed = Crossed(columns, rates, switches.errors, below, below_rates, self.interval)
-        return best_guard(crossed, self.degree)
+        below = Sides(self.visits.columns[own], self.visits.rates[own], -np.ones(own.sum()))
+        return Crossed(columns, rates, switches.errors, below, self.interval)
+
+    def guard(self, switches: Switches) -> FoundGuard | None:
+        """The guard of switches at their present instants."""
+        return best_guard(self.crossed(switches), self.degree)
 
     @property
     def errors(self) -> Array:
@@ -105,7 +108,11 @@ class _Flows:
         before = [one.before(laws) for one in moved]
         after = np.array([one.after(laws) for one in moved])
         return cls(
-            switches, times, np.array([c for c, _ in before]), np.array([r for _, r in before]), after
+            switches,
+            times,
+            np.array([c for c, _ in before]),
+            np.array([r for _, r in before]),
+            after,
         )
 
     @property
@@ -118,9 +125,7 @@ class _Flows:
         gaps = self.gaps[:, :, held] / known.errors[held]
         return self.lowest(np.square(gaps).sum(axis=2)) if len(held) else self.switches
 
-    def agreeing(
-        self, found: FoundTransition, held: NDArray[np.intp], known: Known
-    ) -> Switches:
+    def agreeing(self, found: FoundTransition, held: NDArray[np.intp], known: Known) -> Switches:
         """The switches where guard and reset are missed least."""
         guard, reset = found.guard, found.reset
         assert reset is not None, "only jumps have instants to be found"
@@ -147,7 +152,9 @@ class _Flows:
         bend = before - 2.0 * middle + after
         vertex = 0.5 * (before - after) / np.where(bend > 0.0, bend, np.inf)
         shift = np.where(lowest == best, np.clip(vertex, -1.0, 1.0), lowest - best)
-        return self.switches.moved(self.times[best, every] + shift * np.diff(self.times[:2], axis=0)[0])
+        return self.switches.moved(
+            self.times[best, every] + shift * np.diff(self.times[:2], axis=0)[0]
+        )
 
 
 def _may_go_on(flows: _Flows, known: Known) -> list[NDArray[np.intp]]:

@@ -56,9 +56,7 @@ class Pieces:
         return same & np.append(False, self.first[1:] == self.last[:-1] + 1)
 
 
-def cut_at(
-    given: Given, jumps: list[NDArray[np.intp]], fewest: int = FEWEST_SAMPLES
-) -> Pieces:
+def cut_at(given: Given, jumps: list[NDArray[np.intp]], fewest: int = FEWEST_SAMPLES) -> Pieces:
     """Recordings cut after some samples, stretches of fewer samples left out."""
     records, rows, labels, places = [], [], [], []
     for k, (record, own, after) in enumerate(zip(given.records, given.rows, jumps, strict=True)):

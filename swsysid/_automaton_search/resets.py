@@ -36,9 +36,7 @@ class FoundReset:
         return np.asarray(np.abs(self.left).mean(axis=0))
 
 
-def best_reset(
-    before: Array, after: Array, errors: Array, held: NDArray[np.intp]
-) -> FoundReset:
+def best_reset(before: Array, after: Array, errors: Array, held: NDArray[np.intp]) -> FoundReset:
     """The reset of fewest terms; `errors` are those in which states are known, (n_states,).
 
     Components that are held go on.

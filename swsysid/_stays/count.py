@@ -15,6 +15,7 @@ import numpy as np
 
 from swsysid._stays.identify import StayIdentification
 from swsysid._stays.samples import misfits
+from swsysid._stays.settings import LIMITS
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def criterion(n_modes: int, found: StayIdentification) -> CountCandidate:
     estimate, left = found.estimate, misfits(found.estimate)
     count = np.isfinite(left).sum(axis=(0, 1))
     squares = np.nansum(np.square(left), axis=(0, 1)) / np.maximum(count, 1)
-    least = np.square(1e-6 * estimate.laws.spread)
+    least = np.square(LIMITS.exactly * estimate.laws.spread)
     misfit = 0.5 * float((count * np.log(np.maximum(squares, least)))[count > 0].sum())
     n_switches = len(estimate.segments.instants)
     n_guards = n_switches if estimate.guards is None else estimate.guards.n_free
@@ -52,13 +53,20 @@ def criterion(n_modes: int, found: StayIdentification) -> CountCandidate:
     return CountCandidate(n_modes, value, k, n_switches)
 
 
+def is_exact(found: StayIdentification) -> bool:
+    """True if the rollouts leave nothing that another mode could explain."""
+    return bool((found.left <= LIMITS.exactly * found.estimate.laws.spread).all())
+
+
 def fewest_modes(
     identified: Callable[[int], StayIdentification], most: int
 ) -> tuple[StayIdentification, list[CountCandidate]]:
-    """The number at which another mode no longer pays; one more is always tried."""
+    """The number at which another mode no longer pays; one more is tried while one might."""
     found = [identified(1)]
     candidates = [criterion(1, found[0])]
     for n_modes in range(2, most + 1):
+        if is_exact(found[-1]):
+            break
         found.append(identified(n_modes))
         candidates.append(criterion(n_modes, found[-1]))
         if n_modes > 2 and candidates[-1].criterion > min(c.criterion for c in candidates[:-1]):

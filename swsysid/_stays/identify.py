@@ -27,7 +27,7 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.monomials import without_weakest
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import intervals_of, misfits, states_of
-from swsysid._stays.settings import StaySettings
+from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.shooting import Estimate, recombined
 from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.surfaces import (
@@ -351,7 +351,7 @@ def _noise(reached: Reached, sigma: Array) -> Array:
     count = np.isfinite(left).sum(axis=(0, 1))
     freedom = max(0.1, 1.0 - reached.estimate.n_unknowns / max(1, count.sum()))
     found = np.sqrt(np.nansum(np.square(left), axis=(0, 1)) / np.maximum(1, count) / freedom)
-    least = 1e-6 * reached.estimate.laws.spread
+    least = LIMITS.exactly * reached.estimate.laws.spread
     return np.where(count > 0, np.maximum(found, least), sigma)
 
 
