@@ -12,35 +12,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.apart import apart, by_samples
+from swsysid._automaton_search.assembly import (
+    automaton_of,
+    first_modes_of,
+    order_of_modes,
+    verdicts_of,
+)
 from swsysid._automaton_search.instants import FoundTransition, Known, transition_of
 from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import switches_of
 from swsysid._regressor import SwitchingSystemRegressor
-from swsysid._results import Array
-from swsysid._stays.count import CountCandidate
 from swsysid._stays.given import Given
 from swsysid._stays.identify import Alternation, StayIdentification
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
-
-
-@dataclass(frozen=True)
-class FoundAutomaton:
-    """What recordings say of an automaton in continuous time."""
-
-    stays: StayIdentification
-    transitions: list[FoundTransition]
-    modes: list[NDArray[np.intp]]  # of the samples of each recording
-    states: list[Array]
-    candidates: list[CountCandidate]
-    interval: float
 
 
 def identified(
@@ -49,7 +41,7 @@ def identified(
     degree: int,
     settings: StaySettings,
     told: Callable[[], object],
-) -> FoundAutomaton:
+) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
     jumps = jumps_of(given)
     pieces = cut_at(given, jumps)
@@ -57,22 +49,46 @@ def identified(
     stays = search.identified()
     for _ in range(SETTINGS.most_rounds):
         told()
-        jumps, before = (
-            _jumps(_transitions(*apart(given, stays, pieces, settings), degree), given),
-            jumps,
-        )
+        before, alone = jumps, apart(given, stays, pieces, settings)
+        jumps = _jumps(_transitions(*alone, degree), given)
         if all(map(np.array_equal, jumps, before)):
             break
         pieces = cut_at(given, jumps)
         stays = _again(_search(estimator, pieces, settings, told), stays, settings, told)
+    return _answer(given, stays, pieces, _transitions(stays, pieces, degree), search)
+
+
+def _answer(
+    given: Given,
+    stays: StayIdentification,
+    pieces: Pieces,
+    transitions: list[FoundTransition],
+    search: Search,
+) -> IdentifiedAutomaton:
+    laws = stays.estimate.laws
     modes, states = by_samples(given, stays, pieces)
-    return FoundAutomaton(
-        stays,
-        _transitions(stays, pieces, degree),
-        [_filled(own) for own in modes],
+    modes = [_filled(own) for own in modes]
+    order = order_of_modes(modes, len(laws.coef))
+    automaton = automaton_of(
+        laws.coef,
+        stays.model.switching_model.feature_map,
+        transitions,
+        first_modes_of(states, modes),
+        order,
+    )
+    times: list[list[float]] = [[] for _ in given.records]
+    for one in transitions:
+        for recording, time in zip(one.switches.recording, one.switches.times, strict=True):
+            times[recording].append(float(time))
+    return IdentifiedAutomaton(
+        automaton,
+        [np.argsort(order)[own] for own in modes],
         states,
+        [np.sort(own) for own in times],
+        stays.left,
+        float(search.excess(stays).max()),
+        verdicts_of(transitions, order, stays.estimate.segments.recordings.interval),
         search.candidates,
-        stays.estimate.segments.recordings.interval,
     )
 
 

@@ -44,6 +44,11 @@ class AutomatonSettings:
     missed: float = 0.01  # intervals by which a guard is missed for reasons of its own
     end_of_stay: float = 2.0  # of the noise: what a state there is off by at most
     told_apart: float = 10.0  # errors by which terms of a reset must differ in some direction
+    # -- verdict: samples within which a guard explains a switch, and the part that it must explain;
+    # samples that tell the first mode of a rollout
+    near: float = 2.0
+    told_by_guard: float = 0.9
+    most_first_modes: int = 2000
 
 
 SETTINGS = AutomatonSettings()
