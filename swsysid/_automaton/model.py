@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
@@ -16,7 +17,7 @@ from swsysid._automaton.rollouts import roll_out
 from swsysid._automaton.spaceex import spaceex_model
 from swsysid._automaton.spaceex_reading import read_spaceex
 from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
-from swsysid._checks.parameters import flag, whole
+from swsysid._checks.parameters import flag, shown, whole
 from swsysid._results import Trajectory
 from swsysid._simulation.law_equations import law_equations
 
@@ -346,3 +347,22 @@ class HybridAutomaton(AutomatonParts):
             guards do not tell it.
         """
         return roll_out(self, x0, t, inputs, mode, input_hold, options)
+
+
+@runtime_checkable
+class FittedAutomaton(Protocol):
+    """An estimator that has identified an automaton."""
+
+    automaton_: HybridAutomaton
+
+
+def automaton_of(model: object) -> HybridAutomaton:
+    """The automaton of a fitted estimator, or an automaton itself; anything else is refused."""
+    if isinstance(model, FittedAutomaton) and not isinstance(model, type):
+        model = model.automaton_
+    if not isinstance(model, HybridAutomaton):
+        raise TypeError(
+            f"{shown(model)} is no automaton and has none; give a HybridAutomaton, or an estimator "
+            "that has been fitted to one."
+        )
+    return model
