@@ -12,12 +12,12 @@ from sklearn.base import BaseEstimator
 
 from swsysid._automaton.documents import document_of, parts_of
 from swsysid._automaton.equations import transition_equation
-from swsysid._automaton.parts import AutomatonParts
+from swsysid._automaton.parts import AutomatonParts, check_lags
 from swsysid._automaton.rollouts import roll_out
 from swsysid._automaton.spaceex import spaceex_model
 from swsysid._automaton.spaceex_reading import read_spaceex
 from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
-from swsysid._checks.parameters import flag, shown, whole
+from swsysid._checks.parameters import shown
 from swsysid._results import Trajectory
 from swsysid._simulation.law_equations import law_equations
 
@@ -106,11 +106,10 @@ class HybridAutomaton(AutomatonParts):
         >>> [round(event.time, 3) for event in rollout.events]
         [2.231, 4.055]
         """
-        flag("discrete_time", discrete_time)
-        said = Statement(states, inputs, parameters, whole("lags", lags, least=0))
+        check_lags(discrete_time, lags)
+        said = Statement(states, inputs, parameters, lags)
         coef, features = said.laws(laws, feature_library)
-        told = tuple(said.transition(number, one) for number, one in enumerate(transitions))
-        return cls(coef, features, told, discrete_time, lags)
+        return cls(coef, features, said.transitions(transitions), discrete_time, lags)
 
     def __repr__(self) -> str:
         time = "discrete" if self.discrete_time else "continuous"

@@ -142,8 +142,11 @@ class ModeTimelineDisplay(Display):
         >>> ModeTimelineDisplay.from_trajectory(rollout).modes
         [array([0, 0, 1, 1, 0, 0])]
         """
-        listed = [trajectory] if isinstance(trajectory, Trajectory) else list(trajectory)
-        if not all(isinstance(one, Trajectory) for one in listed):
+        listed = [trajectory] if isinstance(trajectory, Trajectory) else trajectory
+        are_trajectories = isinstance(listed, (list, tuple)) and all(
+            isinstance(one, Trajectory) for one in listed
+        )
+        if not are_trajectories or not listed:
             raise TypeError(
                 f"trajectory={shown(trajectory)} must be a Trajectory or a list of them."
             )
