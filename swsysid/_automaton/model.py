@@ -336,8 +336,9 @@ class HybridAutomaton(AutomatonParts):
             A row at the instant of a transition has the state and the mode after it. ``events``
             are of the kind ``"jump"`` where the transition has a reset and ``"transition"``
             where not, with the state before. ``status`` says why the rollout ended:
-            ``SWITCH_LIMIT`` where transitions crowd (Zeno behaviour), ``INPUT_RANGE`` where the
-            inputs end before the times.
+            ``SWITCH_LIMIT`` where transitions crowd (Zeno behaviour, or two laws that push the
+            state against each other's guards), ``INPUT_RANGE`` where the inputs end before the
+            times.
 
         Raises
         ------

@@ -11,6 +11,7 @@ from test_discrete import ARX
 from test_stating import AUTOMATON
 
 from swsysid import FunctionLibrary, HybridAutomaton
+from swsysid._saving.values import read_objects, write_objects
 from swsysid.results import FirstModes
 
 
@@ -68,6 +69,11 @@ def test_a_dict_holds_inputs_lags_libraries_and_the_modes_at_the_start():
     again = _through_json(sine)
     assert again.equations() == sine.equations()
     _same_rollouts(again, sine, [0.7], None, 5.0)
+
+
+def test_an_automaton_is_part_of_a_model_file():
+    again = read_objects(json.loads(json.dumps(write_objects(AUTOMATON))))
+    _equal(again, AUTOMATON)
 
 
 def test_what_has_code_is_refused():
