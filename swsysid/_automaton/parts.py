@@ -29,6 +29,8 @@ class AutomatonParts:
     def __post_init__(self):
         check_lags(self.discrete_time, self.lags)
         n_features = self.feature_map.n_features_out
+        if not np.isfinite(self.coef).all():
+            raise ValueError("coef holds NaN or infinity; give finite numbers.")
         if self.coef.ndim != 3 or self.coef.shape[2] != n_features:
             raise ValueError(
                 f"coef has shape {self.coef.shape}; give (n_modes, n_states, {n_features}), one "

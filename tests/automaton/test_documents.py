@@ -237,7 +237,9 @@ def test_a_model_by_another_hand(tmp_path):
     ("old", "new", "why"),
     [
         ("</sspaceex>", "", "it is no XML"),
-        ("<sspaceex", "<!DOCTYPE a [<!ENTITY b 'c'>]><sspaceex", "it defines entities"),
+        ("<sspaceex", "<!DOCTYPE a [<!ENTITY b 'c'>]><sspaceex", "it has a document type"),
+        ("iso-8859-1", "utf-9", "it is no XML: unknown encoding"),
+        ("-0.75*v", "1e999*v", "has coefficients that are not finite"),
         ("x &lt;= 0<", "x &lt;= 0 &amp; v &lt; 0<", "is not a single condition"),
         ("<guard>x &lt;= 0</guard>", "", "is not a single condition"),
         ("x &gt;= 0", "x &gt;= 0 &amp; v &lt;= 5", "ends where no guard of its location begins"),
