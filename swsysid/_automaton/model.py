@@ -321,9 +321,9 @@ class HybridAutomaton(AutomatonParts):
         inputs : array-like of shape (n_samples, n_inputs), default=None
             Those at the first of the times.
         mode : int, default=None
-            The mode in which the rollout starts, taken as entered at the first time. None: the
-            only mode that no guard leads out of there; of several, the one that was recorded at
-            the nearest state.
+            The mode in which the rollout starts, taken as entered at the (newest) state in `x0`.
+            None: the only mode that no guard leads out of there; of several, the one that was
+            recorded at the nearest state.
         input_hold : {"zero", "linear"}, default="zero"
             Inputs between the samples: constant until the next one, or linear.
         **options
