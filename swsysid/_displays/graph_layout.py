@@ -16,6 +16,10 @@ from swsysid._checks.arrays import Array
 _GAP = 0.25  # between things that may not touch
 _LOOP = 0.5  # width and height of a curve back to its own box
 _BOW = 0.22  # how far a curve leaves the straight line, as a share of its length
+_MOST_BOW = 0.5
+# Prices of a label: for standing beside its curve, and for an inch of curves that it hides.
+_BESIDE, _OTHERS, _OWN = 0.05, 0.2, 0.06
+_HEAD = 25  # points of a curve at which its head is
 _ALONG = (0.5, 0.42, 0.58, 0.34, 0.66, 0.26, 0.74, 0.18, 0.82)  # places of labels that are tried
 
 
@@ -70,7 +74,8 @@ def arrow_between(boxes: Sequence[Box], source: int, target: int, rank: int) -> 
     are_neighbours = (source - target) % len(boxes) in (1, len(boxes) - 1)
     bow = _BOW * (1.0 if are_neighbours else 0.4) * (1.0 + 0.9 * rank)
     way = end.centre - start.centre
-    aside = np.array([-way[1], way[0]]) * bow
+    length = float(np.linalg.norm(way))
+    aside = np.array([-way[1], way[0]]) * bow * min(1.0, _MOST_BOW / (_BOW * length))
     middle = (start.centre + end.centre) / 2 + 2 * aside
     return _outside(_bezier(start.centre, middle, end.centre), start, end)
 
@@ -90,16 +95,29 @@ def loop_at(box: Box, rank: int, label: Array) -> tuple[Array, Box]:
 
 
 def label_on(curve: Array, size: Array, taken: Sequence[Box], others: Sequence[Array]) -> Box:
-    """Where on a curve a label hides least of what is taken and of the other curves."""
-    places = [curve[round(part * (len(curve) - 1))] for part in _ALONG]
-    boxes = [Box(place, size) for place in places]
-    # an inch of a curve counts as much as a tenth of a square inch
-    hidden = [
+    """Where at a curve a label hides least: upon it, or on the side to which it is bowed."""
+    boxes, costs = [], []
+    for part in _ALONG:
+        place = round(part * (len(curve) - 1))
+        way = curve[min(place + 1, len(curve) - 1)] - curve[max(place - 1, 0)]
+        left = np.array([-way[1], way[0]]) / np.linalg.norm(way)
+        beside = left * (np.abs(left) @ size / 2 + _GAP / 5)
+        for moved, price in ((0.0 * beside, 0.0), (beside, _BESIDE)):
+            box = Box(curve[place] + moved, size)
+            boxes.append(box)
+            costs.append(price + _cost(box, curve, taken, others))
+    return boxes[int(np.argmin(np.round(costs, 3)))]
+
+
+def _cost(box: Box, curve: Array, taken: Sequence[Box], others: Sequence[Array]) -> float:
+    """What a label hides: square inches of boxes, and inches of curves, its own for less."""
+    head = curve[-_HEAD:]
+    return (
         sum(box.overlap(other) for other in taken)
-        + 0.1 * sum(_hidden_length(other, box) for other in others)
-        for box in boxes
-    ]
-    return boxes[int(np.argmin(np.round(hidden, 3)))]
+        + _OTHERS * sum(_hidden_length(other, box) for other in others)
+        + _OWN * _hidden_length(curve, box)
+        + float(box.grown(-_GAP / 4).holds(head).any())
+    )
 
 
 def _hidden_length(curve: Array, box: Box) -> float:
