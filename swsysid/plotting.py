@@ -1,5 +1,6 @@
 """Displays in scikit-learn's manner: ``from_estimator`` computes, ``plot`` draws."""
 
+from swsysid._displays.automaton_graph import AutomatonGraphDisplay
 from swsysid._displays.convergence import ConvergenceDisplay
 from swsysid._displays.residual import ResidualDisplay
 from swsysid._displays.rollout import RolloutDisplay
@@ -12,6 +13,7 @@ from swsysid._residual_report.display import ResidualReportDisplay
 __all__ = [
     "PALETTE",
     "STYLE",
+    "AutomatonGraphDisplay",
     "ConvergenceDisplay",
     "EffectReportDisplay",
     "ModeTimelineDisplay",

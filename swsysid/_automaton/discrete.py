@@ -32,7 +32,7 @@ def iterate(
     done = History(t, states=list(rows[:-1]), modes=[mode] * n_lags)
     status = Status.COMPLETED if len(inputs) == len(t) else Status.INPUT_RANGE
     lagged = rows[::-1].ravel()  # x[k], x[k-1], ..., x[k-lags]
-    entered, lately = 0, None
+    entered, lately = n_lags, None
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
         for k in range(n_lags, len(inputs)):
             if not laws.within(lagged):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -32,7 +33,12 @@ def transition_equation(
 
 
 def guard_text(
-    guard: PolynomialGuard, columns: Sequence[str], precision: int, style: str = "text"
+    guard: PolynomialGuard,
+    columns: Sequence[str],
+    precision: int,
+    style: str = "text",
+    *,
+    brief: bool = False,
 ) -> str:
     """The inequality that becomes true where a transition is taken.
 
@@ -40,16 +46,13 @@ def guard_text(
     """
     names = [monomial_name(powers, columns) for powers in guard.powers.tolist()]
     terms = {name: float(value) for value, name in zip(guard.coef, names, strict=True) if value}
+    combined = partial(linear_combination, precision=precision, style=style, brief=brief)
     others = [name for name in terms if name != "1"]
     if len(others) == 1:
         coef = terms[others[0]]
-        left = symbol(others[0], style)
-        right = linear_combination(
-            [-terms.get("1", 0.0) / coef], ["1"], precision=precision, style=style
-        )
-        return f"{left} {_relation(coef, style)} {right}"
-    value = linear_combination(list(terms.values()), list(terms), precision=precision, style=style)
-    return f"{value} {_relation(1.0, style)} 0"
+        level = combined([-terms.get("1", 0.0) / coef], ["1"])
+        return f"{symbol(others[0], style)} {_relation(coef, style)} {level}"
+    return f"{combined(list(terms.values()), list(terms))} {_relation(1.0, style)} 0"
 
 
 def _relation(coef: float, style: str) -> str:
@@ -59,7 +62,12 @@ def _relation(coef: float, style: str) -> str:
 
 
 def reset_texts(
-    reset: AffineReset | None, states: Sequence[str], precision: int, style: str = "text"
+    reset: AffineReset | None,
+    states: Sequence[str],
+    precision: int,
+    style: str = "text",
+    *,
+    brief: bool = False,
 ) -> list[str]:
     """What becomes of each state that changes."""
     if reset is None:
@@ -70,7 +78,7 @@ def reset_texts(
         if constant == 0.0 and (row == np.eye(len(row))[place]).all():
             continue
         values, names = [float(constant), *row.tolist()], ["1", *states[: len(row)]]
-        value = linear_combination(values, names, precision=precision, style=style)
+        value = linear_combination(values, names, precision=precision, style=style, brief=brief)
         texts.append(f"{symbol(states[place], style)} {becomes} {value}")
     return texts
 

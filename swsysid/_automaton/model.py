@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 
 from swsysid._automaton.documents import document_of, parts_of
 from swsysid._automaton.equations import transition_equation
-from swsysid._automaton.parts import AutomatonParts
+from swsysid._automaton.parts import AutomatonParts, check_lags
 from swsysid._automaton.rollouts import roll_out
 from swsysid._automaton.spaceex import spaceex_model
 from swsysid._automaton.spaceex_reading import read_spaceex
 from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
-from swsysid._checks.parameters import flag, whole
+from swsysid._checks.parameters import shown
 from swsysid._results import Trajectory
 from swsysid._simulation.law_equations import law_equations
 
@@ -105,11 +106,10 @@ class HybridAutomaton(AutomatonParts):
         >>> [round(event.time, 3) for event in rollout.events]
         [2.231, 4.055]
         """
-        flag("discrete_time", discrete_time)
-        said = Statement(states, inputs, parameters, whole("lags", lags, least=0))
+        check_lags(discrete_time, lags)
+        said = Statement(states, inputs, parameters, lags)
         coef, features = said.laws(laws, feature_library)
-        told = tuple(said.transition(number, one) for number, one in enumerate(transitions))
-        return cls(coef, features, told, discrete_time, lags)
+        return cls(coef, features, said.transitions(transitions), discrete_time, lags)
 
     def __repr__(self) -> str:
         time = "discrete" if self.discrete_time else "continuous"
@@ -321,9 +321,9 @@ class HybridAutomaton(AutomatonParts):
         inputs : array-like of shape (n_samples, n_inputs), default=None
             Those at the first of the times.
         mode : int, default=None
-            The mode in which the rollout starts, taken as entered at the first time. None: the
-            only mode that no guard leads out of there; of several, the one that was recorded at
-            the nearest state.
+            The mode in which the rollout starts, taken as entered at the (newest) state in `x0`.
+            None: the only mode that no guard leads out of there; of several, the one that was
+            recorded at the nearest state.
         input_hold : {"zero", "linear"}, default="zero"
             Inputs between the samples: constant until the next one, or linear.
         **options
@@ -336,8 +336,9 @@ class HybridAutomaton(AutomatonParts):
             A row at the instant of a transition has the state and the mode after it. ``events``
             are of the kind ``"jump"`` where the transition has a reset and ``"transition"``
             where not, with the state before. ``status`` says why the rollout ended:
-            ``SWITCH_LIMIT`` where transitions crowd (Zeno behaviour), ``INPUT_RANGE`` where the
-            inputs end before the times.
+            ``SWITCH_LIMIT`` where transitions crowd (Zeno behaviour, or two laws that push the
+            state against each other's guards), ``INPUT_RANGE`` where the inputs end before the
+            times.
 
         Raises
         ------
@@ -346,3 +347,22 @@ class HybridAutomaton(AutomatonParts):
             guards do not tell it.
         """
         return roll_out(self, x0, t, inputs, mode, input_hold, options)
+
+
+@runtime_checkable
+class FittedAutomaton(Protocol):
+    """An estimator that has identified an automaton."""
+
+    automaton_: HybridAutomaton
+
+
+def automaton_of(model: object) -> HybridAutomaton:
+    """The automaton of a fitted estimator, or an automaton itself; anything else is refused."""
+    if isinstance(model, FittedAutomaton) and not isinstance(model, type):
+        model = model.automaton_
+    if not isinstance(model, HybridAutomaton):
+        raise TypeError(
+            f"{shown(model)} is no automaton and has none; give a HybridAutomaton, or an estimator "
+            "that has been fitted to one."
+        )
+    return model

@@ -8,6 +8,7 @@ import numpy as np
 
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.first_modes import FirstModes
+from swsysid._automaton.settings import SETTINGS
 from swsysid._automaton.transitions import Transition, check_transition
 from swsysid._checks.parameters import flag, whole
 from swsysid._data.features import FeatureMap
@@ -26,9 +27,10 @@ class AutomatonParts:
     first_modes: FirstModes | None = None
 
     def __post_init__(self):
-        flag("discrete_time", self.discrete_time)
-        whole("lags", self.lags, least=0, most=None if self.discrete_time else 0)
+        check_lags(self.discrete_time, self.lags)
         n_features = self.feature_map.n_features_out
+        if not np.isfinite(self.coef).all():
+            raise ValueError("coef holds NaN or infinity; give finite numbers.")
         if self.coef.ndim != 3 or self.coef.shape[2] != n_features:
             raise ValueError(
                 f"coef has shape {self.coef.shape}; give (n_modes, n_states, {n_features}), one "
@@ -94,6 +96,12 @@ class AutomatonParts:
         ndarray of shape (n_states,)
         """
         return self.coef[mode] @ self.feature_map.at(np.concatenate([x, u]))
+
+
+def check_lags(discrete_time: bool, lags: int) -> None:
+    """Refuse past rows in continuous time, and more of them than anyone can use."""
+    flag("discrete_time", discrete_time)
+    whole("lags", lags, least=0, most=SETTINGS.most_lags if discrete_time else 0)
 
 
 def _without_row(names: list[str]) -> list[str]:

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from math import isfinite
 
 from swsysid._automaton.columns import other_names
 from swsysid._automaton.settings import SETTINGS
-from swsysid._checks.parameters import shown
+from swsysid._checks.parameters import real, shown
 
 Polynomial = dict[tuple[int, ...], float]
 
@@ -34,7 +35,7 @@ def read_polynomial(text: object, columns: Sequence[str], constants: Mapping[str
     {(2, 0): 2.0, (1, 0): -0.1, (0, 1): 0.1}
     """
     if isinstance(text, (int, float)) and not isinstance(text, bool):
-        return _kept({(0,) * len(columns): float(text)})
+        return _kept({(0,) * len(columns): real("a coefficient", text)})
     if not isinstance(text, str):
         raise TypeError(f"{shown(text)} is no polynomial; give a text, such as '2 x^2 - v'.")
     reader = _Reader(text, columns, constants)
@@ -44,6 +45,8 @@ def read_polynomial(text: object, columns: Sequence[str], constants: Mapping[str
         raise reader.refusal("has too many brackets in each other") from None
     if reader.peek() is not None:
         raise reader.refusal(f"ends in {reader.peek()!r}, which cannot be read")
+    if not all(map(isfinite, value.values())):
+        raise reader.refusal("has coefficients that are not finite")
     return _kept(value)
 
 

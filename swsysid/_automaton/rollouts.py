@@ -63,7 +63,7 @@ def _first_rows(automaton: AutomatonParts, x0: ArrayLike) -> Array:
 def _begin(automaton: AutomatonParts, rows: Array, inputs: Array, begin: float) -> int:
     """The mode at the start, as the guards or the recordings tell it."""
     lags = automaton.lags
-    clocks = (lags, lags if automaton.discrete_time else begin)
+    clocks = (0.0, lags if automaton.discrete_time else begin)
     lagged = rows[::-1].ravel()
     columns = np.concatenate([lagged, inputs[: lags + 1][::-1].ravel(), clocks])
     recorded = automaton.first_modes

@@ -15,6 +15,8 @@ class Settings:
     # -- crossings: roots of a guard so close to the real line, in halves of a step, are looked at:
     # a double root comes out as a pair apart by the square root of rounding
     close_pair: float = 1e-6
+    # -- past rows that a law may see: more is a slip of the hand
+    most_lags: int = 1000
     # -- texts: terms of a polynomial beyond which it is a slip of the hand
     most_terms: int = 3000
 

@@ -11,7 +11,7 @@ from swsysid._automaton.columns import CLOCKS, lagged_names, other_names
 from swsysid._automaton.polynomial_text import Polynomial, read_inequality, read_polynomial
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._checks.arrays import numbers
-from swsysid._checks.parameters import names_of_columns, shown
+from swsysid._checks.parameters import names_of_columns, real, shown
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 
@@ -29,7 +29,7 @@ class Statement:
     def __init__(self, states, inputs, parameters: Mapping[str, float] | None, lags: int):
         self.states = names_of_columns("states", states)
         self.inputs = names_of_columns("inputs", inputs)
-        self.constants = dict(parameters or {})
+        self.constants = _constants(parameters)
         for name in {*self.states, *self.inputs} & {*CLOCKS, *self.constants}:
             raise ValueError(
                 f"{name!r} names a state or an input and something else too; dwell and time are "
@@ -74,8 +74,13 @@ class Statement:
 
     # -- transitions -------------------------------------------------------------------------------
 
-    def transition(self, number: int, told: StatedTransition) -> Transition:
-        """A transition, or (source, target, guard) or (source, target, guard, reset)."""
+    def transitions(self, told: Sequence[StatedTransition]) -> tuple[Transition, ...]:
+        """All transitions: each itself, or (source, target, guard) with or without a reset."""
+        if not isinstance(told, (list, tuple)):
+            raise TypeError(f"transitions={shown(told)} must be a list of transitions.")
+        return tuple(self._transition(number, one) for number, one in enumerate(told))
+
+    def _transition(self, number: int, told: StatedTransition) -> Transition:
         if isinstance(told, Transition):
             return told
         if not isinstance(told, tuple) or len(told) not in (3, 4):
@@ -130,6 +135,13 @@ class Statement:
 
     def _read(self, told: Expression, columns: list[str]) -> Polynomial:
         return read_polynomial(told, columns, self.constants)
+
+
+def _constants(parameters: Mapping[str, float] | None) -> dict[str, float]:
+    """Names in texts that stand for numbers."""
+    if parameters is not None and not isinstance(parameters, Mapping):
+        raise TypeError(f"parameters={shown(parameters)} must be a dict from names to numbers.")
+    return {name: real(name, value) for name, value in (parameters or {}).items()}
 
 
 def _texts(laws: StatedLaws) -> list[Mapping[str, Expression]]:

@@ -146,6 +146,9 @@ def check_transition(
             f"{guard.powers.shape}; give ({len(guard.coef)}, {n_columns + 2}): the columns of the "
             "laws, dwell and time."
         )
+    numbers = [guard.coef] if reset is None else [guard.coef, reset.matrix, reset.offset]
+    if not all(np.isfinite(values).all() for values in numbers):
+        raise ValueError(f"{which} holds NaN or infinity; give finite numbers.")
     sizes = {(size, size) for size in state_sizes}
     if reset is not None and (
         reset.matrix.shape not in sizes or reset.offset.shape != reset.matrix.shape[:1]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.estimators import check_fitted
-from swsysid._checks.parameters import whole
+from swsysid._checks.parameters import shown, whole
 from swsysid._data.trajectories import group_labels, increasing_times, trajectories
 from swsysid._displays.style import (
     Display,
@@ -18,13 +18,14 @@ from swsysid._displays.style import (
     named_as_predicted,
     predicted_modes,
 )
+from swsysid._results import Trajectory
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class ModeTimelineDisplay(Display):
     """One bar a trajectory, coloured by the active mode; the true modes beneath, if known.
 
-    Use `from_estimator`.
+    Use `from_estimator`, or `from_trajectory` for what was simulated.
 
     Parameters
     ----------
@@ -104,6 +105,67 @@ class ModeTimelineDisplay(Display):
         )
         return display.plot(ax=ax, **kwargs)
 
+    @classmethod
+    def from_trajectory(cls, trajectory, *, names=None, ax=None, **kwargs):
+        """Draw the modes of simulated trajectories, with their switches where they happened.
+
+        Parameters
+        ----------
+        trajectory : Trajectory or list of Trajectory
+            What `simulate` of a model returned.
+        names : list, default=None
+            The names of the trajectories; their numbers if None.
+        ax : matplotlib Axes, default=None
+        **kwargs
+            Passed to ``ax.broken_barh``.
+
+        Returns
+        -------
+        ModeTimelineDisplay
+
+        Raises
+        ------
+        TypeError
+            If something else than trajectories is given.
+        ValueError
+            If there are not as many names, or if a trajectory has no times.
+
+        Examples
+        --------
+        >>> import matplotlib; matplotlib.use("Agg")
+        >>> from swsysid import HybridAutomaton
+        >>> from swsysid.plotting import ModeTimelineDisplay
+        >>> timer = HybridAutomaton.stated(
+        ...     [{"x": "1"}, {"x": "-1"}], [(0, 1, "dwell >= 2"), (1, 0, "x <= 0")], states=["x"]
+        ... )
+        >>> rollout = timer.simulate([0.0], [0.0, 5.0], mode=0)
+        >>> ModeTimelineDisplay.from_trajectory(rollout).modes
+        [array([0, 0, 1, 1, 0, 0])]
+        """
+        listed = [trajectory] if isinstance(trajectory, Trajectory) else trajectory
+        are_trajectories = isinstance(listed, (list, tuple)) and all(
+            isinstance(one, Trajectory) for one in listed
+        )
+        if not are_trajectories or not listed:
+            raise TypeError(
+                f"trajectory={shown(trajectory)} must be a Trajectory or a list of them."
+            )
+        names = list(range(len(listed))) if names is None else list(names)
+        if len(names) != len(listed) or not all(len(one.t) for one in listed):
+            raise ValueError(
+                f"names holds {len(names)} entries for {len(listed)} trajectories; give one for "
+                "each, and only trajectories that have times."
+            )
+        stays = [_with_instants(one) for one in listed]
+        display = cls(
+            times=[times for times, _ in stays],
+            modes=[modes for _, modes in stays],
+            true_modes=None,
+            groups=names,
+            classes=sorted({mode for _, modes in stays for mode in modes.tolist()}),
+        )
+        return display.plot(ax=ax, **kwargs)
+
     @property
     def _panel_size(self):
         return 8.0, 1.6 + 0.45 * len(self.groups)
@@ -139,3 +201,16 @@ class ModeTimelineDisplay(Display):
         if self.true_modes is not None:
             handles.append(Patch(color="0.6", label="thin bar: true modes"))
         legend_above(ax, len(handles), handles=handles)
+
+
+def _with_instants(trajectory: Trajectory) -> tuple[NDArray, NDArray]:
+    """Times and modes of a trajectory, with each instant of a switch before and after it."""
+    # a slide keeps the mode that it came from
+    switches = [one for one in trajectory.events if one.kind != "sliding"]
+    switches = [one for one in switches if one.time <= trajectory.t[-1]]
+    instants = [one.time for one in switches for _ in range(2)]
+    sides = [mode for one in switches for mode in (one.before, one.after)]
+    rows = ~np.isin(trajectory.t, instants)
+    times = np.concatenate([trajectory.t[rows], instants])
+    order = np.argsort(times, kind="stable")
+    return times[order], np.concatenate([trajectory.modes[rows], sides])[order].astype(np.intp)

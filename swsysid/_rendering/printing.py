@@ -28,13 +28,15 @@ def linear_combination(
     precision: int = 3,
     style: str = "text",
     sizes: Sequence[float] | None = None,
+    brief: bool = False,
 ) -> str:
     """The sum of `coef` times `names`, without the terms that round to zero.
 
     `precision` counts the decimals of coefficients of order one; small ones keep as many
     significant digits, so that nothing but an exact or negligible zero disappears. Negligible
     is a term 1e-10 times smaller than the largest one, where every feature is as large as
-    `sizes` says, 1 by default.
+    `sizes` says, 1 by default. With `brief` all have `precision` significant digits, trailing zeros
+    and factors of one left out.
 
     Examples
     --------
@@ -42,6 +44,8 @@ def linear_combination(
     '1.000 - 2.500 x'
     >>> linear_combination([0.5], ["x0^2 x1"], style="latex")
     '0.500 x_{0}^{2} x_{1}'
+    >>> linear_combination([1.0, -2.0, -1.0], ["1", "x", "v"], brief=True)
+    '1 - 2 x - v'
     """
     check_format(style, precision)
     amounts = [
@@ -57,8 +61,9 @@ def linear_combination(
     text = ""
     for value, name in terms:
         sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
-        factor = "" if name == "1" else " " + symbol(name, style)
-        text += f"{sign}{_number(abs(value), precision, style)}{factor}"
+        number = _number(abs(value), precision, style, brief)
+        factors = [number] if name == "1" else [number, symbol(name, style)]
+        text += sign + " ".join(factors[1:] if brief and factors[0] == "1" != name else factors)
     return text or "0"
 
 
@@ -134,11 +139,17 @@ def _subscripted(match: re.Match) -> str:
     return f"{head}_{{{inner}}}" if inner else head
 
 
-def _number(value: float, precision: int, style: str) -> str:
+def _number(value: float, precision: int, style: str, brief: bool) -> str:
     smallest = 10.0 ** -max(precision - 1, 1)  # below it a fixed point would cost digits
-    if smallest <= round(value, precision) < 1e5:
-        return f"{value:.{precision}f}"
-    mantissa, exponent = f"{value:.{precision}e}".split("e")
+    if brief:
+        text = f"{value:.{max(precision, 1)}g}"
+    elif smallest <= round(value, precision) < 1e5:
+        text = f"{value:.{precision}f}"
+    else:
+        text = f"{value:.{precision}e}"
+    mantissa, _, exponent = text.partition("e")
+    if not exponent:
+        return text
     if style == "latex":
         return rf"{mantissa} \cdot 10^{{{int(exponent)}}}"
     return f"{mantissa}e{int(exponent)}"

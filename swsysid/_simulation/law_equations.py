@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from itertools import product
 
 from swsysid._data.features import FeatureMap
 from swsysid._rendering.printing import check_format, linear_combination, merged, rate, symbol
@@ -29,19 +28,40 @@ def law_equations(
     as in the fit; ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
     """
     check_format(style, precision)
-    features = feature_map.names(feature_map.names_in if columns is None else columns)
     lines = []
-    for mode, state in product(range(coef.shape[0]), range(coef.shape[1])):
-        row = coef[mode, state].tolist()
-        own = zip(row, features, feature_map.sizes, strict=True)
-        values, names, sizes = merged([*own, *(added(mode, state) if added else ())])
-        law = linear_combination(values, names, precision=precision, style=style, sizes=sizes)
-        name = states[state] if state < len(states) else f"y{state}"
-        left = f"{symbol(name, style)}[k+1]" if discrete_time else rate(name, style)
-        lines.append(f"{mode_name(mode, style)}{left} = {law}")
+    for mode in range(len(coef)):
+        where = rf"\text{{mode }} {mode}: \; " if style == "latex" else f"mode {mode}: "
+        laws = laws_of_mode(
+            coef, mode, feature_map, precision, style,
+            discrete_time=discrete_time, states=states, columns=columns, added=added,
+        )  # fmt: skip
+        lines += [where + law for law in laws]
     return lines
 
 
-def mode_name(mode: int, style: str) -> str:
-    """What stands before the law of a mode."""
-    return rf"\text{{mode }} {mode}: \; " if style == "latex" else f"mode {mode}: "
+def laws_of_mode(
+    coef: Array,
+    mode: int,
+    feature_map: FeatureMap,
+    precision: int,
+    style: str,
+    *,
+    discrete_time: bool,
+    states: Sequence[str],
+    columns: Sequence[str] | None = None,
+    added: AddedTerms | None = None,
+    brief: bool = False,
+) -> list[str]:
+    """One equation for every state in a mode; arguments as `law_equations` takes them."""
+    features = feature_map.names(feature_map.names_in if columns is None else columns)
+    lines = []
+    for state, row in enumerate(coef[mode].tolist()):
+        own = zip(row, features, feature_map.sizes, strict=True)
+        values, names, sizes = merged([*own, *(added(mode, state) if added else ())])
+        law = linear_combination(
+            values, names, precision=precision, style=style, sizes=sizes, brief=brief
+        )
+        name = states[state] if state < len(states) else f"y{state}"
+        left = f"{symbol(name, style)}[k+1]" if discrete_time else rate(name, style)
+        lines.append(f"{left} = {law}")
+    return lines

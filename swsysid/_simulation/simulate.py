@@ -120,10 +120,10 @@ def follow(
     smooth. The other arguments are those of `simulate`, checked.
     """
     guarded = GuardedSystem(system, options.state_bound)
-    if guarded.within(x0):
-        with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
+        if guarded.within(x0):
             probe(system, x0, pieces[0][1](t[0]))
-    return _Rollout(guarded, x0, t, options).run(pieces)
+        return _Rollout(guarded, x0, t, options).run(pieces)
 
 
 class _Rollout(Flow):

@@ -46,9 +46,9 @@ def refine(
     observed : sequence of str or int, default=None
         States that the columns of ``x`` measure; the others are hidden. None means all, or the
         output of a `StatedModel`.
-    initial_states : dict, array of shape (n_states,) or (n_trajectories, n_states), default=None
-        Guess of the states at the first times, above all of hidden ones. By default measured
-        states start as measured and hidden ones at 0.
+    initial_states : dict or array-like, default=None
+        Guess of the states at the first times, above all of hidden ones: (n_states,), or a row for
+        each trajectory. By default measured states start as measured and hidden ones at 0.
     segment_length : int, default=None
         Number of samples in a segment. None takes a thirty-second of the data, or less where the
         start diverges. The length of the longest trajectory means single shooting.
@@ -135,7 +135,7 @@ def initial_states(
     ----------
     model, trajectories, observed, loss, noise, input_hold, max_nfev
         As in `refine`; no parameter of the model changes.
-    guess : dict, array of shape (n_states,) or (n_trajectories, n_states), default=None
+    guess : dict or array-like, default=None
         As `initial_states` of `refine`.
 
     Returns

@@ -11,6 +11,7 @@ from test_discrete import ARX
 from test_stating import AUTOMATON
 
 from swsysid import FunctionLibrary, HybridAutomaton
+from swsysid._saving.values import read_objects, write_objects
 from swsysid.results import FirstModes
 
 
@@ -68,6 +69,11 @@ def test_a_dict_holds_inputs_lags_libraries_and_the_modes_at_the_start():
     again = _through_json(sine)
     assert again.equations() == sine.equations()
     _same_rollouts(again, sine, [0.7], None, 5.0)
+
+
+def test_an_automaton_is_part_of_a_model_file():
+    again = read_objects(json.loads(json.dumps(write_objects(AUTOMATON))))
+    _equal(again, AUTOMATON)
 
 
 def test_what_has_code_is_refused():
@@ -231,7 +237,9 @@ def test_a_model_by_another_hand(tmp_path):
     ("old", "new", "why"),
     [
         ("</sspaceex>", "", "it is no XML"),
-        ("<sspaceex", "<!DOCTYPE a [<!ENTITY b 'c'>]><sspaceex", "it defines entities"),
+        ("<sspaceex", "<!DOCTYPE a [<!ENTITY b 'c'>]><sspaceex", "it has a document type"),
+        ("iso-8859-1", "utf-9", "it is no XML: unknown encoding"),
+        ("-0.75*v", "1e999*v", "has coefficients that are not finite"),
         ("x &lt;= 0<", "x &lt;= 0 &amp; v &lt; 0<", "is not a single condition"),
         ("<guard>x &lt;= 0</guard>", "", "is not a single condition"),
         ("x &gt;= 0", "x &gt;= 0 &amp; v &lt;= 5", "ends where no guard of its location begins"),

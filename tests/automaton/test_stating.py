@@ -87,6 +87,9 @@ def test_transitions_of_another_shape_are_refused():
     guard = PolynomialGuard(np.ones(1), np.array([[1, 0, 0]]))
     with pytest.raises(ValueError, match=r"has 1 coefficients and powers of shape \(1, 3\)"):
         HybridAutomaton.stated(LAWS, [Transition(0, 1, guard)], states=["x", "v"])
+    guard = PolynomialGuard(np.array([np.nan]), np.array([[1, 0, 0, 0]]))
+    with pytest.raises(ValueError, match="holds NaN or infinity; give finite numbers"):
+        HybridAutomaton.stated(LAWS, [Transition(0, 1, guard)], states=["x", "v"])
     reset = AffineReset(np.eye(3), np.zeros(3))
     guard = PolynomialGuard(np.ones(1), np.array([[1, 0, 0, 0]]))
     with pytest.raises(ValueError, match=r"has a matrix of shape \(3, 3\)"):

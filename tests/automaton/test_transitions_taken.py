@@ -5,6 +5,7 @@ import pytest
 
 from swsysid import HybridAutomaton
 from swsysid._results import Status
+from swsysid.refinement import StatedModel, StatedSurface
 from swsysid.results import FirstModes
 
 G, RESTITUTION = 9.81, 0.8
@@ -204,6 +205,25 @@ def test_inputs_that_end_early_end_the_rollout():
     rollout = SWITCHED.simulate([0.0], np.arange(6.0), [0.0, 0.0, 1.0])
     assert rollout.status is Status.INPUT_RANGE and rollout.t.tolist() == [0, 1, 2]
     assert rollout.modes.tolist() == [0, 0, 1]
+
+
+def test_a_surface_in_both_directions_is_that_of_a_switching_model():
+    automaton = HybridAutomaton.stated(
+        [{"x": "v", "v": "-x - 0.4 v + u"}, {"x": "v", "v": "-x - 0.9 v + u"}],
+        [(0, 1, "x >= 0.1"), (1, 0, "x <= 0.1")],
+        states=["x", "v"],
+        inputs=["u"],
+    )
+    laws = [[[0.0, 1.0, 0.0], [-1.0, -damping, 1.0]] for damping in (0.4, 0.9)]
+    surface = StatedSurface([[-0.1, 1.0, 0.0, 0.0]])
+    switching = StatedModel(None, laws, states=["x", "v"], inputs=["u"], surface=surface)
+    t, u = np.linspace(0, 20, 201), np.sin(np.linspace(0, 30, 201))
+    for hold in ("zero", "linear"):
+        ours = automaton.simulate([-1.0, 0.0], t, u, input_hold=hold)
+        other = switching.simulate([-1.0, 0.0], t, u, input_hold=hold)
+        assert len(ours.events) == len(other.events) > 4
+        np.testing.assert_allclose(ours.x, other.x, atol=1e-12)
+        np.testing.assert_array_equal(ours.modes, other.modes)
 
 
 # -- starting mode ---------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from swsysid import (
     EffectSearchCV,
     ExactRelaxation,
     FunctionLibrary,
+    HybridAutomaton,
     PolynomialSurfaceClassifier,
     SimplexRelaxation,
     SwitchingSystemRegressor,
@@ -46,7 +47,7 @@ KINDS = {
         "count": "n_modes n_init max_modes max_iter max_steps degree order decimate max_nfev "
         "n_lags n_permutations n_bins n_points n_trajectories n_resamples grid_resolution "
         "max_rollouts max_trajectories max_points n_channels",
-        "count from 0": "precision max_switches max_effects",
+        "count from 0": "precision max_switches max_effects lags",
         "count from 0?": "mode target",
         "count?": "cv window segment_length n_samples",
         "degree?": "feature_library",
@@ -60,15 +61,15 @@ KINDS = {
         "labels": "modes_true modes_pred",
         "labels?": "groups modes",
         "limit": "time_limit",
-        "list": "effects",
+        "list": "effects transitions",
         "model": "estimator model search",
         "names": "states",
         "names?": "input_features observed names features",
         "number": "coef_bound coupling tol state_bound rtol atol margin beta significance noise "
         "outliers t_end time_step magnitude confidence",
         "number?": "sparsity cutoff",
-        "object": "functions report trajectories",
-        "object?": "surface free bounds",
+        "object": "functions report trajectories laws told trajectory",
+        "object?": "surface free bounds parameters",
         "seed?": "random_state",
         "state": "x0",
         "table": "X y x Xdot probability y_true y_pred x_true x_pred targets",
@@ -410,6 +411,46 @@ def _of_stated_models():
     yield _call("function library", _evaluated, lambda: functions, "functions names")
 
 
+@cache
+def _automaton():
+    return HybridAutomaton.stated(**_statement())
+
+
+def _statement():
+    """A driven oscillator whose damping has hysteresis, and which jumps in the second mode."""
+    return {
+        "laws": [{"q": "v", "v": "u - q"}, {"q": "v", "v": "u - q - 0.5 v"}],
+        "transitions": [(0, 1, "q >= 0.4"), (1, 0, "q <= -0.4", {"v": "0.9 v"})],
+        "states": ["q", "v"],
+        "inputs": ["u"],
+    }
+
+
+def _of_automata():
+    yield _call(
+        "automaton",
+        HybridAutomaton.stated,
+        _statement,
+        "laws transitions states inputs parameters discrete_time lags",
+        inputs="names",
+    )
+    right = _simulation()
+    yield _call(
+        "automaton.simulate",
+        _method(_automaton, "simulate"),
+        lambda: right() | {"mode": 0},
+        f"{_SIMULATE} mode",
+        t="clock",
+    )
+    yield _call("automaton.equations", _method(_automaton, "equations"), dict, _TEXTS)
+    yield _call(
+        "automaton of a dict",
+        HybridAutomaton.from_dict,
+        lambda: {"told": _automaton().to_dict()},
+        "told",
+    )
+
+
 def _of_residuals():
     yield _call(
         "residual_report",
@@ -535,6 +576,18 @@ def _pictures():
         _some("X", "t", "groups", "modes"),
         "X t groups modes max_trajectories",
     )
+    yield _call(
+        "AutomatonGraphDisplay",
+        _given(_closing(plotting.AutomatonGraphDisplay.from_estimator), estimator=_automaton),
+        dict,
+        "precision estimator",
+    )
+    yield _call(
+        "ModeTimelineDisplay of a trajectory",
+        _closing(plotting.ModeTimelineDisplay.from_trajectory),
+        lambda: {"trajectory": _automaton().simulate([0.5, 0.0], [0.0, 1.0], [0.0, 0.0], mode=0)},
+        "trajectory",
+    )
     yield drawn("ResidualDisplay", _some("X", "y"), "X y against state names max_points")
     yield _call(
         "EffectReportDisplay",
@@ -576,6 +629,7 @@ _CALLS = chain(
     _of_effects(),
     _of_recordings(),
     _of_stated_models(),
+    _of_automata(),
     _of_residuals(),
     _of_metrics(),
     _of_data_sets(),
