@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from swsysid._automaton.model import HybridAutomaton
+    from swsysid._automaton_regressor import HybridAutomatonRegressor
     from swsysid._classifier import PolynomialSurfaceClassifier
     from swsysid._data.features import FunctionLibrary
     from swsysid._effect_regressor import EffectRegressor
@@ -44,6 +45,7 @@ __all__ = [
     "FunctionLibrary",
     "GuardWarning",
     "HybridAutomaton",
+    "HybridAutomatonRegressor",
     "IdentificationWarning",
     "MisfitWarning",
     "ModePipeline",
@@ -69,6 +71,7 @@ _HOMES = {
     name: home
     for home, names in {
         "_automaton.model": "HybridAutomaton",
+        "_automaton_regressor": "HybridAutomatonRegressor",
         "_classifier": "PolynomialSurfaceClassifier",
         "_data.features": "FunctionLibrary",
         "_effect_regressor": "EffectRegressor",

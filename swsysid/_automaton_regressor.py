@@ -1,0 +1,247 @@
+"""`HybridAutomatonRegressor`: hybrid automata from noisy recordings."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from sklearn.base import BaseEstimator
+
+from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton_search.answer import AutomatonReport, IdentifiedAutomaton
+from swsysid._automaton_search.continuous import identified
+from swsysid._automaton_search.scores import rollout_score
+from swsysid._checks.estimators import check_fitted
+from swsysid._checks.parameters import flag, verbosity, whole
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._rendering.progress import progress
+from swsysid._results import GuardWarning
+from swsysid._stays.given import read_given
+from swsysid._stays.settings import StaySettings
+
+
+class HybridAutomatonRegressor(BaseEstimator):
+    r"""Identify a hybrid automaton from recordings: guards that remember, states that jump.
+
+    A `SwitchingSystemRegressor` has one surface between two modes, whichever way it is crossed. An
+    automaton has transitions: mode i is left for mode j where the guard :math:`f_{ij}` of states,
+    inputs, dwell (the time since the mode was entered) and time rises to zero, and the state may
+    jump there. Three steps find it.
+
+    1. *Stays.* With the modes of the samples given, laws, states and switch instants of highest
+       likelihood are a smooth problem; with the laws given, the modes are decoded. No surface is
+       asked, so the modes may have memory.
+    2. *Resets.* Across each switch the law before is followed forwards and the one after backwards,
+       and a component of the state that cannot have gone on gets an affine reset of few terms, by
+       least absolute deviations.
+    3. *Guards.* Each transition i -> j gets the polynomial of fewest columns with
+
+       .. math::
+
+           \min_a \tfrac12 \sum_k \Big( \frac{f_a(c_k)}{|\dot f_a(c_k)| \sigma_k} \Big)^2
+           + \tfrac12 \sum_l \Big( \frac{\max(0, f_a(c_l))}{|\dot f_a(c_l)| \sigma} \Big)^2,
+
+       the first sum over its switches, where it is zero, the second over the samples of mode i,
+       where it is below zero: the side information of the paper's margin program (section IV),
+       measured as time.
+
+    Parameters
+    ----------
+    n_modes : int or "auto", default="auto"
+        "auto" takes the number at which another mode no longer pays, up to `max_modes`.
+    feature_library : None, int, transformer or PySINDy library, default=1
+        Features of the laws, as for `SwitchingSystemRegressor`; 1 is affine laws.
+    guard_degree : int, default=1
+        Degree of the guards.
+    sparsity : None, float or "auto", default=None
+        Whether the laws leave out terms, as for `SwitchingSystemRegressor`.
+    max_modes : int, default=6
+    n_jobs : int, default=None
+        Starts that run side by side; the answer is the same for any.
+    random_state : int, RandomState instance or None, default=None
+    verbose : int, default=0
+        1 shows the rounds on standard error.
+
+    Attributes
+    ----------
+    automaton_ : HybridAutomaton
+        What was found; it simulates, prints and can be written to files.
+    coef_ : ndarray of shape (n_modes, n_states, n_features_out)
+        Laws of the modes, the most populated one first.
+    transitions_ : tuple of Transition
+        Source, target, guard, reset and support of each.
+    n_modes_ : int
+    modes_ : ndarray of shape (n_samples,), int
+        Mode of every sample, in the order of the data.
+    states_ : ndarray of shape (n_samples, n_states)
+        States without noise.
+    switch_times_ : list of ndarray
+        Instants at which each recording switches.
+    noise_ : ndarray of shape (n_states,)
+        What the laws leave of the samples.
+    verdicts_ : list of TransitionVerdict
+        How well each guard tells its switches.
+    mode_selection_ : list
+        The candidates of ``n_modes="auto"``.
+    report_ : AutomatonReport
+
+    See Also
+    --------
+    TrajectoryIdentifier : One surface between modes, from recordings.
+    HybridAutomaton : The model, also to be stated by hand.
+
+    Examples
+    --------
+    A heater that turns off at 22 degrees and on again at 18:
+
+    >>> import numpy as np
+    >>> from swsysid import HybridAutomaton, HybridAutomatonRegressor
+    >>> plant = HybridAutomaton.stated(
+    ...     [{"T": "-0.1 (T - 30)"}, {"T": "-0.1 (T - 10)"}],
+    ...     [(0, 1, "T >= 22"), (1, 0, "T <= 18")],
+    ...     states=["T"],
+    ... )
+    >>> t = np.arange(0, 30, 0.1)
+    >>> recordings = [{"t": t, "x": plant.simulate([T], t, mode=0).x} for T in (15, 17, 19)]
+    >>> found = HybridAutomatonRegressor(random_state=0).fit(recordings)
+    >>> print("\n".join(found.equations(precision=2)))
+    """
+
+    #: Sizes and limits that a fit takes for granted; a subclass may have others.
+    settings = StaySettings()
+
+    def __init__(
+        self,
+        n_modes="auto",
+        *,
+        feature_library=1,
+        guard_degree=1,
+        sparsity=None,
+        max_modes=6,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.n_modes = n_modes
+        self.feature_library = feature_library
+        self.guard_degree = guard_degree
+        self.sparsity = sparsity
+        self.max_modes = max_modes
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def fit(self, x, t=None, groups=None, inputs=None):
+        """Identify laws, modes, guards and resets.
+
+        Parameters
+        ----------
+        x : array-like of shape (n_samples, n_states), or a list of recordings
+            Measured states, NaN where a value is missing. A recording is a dict with ``t``, ``x``
+            and, if there are any, ``inputs``; the other arguments are then left out.
+        t : array-like of shape (n_samples,), default=None
+            Times, increasing within each recording.
+        groups : array-like of shape (n_samples,), default=None
+            Recording of each row. None is one recording, or several where the times begin anew.
+        inputs : array-like of shape (n_samples, n_inputs), default=None
+            Linear between the samples.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError, TypeError
+            If a parameter or the data make no sense; the message says what to do.
+
+        Warns
+        -----
+        GuardWarning
+            If the switches of a transition happen where no guard tells.
+        """
+        degree = whole("guard_degree", self.guard_degree)
+        given = read_given(x, t, groups, inputs)
+        with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
+            found = identified(self._estimator(), given, degree, self.settings, bar.update)
+        self._store(found, given)
+        return self
+
+    def simulate(self, x0, t, inputs=None, *, mode=None, **options):
+        """Roll the automaton out; as `HybridAutomaton.simulate`.
+
+        Inputs are linear between their samples, as in `fit`.
+        """
+        return self._fitted.simulate(
+            x0, t, inputs, mode=mode, **({"input_hold": "linear"} | options)
+        )
+
+    def score(self, x, t=None, groups=None, inputs=None):
+        """Coefficient of determination of rollouts of recordings that were held out.
+
+        Each rollout begins at the first sample of its recording, in the mode that fits its
+        beginning best; the score is the mean over the states.
+
+        Parameters
+        ----------
+        x, t, groups, inputs
+            As in `fit`.
+
+        Returns
+        -------
+        float
+            1 is perfect; not above 0 is no better than the mean. Minus infinity where a rollout
+            diverges.
+        """
+        return rollout_score(self._fitted, read_given(x, t, groups, inputs))
+
+    def equations(self, precision=3, format="text"):
+        """Laws and transitions as text or LaTeX; as `HybridAutomaton.equations`."""
+        return self._fitted.equations(precision, format)
+
+    def to_dict(self):
+        """The automaton in types that JSON knows; as `HybridAutomaton.to_dict`."""
+        return self._fitted.to_dict()
+
+    @staticmethod
+    def from_dict(told):
+        """The automaton that `to_dict` wrote; as `HybridAutomaton.from_dict`."""
+        return HybridAutomaton.from_dict(told)
+
+    def to_spaceex(self, path, component="automaton"):
+        """Write a SpaceEx model; as `HybridAutomaton.to_spaceex`."""
+        self._fitted.to_spaceex(path, component)
+
+    # -- parts of fit ------------------------------------------------------------------------
+
+    def _estimator(self) -> SwitchingSystemRegressor:
+        """What stays start from: the modes of derivatives, no surface asked."""
+        return SwitchingSystemRegressor(
+            self.n_modes,
+            feature_library=self.feature_library,
+            coupling=0.0,
+            sparsity=self.sparsity,
+            max_modes=self.max_modes,
+            n_jobs=self.n_jobs,
+            random_state=self.random_state,
+        )
+
+    def _store(self, found: IdentifiedAutomaton, given) -> None:
+        self.automaton_ = found.automaton
+        self.coef_, self.transitions_ = found.automaton.coef, found.automaton.transitions
+        self.n_modes_ = found.automaton.n_modes
+        self.modes_ = given.by_rows(found.modes)
+        self.states_ = given.by_rows(found.states)
+        self.switch_times_ = found.switch_times
+        self.noise_ = found.noise
+        self.verdicts_ = found.verdicts
+        self.mode_selection_ = list(found.candidates)
+        self.report_ = AutomatonReport.of(found)
+        for verdict in found.verdicts:
+            if not verdict.is_told:
+                warnings.warn(verdict.advice(), GuardWarning, stacklevel=3)
+
+    @property
+    def _fitted(self) -> HybridAutomaton:
+        check_fitted(self)
+        return self.automaton_
