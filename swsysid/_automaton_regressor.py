@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 
-import numpy as np
 from sklearn.base import BaseEstimator
 
 from swsysid._automaton.model import HybridAutomaton
@@ -12,7 +11,7 @@ from swsysid._automaton_search.answer import AutomatonReport, IdentifiedAutomato
 from swsysid._automaton_search.continuous import identified
 from swsysid._automaton_search.scores import rollout_score
 from swsysid._checks.estimators import check_fitted
-from swsysid._checks.parameters import flag, verbosity, whole
+from swsysid._checks.parameters import verbosity, whole
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning

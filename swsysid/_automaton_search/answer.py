@@ -59,7 +59,9 @@ class AutomatonReport:
                 f"The laws leave {found.excess:.2g} times the noise: a term or a mode is missing; "
                 "try a larger library or more modes."
             )
-        advice = " ".join(untold) or "The laws leave nothing but noise, and guards tell all switches."
+        advice = (
+            " ".join(untold) or "The laws leave nothing but noise, and guards tell all switches."
+        )
         equations = tuple(found.automaton.equations())
         return cls(equations, shares, tuple(found.verdicts), found.noise, advice)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import Transition
-from swsysid._automaton_search.instants import FoundTransition
+from swsysid._automaton_search.found import FoundTransition
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
@@ -65,6 +65,9 @@ def automaton_of(
     found: Sequence[FoundTransition],
     first_modes: FirstModes,
     order: NDArray[np.intp],
+    *,
+    discrete_time: bool = False,
+    lags: int = 0,
 ) -> HybridAutomaton:
     """The automaton whose mode k is the mode ``order[k]`` that was found."""
     names = np.argsort(order)
@@ -74,14 +77,14 @@ def automaton_of(
             int(names[one.target]),
             one.guard.guard,
             one.reset.reset if one.jumps and one.reset is not None else None,
-            len(one.switches),
+            len(one),
         )
         for one in found
         if one.guard is not None and (one.jumps or one.source != one.target)
     ]
     transitions.sort(key=lambda one: (one.source, one.target))
     named = FirstModes(first_modes.states, names[first_modes.modes])
-    return HybridAutomaton(coef[order], feature_map, tuple(transitions), first_modes=named)
+    return HybridAutomaton(coef[order], feature_map, tuple(transitions), discrete_time, lags, named)
 
 
 def first_modes_of(states: Sequence[Array], modes: Sequence[NDArray[np.intp]]) -> FirstModes:
@@ -104,8 +107,6 @@ def verdicts_of(
             near = float(np.mean(np.abs(one.guard.misses) <= SETTINGS.near * interval))
             miss = one.guard.miss
         verdicts.append(
-            TransitionVerdict(
-                int(names[one.source]), int(names[one.target]), len(one.switches), near, miss
-            )
+            TransitionVerdict(int(names[one.source]), int(names[one.target]), len(one), near, miss)
         )
     return sorted(verdicts, key=lambda one: (one.source, one.target))

@@ -24,7 +24,7 @@ from swsysid._automaton_search.assembly import (
     order_of_modes,
     verdicts_of,
 )
-from swsysid._automaton_search.instants import FoundTransition, Known, transition_of
+from swsysid._automaton_search.instants import Known, Settled, settled
 from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import switches_of
@@ -62,10 +62,10 @@ def _answer(
     given: Given,
     stays: StayIdentification,
     pieces: Pieces,
-    transitions: list[FoundTransition],
+    switches: list[Settled],
     search: Search,
 ) -> IdentifiedAutomaton:
-    laws = stays.estimate.laws
+    laws, transitions = stays.estimate.laws, [one.transition for one in switches]
     modes, states = by_samples(given, stays, pieces)
     modes = [_filled(own) for own in modes]
     order = order_of_modes(modes, len(laws.coef))
@@ -78,7 +78,7 @@ def _answer(
     )
     times: list[list[float]] = [[] for _ in given.records]
     for one in transitions:
-        for recording, time in zip(one.switches.recording, one.switches.times, strict=True):
+        for recording, time in zip(one.recording, one.times, strict=True):
             times[recording].append(float(time))
     return IdentifiedAutomaton(
         automaton,
@@ -114,25 +114,23 @@ def _again(
     return alternation.finish(told)
 
 
-def _transitions(stays: StayIdentification, pieces: Pieces, degree: int) -> list[FoundTransition]:
+def _transitions(stays: StayIdentification, pieces: Pieces, degree: int) -> list[Settled]:
     """One for each pair of modes that follow each other."""
     switches, visits = switches_of(stays, pieces)
     interval = stays.estimate.segments.recordings.interval
     known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, degree)
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0)
     return [
-        transition_of(
-            switches.take((switches.source == source) & (switches.target == target)), known
-        )
+        settled(switches.take((switches.source == source) & (switches.target == target)), known)
         for source, target in pairs
     ]
 
 
-def _jumps(transitions: list[FoundTransition], given: Given) -> list[NDArray[np.intp]]:
+def _jumps(switches: list[Settled], given: Given) -> list[NDArray[np.intp]]:
     """Of each recording the samples after which it jumps."""
     places: list[list[int]] = [[] for _ in given.records]
-    for one in transitions:
-        if one.jumps:
+    for one in switches:
+        if one.transition.jumps:
             for recording, known in zip(one.switches.recording, one.switches.known, strict=True):
                 t = given.records[recording].t
                 places[recording].append(int(np.searchsorted(t, known[0])))

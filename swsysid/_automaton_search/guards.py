@@ -16,11 +16,12 @@ and its sign is that in which it rises.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.settings import SETTINGS
@@ -100,6 +101,44 @@ def best_guard(crossed: Crossed, degree: int) -> FoundGuard | None:
             if found is not None and (best is None or found.cost < best.cost - SETTINGS.better):
                 best = found
     return best
+
+
+def with_margin(found: FoundGuard, crossed: Crossed) -> FoundGuard:
+    r"""The same guard as far from both sides as it can be: the margin program of the paper.
+
+    .. math::
+
+        \max_{a, m, \xi \ge 0} m - \beta \sum_i \xi_i \quad \text{with} \quad
+        s_i\, a \cdot \phi(c_i) \ge m - \xi_i, \quad
+        \tfrac1n \sum_k a \cdot \dot\phi(c_k) = 1,
+
+    over the monomials of the guard. Its scale is that in which it rises by one between two samples.
+    """
+    powers, columns = found.guard.powers, crossed.sides.columns
+    some = np.flatnonzero(powers.any(axis=0))
+    own = crossed.of(some)
+    if own is None:
+        return found
+    narrow = powers[:, some]
+    values = _monomials(own.sides.columns, narrow)
+    sizes = np.maximum(np.abs(values).max(axis=0), np.finfo(float).tiny)
+    near = np.abs(values @ found.guard.coef) < SETTINGS.near_guard
+    near |= own.sides.signs * (values @ found.guard.coef) < 0.0
+    rising = _slopes(own.columns, own.rates, narrow).mean(axis=0) / sizes
+    signed = own.sides.signs[near, None] * values[near] / sizes
+    n, n_terms = len(signed), len(narrow)
+    done = linprog(
+        np.concatenate([np.zeros(n_terms), [-1.0], np.full(n, SETTINGS.slack_price)]),
+        A_ub=np.hstack([-signed, np.ones((n, 1)), -np.eye(n)]),
+        b_ub=np.zeros(n),
+        A_eq=np.concatenate([rising, np.zeros(n + 1)])[None, :],
+        b_eq=[1.0],
+        bounds=[(None, None)] * n_terms + [(0.0, None)] * (n + 1),
+        method="highs",
+    )
+    if done.status != 0:
+        return found
+    return replace(found, guard=PolynomialGuard(done.x[:n_terms] / sizes, powers))
 
 
 def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGuard | None:

@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton_search.found import FoundTransition
 from swsysid._automaton_search.guards import Crossed, FoundGuard, Sides, best_guard
 from swsysid._automaton_search.resets import FoundReset, best_reset
 from swsysid._automaton_search.settings import SETTINGS
@@ -51,8 +52,8 @@ class Known:
 
 
 @dataclass(frozen=True)
-class FoundTransition:
-    """Guard and reset of one transition, and its switches at their best instants."""
+class Settled:
+    """The switches of one transition at their best instants, with its guard and reset."""
 
     switches: Switches
     guard: FoundGuard | None
@@ -60,25 +61,17 @@ class FoundTransition:
     cost: float = 0.0
 
     @property
-    def source(self) -> int:
-        """Mode that is left."""
-        return int(self.switches.source[0])
-
-    @property
-    def target(self) -> int:
-        """Mode that is entered."""
-        return int(self.switches.target[0])
-
-    @property
-    def jumps(self) -> bool:
-        """True if the state does not go on."""
-        return self.reset is not None and bool(self.reset.changed.any())
+    def transition(self) -> FoundTransition:
+        """The transition."""
+        own = self.switches
+        source, target = int(own.source[0]), int(own.target[0])
+        return FoundTransition(source, target, own.recording, own.times, self.guard, self.reset)
 
 
-def transition_of(switches: Switches, known: Known) -> FoundTransition:
-    """What one transition is, from its switches."""
+def settled(switches: Switches, known: Known) -> Settled:
+    """What the transition of some switches is, and when they happened."""
     if not switches.jumped.any():
-        return FoundTransition(switches, known.guard(switches), None)
+        return Settled(switches, known.guard(switches), None)
     flows = _Flows.of(switches, known.laws)
     tried = [_settled(flows, held, known) for held in _may_go_on(flows, known)]
     return min(tried, key=lambda one: one.cost)
@@ -125,7 +118,7 @@ class _Flows:
         gaps = self.gaps[:, :, held] / known.errors[held]
         return self.lowest(np.square(gaps).sum(axis=2)) if len(held) else self.switches
 
-    def agreeing(self, found: FoundTransition, held: NDArray[np.intp], known: Known) -> Switches:
+    def agreeing(self, found: Settled, held: NDArray[np.intp], known: Known) -> Switches:
         """The switches where guard and reset are missed least."""
         guard, reset = found.guard, found.reset
         assert reset is not None, "only jumps have instants to be found"
@@ -168,20 +161,20 @@ def _may_go_on(flows: _Flows, known: Known) -> list[NDArray[np.intp]]:
     return [np.array(one, dtype=np.intp) for one in sorted(sets)]
 
 
-def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> FoundTransition:
+def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
     """Instants, guard and reset in turns, some components of the state held to go on."""
     n_states, laws = len(known.noise), known.laws
     switches = flows.where(held, known)
     for part in SETTINGS.closer:
         flows = _Flows.of(switches, laws, part)
         switches = flows.where(held, known)
-    found = FoundTransition(switches, None, None, np.inf)
+    found = Settled(switches, None, None, np.inf)
     for _ in range(SETTINGS.turns_of_instants):
         columns, _ = switches.before(laws)
         reset = best_reset(columns[:, :n_states], switches.after(laws), known.errors, held)
         guard = known.guard(switches)
         cost = reset.cost + (0.0 if guard is None else _cost_of(guard, known))
-        trial = FoundTransition(switches, guard, reset, cost)
+        trial = Settled(switches, guard, reset, cost)
         if cost < found.cost:
             found = trial
         if not len(held):
