@@ -1,0 +1,191 @@
+r"""Laws and stays by rows: the most likely modes for given laws, and laws for given modes.
+
+A row whose law is known leaves a normal residual with standard deviations :math:`s_c`; one in
+:math:`1/\varepsilon` rows is explained by no law, and only as likely as the spread of the targets
+makes it. A recording goes on in its mode, or switches with probability p:
+
+.. math:: \sum_i \min\Big(\sum_c \tfrac12 \frac{r_{ic}^2}{s_c^2} + \log s_c,\; -\log\varepsilon\Big)
+          + n_\text{switches} \log\frac{(1 - p)(M - 1)}{p}
+
+is descended by dynamic programming over the modes in turn with least squares over the laws. Rows
+that straddle a jump of the state are among those that no law explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton_search.discrete_settings import DiscreteSettings
+from swsysid._automaton_search.lagged import Labels
+from swsysid._results import Array
+
+
+@dataclass(frozen=True)
+class RowProblem:
+    """Features and targets in their own units, and where stretches of successive rows begin."""
+
+    features: Array  # (n_rows, n_features)
+    targets: Array  # (n_rows, n_states)
+    begins: NDArray[np.bool_]
+    settings: DiscreteSettings
+
+    @cached_property
+    def floor(self) -> Array:
+        """Residuals that rounding leaves, (n_states,)."""
+        return self.settings.rounding * np.sqrt(np.square(self.targets).mean(axis=0)).clip(1.0)
+
+    @cached_property
+    def places(self) -> tuple[Labels, Labels]:
+        """Place within its stretch, and stretch, of every row."""
+        stretch = np.cumsum(self.begins) - 1
+        first = np.flatnonzero(self.begins)
+        return np.arange(len(stretch)) - first[stretch], stretch
+
+    def residuals(self, coef: Array) -> Array:
+        """What laws (n_laws, n_states, n_features) leave, (n_laws, n_rows, n_states)."""
+        return self.targets - np.matmul(self.features, coef.transpose(0, 2, 1))
+
+
+@dataclass(frozen=True)
+class RowFit:
+    """Laws, the modes of the rows, and what they are worth.
+
+    `cost` is what is descended, in nats, with what the coefficients take.
+    """
+
+    coef: Array  # (n_modes, n_states, n_features)
+    modes: Labels  # (n_rows,)
+    unexplained: NDArray[np.bool_]  # (n_rows,)
+    scale: Array  # (n_states,)
+    switching: float  # probability
+    cost: float
+    of_switches: float  # its part that switches take
+    history: tuple[float, ...] = ()
+
+
+def alternate(problem: RowProblem, coef: Array, free: NDArray[np.bool_] | None = None) -> RowFit:
+    """Modes and laws in turn until the modes stay; `free` (n_modes, n_features) are in a law."""
+    settings = problem.settings
+    free = np.ones(coef[:, 0].shape, dtype=bool) if free is None else free
+    nearest = np.square(problem.residuals(coef)).min(axis=0)
+    scale = np.maximum(np.sqrt(nearest.mean(axis=0)), problem.floor)
+    switching, modes, history = settings.switching, None, []
+    for _ in range(settings.most_rounds):
+        fit = assigned(problem, coef, scale, switching)
+        history.append(fit.cost)
+        same = modes is not None and np.array_equal(modes, np.where(fit.unexplained, -1, fit.modes))
+        modes = np.where(fit.unexplained, -1, fit.modes)
+        coef = fitted(problem, modes, coef, free)
+        left = own_residuals(problem, coef, modes)
+        reached = np.maximum(np.sqrt(np.square(left).mean(axis=0)), problem.floor)
+        settled = same and (reached >= 0.99 * scale).all()
+        scale = reached if same else np.maximum(reached, settings.shrinks * scale)
+        switching = switching_of(modes, problem)
+        if settled:
+            break
+    fit = assigned(problem, coef, scale, switching)
+    return replace(fit, cost=fit.cost + worth(problem, fit, free), history=tuple(history))
+
+
+def assigned(problem: RowProblem, coef: Array, scale: Array, switching: float) -> RowFit:
+    """The most likely modes for given laws."""
+    costs = row_costs(problem, coef, scale)
+    price = problem.settings.price(len(coef), switching)
+    modes = most_likely_modes(costs, problem, price)
+    return as_fit(problem, coef, scale, switching, modes, costs)
+
+
+def row_costs(problem: RowProblem, coef: Array, scale: Array) -> Array:
+    """Nats of every row in every mode, at most those of a row that no law explains."""
+    costs = (0.5 * np.square(problem.residuals(coef) / scale).sum(axis=2)).T + np.log(scale).sum()
+    return np.minimum(costs, -np.log(problem.settings.unexplained))
+
+
+def as_fit(
+    problem: RowProblem, coef: Array, scale: Array, switching: float, modes: Labels, costs: Array
+) -> RowFit:
+    """Laws and modes with what they are worth."""
+    own = costs[np.arange(len(modes)), modes]
+    n_switches = int(np.count_nonzero((np.diff(modes) != 0) & ~problem.begins[1:]))
+    price = problem.settings.price(len(coef), switching)
+    of_switches = float(price * n_switches - len(modes) * np.log1p(-switching))
+    unexplained = own >= -np.log(problem.settings.unexplained)
+    cost = float(own.sum()) + of_switches
+    return RowFit(coef, modes, unexplained, scale, switching, cost, of_switches)
+
+
+def most_likely_modes(costs: Array, problem: RowProblem, price: float) -> Labels:
+    """Modes of least cost (n_rows, n_modes), a switch within a stretch at a price (Viterbi).
+
+    >>> rows = RowProblem(np.ones((4, 1)), np.ones((4, 1)), np.eye(4, 1)[:, 0] > 0, SETTINGS)
+    >>> costs = np.array([[0.0, 9.0], [1.0, 0.0], [0.0, 9.0], [9.0, 0.0]])
+    >>> most_likely_modes(costs, rows, price=2.0)
+    array([0, 0, 0, 1])
+    """
+    n_modes = costs.shape[1]
+    place, stretch = problem.places
+    if n_modes == 1:
+        return np.zeros(len(costs), dtype=np.intp)
+    padded = np.zeros((int(place.max()) + 1, int(stretch.max()) + 1, n_modes))
+    padded[place, stretch] = costs
+    best, own, came = padded[0], np.arange(n_modes), []
+    for cost in padded[1:]:
+        cheapest = best.min(axis=1, keepdims=True) + price
+        came.append(np.where(best <= cheapest, own, best.argmin(axis=1)[:, None]))
+        best = np.minimum(best, cheapest) + cost
+    mode = best.argmin(axis=1)
+    modes, every = np.empty(padded.shape[:2], dtype=np.intp), np.arange(padded.shape[1])
+    modes[-1] = mode
+    for k, sources in reversed(list(enumerate(came))):
+        mode = sources[every, mode]
+        modes[k] = mode
+    return modes[place, stretch]
+
+
+def fitted(problem: RowProblem, modes: Labels, coef: Array, free: NDArray[np.bool_]) -> Array:
+    """Laws of least squares; a mode without rows keeps its law."""
+    coef = coef.copy()
+    for mode, columns in enumerate(free):
+        rows = modes == mode
+        if rows.any():
+            coef[mode] = 0.0
+            coef[mode][:, columns] = np.linalg.lstsq(
+                problem.features[rows][:, columns], problem.targets[rows], rcond=None
+            )[0].T
+    return coef
+
+
+def own_residuals(problem: RowProblem, coef: Array, modes: Labels) -> Array:
+    """What the law of its mode leaves of every row that has one (-1: none)."""
+    rows = np.flatnonzero(modes >= 0)
+    left = np.empty((len(rows), problem.targets.shape[1]))
+    for mode, law in enumerate(coef):
+        own = modes[rows] == mode
+        left[own] = problem.targets[rows[own]] - problem.features[rows[own]] @ law.T
+    return left if len(rows) else problem.targets
+
+
+def worth(problem: RowProblem, fit: RowFit, free: NDArray[np.bool_]) -> float:
+    r"""Nats that the coefficients take.
+
+    With a normal prior of unit deviation they are :math:`\tfrac12 \log\det(I + \Phi^\top\Phi /
+    s_c^2)` for every law and state: of noise and number of rows, and as much as a row for a
+    coefficient that explains nothing but one row.
+    """
+    nats = 0.0
+    for mode, columns in enumerate(free):
+        rows = (fit.modes == mode) & ~fit.unexplained
+        singular = np.linalg.svd(problem.features[rows][:, columns], compute_uv=False)
+        nats += 0.5 * float(np.log1p(np.square(singular / fit.scale[:, None])).sum())
+    return nats
+
+
+def switching_of(modes: Labels, problem: RowProblem) -> float:
+    """Probability of a switch, from the rows that have a mode."""
+    inside = ~problem.begins[1:] & (modes[1:] >= 0) & (modes[:-1] >= 0)
+    switches = np.count_nonzero(np.diff(modes)[inside])
+    return float((switches + 0.5) / (np.count_nonzero(inside) + 1.0))
