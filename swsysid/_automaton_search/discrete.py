@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_search.discrete_data import DiscreteData
 from swsysid._automaton_search.discrete_modes import reassigned
-from swsysid._automaton_search.discrete_rows import RowFit, alternate, assigned, own_residuals
+from swsysid._automaton_search.discrete_rows import RowFit, alternate, assigned, scale_of
 from swsysid._automaton_search.discrete_settings import SETTINGS, DiscreteSettings
 from swsysid._automaton_search.discrete_starts import LawPool
 from swsysid._automaton_search.discrete_states import StateFit, with_states
@@ -147,7 +147,9 @@ class StaySearch:
         least = min(fit.cost for fit in by_rows.values())
         hopeless = least + self.settings.hopeless * len(self.part.rows)
         found = {
-            count: Found(fit, None, fit.history) if exact else _with_states(self.part, fit)
+            count: Found(fit, None, fit.history)
+            if exact
+            else _with_states(self.part, fit, self.settings.ties)
             for count, fit in by_rows.items()
             if fit.cost <= hopeless
         }
@@ -190,11 +192,9 @@ class StaySearch:
             fit = alternate(self.data.problem, found.coef)
             return Found(fit, None, found.history + fit.history)
         problem, part = self.data.problem, self.part.problem
-        modes = np.where(found.fit.unexplained, -1, found.fit.modes)
-        left = own_residuals(part, found.coef, modes)
-        scale = np.maximum(np.sqrt(np.square(left).mean(axis=0)), problem.floor)
+        scale = scale_of(part, found.coef, found.fit.lawful)
         fit = assigned(problem, found.coef, scale, found.fit.switching)
-        reached = _with_states(self.data, fit)
+        reached = _with_states(self.data, fit, self.settings.ties[-1:])
         return replace(reached, history=found.history + reached.history)
 
 
@@ -203,7 +203,7 @@ def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
 
     The rows of a jump may have a law of their own, that of the reset; they are no mode.
     """
-    modes = np.where(fit.unexplained, -1, fit.modes)
+    modes = fit.lawful
     first = np.flatnonzero(data.rows.begins | np.append(True, np.diff(modes) != 0))
     length = np.diff(np.append(first, len(modes)))
     short = length <= data.rows.lags + 1
@@ -217,21 +217,17 @@ def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
     return without_momentary(data, alternate(data.problem, fit.coef[lasting]))
 
 
-def _with_states(data: DiscreteData, fit: RowFit) -> Found:
-    """Laws and modes in turn, with noise where it was measured."""
-    states, history, reached = None, [*fit.history], []
-    for _ in range(data.settings.state_rounds):
-        states = with_states(data, fit, states)
+def _with_states(data: DiscreteData, fit: RowFit, ties: Sequence[float]) -> Found:
+    """Laws and modes in turn, with noise where it was measured and ever less disturbance."""
+    states, reached = None, []
+    for turn, tie in enumerate((*ties, *(ties[-1],) * data.settings.last_rounds)):
+        states = with_states(data, fit, tie, states)
         reached.append((fit, states))
-        history.append(states.cost)
-        if len(fit.coef) == 1:
-            break
         before, fit = fit, reassigned(data, fit, states)
-        told = ((one.modes, one.unexplained) for one in (before, fit))
-        if all(np.array_equal(*pair) for pair in zip(*told, strict=True)):
+        if turn >= len(ties) - 1 and np.array_equal(before.lawful, fit.lawful):
             break
-    fit, states = min(reached, key=lambda one: one[1].cost)
-    return Found(fit, states, tuple(history))
+    best, states = min(reached, key=lambda one: one[1].cost)
+    return Found(best, states, (*best.history, *(one.cost for _, one in reached)))
 
 
 def _is_exact(fit: RowFit, settings: DiscreteSettings) -> bool:
@@ -260,7 +256,7 @@ def _answer(
         own = recording == place
         for lag in range(-1, data.rows.lags + 1):
             estimated[data.rows.sample[own] - lag] = samples[own, lag + 1]
-    noise = fit.scale if found.states is None else found.states.noise
+    noise = np.median(fit.scale, axis=0) if found.states is None else found.states.noise
     return DiscreteStays(
         coef=data.coef(found.coef)[names],
         feature_map=data.feature_map,

@@ -6,7 +6,7 @@ the states from all rows before, so that a mode shows in where the states go.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,8 @@ from swsysid._automaton_search.discrete_rows import (
     RowFit,
     as_fit,
     assigned,
-    own_residuals,
     row_costs,
+    scale_of,
     switching_of,
 )
 from swsysid._automaton_search.discrete_states import StateFit
@@ -31,20 +31,31 @@ from swsysid._stays.recordings import Recordings
 def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> RowFit:
     """The modes of all rows for laws and noise of highest likelihood."""
     problem = data.problem
-    modes = np.where(fit.unexplained, -1, fit.modes)
-    left = own_residuals(problem, found.coef, modes)
-    scale = np.maximum(np.sqrt(np.square(left).mean(axis=0)), problem.floor)
-    by_rows = assigned(problem, found.coef, scale, fit.switching)
-    pieces = _pieces(data, by_rows.unexplained)
-    maps = MapFilter.of(data, found)
-    price = data.settings.price(len(found.coef), fit.switching)
-    decoded = decode(maps, _side_by_side(data, pieces), price=price, n_kept=data.settings.n_kept)
-    told = by_rows.modes.copy()
-    for place, piece in enumerate(pieces):
-        inner = slice(piece.first - piece.begin, piece.last - piece.begin)
-        told[piece.first : piece.last] = decoded.modes[inner, place]
+    unexplained = _unexplained(data, fit, found)
+    scale = scale_of(problem, found.coef, np.where(unexplained, -1, fit.modes))
+    modes = assigned(problem, found.coef, scale, fit.switching).modes
+    if len(found.coef) > 1 and not unexplained.all():
+        pieces = _pieces(data, unexplained)
+        maps, price = MapFilter.of(data, found), data.settings.price(len(found.coef), fit.switching)
+        side_by_side = _side_by_side(data, pieces)
+        decoded = decode(maps, side_by_side, price=price, n_kept=data.settings.n_kept)
+        for place, piece in enumerate(pieces):
+            inner = slice(piece.first - piece.begin, piece.last - piece.begin)
+            modes[piece.first : piece.last] = decoded.modes[inner, place]
+    switching = switching_of(np.where(unexplained, -1, modes), problem)
     costs = row_costs(problem, found.coef, scale)
-    return as_fit(problem, found.coef, scale, switching_of(told, problem), told, costs)
+    return replace(
+        as_fit(problem, found.coef, scale, switching, modes, costs),
+        unexplained=unexplained,
+        history=fit.history,
+    )
+
+
+def _unexplained(data: DiscreteData, fit: RowFit, found: StateFit) -> NDArray[np.bool_]:
+    """Rows between states that are no disturbance apart, or, so far unexplained, no noise."""
+    allowed = np.where(fit.unexplained[:, None], fit.scale[fit.modes], found.tie * found.noise)
+    nats = (0.5 * np.square(found.left / allowed) + np.log(allowed)).sum(axis=1)
+    return np.asarray(nats > -np.log(data.settings.unexplained))
 
 
 @dataclass(frozen=True)
@@ -96,14 +107,17 @@ def _side_by_side(data: DiscreteData, pieces: list[_Piece]) -> Recordings:
 class MapFilter(Filter):
     """Kalman's filter of the lagged states of maps; a switch is at a sample."""
 
+    farthest: float = np.inf  # a state that is further off says nothing
+
     @classmethod
     def of(cls, data: DiscreteData, found: StateFit) -> MapFilter:
         """The filter of identified laws, states in units of the data."""
         n, memory = data.rows.n_states, data.rows.lags + 1
         laws = Laws(found.coef, data.features, np.ones(n * memory), np.zeros_like(found.coef) > 0)
         disturbance = np.zeros(n * memory)
+        farthest = data.settings.farthest
         disturbance[:n] = found.tie * found.noise
-        return cls(laws, np.tile(found.noise, memory), disturbance, 1.0)
+        return cls(laws, np.tile(found.noise, memory), disturbance, 1.0, farthest)
 
     def predict(
         self, belief: Belief, old: Modes, new: Modes, u: Array, after: Array, duration: Array
@@ -119,6 +133,8 @@ class MapFilter(Filter):
         older = np.arange(n, belief.mean.shape[1])
         transition[:, older, older - n] = 1.0
         mean = np.hstack([(coef @ features[:, :, None])[:, :, 0], belief.mean[:, :-n]])
+        lost = ~(np.abs(mean) < self.farthest).all(axis=1)
+        mean[lost], transition[lost] = 0.0, np.eye(mean.shape[1]) * self.farthest / self.noise
         covariance = transition @ belief.covariance @ transition.transpose(0, 2, 1)
         every = np.arange(mean.shape[1])
         covariance[:, every, every] += self.disturbance**2

@@ -1,11 +1,11 @@
 r"""Laws and stays by rows: the most likely modes for given laws, and laws for given modes.
 
-A row whose law is known leaves a normal residual with standard deviations :math:`s_c`; one in
+A row whose law is known leaves a normal residual with standard deviations :math:`s_{jc}`; one in
 :math:`1/\varepsilon` rows is explained by no law, and only as likely as the spread of the targets
 makes it. A recording goes on in its mode, or switches with probability p:
 
-.. math:: \sum_i \min\Big(\sum_c \tfrac12 \frac{r_{ic}^2}{s_c^2} + \log s_c,\; -\log\varepsilon\Big)
-          + n_\text{switches} \log\frac{(1 - p)(M - 1)}{p}
+.. math:: \sum_i \min\Big(\sum_c \tfrac12 \frac{r_{ic}^2}{s_{jc}^2} + \log s_{jc},\;
+          -\log\varepsilon\Big) + n_\text{switches} \log\frac{(1 - p)(M - 1)}{p}
 
 is descended by dynamic programming over the modes in turn with least squares over the laws. Rows
 that straddle a jump of the state are among those that no law explains.
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_search.discrete_settings import DiscreteSettings
 from swsysid._automaton_search.lagged import Labels
+from swsysid._noise import robust_scale
 from swsysid._results import Array
 
 
@@ -60,35 +61,62 @@ class RowFit:
     coef: Array  # (n_modes, n_states, n_features)
     modes: Labels  # (n_rows,)
     unexplained: NDArray[np.bool_]  # (n_rows,)
-    scale: Array  # (n_states,)
+    scale: Array  # (n_modes, n_states): of what the laws leave
     switching: float  # probability
     cost: float
     of_switches: float  # its part that switches take
     history: tuple[float, ...] = ()
+
+    @property
+    def lawful(self) -> Labels:
+        """Modes, -1 for rows that no law explains."""
+        return np.where(self.unexplained, -1, self.modes)
 
 
 def alternate(problem: RowProblem, coef: Array, free: NDArray[np.bool_] | None = None) -> RowFit:
     """Modes and laws in turn until the modes stay; `free` (n_modes, n_features) are in a law."""
     settings = problem.settings
     free = np.ones(coef[:, 0].shape, dtype=bool) if free is None else free
-    nearest = np.square(problem.residuals(coef)).min(axis=0)
-    scale = np.maximum(np.sqrt(nearest.mean(axis=0)), problem.floor)
+    scale = _first_scale(problem, coef)
     switching, modes, history = settings.switching, None, []
     for _ in range(settings.most_rounds):
         fit = assigned(problem, coef, scale, switching)
         history.append(fit.cost)
-        same = modes is not None and np.array_equal(modes, np.where(fit.unexplained, -1, fit.modes))
-        modes = np.where(fit.unexplained, -1, fit.modes)
+        same = modes is not None and np.array_equal(modes, fit.lawful)
+        modes = fit.lawful
         coef = fitted(problem, modes, coef, free)
-        left = own_residuals(problem, coef, modes)
-        reached = np.maximum(np.sqrt(np.square(left).mean(axis=0)), problem.floor)
-        settled = same and (reached >= 0.99 * scale).all()
+        reached = scale_of(problem, coef, modes, free.sum(axis=1))
+        settled = same and (reached >= settings.settled * scale).all()
         scale = reached if same else np.maximum(reached, settings.shrinks * scale)
         switching = switching_of(modes, problem)
         if settled:
             break
     fit = assigned(problem, coef, scale, switching)
     return replace(fit, cost=fit.cost + worth(problem, fit, free), history=tuple(history))
+
+
+def _first_scale(problem: RowProblem, coef: Array) -> Array:
+    """Scales of laws on the rows to which they are nearest: a law that is right is exact there."""
+    left = problem.residuals(coef)
+    nearest = np.square(left).sum(axis=2).argmin(axis=0)
+    scale = np.ones(coef.shape[:2])
+    for mode in np.unique(nearest):
+        scale[mode] = robust_scale(left[mode, nearest == mode])
+    return np.maximum(scale, problem.floor)
+
+
+def scale_of(problem: RowProblem, coef: Array, modes: Labels, n_free: int | NDArray = 0) -> Array:
+    """Deviation of what each law leaves, (n_modes, n_states); of all laws where rows are few."""
+    squares, counts = np.zeros(coef.shape[:2]), np.zeros(len(coef))
+    for mode, law in enumerate(coef):
+        rows = modes == mode
+        left = problem.targets[rows] - problem.features[rows] @ law.T
+        squares[mode], counts[mode] = np.square(left).sum(axis=0), len(left)
+    freedom = (counts - n_free)[:, None]
+    joint = squares.sum(axis=0) / max(1.0, float(freedom.clip(0.0).sum()))
+    few = freedom < np.broadcast_to(n_free, counts.shape)[:, None]
+    variance = np.where(few, joint, squares / np.maximum(freedom, 1.0))
+    return np.maximum(np.sqrt(variance), problem.floor)
 
 
 def assigned(problem: RowProblem, coef: Array, scale: Array, switching: float) -> RowFit:
@@ -101,7 +129,8 @@ def assigned(problem: RowProblem, coef: Array, scale: Array, switching: float) -
 
 def row_costs(problem: RowProblem, coef: Array, scale: Array) -> Array:
     """Nats of every row in every mode, at most those of a row that no law explains."""
-    costs = (0.5 * np.square(problem.residuals(coef) / scale).sum(axis=2)).T + np.log(scale).sum()
+    squares = np.square(problem.residuals(coef) / scale[:, None]).sum(axis=2)
+    costs = (0.5 * squares + np.log(scale).sum(axis=1)[:, None]).T
     return np.minimum(costs, -np.log(problem.settings.unexplained))
 
 
@@ -159,16 +188,6 @@ def fitted(problem: RowProblem, modes: Labels, coef: Array, free: NDArray[np.boo
     return coef
 
 
-def own_residuals(problem: RowProblem, coef: Array, modes: Labels) -> Array:
-    """What the law of its mode leaves of every row that has one (-1: none)."""
-    rows = np.flatnonzero(modes >= 0)
-    left = np.empty((len(rows), problem.targets.shape[1]))
-    for mode, law in enumerate(coef):
-        own = modes[rows] == mode
-        left[own] = problem.targets[rows[own]] - problem.features[rows[own]] @ law.T
-    return left if len(rows) else problem.targets
-
-
 def worth(problem: RowProblem, fit: RowFit, free: NDArray[np.bool_]) -> float:
     r"""Nats that the coefficients take.
 
@@ -178,9 +197,9 @@ def worth(problem: RowProblem, fit: RowFit, free: NDArray[np.bool_]) -> float:
     """
     nats = 0.0
     for mode, columns in enumerate(free):
-        rows = (fit.modes == mode) & ~fit.unexplained
+        rows = fit.lawful == mode
         singular = np.linalg.svd(problem.features[rows][:, columns], compute_uv=False)
-        nats += 0.5 * float(np.log1p(np.square(singular / fit.scale[:, None])).sum())
+        nats += 0.5 * float(np.log1p(np.square(singular / fit.scale[mode][:, None])).sum())
     return nats
 
 

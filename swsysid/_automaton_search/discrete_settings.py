@@ -24,32 +24,39 @@ class DiscreteSettings:
     # probability beforehand of a row that no law explains, and of a switch
     unexplained: float = 1e-3
     switching: float = 0.02
-    # -- Starts: laws of windows of so many times the number of features, so many of each length
+    # -- Starts: laws of windows of so many rows for each feature and a few to spare; so many
+    # windows of each length are tried and the best of neighbours kept; singular values below
+    # this share say nothing
     window_factors: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
+    spare: int = 2
+    tried: int = 400
     windows: int = 40
-    shortest_window: int = 3
+    rank: float = 1e-10
     block: int = 3  # rows whose squares are averaged where starts are judged
     share: float = 0.1  # of the rows, which a law should at least explain
     reweightings: int = 6
-    # -- Alternation: by how much the scale may shrink at once, and most rounds
+    # -- Alternation: by how much a scale may shrink at once, what it keeps at the end, most rounds
     shrinks: float = 0.1
+    settled: float = 0.99
     most_rounds: int = 40
     # share of the stays of a mode that are no longer than what straddles a jump
     momentary: float = 0.95
-    # -- States: their disturbance as a share of the noise, smaller and smaller; steps of a
-    # descent, its first damping and the nats at which it ends
-    ties: tuple[float, ...] = (1.0, 0.1, 0.01)
+    # -- States: their disturbance as a share of the noise, smaller and smaller, since wrong modes
+    # disturb them too; rounds with the last of them; steps of a descent, its first damping and the
+    # nats at which it ends
+    ties: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.3, 0.1, 0.03, 0.01)
+    last_rounds: int = 4
     most_steps: int = 10
     most_failures: int = 8
     damping: float = 1e-6
     converged: float = 0.02
     least_noise: float = 1e-7
     # -- Modes by a filter: rows that are decoded side by side, those more to both sides in which a
-    # hypothesis settles, and hypotheses of a piece; rounds with the laws
+    # hypothesis settles, and hypotheses of a piece; one whose state is further off is given up
     decoded: int = 60
     overlap: int = 15
     n_kept: int = 4
-    state_rounds: int = 3
+    farthest: float = 10.0
     # -- Numbers of modes that are tried after the best one, and the largest one
     patience: int = 2
     # nats a row by which a number that is as bad by rows is not judged any more

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from swsysid._automaton_search.discrete_rows import RowProblem
@@ -17,13 +19,23 @@ class LawPool:
     """
 
     def __init__(self, problem: RowProblem):
-        self.problem = problem
-        self.coef = _refined(problem, _of_windows(problem))
-        squares = _block_squares(problem, self.coef)
-        floor = np.square(problem.floor).sum()
-        # nats of a row with a scale of its own: no noise need be known
-        n_states = problem.targets.shape[1]
-        self.nats = 0.5 * n_states * np.log(squares + floor)  # (n_laws, n_rows)
+        # in features that are orthonormal over the rows, products of them lose few digits
+        left, sizes, right = np.linalg.svd(problem.features, full_matrices=False)
+        kept = sizes > np.finfo(float).eps * len(left) * sizes[0]
+        root = np.sqrt(len(left))
+        basis = (right[kept] / sizes[kept, None]) * root  # features = white @ inverse of basis
+        self.problem = replace(problem, features=left[:, kept] * root)
+        raw = _of_windows(self.problem)
+        white = np.concatenate([raw, _refined(self.problem, raw)])
+        self.coef = white @ basis
+        squares = _block_squares(self.problem, white)
+        self.nats = self._nats(squares)  # (n_laws, n_rows)
+        self.plain = problem
+
+    def _nats(self, squares: Array) -> Array:
+        """Nats of rows, each with a scale of its own: no noise need be known."""
+        n_states = self.problem.targets.shape[1]
+        return 0.5 * n_states * np.log(squares + np.square(self.problem.floor).sum())
 
     def best(self, n_laws: int) -> Array:
         """Laws that together explain the rows best: one by one, then exchanged one by one."""
@@ -39,9 +51,7 @@ class LawPool:
 
     def beside(self, coef: Array) -> Array:
         """Laws, and that one of the pool that explains best what they do not."""
-        squares = _block_squares(self.problem, coef)
-        floor = np.square(self.problem.floor).sum()
-        known = 0.5 * self.problem.targets.shape[1] * np.log(squares.min(axis=0) + floor)
+        known = self._nats(_block_squares(self.plain, coef).min(axis=0))
         another = np.minimum(self.nats, known).sum(axis=1).argmin()
         return np.concatenate([coef, self.coef[another][None]])
 
@@ -55,21 +65,27 @@ class LawPool:
 
 
 def _of_windows(problem: RowProblem) -> Array:
-    """Least squares in windows of several lengths, spread over all stretches."""
+    """Least squares in windows of several lengths, spread over all stretches.
+
+    Of neighbouring windows the one that fits best: a window with a switch seldom does.
+    """
     settings, n_features = problem.settings, problem.features.shape[1]
     place, stretch = problem.places
     left = np.bincount(stretch)[stretch] - place  # rows of the stretch from each row on
     laws = [np.linalg.lstsq(problem.features, problem.targets, rcond=None)[0].T[None]]
     for factor in settings.window_factors:
-        length = max(settings.shortest_window, int(factor * (n_features + 1)))
+        length = int(factor * n_features) + settings.spare
         firsts = np.flatnonzero(left >= length)
         if not len(firsts):
             break
-        count = min(settings.windows, len(firsts))
-        firsts = firsts[np.linspace(0, len(firsts) - 1, count).round().astype(int)]
-        rows = firsts[:, None] + np.arange(length)
-        inverse = np.linalg.pinv(problem.features[rows], rcond=1e-10)
-        laws.append((inverse @ problem.targets[rows]).transpose(0, 2, 1))
+        tried = np.unique(np.linspace(0, len(firsts) - 1, settings.tried).round().astype(int))
+        rows = firsts[tried][:, None] + np.arange(length)
+        features, targets = problem.features[rows], problem.targets[rows]
+        of_windows = np.linalg.pinv(features, rcond=settings.rank) @ targets
+        squares = np.square(targets - features @ of_windows).sum(axis=(1, 2))
+        groups = np.array_split(np.arange(len(tried)), min(settings.windows, len(tried)))
+        best = [group[squares[group].argmin()] for group in groups]
+        laws.append(of_windows[best].transpose(0, 2, 1))
     return np.concatenate(laws)
 
 

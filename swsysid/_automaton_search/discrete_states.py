@@ -41,6 +41,7 @@ class StateFit:
     coef: Array  # (n_modes, n_states, n_features)
     states: Array  # (n_samples, n_states)
     back: Labels  # (n_rows, lags + 2): places of x[k + 1], x[k], ... of every row among them
+    left: Array  # (n_rows, n_states): what the laws leave of the states
     noise: Array  # (n_states,)
     tie: float
     cost: float
@@ -203,26 +204,28 @@ class StateProblem:
 def with_states(
     data: DiscreteData,
     fit: RowFit,
+    tie: float,
     near: StateFit | None = None,
     free: NDArray[np.bool_] | None = None,
 ) -> StateFit:
     """Laws, states and noise of highest likelihood, with the modes of a fit by rows.
 
-    From the laws of that fit, or from those of a fit that is near.
+    From the laws of that fit, or from those of another one; `tie` is the disturbance as a share of
+    the noise.
     """
     settings = data.settings
     free = np.ones(fit.coef[:, 0].shape, dtype=bool) if free is None else free
-    problem = StateProblem(data, np.where(fit.unexplained, -1, fit.modes), free)
-    if near is None:
-        coef, states, noise, ties = fit.coef, problem.y, fit.scale, settings.ties
-    else:
-        coef, states, noise, ties = near.coef, near.states, near.noise, settings.ties[-1:]
-    noise = np.maximum(noise, settings.least_noise)
-    for tie in (*ties, ties[-1]):
-        coef, states = _descended(problem, np.where(free[:, None], coef, 0.0), states, noise, tie)
-        noise = _noise(problem, coef, states, tie)
+    problem = StateProblem(data, fit.lawful, free)
+    coef, states, noise = fit.coef, problem.y, fit.scale.mean(axis=0)
+    if near is not None:
+        coef, states, noise = near.coef, near.states, near.noise
+    coef, noise = np.where(free[:, None], coef, 0.0), np.maximum(noise, settings.least_noise)
+    coef, states = _descended(problem, coef, states, noise, tie)
+    noise = _noise(problem, coef, states, tie)
     normal = problem.normal(coef, states, noise, tie)
-    return StateFit(coef, states, problem.back, noise, tie, _cost(problem, normal, noise, tie, fit))
+    left = problem.left(coef, states, data.features(problem.columns(states)))
+    cost = _cost(problem, normal, noise, tie, fit)
+    return StateFit(coef, states, problem.back, left, noise, tie, cost)
 
 
 def _descended(
