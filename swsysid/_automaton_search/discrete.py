@@ -143,19 +143,23 @@ class StaySearch:
         if n_modes is not None:
             fewer = [count for count in by_rows if count <= n_modes]
             by_rows = {max(fewer): by_rows[max(fewer)]}
-        exact = any(_is_exact(fit, self.settings) for fit in by_rows.values())
-        least = min(fit.cost for fit in by_rows.values())
-        hopeless = least + self.settings.hopeless * len(self.part.rows)
-        found = {
-            count: Found(fit, None, fit.history)
-            if exact
-            else _with_states(self.part, fit, self.settings.ties)
-            for count, fit in by_rows.items()
-            if fit.cost <= hopeless
-        }
+        found = {count: Found(fit, None, fit.history) for count, fit in by_rows.items()}
+        if not any(_is_exact(fit, self.settings) for fit in by_rows.values()):
+            for turn, ties in enumerate(self.settings.stages):
+                found = self._hopeful(found, self.settings.hopeless[turn])
+                found = {count: with_noise(self.part, one, ties) for count, one in found.items()}
         chosen = min(found.values(), key=lambda one: one.cost)
         candidates = [DiscreteCandidate(count, one.cost) for count, one in found.items()]
         return chosen, tuple(candidates)
+
+    def _hopeful(self, found: dict[int, Found], nats: float) -> dict[int, Found]:
+        """Candidates not worse than one of fewer modes, nor by so many nats a row than any."""
+        most = min(one.cost for one in found.values()) + nats * len(self.part.rows)
+        kept: dict[int, Found] = {}
+        for count, one in sorted(found.items()):
+            if one.cost <= min([most, *(fewer.cost for fewer in kept.values())]):
+                kept[count] = one
+        return kept
 
     def _by_rows(self, n_modes: int | None) -> dict[int, RowFit]:
         """The best fit by rows of every number of modes, until two more modes say no more."""
@@ -194,8 +198,7 @@ class StaySearch:
         problem, part = self.data.problem, self.part.problem
         scale = scale_of(part, found.coef, found.fit.lawful)
         fit = assigned(problem, found.coef, scale, found.fit.switching)
-        reached = _with_states(self.data, fit, self.settings.ties[-1:])
-        return replace(reached, history=found.history + reached.history)
+        return with_noise(self.data, Found(fit, None, found.history), [found.states.tie] * 2)
 
 
 def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
@@ -217,17 +220,27 @@ def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
     return without_momentary(data, alternate(data.problem, fit.coef[lasting]))
 
 
-def _with_states(data: DiscreteData, fit: RowFit, ties: Sequence[float]) -> Found:
-    """Laws and modes in turn, with noise where it was measured and ever less disturbance."""
-    states, reached = None, []
-    for turn, tie in enumerate((*ties, *(ties[-1],) * data.settings.last_rounds)):
+def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found:
+    """Laws and modes in turn, with noise where it was measured and ever less disturbance.
+
+    A disturbance that is tried again is left as soon as the modes stay, and smaller ones are not
+    tried once they have made the measurements much less likely.
+    """
+    fit, states, history = found.fit, found.states, [*found.history]
+    best, settled = found, None
+    hopeless = data.settings.hopeless[-1] * len(data.rows)
+    for tie in ties:
+        if tie == settled:
+            continue
         states = with_states(data, fit, tie, states)
-        reached.append((fit, states))
-        before, fit = fit, reassigned(data, fit, states)
-        if turn >= len(ties) - 1 and np.array_equal(before.lawful, fit.lawful):
+        history.append(states.cost)
+        if best.states is None or states.cost < best.cost:
+            best = Found(fit, states, ())
+        if states.cost > best.cost + hopeless:
             break
-    best, states = min(reached, key=lambda one: one[1].cost)
-    return Found(best, states, (*best.history, *(one.cost for _, one in reached)))
+        before, fit = fit, reassigned(data, fit, states)
+        settled = tie if np.array_equal(before.lawful, fit.lawful) else None
+    return replace(best, history=tuple(history))
 
 
 def _is_exact(fit: RowFit, settings: DiscreteSettings) -> bool:

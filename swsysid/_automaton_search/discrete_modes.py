@@ -115,7 +115,7 @@ class MapFilter(Filter):
         n, memory = data.rows.n_states, data.rows.lags + 1
         laws = Laws(found.coef, data.features, np.ones(n * memory), np.zeros_like(found.coef) > 0)
         disturbance = np.zeros(n * memory)
-        farthest = data.settings.farthest
+        farthest = data.settings.farthest * float(np.abs(found.states).max())
         disturbance[:n] = found.tie * found.noise
         return cls(laws, np.tile(found.noise, memory), disturbance, 1.0, farthest)
 

@@ -42,10 +42,12 @@ class DiscreteSettings:
     # share of the stays of a mode that are no longer than what straddles a jump
     momentary: float = 0.95
     # -- States: their disturbance as a share of the noise, smaller and smaller, since wrong modes
-    # disturb them too; rounds with the last of them; steps of a descent, its first damping and the
-    # nats at which it ends
-    ties: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.3, 0.1, 0.03, 0.01)
-    last_rounds: int = 4
+    # disturb them too, in two stages; steps of a descent, its first damping and the nats at which
+    # it ends
+    stages: tuple[tuple[float, ...], ...] = (
+        (1.0, 1.0, 1.0, 1.0),
+        (0.3, 0.1, 0.03, 0.01, 0.01, 0.01, 0.01, 0.01),
+    )
     most_steps: int = 10
     most_failures: int = 8
     damping: float = 1e-6
@@ -59,8 +61,9 @@ class DiscreteSettings:
     farthest: float = 10.0
     # -- Numbers of modes that are tried after the best one, and the largest one
     patience: int = 2
-    # nats a row by which a number that is as bad by rows is not judged any more
-    hopeless: float = 0.1
+    # nats a row by which a number is so much worse than the best one that it is not judged any
+    # more, before each stage of the states
+    hopeless: tuple[float, ...] = (0.5, 0.1)
     most_modes: int = 8
 
     def price(self, n_modes: int, switching: float) -> float:
