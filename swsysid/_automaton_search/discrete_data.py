@@ -47,9 +47,18 @@ class DiscreteData:
     def column_unit(self) -> Array:
         """Unit of every column: of its state, and 1 of an input."""
         units = np.ones(self.rows.columns.shape[1])
-        n_lagged = self.rows.n_states * (self.rows.lags + 1)
-        units[:n_lagged] = np.tile(self.target_unit, self.rows.lags + 1)
+        units[: self.n_lagged] = np.tile(self.target_unit, self.rows.lags + 1)
         return units
+
+    @property
+    def n_lagged(self) -> int:
+        """Number of the columns that are states."""
+        return self.rows.n_states * (self.rows.lags + 1)
+
+    @cached_property
+    def columns(self) -> Array:
+        """Columns of the rows in these units."""
+        return self.rows.columns / self.column_unit
 
     def coef(self, coef: Array) -> Array:
         """Laws in the units of the user."""

@@ -72,6 +72,10 @@ class RowFit:
         """Modes, -1 for rows that no law explains."""
         return np.where(self.unexplained, -1, self.modes)
 
+    def take(self, rows: NDArray) -> RowFit:
+        """The same laws on some of the rows."""
+        return replace(self, modes=self.modes[rows], unexplained=self.unexplained[rows])
+
 
 def alternate(problem: RowProblem, coef: Array, free: NDArray[np.bool_] | None = None) -> RowFit:
     """Modes and laws in turn until the modes stay; `free` (n_modes, n_features) are in a law."""
@@ -150,7 +154,8 @@ def as_fit(
 def most_likely_modes(costs: Array, problem: RowProblem, price: float) -> Labels:
     """Modes of least cost (n_rows, n_modes), a switch within a stretch at a price (Viterbi).
 
-    >>> rows = RowProblem(np.ones((4, 1)), np.ones((4, 1)), np.eye(4, 1)[:, 0] > 0, SETTINGS)
+    >>> from swsysid._automaton_search.discrete_settings import SETTINGS
+    >>> rows = RowProblem(np.ones((4, 1)), np.ones((4, 1)), np.arange(4) == 0, SETTINGS)
     >>> costs = np.array([[0.0, 9.0], [1.0, 0.0], [0.0, 9.0], [9.0, 0.0]])
     >>> most_likely_modes(costs, rows, price=2.0)
     array([0, 0, 0, 1])

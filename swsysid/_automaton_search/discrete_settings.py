@@ -64,7 +64,15 @@ class DiscreteSettings:
     # nats a row by which a number is so much worse than the best one that it is not judged any
     # more, before each stage of the states
     hopeless: tuple[float, ...] = (0.5, 0.1)
-    most_modes: int = 8
+    most_modes: int = 6
+    # -- Lags that are tried, the share of a recording that is held out, samples after which a
+    # rollout begins anew, standard errors by which a longer memory must be better, and the error
+    # of a rollout below which it is rounding
+    lags: tuple[int, ...] = (0, 1, 2, 3, 4)
+    held_out: float = 0.3
+    horizon: int = 40
+    standard_errors: float = 2.0
+    exact_rollout: float = 1e-8
 
     def price(self, n_modes: int, switching: float) -> float:
         """Nats that a switch takes."""
