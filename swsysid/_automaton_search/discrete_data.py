@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_search.discrete_rows import RowProblem
 from swsysid._automaton_search.discrete_settings import DiscreteSettings
-from swsysid._automaton_search.lagged import LaggedRows
+from swsysid._automaton_search.lagged import Labels, LaggedRows
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 from swsysid.refinement._trajectories import spread
@@ -25,6 +25,7 @@ class DiscreteData:
     row_features: Array  # (n_rows, n_features), in the units of the user
     feature_unit: Array  # (n_features,): root mean square, 1 where it is zero
     target_unit: Array  # (n_states,): deviation
+    memory: Labels  # (n_features,): the longest lag that each sees
     settings: DiscreteSettings
 
     @classmethod
@@ -35,13 +36,15 @@ class DiscreteData:
         features = feature_map(rows.columns)
         size = np.sqrt(np.square(features).mean(axis=0))
         unit = np.where(size > 0.0, size, 1.0)
-        return cls(rows, feature_map, features, unit, spread(rows.targets), settings)
+        memory = _memory(rows, feature_map)
+        return cls(rows, feature_map, features, unit, spread(rows.targets), memory, settings)
 
     @cached_property
     def problem(self) -> RowProblem:
         """Features, targets and stretches of the rows."""
-        features, targets = self.row_features / self.feature_unit, self.rows.targets
-        return RowProblem(features, targets / self.target_unit, self.rows.begins, self.settings)
+        features = self.row_features / self.feature_unit
+        targets = self.rows.targets / self.target_unit
+        return RowProblem(features, targets, self.rows.begins, self.memory, self.settings)
 
     @cached_property
     def column_unit(self) -> Array:
@@ -84,3 +87,16 @@ class DiscreteData:
         count = max(1, settings.most_searched * n_pieces // n)
         kept = np.linspace(0, n_pieces - 1, count).round().astype(int)
         return self.take(np.flatnonzero(np.isin(piece, kept)))
+
+
+def _memory(rows: LaggedRows, feature_map: FeatureMap) -> Labels:
+    """The longest lag that each feature sees, by what changes with the columns of every lag."""
+    columns, lags, n_states = rows.columns, np.arange(rows.lags + 1), rows.n_states
+    n_inputs = columns.shape[1] // len(lags) - n_states
+    lag = np.concatenate([np.repeat(lags, n_states), np.repeat(lags, n_inputs)])
+    features = feature_map.at_rows(columns)
+    memory = np.zeros(features.shape[1], dtype=np.intp)
+    for longest in lags[1:]:
+        changed = np.where(lag == longest, columns[::-1], columns)
+        memory[(feature_map.at_rows(changed) != features).any(axis=0)] = longest
+    return memory

@@ -32,6 +32,7 @@ class RowProblem:
     features: Array  # (n_rows, n_features)
     targets: Array  # (n_rows, n_states)
     begins: NDArray[np.bool_]
+    memory: Labels  # (n_features,): the longest lag that each feature sees
     settings: DiscreteSettings
 
     @cached_property
@@ -155,7 +156,8 @@ def most_likely_modes(costs: Array, problem: RowProblem, price: float) -> Labels
     """Modes of least cost (n_rows, n_modes), a switch within a stretch at a price (Viterbi).
 
     >>> from swsysid._automaton_search.discrete_settings import SETTINGS
-    >>> rows = RowProblem(np.ones((4, 1)), np.ones((4, 1)), np.arange(4) == 0, SETTINGS)
+    >>> ones, first = np.ones((4, 1)), np.arange(4) == 0
+    >>> rows = RowProblem(ones, ones, first, np.zeros(1, dtype=int), SETTINGS)
     >>> costs = np.array([[0.0, 9.0], [1.0, 0.0], [0.0, 9.0], [9.0, 0.0]])
     >>> most_likely_modes(costs, rows, price=2.0)
     array([0, 0, 0, 1])
@@ -181,16 +183,32 @@ def most_likely_modes(costs: Array, problem: RowProblem, price: float) -> Labels
 
 
 def fitted(problem: RowProblem, modes: Labels, coef: Array, free: NDArray[np.bool_]) -> Array:
-    """Laws of least squares; a mode without rows keeps its law."""
+    """Laws of least squares; a mode without rows keeps its law.
+
+    In a mode of short memory longer lags repeat what shorter ones tell, and no row but the first
+    one after a switch says which of them the law sees: it is the shorter ones.
+    """
     coef = coef.copy()
     for mode, columns in enumerate(free):
         rows = modes == mode
         if rows.any():
+            features, targets = problem.features[rows], problem.targets[rows]
+            used = _independent(features, np.flatnonzero(columns), problem)
             coef[mode] = 0.0
-            coef[mode][:, columns] = np.linalg.lstsq(
-                problem.features[rows][:, columns], problem.targets[rows], rcond=None
-            )[0].T
+            coef[mode][:, used] = np.linalg.lstsq(features[:, used], targets, rcond=None)[0].T
     return coef
+
+
+def _independent(
+    features: Array, columns: NDArray[np.intp], problem: RowProblem
+) -> NDArray[np.intp]:
+    """Those of some columns that are no combination of others with shorter memory."""
+    ordered = columns[np.argsort(problem.memory[columns], kind="stable")]
+    if len(features) < len(ordered):
+        return ordered
+    own = np.abs(np.diag(np.linalg.qr(features[:, ordered], mode="r")))
+    size = np.linalg.norm(features[:, ordered], axis=0)
+    return ordered[own > problem.settings.dependent * size]
 
 
 def worth(problem: RowProblem, fit: RowFit, free: NDArray[np.bool_]) -> float:

@@ -19,6 +19,7 @@ class DiscreteSettings:
     # arithmetic, and laws of highest likelihood in all states would only add to it.
     rounding: float = 1e-14
     exact: float = 1e-11
+    dependent: float = 1e-11  # share of a feature by which it differs from combinations of others
     most_searched: int = 4000  # rows in which starts are compared, in pieces of so many in a row
     piece: int = 200
     # probability beforehand of a row that no law explains, and of a switch

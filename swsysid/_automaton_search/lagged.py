@@ -110,7 +110,10 @@ def _rows_of(place: int, record: Record, lags: int) -> tuple[Array, Array, Label
     """Columns, targets, recording and sample of the complete rows of one recording."""
     sample = np.arange(lags, len(record.y) - 1)
     back = sample[:, None] - np.arange(lags + 1)
-    blocks = [values[back].reshape(len(sample), -1) for values in (record.y, record.u)]
+    blocks = [
+        values[back].reshape(len(sample), (lags + 1) * values.shape[1])
+        for values in (record.y, record.u)
+    ]
     columns, targets = np.hstack(blocks), record.y[sample + 1]
     whole = np.isfinite(columns).all(axis=1) & np.isfinite(targets).all(axis=1)
     return columns[whole], targets[whole], np.full(whole.sum(), place), sample[whole]

@@ -98,13 +98,12 @@ def choose_lags(
 def with_own_orders(searched: Searched) -> tuple[Searched, Labels]:
     """Laws without the longer lags that do not help in a mode, and the lags of every mode."""
     data, found = searched.data, searched.found
-    sees = lags_seen(data)
     held_out, free = HeldOut(data, found, data.rows.lags), _every_feature(found)
     best, lags = held_out.errors(free), np.full(len(free), data.rows.lags)
     for mode in range(len(free)):
         for fewer in range(data.rows.lags):
             trial = free.copy()
-            trial[mode] &= sees <= fewer
+            trial[mode] &= data.memory <= fewer
             if trial[mode].any() and _as_good(held_out.errors(trial), best, data.settings):
                 free, lags[mode] = trial, fewer
                 break
@@ -125,21 +124,6 @@ def refitted(
         )
     fit = replace(fit, coef=found.coef, scale=np.tile(found.states.noise, (len(fit.coef), 1)))
     return replace(found, fit=fit, states=with_states(part, fit, found.states.tie, free=free))
-
-
-def lags_seen(data: DiscreteData) -> Labels:
-    """The longest lag that each feature sees, (n_features,)."""
-    columns, lags = data.columns, data.rows.lags
-    n_inputs = columns.shape[1] // (lags + 1) - data.rows.n_states
-    lag = np.concatenate([np.repeat(np.arange(lags + 1), data.rows.n_states),
-                          np.repeat(np.arange(lags + 1), n_inputs)])  # fmt: skip
-    features, longest = data.features(columns), np.zeros(len(data.feature_unit), dtype=np.intp)
-    for place, of_column in enumerate(lag):
-        changed = columns.copy()
-        changed[:, place] = columns[::-1, place]
-        differs = (data.features(changed) != features).any(axis=0)
-        longest[differs] = np.maximum(longest[differs], of_column)
-    return longest
 
 
 def _every_feature(found: Found) -> NDArray[np.bool_]:

@@ -89,3 +89,85 @@ def _stable_law(rng, lags, n_states, n_inputs):
     gains = rng.uniform(-1.0, 1.0, (n_states, n_inputs * (lags + 1)))
     constant = rng.uniform(-1.0, 1.0, (n_states, 1))
     return np.hstack([constant, *blocks, gains])
+
+
+def thermostat(noise=0.0, seed=0):
+    """A temperature that is heated from 19 degrees on and cools from 22 on: hysteresis."""
+    rng = np.random.default_rng(seed)
+
+    def switched(mode, x, u, dwell):
+        return 1 if x[0, 0] <= 19.0 else 0 if x[0, 0] >= 22.0 else mode
+
+    recordings, modes = stepped(
+        lambda mode, x, u: 0.97 * x[0] + 0.03 * (27.0 if mode else 15.0),
+        switched,
+        rng.uniform(18.0, 23.0, (4, 1, 1)),
+        [np.empty((400, 0))] * 4,
+        rng,
+        noise,
+    )
+    return Planted(recordings, modes, np.array([[[0.45, 0.97]], [[0.81, 0.97]]]))
+
+
+def narx_of_order_2(noise=0.0, seed=0):
+    """Two quadratic laws of two outputs and an input that switch with hysteresis."""
+    rng = np.random.default_rng(seed)
+
+    def law(mode, x, u):
+        if mode:
+            return 0.6 * x[0] - 0.3 * x[1] * x[0] + 0.8 * u[1] - 0.2
+        return 1.2 * x[0] - 0.5 * x[1] - 0.05 * x[0] ** 2 + 0.25 * u[0]
+
+    coef = np.zeros((2, 1, 15))  # 1 x y u v xx xy xu xv yy yu yv uu uv vv
+    coef[0, 0, [1, 2, 5, 3]] = 1.2, -0.5, -0.05, 0.25
+    coef[1, 0, [1, 6, 4, 0]] = 0.6, -0.3, 0.8, -0.2
+    recordings, modes = _driven(law, 0.5, -0.5, 2, rng, noise)
+    return Planted(recordings, modes, coef)
+
+
+def narx_of_order_3(noise=0.0, seed=0):
+    """Two laws of three outputs and inputs, one with a product, that switch with hysteresis."""
+    rng = np.random.default_rng(seed)
+
+    def law(mode, x, u):
+        if mode:
+            return 0.5 * x[0] + 0.3 * x[2] - 0.6 * u[2] + 0.3 - 0.5 * x[0] * u[0]
+        return 1.1 * x[0] - 0.5 * x[1] + 0.2 * x[2] + 0.5 * u[0]
+
+    coef = np.zeros((2, 1, 28))  # 1 x y z u v w, then products in this order
+    coef[0, 0, [1, 2, 3, 4]] = 1.1, -0.5, 0.2, 0.5
+    coef[1, 0, [1, 3, 6, 0, 10]] = 0.5, 0.3, -0.6, 0.3, -0.5
+    recordings, modes = _driven(law, 0.5, -0.3, 3, rng, noise)
+    return Planted(recordings, modes, coef)
+
+
+def _driven(law, upper, lower, order, rng, noise):
+    def switched(mode, x, u, dwell):
+        return 1 if x[0, 0] >= upper else 0 if x[0, 0] <= lower else mode
+
+    inputs = [np.repeat(rng.uniform(-1.0, 1.0, (125, 1)), 4, axis=0) for _ in range(5)]
+    return stepped(law, switched, rng.uniform(-0.4, 0.4, (5, order, 1)), inputs, rng, noise)
+
+
+def ball(noise=0.0, seed=0, height_only=False):
+    """A ball that loses a fifth of its speed when it bounces: one law, and jumps of the state."""
+    rng = np.random.default_rng(seed)
+    step, recordings, modes = 0.02, [], []
+    for _ in range(4):
+        x = [rng.uniform([0.5, -1.0], [2.0, 1.0])]
+        for _ in range(299):
+            height, speed = x[-1]
+            height, speed = height + step * speed - 4.9 * step**2, speed - 9.8 * step
+            bounces = height < 0.0 and speed < 0.0
+            x.append(np.array([-height, -0.8 * speed] if bounces else [height, speed]))
+        recordings.append(np.array(x))
+        modes.append(np.zeros(300, dtype=int))
+    spread = np.concatenate(recordings).std(axis=0)
+    shown = slice(0, 1) if height_only else slice(None)
+    noisy = [(x + noise * spread * rng.standard_normal(x.shape))[:, shown] for x in recordings]
+    coef = [[[-9.8 * step**2, 2.0, -1.0]]] if height_only else [
+        [[-4.9 * step**2, 1.0, step], [-9.8 * step, 0.0, 1.0]]
+    ]  # fmt: skip
+    return Planted(
+        [Record(np.arange(300.0), x, np.empty((300, 0))) for x in noisy], modes, np.array(coef)
+    )
