@@ -53,8 +53,14 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> RowFit:
 
 def _unexplained(data: DiscreteData, fit: RowFit, found: StateFit) -> NDArray[np.bool_]:
     """Rows between states that are no disturbance apart, or, so far unexplained, no noise."""
-    allowed = np.where(fit.unexplained[:, None], fit.scale[fit.modes], found.tie * found.noise)
+    allowed = found.tie * found.noise
     nats = (0.5 * np.square(found.left / allowed) + np.log(allowed)).sum(axis=1)
+    rows, n_lagged = np.flatnonzero(fit.unexplained), data.n_lagged
+    before = found.states[found.back[rows, 1:]].reshape(len(rows), n_lagged)
+    features = data.features(np.hstack([before, data.columns[rows, n_lagged:]]))
+    left = found.states[found.back[rows, 0]] - features @ found.coef.transpose(0, 2, 1)
+    by_noise = 0.5 * np.square(left / fit.scale[:, None]) + np.log(fit.scale)[:, None]
+    nats[rows] = by_noise.sum(axis=2).min(axis=0)
     return np.asarray(nats > -np.log(data.settings.unexplained))
 
 

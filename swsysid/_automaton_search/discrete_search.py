@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -80,7 +80,8 @@ class StaySearch:
         if not any(_is_exact(fit, self.settings) for fit in by_rows.values()):
             for turn, ties in enumerate(self.settings.stages):
                 found = self._hopeful(found, self.settings.hopeless[turn])
-                found = {count: with_noise(self.part, one, ties) for count, one in found.items()}
+                again = [with_noise(self.part, one, ties) for one in found.values()]
+                found = _best_of_each(map(without_empty, again))
         chosen = min(found.values(), key=lambda one: one.cost)
         candidates = [DiscreteCandidate(count, one.cost) for count, one in found.items()]
         return Searched(self.data, self._on_all_rows(chosen), tuple(candidates))
@@ -132,7 +133,8 @@ class StaySearch:
         problem, part = self.data.problem, self.part.problem
         scale = scale_of(part, found.coef, found.fit.lawful)
         fit = assigned(problem, found.coef, scale, found.fit.switching)
-        return with_noise(self.data, Found(fit, None, found.history), [found.states.tie] * 2)
+        start = Found(fit, None, found.history)
+        return without_empty(with_noise(self.data, start, [found.states.tie] * 2))
 
 
 def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
@@ -157,25 +159,47 @@ def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
 def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found:
     """Laws and modes in turn, with noise where it was measured and ever less disturbance.
 
-    A disturbance that is tried again is left as soon as the modes stay, and smaller ones are not
-    tried once they have made the measurements much less likely.
+    A disturbance is left as soon as the modes stay, or where the measurements have become much less
+    likely: then the next one begins with the best that was found.
     """
-    fit, states, history = found.fit, found.states, [*found.history]
-    best, settled = found, None
-    hopeless = data.settings.hopeless[-1] * len(data.rows)
+    now, best, history = found, found, [*found.history]
+    left = None
     for tie in ties:
-        if tie == settled:
+        if tie == left:
             continue
-        states = with_states(data, fit, tie, states)
+        states = with_states(data, now.fit, tie, now.states)
         history.append(states.cost)
-        if best.states is None or states.cost < best.cost:
-            best = Found(fit, states, ())
-        if states.cost > best.cost + hopeless:
-            break
-        before, fit = fit, reassigned(data, fit, states)
-        settled = tie if np.array_equal(before.lawful, fit.lawful) else None
+        now = Found(now.fit, states, ())
+        if best.states is None or now.cost < best.cost:
+            best = now
+        fit = reassigned(data, now.fit, states)
+        left = tie if np.array_equal(now.fit.lawful, fit.lawful) else None
+        now = Found(fit, states, ())
+        if states.cost > best.cost + data.settings.worse * len(data.rows):
+            now, left = best, tie
     return replace(best, history=tuple(history))
+
+
+def without_empty(found: Found) -> Found:
+    """The same without modes in which no row is left."""
+    kept = np.bincount(found.fit.modes, minlength=len(found.coef)) > 0
+    if kept.all() or found.states is None:
+        return found
+    names = np.cumsum(kept) - 1
+    fit = replace(found.fit, coef=found.fit.coef[kept], scale=found.fit.scale[kept],
+                  modes=names[found.fit.modes])  # fmt: skip
+    return replace(found, fit=fit, states=replace(found.states, coef=found.states.coef[kept]))
 
 
 def _is_exact(fit: RowFit, settings: DiscreteSettings) -> bool:
     return bool((fit.scale < settings.exact).all())
+
+
+def _best_of_each(found: Iterable[Found]) -> dict[int, Found]:
+    """The best with each number of modes."""
+    best: dict[int, Found] = {}
+    for one in found:
+        count = len(one.coef)
+        if count not in best or one.cost < best[count].cost:
+            best[count] = one
+    return best

@@ -46,8 +46,8 @@ class DiscreteSettings:
     # disturb them too, in two stages; steps of a descent, its first damping and the nats at which
     # it ends
     stages: tuple[tuple[float, ...], ...] = (
-        (1.0, 1.0, 1.0, 1.0),
-        (0.3, 0.1, 0.03, 0.01, 0.01, 0.01, 0.01, 0.01),
+        (1.0, 1.0, 1.0, 0.3, 0.1),
+        (0.03, 0.01, 0.01, 0.01, 0.01, 0.01),
     )
     most_steps: int = 10
     most_failures: int = 8
@@ -62,6 +62,8 @@ class DiscreteSettings:
     farthest: float = 10.0
     # -- Numbers of modes that are tried after the best one, and the largest one
     patience: int = 2
+    # nats a row by which modes are so much worse than the best ones that those are taken up again
+    worse: float = 0.03
     # nats a row by which a number is so much worse than the best one that it is not judged any
     # more, before each stage of the states
     hopeless: tuple[float, ...] = (0.5, 0.1)
