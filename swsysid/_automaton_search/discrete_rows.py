@@ -192,11 +192,20 @@ def fitted(problem: RowProblem, modes: Labels, coef: Array, free: NDArray[np.boo
     for mode, columns in enumerate(free):
         rows = modes == mode
         if rows.any():
-            features, targets = problem.features[rows], problem.targets[rows]
-            used = _independent(features, np.flatnonzero(columns), problem)
-            coef[mode] = 0.0
-            coef[mode][:, used] = np.linalg.lstsq(features[:, used], targets, rcond=None)[0].T
+            coef[mode] = law_of(problem, rows, columns)
     return coef
+
+
+def law_of(
+    problem: RowProblem, rows: NDArray[np.bool_], columns: NDArray[np.bool_] | None = None
+) -> Array:
+    """The law of least squares of some rows, (n_states, n_features), zero but in some columns."""
+    features, targets = problem.features[rows], problem.targets[rows]
+    law = np.zeros((targets.shape[1], features.shape[1]))
+    every = np.arange(features.shape[1]) if columns is None else np.flatnonzero(columns)
+    used = _independent(features, every, problem)
+    law[:, used] = np.linalg.lstsq(features[:, used], targets, rcond=None)[0].T
+    return law
 
 
 def _independent(

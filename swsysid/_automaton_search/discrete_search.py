@@ -9,7 +9,7 @@ import numpy as np
 
 from swsysid._automaton_search.discrete_data import DiscreteData
 from swsysid._automaton_search.discrete_modes import reassigned
-from swsysid._automaton_search.discrete_rows import RowFit, alternate, assigned, scale_of
+from swsysid._automaton_search.discrete_rows import RowFit, alternate, assigned, law_of, scale_of
 from swsysid._automaton_search.discrete_settings import DiscreteSettings
 from swsysid._automaton_search.discrete_starts import LawPool
 from swsysid._automaton_search.discrete_states import StateFit, with_states
@@ -120,6 +120,9 @@ class StaySearch:
         starts = [self.pool.best(count)]
         if last is not None:
             starts.append(self.pool.beside(last.coef))
+            if last.unexplained.any():  # they may be a rare mode
+                rest = law_of(self.part.problem, last.unexplained)
+                starts.append(np.concatenate([last.coef, rest[None]]))
         fits = [alternate(self.part.problem, coef) for coef in starts]
         return min(fits, key=lambda fit: fit.cost)
 
