@@ -1,6 +1,8 @@
 """Identification of hybrid automata from recordings.
 
-With memory and in discrete time: rows of a recording with their lags (`lagged`), laws and stays by
-rows (`discrete_rows`, `discrete_starts`), both with noise where it was measured
-(`discrete_states`), and how long the memory is (`orders`).
+In discrete time, with memory: a recording becomes rows with their lags (`lagged`, in units of their
+own in `discrete_data`). Laws of windows (`discrete_starts`) begin an alternation of modes and laws
+by rows (`discrete_rows`), numbers of modes are compared, and where the measurements have noise the
+states join the unknowns (`discrete_states`) and tell the modes (`discrete_modes`), all of it in the
+order of `discrete_search`. Rollouts tell how long the memory is (`orders`); `discrete` answers.
 """

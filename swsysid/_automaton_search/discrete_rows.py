@@ -8,7 +8,8 @@ makes it. A recording goes on in its mode, or switches with probability p:
           -\log\varepsilon\Big) + n_\text{switches} \log\frac{(1 - p)(M - 1)}{p}
 
 is descended by dynamic programming over the modes in turn with least squares over the laws. Rows
-that straddle a jump of the state are among those that no law explains.
+that straddle a jump of the state are among those that no law explains. Two fits are compared with
+the shares of such rows and of switches that they have themselves.
 """
 
 from __future__ import annotations
@@ -148,8 +149,15 @@ def as_fit(
     price = problem.settings.price(len(coef), switching)
     of_switches = float(price * n_switches - len(modes) * np.log1p(-switching))
     unexplained = own >= -np.log(problem.settings.unexplained)
-    cost = float(own.sum()) + of_switches
+    cost = float(own[~unexplained].sum()) + nats_of_unexplained(unexplained) + of_switches
     return RowFit(coef, modes, unexplained, scale, switching, cost, of_switches)
+
+
+def nats_of_unexplained(unexplained: NDArray[np.bool_]) -> float:
+    """What rows without a law take, given how many of them there are."""
+    count, n = np.count_nonzero(unexplained), len(unexplained)
+    share = (count + 0.5) / (n + 1.0)
+    return float(-count * np.log(share) - (n - count) * np.log1p(-share))
 
 
 def most_likely_modes(costs: Array, problem: RowProblem, price: float) -> Labels:

@@ -24,7 +24,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, cho_solve_banded, c
 from scipy.linalg.lapack import dtbtrs
 
 from swsysid._automaton_search.discrete_data import DiscreteData
-from swsysid._automaton_search.discrete_rows import RowFit
+from swsysid._automaton_search.discrete_rows import RowFit, nats_of_unexplained
 from swsysid._automaton_search.lagged import Labels
 from swsysid._results import Array
 from swsysid._stays.laws import slopes_of
@@ -157,7 +157,7 @@ class StateProblem:
         band = self._band(slopes, noise)
         gradient = misfit / noise
         for place, slope in enumerate(slopes):
-            np.add.at(gradient, self.back[:, place], np.einsum("irc,ir->ic", slope, left))
+            gradient[self.back[:, place]] += np.einsum("irc,ir->ic", slope, left)
         n_free = int(self.columns_of_coef.max()) + 1
         border = np.zeros((n_samples * n, n_free))
         matrix, right = np.zeros((n_free, n_free)), np.zeros(n_free)
@@ -176,10 +176,10 @@ class StateProblem:
                         border[at, block] += slope[own, state, other][:, None] * by_coef
         factor = cholesky_banded(band, lower=True)
         right_of_states = -gradient.ravel()
-        half, _ = dtbtrs(factor, np.asfortranarray(border), uplo="L", overwrite_b=False)
-        own, _ = dtbtrs(factor, right_of_states, uplo="L")
+        half, _ = dtbtrs(factor, np.asfortranarray(border), uplo="L")
+        half_right, _ = dtbtrs(factor, right_of_states, uplo="L")
         matrix -= half.T @ half
-        right -= half.T @ own.ravel()
+        right -= half.T @ half_right.ravel()
         value = 0.5 * float(np.square(misfit).sum() + np.square(left).sum())
         return _Normal(matrix, right, value, factor, border, right_of_states)
 
@@ -269,10 +269,9 @@ def _noise(problem: StateProblem, coef: Array, states: Array, tie: float) -> Arr
 
 def _cost(problem: StateProblem, normal: _Normal, noise: Array, tie: float, fit: RowFit) -> float:
     """Negative log likelihood of the rows, the states integrated out, with what laws take."""
-    settings = problem.data.settings
     n_samples = len(problem.y)
     nats = normal.value + n_samples * np.log(noise).sum() + 0.5 * normal.log_det
     nats += np.log(problem.disturbance(noise, tie)).sum()
-    nats -= np.count_nonzero(problem.modes < 0) * np.log(settings.unexplained)
+    nats += nats_of_unexplained(problem.modes < 0)
     nats += 0.5 * float(np.linalg.slogdet(np.eye(len(normal.matrix)) + normal.matrix)[1])
     return float(nats + fit.of_switches)

@@ -15,6 +15,7 @@ from lagged_plants import (
 
 from swsysid._automaton_search.discrete import identify_stays
 from swsysid._automaton_search.discrete_settings import SETTINGS
+from swsysid._automaton_search.lagged import lagged_rows
 from swsysid._data.matching import best_matching, contingency
 from swsysid.refinement._trajectories import Record
 
@@ -78,6 +79,28 @@ def test_products_of_lagged_outputs_and_inputs(plant, lags):
     right, error = compared(identify_stays(planted.recordings, lags, library=2), planted)
     assert right >= RIGHT
     assert error < EXACT
+
+
+@pytest.mark.parametrize("plant", [(narx_of_order_2, 1), (narx_of_order_3, 2)])
+def test_products_with_noise(plant):
+    make, lags = plant
+    planted = make(noise=0.01)
+    right, _ = compared(identify_stays(planted.recordings, lags, library=2), planted)
+    assert right >= RIGHT_WITH_NOISE
+
+
+def test_laws_see_less_noise_by_states_than_by_rows():
+    planted = switched_arx(5, 2, 2, n_states=2, noise=0.03)
+    _, error = compared(identify_stays(planted.recordings, 2, library=1), planted)
+    rows = lagged_rows(planted.recordings, 2)
+    true = np.array([planted.modes[r][k] for r, k in zip(rows.recording, rows.sample, strict=True)])
+    features = np.hstack([np.ones((len(rows), 1)), rows.columns])
+    by_rows = [
+        np.linalg.lstsq(features[true == mode], rows.targets[true == mode], rcond=None)[0].T
+        for mode in range(2)
+    ]
+    # least squares knows the modes and is still biased
+    assert error < 0.5 * np.abs(np.array(by_rows) - planted.coef).max()
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
@@ -210,10 +233,20 @@ def test_a_mode_may_remember_less_than_another(noise):
     )
 
 
-def test_fewer_modes_than_asked_for_where_the_data_have_fewer_rows_for_them():
-    planted = switched_arx(8, 2, 0, n_recordings=2, n=200)
-    found = identify_stays(planted.recordings, 0, library=1, n_modes=2)
+def test_a_number_of_modes_is_taken_as_asked_for():
+    planted = switched_arx(8, 3, 0, n_recordings=2, n=200)
+    found = identify_stays(planted.recordings, 0, library=1, n_modes=3)
     assert compared(found, planted)[0] >= RIGHT
+    assert [one.n_modes for one in found.candidates] == [3]
+
+
+def test_one_mode_leaves_the_rows_of_the_other_unexplained():
+    planted = switched_arx(8, 2, 0, n_recordings=2, n=200)
+    found = identify_stays(planted.recordings, 0, library=1, n_modes=1)
+    rows = found.rows
+    true = np.array([planted.modes[r][k] for r, k in zip(rows.recording, rows.sample, strict=True)])
+    assert len(found.coef) == 1
+    np.testing.assert_array_equal(found.straddling, true != true[~found.straddling][0])
 
 
 @pytest.mark.parametrize(
