@@ -1,0 +1,172 @@
+"""Laws and stays of recordings in discrete time, with memory: from recordings to the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton_search.discrete_data import DiscreteData
+from swsysid._automaton_search.discrete_search import DiscreteCandidate, Searched, StaySearch
+from swsysid._automaton_search.discrete_settings import SETTINGS, DiscreteSettings
+from swsysid._automaton_search.lagged import Labels, LaggedRows, lagged_rows
+from swsysid._automaton_search.orders import LagCandidate, choose_lags, with_own_orders
+from swsysid._checks.parameters import whole
+from swsysid._data.features import FeatureMap
+from swsysid._results import Array
+from swsysid.refinement._trajectories import Record
+
+
+@dataclass(frozen=True)
+class DiscreteStays:
+    """Laws of all modes, and the mode of every row of the recordings.
+
+    Attributes
+    ----------
+    coef : ndarray of shape (n_modes, n_states, n_features_out)
+        Laws x[k + 1] = C_j Phi(row k), the most populated mode first.
+    feature_map : FeatureMap
+        Of the lagged columns.
+    rows : LaggedRows
+        Recording after recording, in the order in which they were given.
+    modes : ndarray of shape (n_rows,), int
+    straddling : ndarray of shape (n_rows,), bool
+        Rows that no law explains, since the state jumps between their samples; their mode is that
+        of a neighbour.
+    states : tuple of ndarray of shape (n_samples, n_states)
+        Of every recording: measured states without their noise, NaN where no row tells.
+    noise : ndarray of shape (n_states,)
+        Standard deviations of the measurements, about rounding if there is none.
+    history : tuple of float
+        Nats of the winning start, round after round.
+    candidates : tuple of DiscreteCandidate
+        Numbers of modes that were compared.
+    lags : ndarray of shape (n_modes,), int
+        Of every mode; coefficients of features that see further back are zero.
+    lag_candidates : tuple of LagCandidate
+        Of ``lags="auto"``, else empty.
+    """
+
+    coef: Array
+    feature_map: FeatureMap
+    rows: LaggedRows
+    modes: Labels
+    straddling: NDArray[np.bool_]
+    states: tuple[Array, ...]
+    noise: Array
+    history: tuple[float, ...]
+    candidates: tuple[DiscreteCandidate, ...]
+    lags: Labels
+    lag_candidates: tuple[LagCandidate, ...] = ()
+
+
+def identify_stays(
+    recordings: Sequence[Record],
+    lags: int | str = "auto",
+    *,
+    library: object = None,
+    n_modes: int | str = "auto",
+    channels: Sequence[str] | None = None,
+    settings: DiscreteSettings = SETTINGS,
+) -> DiscreteStays:
+    """Laws and stays of recordings of a system that switches at samples.
+
+    Parameters
+    ----------
+    recordings : sequence of Record
+        Measured states (NaN where missing) and inputs.
+    lags : int or "auto", default="auto"
+        Samples before the present one that the laws see. "auto" chooses the fewest whose rollouts
+        of held-out stretches are about as good as any, for all modes and then for each.
+    library : None, int, transformer or PySINDy library, default=None
+        Features of the lagged columns; None is the columns themselves, an int all monomials up to
+        that degree.
+    n_modes : int or "auto", default="auto"
+        If the recordings do not tell so many apart the answer has fewer.
+    channels : sequence of str, default=None
+        Names of the states and inputs.
+    settings : DiscreteSettings
+
+    Returns
+    -------
+    DiscreteStays
+
+    Raises
+    ------
+    ValueError
+        If no recording is long enough for a row, or a number is none.
+
+    Examples
+    --------
+    A state that halves until it is below 1, and doubles until it is above 8:
+
+    >>> x, factor = [5.0], 0.5
+    >>> for _ in range(60):
+    ...     factor = 2.0 if x[-1] < 1.0 else 0.5 if x[-1] > 8.0 else factor
+    ...     x.append(factor * x[-1])
+    >>> x = np.array(x)[:, None]
+    >>> found = identify_stays([Record(np.arange(61.0), x, np.empty((61, 0)))], lags=0)
+    >>> sorted(found.coef.ravel().round(9).tolist()), found.modes[:8].tolist()
+    ([0.5, 2.0], [0, 0, 0, 1, 1, 1, 1, 0])
+    """
+    whole("n_modes", n_modes, also=("auto",))
+    whole("lags", lags, least=0, also=("auto",))
+    # the order in which recordings are given means nothing, down to the last digit
+    order = sorted(range(len(recordings)), key=lambda place: _content(recordings[place]))
+    ordered = [recordings[place] for place in order]
+
+    @cache
+    def searched(lags: int) -> Searched:
+        rows = lagged_rows(ordered, lags, channels)
+        feature_map = FeatureMap(library, rows.columns, rows.names)
+        data = DiscreteData.of(rows, feature_map, settings)
+        return StaySearch(data).best(None if n_modes == "auto" else int(n_modes))
+
+    if lags != "auto":
+        one = searched(int(lags))
+        return _answer(one, np.full(len(one.found.coef), lags), (), recordings, order)
+    chosen, tried = choose_lags(searched, settings)
+    one, own = with_own_orders(searched(chosen))
+    return _answer(one, own, tried, recordings, order)
+
+
+def _content(record: Record) -> tuple[int, bytes, bytes]:
+    return len(record.y), record.y.tobytes(), record.u.tobytes()
+
+
+def _answer(
+    searched: Searched,
+    lags: Labels,
+    lag_candidates: tuple[LagCandidate, ...],
+    recordings: Sequence[Record],
+    order: list[int],
+) -> DiscreteStays:
+    """What was found, in the units and the order of the user, the most populated mode first."""
+    data, found = searched.data, searched.found
+    fit, n_modes = found.fit, len(found.coef)
+    names = np.argsort(-np.bincount(fit.modes, minlength=n_modes), kind="stable")
+    recording = np.asarray(order)[data.rows.recording]
+    back = np.argsort(recording, kind="stable")
+    samples = found.samples(data) * data.target_unit
+    states = tuple(np.full(record.y.shape, np.nan) for record in recordings)
+    for place, estimated in enumerate(states):
+        own = recording == place
+        for lag in range(-1, data.rows.lags + 1):
+            estimated[data.rows.sample[own] - lag] = samples[own, lag + 1]
+    noise = np.median(fit.scale, axis=0) if found.states is None else found.states.noise
+    return DiscreteStays(
+        coef=data.coef(found.coef)[names],
+        feature_map=data.feature_map,
+        rows=replace(data.rows, recording=recording).take(back),
+        modes=np.argsort(names)[fit.modes][back],
+        straddling=fit.unexplained[back],
+        states=states,
+        noise=noise * data.target_unit,
+        history=found.history,
+        candidates=searched.candidates,
+        lags=lags[names],
+        lag_candidates=lag_candidates,
+    )

@@ -1,0 +1,102 @@
+"""Lagged rows in units of their own: features, targets and states as the searches see them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton_search.discrete_rows import RowProblem
+from swsysid._automaton_search.discrete_settings import DiscreteSettings
+from swsysid._automaton_search.lagged import Labels, LaggedRows
+from swsysid._data.features import FeatureMap
+from swsysid._results import Array
+from swsysid.refinement._trajectories import spread
+
+
+@dataclass(frozen=True)
+class DiscreteData:
+    """Rows of recordings and their features, in units in which all are of order one."""
+
+    rows: LaggedRows
+    feature_map: FeatureMap
+    row_features: Array  # (n_rows, n_features), in the units of the user
+    feature_unit: Array  # (n_features,): root mean square, 1 where it is zero
+    target_unit: Array  # (n_states,): deviation
+    memory: Labels  # (n_features,): the longest lag that each sees
+    settings: DiscreteSettings
+
+    @classmethod
+    def of(
+        cls, rows: LaggedRows, feature_map: FeatureMap, settings: DiscreteSettings
+    ) -> DiscreteData:
+        """Rows with the units that they ask for."""
+        features = feature_map(rows.columns)
+        size = np.sqrt(np.square(features).mean(axis=0))
+        unit = np.where(size > 0.0, size, 1.0)
+        memory = _memory(rows, feature_map)
+        return cls(rows, feature_map, features, unit, spread(rows.targets), memory, settings)
+
+    @cached_property
+    def problem(self) -> RowProblem:
+        """Features, targets and stretches of the rows."""
+        features = self.row_features / self.feature_unit
+        targets = self.rows.targets / self.target_unit
+        return RowProblem(features, targets, self.rows.begins, self.memory, self.settings)
+
+    @cached_property
+    def column_unit(self) -> Array:
+        """Unit of every column: of its state, and 1 of an input."""
+        units = np.ones(self.rows.columns.shape[1])
+        units[: self.n_lagged] = np.tile(self.target_unit, self.rows.lags + 1)
+        return units
+
+    @property
+    def n_lagged(self) -> int:
+        """Number of the columns that are states."""
+        return self.rows.n_states * (self.rows.lags + 1)
+
+    @cached_property
+    def columns(self) -> Array:
+        """Columns of the rows in these units."""
+        return self.rows.columns / self.column_unit
+
+    def coef(self, coef: Array) -> Array:
+        """Laws in the units of the user."""
+        return coef * self.target_unit[:, None] / self.feature_unit
+
+    def features(self, columns: Array) -> Array:
+        """Features of columns in these units."""
+        return self.feature_map.at_rows(columns * self.column_unit) / self.feature_unit
+
+    def take(self, rows: NDArray) -> DiscreteData:
+        """Some of the rows, in the same units."""
+        return replace(self, rows=self.rows.take(rows), row_features=self.row_features[rows])
+
+    def part(self) -> DiscreteData:
+        """Pieces of the recordings that are enough to compare laws, spread over all of them."""
+        n, settings = len(self.rows), self.settings
+        if n <= settings.most_searched:
+            return self
+        place, stretch = self.problem.places
+        pieces = np.column_stack([stretch, place // settings.piece])
+        piece = np.unique(pieces, axis=0, return_inverse=True)[1].ravel()
+        n_pieces = int(piece.max()) + 1
+        count = max(1, settings.most_searched * n_pieces // n)
+        kept = np.linspace(0, n_pieces - 1, count).round().astype(int)
+        return self.take(np.flatnonzero(np.isin(piece, kept)))
+
+
+def _memory(rows: LaggedRows, feature_map: FeatureMap) -> Labels:
+    """The longest lag that each feature sees, by what changes with the columns of every lag."""
+    columns, lags, n_states = rows.columns, np.arange(rows.lags + 1), rows.n_states
+    n_inputs = columns.shape[1] // len(lags) - n_states
+    lag = np.concatenate([np.repeat(lags, n_states), np.repeat(lags, n_inputs)])
+    features = feature_map.at_rows(columns)
+    memory = np.zeros(features.shape[1], dtype=np.intp)
+    for longest in lags[1:]:
+        changed = np.where(lag == longest, columns[::-1], columns)
+        memory[(feature_map.at_rows(changed) != features).any(axis=0)] = longest
+    return memory

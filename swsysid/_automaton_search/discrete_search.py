@@ -1,0 +1,208 @@
+"""From lagged rows to modes and laws: starts, numbers of modes, and noise in stages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swsysid._automaton_search.discrete_data import DiscreteData
+from swsysid._automaton_search.discrete_modes import reassigned
+from swsysid._automaton_search.discrete_rows import RowFit, alternate, assigned, law_of, scale_of
+from swsysid._automaton_search.discrete_settings import DiscreteSettings
+from swsysid._automaton_search.discrete_starts import LawPool
+from swsysid._automaton_search.discrete_states import StateFit, with_states
+from swsysid._results import Array
+
+
+@dataclass(frozen=True)
+class DiscreteCandidate:
+    """One number of modes, and what the recordings say of it: the least criterion is chosen."""
+
+    n_modes: int
+    criterion: float  # nats: negative log likelihood, switches and coefficients paid for
+
+
+@dataclass(frozen=True)
+class Found:
+    """Modes and laws; with states where the measurements have noise."""
+
+    fit: RowFit
+    states: StateFit | None
+    history: tuple[float, ...]
+
+    @property
+    def cost(self) -> float:
+        """Nats that are minimised."""
+        return self.fit.cost if self.states is None else self.states.cost
+
+    @property
+    def coef(self) -> Array:
+        """Laws in the units of the data."""
+        return self.fit.coef if self.states is None else self.states.coef
+
+    def samples(self, data: DiscreteData) -> Array:
+        """States at x[k + 1], x[k], ... of every row, (n_rows, lags + 2, n_states)."""
+        if self.states is not None:
+            return self.states.states[self.states.back]
+        every = np.hstack([data.problem.targets, data.columns[:, : data.n_lagged]])
+        return every.reshape(len(every), -1, data.rows.n_states)
+
+    def lagged_states(self, data: DiscreteData) -> Array:
+        """States among the columns of the rows."""
+        return self.samples(data)[:, 1:].reshape(len(data.rows), -1)
+
+
+@dataclass(frozen=True)
+class Searched:
+    """Rows, what was found in them, and the numbers of modes that were compared."""
+
+    data: DiscreteData
+    found: Found
+    candidates: tuple[DiscreteCandidate, ...]
+
+
+class StaySearch:
+    """Compares numbers of modes on a part of the rows, then goes on with all of them."""
+
+    def __init__(self, data: DiscreteData):
+        self.data, self.part, self.settings = data, data.part(), data.settings
+        self.pool = LawPool(self.part.problem)
+
+    def best(self, n_modes: int | None) -> Searched:
+        """The best identification, with so many modes or as many as the data ask for."""
+        by_rows = self._by_rows(n_modes)
+        if n_modes is not None:
+            fewer = [count for count in by_rows if count <= n_modes]
+            by_rows = {max(fewer): by_rows[max(fewer)]}
+        found = {count: Found(fit, None, fit.history) for count, fit in by_rows.items()}
+        if not any(_is_exact(fit, self.settings) for fit in by_rows.values()):
+            for turn, ties in enumerate(self.settings.stages):
+                found = self._hopeful(found, self.settings.hopeless[turn])
+                again = [with_noise(self.part, one, ties) for one in found.values()]
+                found = _best_of_each(map(without_empty, again))
+        chosen = min(found.values(), key=lambda one: one.cost)
+        candidates = [DiscreteCandidate(count, one.cost) for count, one in found.items()]
+        return Searched(self.data, self._on_all_rows(chosen), tuple(candidates))
+
+    def _hopeful(self, found: dict[int, Found], nats: float) -> dict[int, Found]:
+        """Candidates not worse than one of fewer modes, nor by so many nats a row than any."""
+        most = min(one.cost for one in found.values()) + nats * len(self.part.rows)
+        kept: dict[int, Found] = {}
+        for count, one in sorted(found.items()):
+            if one.cost <= min([most, *(fewer.cost for fewer in kept.values())]):
+                kept[count] = one
+        return kept
+
+    def _by_rows(self, n_modes: int | None) -> dict[int, RowFit]:
+        """The best fit by rows of every number of modes, until two more modes say no more."""
+        best: dict[int, RowFit] = {}
+        last: RowFit | None = None
+        in_vain = 0
+        most = self.settings.most_modes if n_modes is None else n_modes + self.settings.patience
+        for count in range(1, most + 1):
+            last = self._alternated(count, last)
+            lasting = without_momentary(self.part, last)
+            n_lasting = len(lasting.coef)
+            before = min((fit.cost for fit in best.values()), default=np.inf)
+            if n_lasting not in best or lasting.cost < best[n_lasting].cost:
+                best[n_lasting] = lasting
+            if n_modes is not None and n_lasting >= n_modes:
+                break
+            in_vain = 0 if lasting.cost < before else in_vain + 1
+            if n_modes is None and in_vain > self.settings.patience:
+                break
+        return best
+
+    def _alternated(self, count: int, last: RowFit | None) -> RowFit:
+        """The best of the starts with so many modes."""
+        starts = [self.pool.best(count)]
+        if last is not None:
+            starts.append(self.pool.beside(last.coef))
+            if last.unexplained.any():  # they may be a rare mode
+                rest = law_of(self.part.problem, last.unexplained)
+                starts.append(np.concatenate([last.coef, rest[None]]))
+        fits = [alternate(self.part.problem, coef) for coef in starts]
+        return min(fits, key=lambda fit: fit.cost)
+
+    def _on_all_rows(self, found: Found) -> Found:
+        """The same with all rows."""
+        if self.part is self.data:
+            return found
+        if found.states is None:
+            fit = alternate(self.data.problem, found.coef)
+            return Found(fit, None, found.history + fit.history)
+        problem, part = self.data.problem, self.part.problem
+        scale = scale_of(part, found.coef, found.fit.lawful)
+        fit = assigned(problem, found.coef, scale, found.fit.switching)
+        start = Found(fit, None, found.history)
+        return without_empty(with_noise(self.data, start, [found.states.tie] * 2))
+
+
+def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
+    """A fit without modes whose stays are as short as what straddles a jump.
+
+    The rows of a jump may have a law of their own, that of the reset; they are no mode.
+    """
+    modes = fit.lawful
+    first = np.flatnonzero(data.rows.begins | np.append(True, np.diff(modes) != 0))
+    length = np.diff(np.append(first, len(modes)))
+    short = length <= data.rows.lags + 1
+    lasting = np.array([
+        np.mean(short[own]) < data.settings.momentary if (own := modes[first] == mode).any()
+        else False
+        for mode in range(len(fit.coef))
+    ])  # fmt: skip
+    if lasting.all() or not lasting.any():
+        return fit
+    return without_momentary(data, alternate(data.problem, fit.coef[lasting]))
+
+
+def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found:
+    """Laws and modes in turn, with noise where it was measured and ever less disturbance.
+
+    A disturbance is left as soon as the modes stay, or where the measurements have become much less
+    likely: then the next one begins with the best that was found.
+    """
+    now, best, history = found, found, [*found.history]
+    left = None
+    for tie in ties:
+        if tie == left:
+            continue
+        states = with_states(data, now.fit, tie, now.states)
+        history.append(states.cost)
+        now = Found(now.fit, states, ())
+        if best.states is None or now.cost < best.cost:
+            best = now
+        fit = reassigned(data, now.fit, states)
+        left = tie if np.array_equal(now.fit.lawful, fit.lawful) else None
+        now = Found(fit, states, ())
+        if states.cost > best.cost + data.settings.worse * len(data.rows):
+            now, left = best, tie
+    return replace(best, history=tuple(history))
+
+
+def without_empty(found: Found) -> Found:
+    """The same without modes in which no row is left."""
+    kept = np.bincount(found.fit.modes, minlength=len(found.coef)) > 0
+    if kept.all() or found.states is None:
+        return found
+    names = np.cumsum(kept) - 1
+    fit = replace(found.fit, coef=found.fit.coef[kept], scale=found.fit.scale[kept],
+                  modes=names[found.fit.modes])  # fmt: skip
+    return replace(found, fit=fit, states=replace(found.states, coef=found.states.coef[kept]))
+
+
+def _is_exact(fit: RowFit, settings: DiscreteSettings) -> bool:
+    return bool((fit.scale < settings.exact).all())
+
+
+def _best_of_each(found: Iterable[Found]) -> dict[int, Found]:
+    """The best with each number of modes."""
+    best: dict[int, Found] = {}
+    for one in found:
+        count = len(one.coef)
+        if count not in best or one.cost < best[count].cost:
+            best[count] = one
+    return best

@@ -1,0 +1,109 @@
+"""Laws and states of highest likelihood, and the modes that go with them."""
+
+import numpy as np
+import pytest
+from lagged_plants import switched_arx
+from scipy.linalg import block_diag
+
+from swsysid._automaton_search.discrete_data import DiscreteData
+from swsysid._automaton_search.discrete_modes import reassigned
+from swsysid._automaton_search.discrete_rows import as_fit, fitted, row_costs, scale_of
+from swsysid._automaton_search.discrete_settings import SETTINGS
+from swsysid._automaton_search.discrete_states import StateProblem, with_states
+from swsysid._automaton_search.lagged import lagged_rows
+from swsysid._data.features import FeatureMap
+
+
+def with_true_modes(planted, lags, library=1):
+    """The rows of a plant, and their fit by least squares in the true modes."""
+    rows = lagged_rows(planted.recordings, lags)
+    data = DiscreteData.of(rows, FeatureMap(library, rows.columns, rows.names), SETTINGS)
+    modes = np.array(
+        [planted.modes[r][k] for r, k in zip(rows.recording, rows.sample, strict=True)]
+    )
+    n_modes, n_features = len(planted.coef), len(data.feature_unit)
+    free = np.ones((n_modes, n_features), dtype=bool)
+    empty = np.zeros((n_modes, rows.n_states, n_features))
+    coef = fitted(data.problem, modes, empty, free)
+    scale = scale_of(data.problem, coef, modes)
+    return data, as_fit(
+        data.problem, coef, scale, 0.03, modes, row_costs(data.problem, coef, scale)
+    )
+
+
+def error(planted, data, coef):
+    return np.abs(data.coef(coef) - planted.coef).max()
+
+
+@pytest.mark.parametrize("library", [1, 2])
+def test_the_gradient_of_the_sum_of_squares(library):
+    planted = switched_arx(3, 2, 1, n_states=2, n_recordings=2, n=30, noise=0.02)
+    data, fit = with_true_modes(planted, 1, library)
+    lawful = fit.modes.copy()
+    lawful[10:12] = -1
+    problem = StateProblem(data, lawful, np.ones(fit.coef[:, 0].shape, dtype=bool))
+    rng = np.random.default_rng(0)
+    states = problem.y + 0.05 * rng.standard_normal(problem.y.shape)
+    noise, tie, step = np.array([0.1, 0.2]), 0.5, 1e-5
+    normal = problem.normal(fit.coef, states, noise, tie)
+    for place in rng.integers(0, states.size, 6):
+        move = np.zeros(states.size)
+        move[place] = step
+        move = move.reshape(states.shape)
+        ends = [problem.value(fit.coef, states + sign * move, noise, tie) for sign in (1, -1)]
+        slope = -(ends[0] - ends[1]) / (2 * step)
+        assert slope == pytest.approx(normal.right_of_states[place], rel=1e-3, abs=1e-3)
+
+
+def test_the_step_is_that_of_the_dense_equations():
+    planted = switched_arx(4, 2, 1, n_recordings=2, n=80, noise=0.02)
+    data, fit = with_true_modes(planted, 1)
+    problem = StateProblem(data, fit.modes, np.ones(fit.coef[:, 0].shape, dtype=bool))
+    noise, tie = np.array([0.1]), 0.5
+    normal = problem.normal(fit.coef, problem.y, noise, tie)
+    n_states, n_free = problem.y.size, fit.coef.size
+    # rows of the residuals: samples, then rows; columns: states, then coefficients
+    slopes = np.zeros((len(problem.now), n_states + n_free))
+    every = np.arange(len(problem.now))
+    slopes[every, problem.now + 1] = 1.0
+    units = data.target_unit[0] / data.feature_unit
+    for mode in range(2):
+        own = fit.modes == mode
+        for lag in (0, 1):  # the constant is the first feature
+            slopes[every[own], problem.now[own] - lag] -= (
+                fit.coef[mode, 0, 1 + lag] * units[1 + lag]
+            )
+        first = n_states + mode * fit.coef.shape[2]
+        slopes[own, first : first + fit.coef.shape[2]] = -data.problem.features[own]
+    left = problem.left(fit.coef, problem.y, data.problem.features)
+    weighted = slopes / (tie * noise)
+    matrix = block_diag(np.eye(n_states) / noise**2, np.zeros((n_free, n_free)))
+    matrix += weighted.T @ weighted
+    damped = matrix + 1e-9 * np.diag(np.diag(matrix))
+    dense = np.linalg.solve(damped, -weighted.T @ (left[:, 0] / (tie * noise)))
+    change, move = normal.step(0.0)
+    np.testing.assert_allclose(change, dense[n_states:], rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(move, dense[:n_states], rtol=1e-4, atol=1e-7)
+
+
+def test_noise_in_the_features_no_longer_biases_the_laws():
+    planted = switched_arx(5, 2, 2, n=1000, noise=0.03)
+    data, fit = with_true_modes(planted, 2)
+    found = None
+    for tie in (1.0, 0.1, 0.01):
+        found = with_states(data, fit, tie, found)
+    assert error(planted, data, fit.coef) > 0.1
+    assert error(planted, data, found.coef) < 0.03
+    np.testing.assert_allclose(found.noise, 0.03, rtol=0.1)
+
+
+def test_the_modes_are_told_by_the_states():
+    planted = switched_arx(5, 2, 2, n=400, noise=0.03)
+    data, truth = with_true_modes(planted, 2)
+    found = None
+    for tie in (1.0, 0.1):
+        found = with_states(data, truth, tie, found)
+    # the same laws by rows alone leave more of them in the wrong mode
+    by_states = reassigned(data, truth, found)
+    assert np.mean(by_states.modes == truth.modes) > 0.995
+    assert not by_states.unexplained.any()
