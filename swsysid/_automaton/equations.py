@@ -44,10 +44,12 @@ def guard_text(
 
     Where one monomial stands beside a constant it stands alone: T >= 22.
     """
-    names = [monomial_name(powers, columns) for powers in guard.powers.tolist()]
-    terms = {name: float(value) for value, name in zip(guard.coef, names, strict=True) if value}
+    terms: dict[str, float] = {}
+    for value, powers in zip(guard.coef.tolist(), guard.powers.tolist(), strict=True):
+        name = monomial_name(powers, columns)
+        terms[name] = terms.get(name, 0.0) + value
     combined = partial(linear_combination, precision=precision, style=style, brief=brief)
-    others = [name for name in terms if name != "1"]
+    others = [name for name, value in terms.items() if value and name != "1"]
     if len(others) == 1:
         coef = terms[others[0]]
         level = combined([-terms.get("1", 0.0) / coef], ["1"])

@@ -206,6 +206,10 @@ class HybridAutomaton(AutomatonParts):
         ------
         ValueError
             If it is none, is damaged or was written by a newer version.
+
+        Examples
+        --------
+        See `to_dict`.
         """
         return cls(*parts_of(told))
 
@@ -345,6 +349,16 @@ class HybridAutomaton(AutomatonParts):
         ValueError
             If arguments are of another shape, or if the mode at the start is not given and the
             guards do not tell it.
+
+        Examples
+        --------
+        >>> from swsysid import HybridAutomaton
+        >>> ball = HybridAutomaton.stated(
+        ...     [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
+        ... )
+        >>> rollout = ball.simulate([10.0, 0.0], [0.0, 2.0, 4.0])
+        >>> [round(event.time, 3) for event in rollout.events]
+        [1.428, 3.712]
         """
         return roll_out(self, x0, t, inputs, mode, input_hold, options)
 

@@ -114,9 +114,10 @@ def _check_invariants(
 
     for mode, invariant in enumerate(invariants):
         out = [rising(guard) for source, _, guard, _ in model.transitions if source == mode]
-        for condition in filter(None, map(str.strip, invariant.split("&"))):
+        conditions = {part.strip() for part in invariant.split("&")} - {"", "true"}
+        for condition in sorted(conditions):
             ends = {powers: -coef for powers, coef in rising(condition).items()}
-            if condition != "true" and not any(_is_same(ends, guard) for guard in out):
+            if not any(_is_same(ends, guard) for guard in out):
                 raise _refusal(
                     f"the invariant {shown(condition)} ends where no guard of its location begins"
                 )

@@ -152,10 +152,9 @@ class AutomatonGraphDisplay(Display):
                 )
             )
         for lines, box in zip(layout.labels, layout.label_boxes, strict=True):
+            under = box.grown(-_PADDING / 2)
             ax.add_patch(
-                Rectangle(
-                    box.centre - box.size / 2, *box.size, color="white", alpha=0.9, zorder=1.5
-                )
+                Rectangle(under.corner, *under.size, color="white", linewidth=0, zorder=1.5)
             )
             _write(ax, lines, box, size)
         for mode, (lines, box) in enumerate(zip(layout.nodes, layout.node_boxes, strict=True)):

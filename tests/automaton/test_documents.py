@@ -223,6 +223,8 @@ def _read(text, tmp_path, **arguments):
 
 
 def test_a_model_by_another_hand(tmp_path):
+    free = BALL.replace("<invariant>x &gt;= 0<", "<invariant>true<")
+    assert _read(free, tmp_path, parameters={"g": 9.81}).n_modes == 1
     ball = _read(BALL, tmp_path, parameters={"g": 9.81})
     assert ball.equations(2) == [
         "mode 0: x' = 1.00 v",
