@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import warnings
 
+import numpy as np
 from sklearn.base import BaseEstimator
 
 from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import AutomatonReport, IdentifiedAutomaton
-from swsysid._automaton_search.continuous import identified
 from swsysid._automaton_search.scores import rollout_score
 from swsysid._checks.estimators import check_fitted
-from swsysid._checks.parameters import verbosity, whole
+from swsysid._checks.parameters import flag, verbosity, whole
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning
@@ -48,12 +49,19 @@ class HybridAutomatonRegressor(BaseEstimator):
     ----------
     n_modes : int or "auto", default="auto"
         "auto" takes the number at which another mode no longer pays, up to `max_modes`.
+    lags : int or "auto", default=0
+        In discrete time: samples before the present one that laws and guards see. "auto" takes the
+        fewest whose rollouts of held-out stretches are about as good as any, in each mode.
+    discrete_time : bool, default=False
+        The laws give the next state instead of the velocity (switched ARX, NARX); dwell and time
+        count steps, and a guard is zero anywhere between two samples: it has the largest margin to
+        both (the paper's margin program).
     feature_library : None, int, transformer or PySINDy library, default=1
         Features of the laws, as for `SwitchingSystemRegressor`; 1 is affine laws.
     guard_degree : int, default=1
         Degree of the guards.
     sparsity : None, float or "auto", default=None
-        Whether the laws leave out terms, as for `SwitchingSystemRegressor`.
+        Whether the laws leave out terms, as for `SwitchingSystemRegressor`; in continuous time.
     max_modes : int, default=6
     n_jobs : int, default=None
         Starts that run side by side; the answer is the same for any.
@@ -113,6 +121,8 @@ class HybridAutomatonRegressor(BaseEstimator):
         self,
         n_modes="auto",
         *,
+        lags=0,
+        discrete_time=False,
         feature_library=1,
         guard_degree=1,
         sparsity=None,
@@ -122,6 +132,8 @@ class HybridAutomatonRegressor(BaseEstimator):
         verbose=0,
     ):
         self.n_modes = n_modes
+        self.lags = lags
+        self.discrete_time = discrete_time
         self.feature_library = feature_library
         self.guard_degree = guard_degree
         self.sparsity = sparsity
@@ -139,7 +151,7 @@ class HybridAutomatonRegressor(BaseEstimator):
             Measured states, NaN where a value is missing. A recording is a dict with ``t``, ``x``
             and, if there are any, ``inputs``; the other arguments are then left out.
         t : array-like of shape (n_samples,), default=None
-            Times, increasing within each recording.
+            Times, increasing within each recording; in discrete time they may be left out.
         groups : array-like of shape (n_samples,), default=None
             Recording of each row. None is one recording, or several where the times begin anew.
         inputs : array-like of shape (n_samples, n_inputs), default=None
@@ -160,9 +172,24 @@ class HybridAutomatonRegressor(BaseEstimator):
             If the switches of a transition happen where no guard tells.
         """
         degree = whole("guard_degree", self.guard_degree)
+        discrete = flag("discrete_time", self.discrete_time)
+        self._check_lags(discrete)
+        if discrete and t is None and not isinstance(x, (list, dict)):
+            t = np.arange(len(x)) if groups is None else _steps(groups)
         given = read_given(x, t, groups, inputs)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
-            found = identified(self._estimator(), given, degree, self.settings, bar.update)
+            if discrete:
+                found = sampled.identified(
+                    given,
+                    lags=self.lags,
+                    library=self.feature_library,
+                    n_modes=self.n_modes,
+                    degree=degree,
+                )
+            else:
+                found = continuous.identified(
+                    self._estimator(), given, degree, self.settings, bar.update
+                )
         self._store(found, given)
         return self
 
@@ -225,6 +252,16 @@ class HybridAutomatonRegressor(BaseEstimator):
             random_state=self.random_state,
         )
 
+    def _check_lags(self, discrete: bool) -> None:
+        whole("lags", self.lags, least=0, also=("auto",))
+        if not discrete and self.lags != 0:
+            raise ValueError(
+                f"lags={self.lags!r} is for discrete time; set discrete_time=True, or leave lags "
+                "at 0."
+            )
+        if discrete and self.sparsity is not None:
+            raise ValueError("sparsity is for continuous time; leave it at None.")
+
     def _store(self, found: IdentifiedAutomaton, given) -> None:
         self.automaton_ = found.automaton
         self.coef_, self.transitions_ = found.automaton.coef, found.automaton.transitions
@@ -244,3 +281,12 @@ class HybridAutomatonRegressor(BaseEstimator):
     def _fitted(self) -> HybridAutomaton:
         check_fitted(self)
         return self.automaton_
+
+
+def _steps(groups) -> np.ndarray:
+    """Steps of the rows within their recordings."""
+    groups, steps = np.asarray(groups), np.zeros(len(groups))
+    for label in np.unique(groups):
+        own = groups == label
+        steps[own] = np.arange(own.sum())
+    return steps

@@ -3,8 +3,8 @@
 1. *Stays.* Recordings are cut where their states jump. Within the pieces the laws alone tell the
    stays and the instants at which the mode changes (`_stays`, without surfaces).
 2. *What each switch does.* The stays are taken apart, each with states of its own: across every
-   switch the reset of least terms is found (`instants`, `resets`). Where the state goes on after all,
-   pieces are joined, where it jumps they are cut, and stays are told anew.
+   switch the reset of least terms is found (`instants`, `resets`). Where the state goes on after
+   all pieces are joined, where it jumps they are cut, and stays are told anew.
 3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
    zero at the samples of its mode (`guards`).
 """

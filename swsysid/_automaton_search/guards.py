@@ -10,18 +10,17 @@ zero at the switches, rises there, and is below zero at the samples of its mode 
     \quad \text{with} \quad \tfrac1n \sum_k a \cdot \dot\phi(c_k) = 1 .
 
 The rates :math:`\rho = |a \cdot \dot\phi|` make times of what is missing, so that
-:math:`\sigma_k`, the standard error of the instant, measures it: the scale of a guard means nothing,
-and its sign is that in which it rises.
+:math:`\sigma_k`, the standard error of the instant, measures it: the scale of a guard means
+nothing, and its sign is that in which it rises.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.settings import SETTINGS
@@ -91,8 +90,8 @@ class FoundGuard:
 def best_guard(crossed: Crossed, degree: int) -> FoundGuard | None:
     """The guard of least cost among those of few columns; the simplest one that costs the least.
 
-    A switch that the columns of a guard do not know (the dwell of a stay in which a recording began)
-    costs what it would cost at random.
+    A switch that the columns of a guard do not know (the dwell of a stay in which a recording
+    began) costs what it would cost at random.
     """
     n_columns, best = crossed.columns.shape[1], None
     for count in range(1, min(SETTINGS.most_columns, n_columns) + 1):
@@ -103,49 +102,11 @@ def best_guard(crossed: Crossed, degree: int) -> FoundGuard | None:
     return best
 
 
-def with_margin(found: FoundGuard, crossed: Crossed) -> FoundGuard:
-    r"""The same guard as far from both sides as it can be: the margin program of the paper.
-
-    .. math::
-
-        \max_{a, m, \xi \ge 0} m - \beta \sum_i \xi_i \quad \text{with} \quad
-        s_i\, a \cdot \phi(c_i) \ge m - \xi_i, \quad
-        \tfrac1n \sum_k a \cdot \dot\phi(c_k) = 1,
-
-    over the monomials of the guard. Its scale is that in which it rises by one between two samples.
-    """
-    powers, columns = found.guard.powers, crossed.sides.columns
-    some = np.flatnonzero(powers.any(axis=0))
-    own = crossed.of(some)
-    if own is None:
-        return found
-    narrow = powers[:, some]
-    values = _monomials(own.sides.columns, narrow)
-    sizes = np.maximum(np.abs(values).max(axis=0), np.finfo(float).tiny)
-    near = np.abs(values @ found.guard.coef) < SETTINGS.near_guard
-    near |= own.sides.signs * (values @ found.guard.coef) < 0.0
-    rising = _slopes(own.columns, own.rates, narrow).mean(axis=0) / sizes
-    signed = own.sides.signs[near, None] * values[near] / sizes
-    n, n_terms = len(signed), len(narrow)
-    done = linprog(
-        np.concatenate([np.zeros(n_terms), [-1.0], np.full(n, SETTINGS.slack_price)]),
-        A_ub=np.hstack([-signed, np.ones((n, 1)), -np.eye(n)]),
-        b_ub=np.zeros(n),
-        A_eq=np.concatenate([rising, np.zeros(n + 1)])[None, :],
-        b_eq=[1.0],
-        bounds=[(None, None)] * n_terms + [(0.0, None)] * (n + 1),
-        method="highs",
-    )
-    if done.status != 0:
-        return found
-    return replace(found, guard=PolynomialGuard(done.x[:n_terms] / sizes, powers))
-
-
 def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
     own = crossed.of(some)
     if own is None:
         return None
-    powers = _powers(len(some), degree)
+    powers = powers_of(len(some), degree)
     if powers.shape[0] > len(own.columns) + 1:
         return None
     beside = own.sides
@@ -153,10 +114,10 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     if not (spread > 0.0).all():
         return None
     scaled = [
-        _monomials((own.columns - centre) / spread, powers),
-        _slopes((own.columns - centre) / spread, own.rates / spread, powers),
-        _monomials((beside.columns - centre) / spread, powers),
-        _slopes((beside.columns - centre) / spread, beside.rates / spread, powers),
+        monomials_of((own.columns - centre) / spread, powers),
+        slopes_of((own.columns - centre) / spread, own.rates / spread, powers),
+        monomials_of((beside.columns - centre) / spread, powers),
+        slopes_of((beside.columns - centre) / spread, beside.rates / spread, powers),
     ]
     solved = _solved(*scaled, own)
     if solved is None:
@@ -169,7 +130,7 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     misses[np.isfinite(crossed.columns[:, some]).all(axis=1)] = times
     wide = np.zeros((len(powers), crossed.columns.shape[1]), dtype=np.intp)
     wide[:, some] = powers
-    return FoundGuard(_in_users_units(coef, powers, wide, some, centre, spread), cost, misses)
+    return FoundGuard(in_users_units(coef, powers, wide, some, centre, spread), cost, misses)
 
 
 def _solved(
@@ -212,7 +173,7 @@ def _least(rows: Array, rising: Array) -> Array:
     return np.asarray(first + others @ moved, dtype=float)
 
 
-def _powers(n_columns: int, degree: int) -> NDArray[np.intp]:
+def powers_of(n_columns: int, degree: int) -> NDArray[np.intp]:
     """Powers of the monomials of so many columns, the constant first."""
     terms = [
         np.bincount(np.array(term, dtype=np.intp), minlength=n_columns)
@@ -222,22 +183,22 @@ def _powers(n_columns: int, degree: int) -> NDArray[np.intp]:
     return np.array(terms, dtype=np.intp).reshape(-1, n_columns)
 
 
-def _monomials(columns: Array, powers: NDArray[np.intp]) -> Array:
+def monomials_of(columns: Array, powers: NDArray[np.intp]) -> Array:
     return np.prod(columns[:, None, :] ** powers, axis=2)
 
 
-def _slopes(columns: Array, rates: Array, powers: NDArray[np.intp]) -> Array:
+def slopes_of(columns: Array, rates: Array, powers: NDArray[np.intp]) -> Array:
     """Rates of monomials of columns that change at some rates."""
     total = np.zeros((len(columns), len(powers)))
     for column in range(columns.shape[1]):
         lower = powers.copy()
         lower[:, column] = np.maximum(0, powers[:, column] - 1)
-        inner = powers[:, column] * _monomials(columns, lower)
+        inner = powers[:, column] * monomials_of(columns, lower)
         total += inner * rates[:, column][:, None]
     return total
 
 
-def _in_users_units(
+def in_users_units(
     coef: Array,
     powers: NDArray[np.intp],
     wide: NDArray[np.intp],

@@ -89,7 +89,7 @@ class _Flows:
 
     @classmethod
     def of(cls, switches: Switches, laws: Laws, part: float = 1.0) -> _Flows:
-        """The flows of some switches, in a part of the time that is possible around their instants."""
+        """The flows of some switches, in a part of the possible time around their instants."""
         possible = np.ptp(switches.known, axis=1)
         first = np.clip(
             switches.times - 0.5 * part * possible,

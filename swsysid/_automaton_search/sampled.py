@@ -18,7 +18,7 @@ from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import automaton_of, order_of_modes, verdicts_of
 from swsysid._automaton_search.discrete import DiscreteStays, identify_stays
 from swsysid._automaton_search.found import FoundTransition
-from swsysid._automaton_search.guards import Crossed, Sides, best_guard, with_margin
+from swsysid._automaton_search.margins import guard_with_margin
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
@@ -99,7 +99,7 @@ def _entries(stays: DiscreteStays) -> NDArray[np.bool_]:
 
 
 def _with_clocks(stays: DiscreteStays) -> Array:
-    """Columns of the rows, the steps since their mode was entered (NaN if unknown), and the step."""
+    """Columns of the rows, steps since their mode was entered (NaN if unknown), and the step."""
     rows, entered = stays.rows, _entries(stays)
     dwell = np.empty(len(rows))
     since = np.nan
@@ -133,17 +133,9 @@ def _taken(stays: DiscreteStays, columns: Array, given: Given) -> Taken:
 
 def _transition(stays: DiscreteStays, columns: Array, taken: Taken, degree: int) -> FoundTransition:
     """Guard and reset of what was taken from one mode to another."""
-    rates, n_states = taken.given - taken.last, stays.rows.n_states
+    n_states, reset = stays.rows.n_states, None
     inside = (stays.modes == taken.source[0]) & ~stays.straddling
-    mean = np.tile(rates.mean(axis=0), (inside.sum(), 1))
-    below = Sides(columns[inside], mean, -np.ones(inside.sum()))
-    above = Sides(taken.given, rates, np.ones(len(taken)))
-    anywhere = np.full(len(taken), SETTINGS.anywhere)
-    middle = 0.5 * (taken.last + taken.given)
-    crossed = Crossed(middle, rates, anywhere, below.joined(above), 1.0)
-    guard, reset = best_guard(crossed, degree), None
-    if guard is not None:
-        guard = with_margin(guard, crossed)
+    guard = guard_with_margin(columns[inside], taken.last, taken.given, degree)
     if taken.jumped.mean() > 0.5:
         least = SETTINGS.least_noise * np.maximum(taken.after.std(axis=0), 1e-300)
         errors = SETTINGS.end_of_stay * np.maximum(stays.noise, least)

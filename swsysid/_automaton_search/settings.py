@@ -31,11 +31,11 @@ class AutomatonSettings:
     unexplained: float = 6.0  # nats of a switch that a guard does not know
     turns: int = 6  # of weights and sides
     fewest_of_a_stay: int = 4  # samples by which a stay tells its own states
-    # -- discrete time: standard deviation of an instant anywhere between two samples; steps to both
-    # sides of a guard whose samples tell where it is; margins that a sample beyond it costs
-    anywhere: float = 0.29
-    near_guard: float = 3.0
-    slack_price: float = 1.0
+    # -- discrete time: nats that a step beyond a guard costs; rows that enter the margin program at
+    # once, and how often more do
+    slack_price: float = 5.0
+    first_rows: int = 60
+    turns_of_rows: int = 8
     # -- resets: turns of least absolute deviations, of jumps what counts as exact; turns of
     # instants, guards and resets; times between two samples
     turns_of_deviations: int = 20
