@@ -8,7 +8,7 @@ guard, were given.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +55,8 @@ def identified(
     degree: int,
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
-    stays = identify_stays(
-        given.records, lags, library=library, n_modes=n_modes, channels=given.names
+    stays = _until_they_jump(
+        identify_stays(given.records, lags, library=library, n_modes=n_modes, channels=given.names)
     )
     columns = _with_clocks(stays)
     taken = _taken(stays, columns, given)
@@ -84,6 +84,14 @@ def identified(
         verdicts_of(found, order, 1.0),
         stays.candidates,
     )
+
+
+def _until_they_jump(stays: DiscreteStays) -> DiscreteStays:
+    """The same stays; a row that no law explains belongs to the stay before it, which ends so."""
+    modes, begins = stays.modes.copy(), stays.rows.begins
+    for k in np.flatnonzero(stays.straddling & ~begins):
+        modes[k] = modes[k - 1]
+    return replace(stays, modes=modes)
 
 
 def _n_lagged(stays: DiscreteStays) -> int:
@@ -114,10 +122,7 @@ def _taken(stays: DiscreteStays, columns: Array, given: Given) -> Taken:
     at = np.flatnonzero(_entries(stays))
     before = at - 1
     jumped = stays.straddling[before]
-    inside = ~jumped | (before > 0)
-    at, before, jumped = at[inside], before[inside], jumped[inside]
-    source = stays.modes[np.where(jumped, np.maximum(before - 1, 0), before)]
-    source = np.where(rows.begins[before], stays.modes[before], source)
+    source = stays.modes[before]
     made = np.einsum("kij,kj->ki", stays.coef[source], stays.feature_map(rows.columns[before]))
     reached = columns[at].copy()
     reached[:, -2] = columns[before, -2] + 1.0  # the mode is still the old one
