@@ -3,11 +3,12 @@
     python -m benchmarks.automata [--output FOLDER] [--seeds 1] [--first-seed 100] [--jobs 1]
                                   [--fast] [--plants "thermostat" ...] [--methods surface ...]
                                   [--noise 0 .01 .03] [--recordings 8] [--samples 400]
-                                  [--docs docs]
+                                  [--limit 600] [--docs docs]
 
 Every cell (plant, scenario, seed, method) is one line of FOLDER/automata.jsonl; a cell that is
 there is not run again, so that an interrupted run resumes. The automata are in `literature`, what
-is compared in `methods.py`. Seconds are CPU seconds of the identification. The largest case is
+is compared in `methods.py`. Seconds are CPU seconds of the identification; a cell that has used up
+``--limit`` of them is given up, and that is its result. The largest case is
 ``--recordings 20 --samples 1000``. The tables show all lines of the file; they are kept in
 FOLDER/automata.json, with ``--docs`` in benchmarks/results, and the page is written.
 """
@@ -15,8 +16,11 @@ FOLDER/automata.json, with ``--docs`` in benchmarks/results, and the page is wri
 from __future__ import annotations
 
 import argparse
+import signal
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
 
@@ -42,7 +46,9 @@ def main(arguments: list[str] | None = None) -> None:
     known = {key(record) for record in read(file)}
     asked = list(wanted(options))
     missing = [cell for cell in asked if (cell[0], cell[1].told, *cell[2:]) not in known]
-    runs = run_and_append(file, (delayed(run)(*cell) for cell in missing), options.jobs)
+    runs = run_and_append(
+        file, (delayed(run)(*cell, options.limit) for cell in missing), options.jobs
+    )
     for count, [one] in enumerate(runs, start=1):
         print(f"{count}/{len(missing)} {one}", flush=True)
     parts = {"automata": {"origin": measured_here(), **condensed(read(file))}}
@@ -62,6 +68,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--noise", nargs="+", type=float, default=[0.0, 0.01, 0.03])
     parser.add_argument("--recordings", type=int, default=8)
     parser.add_argument("--samples", type=int, default=400, help="of each recording")
+    parser.add_argument("--limit", type=float, default=600.0, help="CPU seconds of a cell")
     parser.add_argument("--fast", action="store_true", help="few plants, clean recordings")
     parser.add_argument("--jobs", type=int, default=1)
     add_docs_options(parser)
@@ -84,7 +91,22 @@ def key(one: dict) -> tuple:
     return one["plant"], one["scenario"], one["seed"], one["method"]
 
 
-def run(name: str, scenario: Scenario, seed: int, method: str) -> list[dict]:
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """End a computation in a TimeoutError after some CPU seconds."""
+
+    def stop(number, frame):
+        raise TimeoutError(f"Given up after {seconds:g} CPU seconds.")
+
+    signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+def run(name: str, scenario: Scenario, seed: int, method: str, limit: float) -> list[dict]:
     """The record of one cell; a refusal in words is a result too."""
     plant = PLANTS[name]
     seen = record(plant, scenario, seed)
@@ -94,11 +116,15 @@ def run(name: str, scenario: Scenario, seed: int, method: str) -> list[dict]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         try:
-            found = METHODS[method](plant, seen, seed)
+            with limited(limit):
+                found = METHODS[method](plant, seen, seed)
             one["seconds"] = time.process_time() - began
             one |= figures(plant, found, seen, unseen)
-        except ValueError as refusal:
-            one |= {"refused": str(refusal), "seconds": time.process_time() - began}
+        except (ValueError, TimeoutError) as refusal:
+            # a subclass, such as numpy's for a singular matrix, is no refusal in words
+            own = type(refusal) in (ValueError, TimeoutError)
+            told = str(refusal) if own else repr(refusal)
+            one |= {"refused": told, "seconds": time.process_time() - began}
     return [one]
 
 

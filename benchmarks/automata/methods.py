@@ -150,7 +150,7 @@ def _guard(model: SwitchingSystemRegressor, source: int, target: int) -> Guard |
     if model.n_modes_ < 2:
         return None
     book = model.surface_.mode_book_
-    between = np.flatnonzero(book[source] != book[target])
+    between = np.flatnonzero(book[source] * book[target] < 0)  # 0: has no say about a mode
     if len(between) != 1:
         return None
     [one] = between

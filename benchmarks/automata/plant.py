@@ -113,8 +113,6 @@ class Plant:
         Where the equations are published, and what of the experiment is not from there.
     degree, guard_degree : int
         Of the polynomials that an identification is told to use.
-    clocks : bool
-        Whether guards read dwell or time.
     inputs : callable or None
         Inputs (n_times, n_inputs) from a generator and the times of the knots; linear between
         the knots of a flow.
@@ -135,7 +133,6 @@ class Plant:
     source: str
     degree: int = 1
     guard_degree: int = 1
-    clocks: bool = False
     input_names: Sequence[str] = ()
     inputs: Callable[[np.random.Generator, Array], Array] | None = None
     knot: int = 1
@@ -160,6 +157,12 @@ class Plant:
                 for age in ages for name in names]  # fmt: skip
 
     @property
+    def reads_clocks(self) -> bool:
+        """Whether a guard reads dwell or time."""
+        terms = (term for edge in self.edges for term in edge.guard)
+        return any(clock in term.split("*") for term in terms for clock in CLOCKS)
+
+    @property
     def has_one_surface(self) -> bool:
         """Whether the sign of one polynomial of states and inputs says the mode, without memory."""
         if not self.edges:
@@ -167,7 +170,7 @@ class Plant:
         if self.n_modes != 2 or len(self.edges) != 2 or any(edge.reset for edge in self.edges):
             return False
         there, back = (edge.guard for edge in self.edges)
-        return not self.clocks and there == {term: -value for term, value in back.items()}
+        return not self.reads_clocks and there == {term: -value for term, value in back.items()}
 
     @cached_property
     def law(self) -> list[Polynomial]:

@@ -11,13 +11,13 @@ __all__ = ["DAINARX", "NOISE", "SOURCE", "Reported"]
 
 SOURCE = (
     "Yu et al.: Derivative-agnostic inference of nonlinear hybrid systems, HSCC 2026, "
-    "arXiv 2507.16426; noise-free, configured by hand for each case; figures of a public run of "
-    "its code (pengqianhan/Dainarx-pq, result/batch_20260223_180924/summary.md, deviations to four "
-    "decimals), which agree with those measured by us where we ran it"
+    "arXiv 2507.16426; noise-free, configured by hand for each case; a public run of its code "
+    "(pengqianhan/Dainarx-pq, result/batch_20260223_180924/summary.md), to four decimals; a zero "
+    "is one of these"
 )
 NOISE = (
-    "the same code ends in an error on 19 of 21 of its cases in the public run with noise "
-    "(result/batch_20260402_142042_noise0.05/summary.md)"
+    "that code ends in an error in 32 of 35 cases "
+    "(result/batch_20260402_142042_noise0.05/summary.md of the same repository)"
 )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.automata.figures import FIGURES
+from benchmarks.automata.plants import PLANTS
 from benchmarks.automata.published import DAINARX, NOISE, SOURCE
 from benchmarks.markdown import table
 from benchmarks.results import origins
@@ -30,7 +31,7 @@ _SHARES = ("share", "edges", "ended", "near", "spurious")
 def condensed(records: list[dict]) -> dict:
     """For every plant, scenario and method: the median of each figure over the seeds."""
     cells: dict[tuple, list[dict]] = {}
-    for one in records:
+    for one in sorted(records, key=lambda one: (one["method"], [*PLANTS].index(one["plant"]))):
         cells.setdefault((one["plant"], one["scenario"], one["method"]), []).append(one)
     return {"cells": [_condensed(key, found) for key, found in cells.items()]}
 
@@ -59,13 +60,16 @@ def tables(parts: dict) -> str:
                 text += ["", f"**{method}**, {scenario}, {seeds}", ""]
                 text += table(["plant", *_OWN.values()], [_row(one) for one in here])
                 text += [*_refusals(here), "", *_beside_tools(here)]
-    return "\n".join([*text, "", f"DAINARX: {SOURCE}. With noise {NOISE}.", ""])
+    return "\n".join([*text, "", f"DAINARX: {SOURCE}. With noise, {NOISE}.", ""])
 
 
 def _row(cell: dict) -> list[str]:
     if cell["failed"] == cell["seeds"]:
         return [cell["plant"], *["fails"] * (len(_OWN) - 1), ""]
-    return [cell["plant"], *(_told(name, cell[name]) for name in _OWN)]
+    told = {name: _told(name, cell[name]) for name in _OWN}
+    if cell["edges"] == 0.0:
+        told["guard"] = "none"
+    return [cell["plant"], *told.values()]
 
 
 def _told(name: str, value: float | None) -> str:
@@ -102,4 +106,5 @@ def _beside_tools(cells: list[dict]) -> list[str]:
 
 
 def _pair(own: float | None, tool: float, style: str) -> str:
-    return f"{'none' if own is None else format(own, style)} / {format(tool, style)}"
+    shown = ["none" if one is None else format(one, style) if one else "0" for one in (own, tool)]
+    return " / ".join(shown)

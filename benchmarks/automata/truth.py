@@ -141,7 +141,7 @@ class _Flow:
         return lambda now, x: law(np.concatenate([x, self.read(now)]))
 
     def events(self, mode: int, entered: float) -> list[Callable[[float, Array], float]]:
-        """The guards out of a mode, as SciPy wants them; an empty list breaks it."""
+        """The guards out of a mode; one that never rises where there are none, as SciPy wants."""
         return [self._event(k, entered) for k, _ in self._out(mode)] or [lambda now, x: -1.0]
 
     def _event(self, k: int, entered: float) -> Callable[[float, Array], float]:

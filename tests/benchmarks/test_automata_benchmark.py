@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.automata.__main__ import main, parse, wanted
+from benchmarks.automata.__main__ import limited, main, parse, wanted
 from benchmarks.automata.figures import FIGURES, figures
 from benchmarks.automata.methods import METHODS
 from benchmarks.automata.plant import Polynomial
@@ -107,6 +107,9 @@ def test_there_are_enough_of_every_kind():
     assert sum(plant.is_map for plant in plants) >= 4 and sum(plant.lags > 0 for plant in plants)
     assert any(edge.source == edge.target for plant in plants for edge in plant.edges)
     assert any(not plant.edges for plant in plants)
+    assert {plant.name for plant in plants if plant.reads_clocks} == {
+        "hopping robot", "repeated doses", "epidemic with interventions",
+    }  # fmt: skip
     assert all(plant.source for plant in plants)
     assert set(DAINARX) <= set(PLANTS)
 
@@ -214,6 +217,12 @@ def test_a_cell_is_run_once_and_printed(tmp_path, capsys):
     assert (tmp_path / "automata.jsonl").read_text() == kept
     assert len(list(wanted(parse(arguments)))) == 2
     assert "origin" in json.loads((tmp_path / "automata.json").read_text())["automata"]
+
+
+def test_a_cell_that_takes_too_long_is_given_up():
+    with pytest.raises(TimeoutError, match="Given up after 0.05 CPU seconds"), limited(0.05):
+        while True:
+            pass
 
 
 def test_one_surface_is_found_by_the_surface_method():

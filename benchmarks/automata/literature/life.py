@@ -82,7 +82,6 @@ PLANTS = (
         edges=[Edge(0, 0, {"dwell": 1.0, "1": -6.1}, reset={"a": {"a": 1.0, "1": 10.0}})],
         start=drawn((0, [(0.0, 10.0), (0.0, 20.0)])),
         dt=0.23,
-        clocks=True,
         source="Gibaldi, Perrier: Pharmacokinetics, 1982, one compartment with absorption of first "
         "order and repeated doses; numbers ours",
     ),
@@ -99,7 +98,6 @@ PLANTS = (
         ),
         dt=0.07,
         degree=2,
-        clocks=True,
         source="Dehning et al.: Inferring change points in the spread of COVID-19, Science 369, "
         "2020: spreading rates and dates of three interventions; starts ours",
     ),

@@ -56,7 +56,6 @@ PLANTS = (
         ],
         start=drawn((0, [(0.2, 1.0), (-1.0, 1.0)])),
         dt=0.01,
-        clocks=True,
         source="Koditschek, Buehler: Analysis of a simplified hopping robot, IJRR 10, 1991: "
         "flight, compression, thrust of a fixed duration, decompression; numbers ours",
     ),
