@@ -13,7 +13,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
 .PHONY: help demo test lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
-	bench-undeclared bench-measured bench-speed bench-trajectories figures clean
+	bench-undeclared bench-measured bench-speed bench-trajectories bench-automata figures clean
 
 help:
 	@echo "make demo      identify the built-in example and draw it"
@@ -29,6 +29,7 @@ help:
 	@echo "make bench-undeclared  planted effects: every kind, system and seed (hours; resumes)"
 	@echo "make bench-measured  measured data, before and after"
 	@echo "make bench-trajectories  noisy recordings without velocities, beside what they allow (hours; resumes)"
+	@echo "make bench-automata  hybrid automata of the literature, clean and with noise (an hour; resumes)"
 	@echo "make bench-speed     structured solvers and whole fits, in ratios"
 	@echo "make figures   draw the figures of README and pages, write what commands print into them"
 
@@ -83,6 +84,9 @@ bench-measured: $(VENV)/.installed-bench
 
 bench-trajectories: $(VENV)/.installed-bench
 	$(BIN)/python -W ignore -m benchmarks.trajectories --jobs $(WORKERS) --docs docs
+
+bench-automata: $(VENV)/.installed-bench
+	$(BIN)/python -W ignore -m benchmarks.automata --jobs $(WORKERS) --docs docs
 
 bench-speed: $(VENV)/.installed-bench $(PARC)
 	OMP_NUM_THREADS=1 $(BIN)/python -W ignore -m benchmarks.speed --parc $(PARC) --docs docs

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.automata import tables as automata
 from benchmarks.measured import tables as measured
 from benchmarks.paper import tables as paper
 from benchmarks.quality import tables as quality
@@ -65,6 +66,7 @@ PAGES = (
     Page("quality_tables.md", "quality", "make bench-quality", quality.tables),
     Page("paper_tables.md", "paper", "make bench", paper.tables),
     Page("trajectories_tables.md", "trajectories", "make bench-trajectories", trajectories.tables),
+    Page("automata_tables.md", "automata", "make bench-automata", automata.tables),
     Page("seeding_table.md", "seeding", "make bench-seeding", seeding.table),
 )
 

@@ -36,6 +36,7 @@ exclude_patterns = [
     "_build",
     "auto_examples/*.ipynb",
     "auto_examples/*.py.md5",
+    "automata_tables.md",
     "measured_effects.md",
     "measured_tables.md",
     "quality_summary.md",

@@ -1,0 +1,1 @@
+"""Automata as they are published, by field."""
