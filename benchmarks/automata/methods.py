@@ -48,7 +48,7 @@ def ours(plant: Plant, campaign: Campaign, seed: int) -> Found:
         lags=plant.lags,
         discrete_time=plant.is_map,
         feature_library=plant.degree,
-        surface=PolynomialSurfaceClassifier(degree=plant.guard_degree),
+        guard_degree=plant.guard_degree,
         random_state=seed,
     ).fit(campaign.x, campaign.t, groups=campaign.groups, inputs=campaign.inputs)
     hold = "zero" if plant.is_map else "linear"
