@@ -58,6 +58,7 @@ def best_reset(before: Array, after: Array, errors: Array, held: NDArray[np.intp
         full[terms] = coef
         offset[component] = full[0]
         matrix[component] += full[1:]
+    matrix[np.abs(matrix) < SETTINGS.exact] = 0.0
     reset = AffineReset(matrix, offset)
     return FoundReset(reset, after - before @ matrix.T - offset, changed, total)
 

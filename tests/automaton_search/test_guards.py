@@ -1,0 +1,98 @@
+"""Guards from switches whose place is known: by hand, planted, and in other units."""
+
+import numpy as np
+import pytest
+
+from swsysid._automaton_search.guards import Crossed, Sides, best_guard
+
+RNG = np.random.default_rng(0)
+
+
+def crossed(columns, rates, below, errors=1e-4, interval=0.1):
+    n = len(below)
+    sides = Sides(below, np.tile(rates.mean(axis=0), (n, 1)), -np.ones(n))
+    return Crossed(columns, rates, np.full(len(columns), errors), sides, interval)
+
+
+def planted(normal, threshold, n=30):
+    """Switches on the plane normal . c = threshold, samples below it."""
+    normal = np.asarray(normal)
+    at = RNG.normal(size=(n, len(normal)))
+    at += np.outer(threshold - at @ normal, normal) / (normal @ normal)
+    below = RNG.normal(size=(400, len(normal)))
+    below = below[below @ normal < threshold]
+    rates = RNG.normal(size=at.shape)
+    rates += np.outer(1.0 - rates @ normal, normal) / (normal @ normal)  # it rises by one
+    return crossed(at, rates, below)
+
+
+@pytest.mark.parametrize(
+    ("normal", "used"),
+    [([2.0, 0.0, 0.0], [0]), ([0.0, -1.0, 0.5], [1, 2]), ([1.0, 1.0, 1.0], [0, 1, 2])],
+)
+def test_a_plane_is_found_with_the_columns_that_it_needs(normal, used):
+    found = best_guard(planted(normal, 0.7), degree=1)
+    terms = found.guard.powers[np.abs(found.guard.coef) > 1e-8]
+    assert sorted(np.flatnonzero(terms.any(axis=0))) == used
+    # the scale is that in which it rises by one
+    at = np.array([[0.3, -0.2, 0.5]])
+    np.testing.assert_allclose(found.guard.values(at), at @ normal - 0.7, atol=1e-9)
+    assert found.miss < 1e-9
+
+
+def test_a_circle_needs_degree_two():
+    angle = RNG.uniform(0.0, 2.0 * np.pi, 40)
+    at = np.column_stack([np.cos(angle), np.sin(angle)])
+    below = RNG.uniform(-1.0, 1.0, (400, 2))
+    below = below[np.hypot(*below.T) < 1.0]
+    data = crossed(at, 0.5 * at, below)
+    found = best_guard(data, degree=2)
+    np.testing.assert_allclose(
+        found.guard.values(np.array([[0.0, 0.0], [0.6, 0.8]])), [-1.0, 0.0], atol=1e-9
+    )
+    assert best_guard(data, degree=1).miss > 0.1
+
+
+def test_samples_beyond_a_plane_tell_against_it():
+    # both columns are 1 at the switches; only the second is below 1 before
+    at = np.ones((10, 2))
+    below = np.column_stack([RNG.uniform(-3.0, 3.0, 200), RNG.uniform(-1.0, 0.95, 200)])
+    found = best_guard(crossed(at, np.ones((10, 2)), below), degree=1)
+    terms = found.guard.powers[np.abs(found.guard.coef) > 1e-8]
+    assert np.flatnonzero(terms.any(axis=0)).tolist() == [1]
+
+
+def test_the_value_of_a_guard_does_not_depend_on_units():
+    data = planted([1.0, -2.0], 0.4)
+    scale, shift = np.array([1e3, 1e-2]), np.array([50.0, -3.0])
+    other = crossed(
+        data.columns * scale + shift, data.rates * scale, data.sides.columns * scale + shift
+    )
+    rows = RNG.normal(size=(20, 2))
+    np.testing.assert_allclose(
+        best_guard(other, 1).guard.values(rows * scale + shift),
+        best_guard(data, 1).guard.values(rows),
+        atol=1e-8,
+    )
+
+
+def test_one_false_switch_among_many_moves_nothing():
+    data = planted([1.0, 0.0], 0.5)
+    columns = data.columns.copy()
+    columns[0] = [-0.8, 0.3]
+    found = best_guard(crossed(columns, data.rates, data.sides.columns), degree=1)
+    # it counts as |t|, not as t squared: the others move by far less than an interval
+    np.testing.assert_allclose(found.guard.values(np.array([[0.5, 0.0]])), 0.0, atol=0.01)
+
+
+def test_a_clock_that_is_unknown_in_some_stays_can_tell_the_others():
+    n = 20
+    columns = np.column_stack([RNG.normal(size=n), np.full(n, 1.5)])
+    columns[0, 1] = np.nan  # the recording began in this stay
+    rates = np.column_stack([np.zeros(n), np.ones(n)])
+    below = np.column_stack([RNG.normal(size=300), RNG.uniform(0.0, 1.5, 300)])
+    found = best_guard(crossed(columns, rates, below), degree=1)
+    np.testing.assert_allclose(
+        found.guard.values(np.array([[0.0, 1.5], [3.0, 0.5]])), [0.0, -1.0], atol=1e-9
+    )
+    assert np.isnan(found.misses[0]) and np.isfinite(found.misses[1:]).all()
