@@ -198,7 +198,8 @@ class Alternation:
         self._keep(*self._on_same_surface(estimate), 0, len(settings.prices) - 1)
         self.prior = prior
         for turn in range(settings.rounds_of_simplified):
-            if self.found[-1].criterion > best.criterion + settings.hopeless:
+            far = self.found[-1].criterion > best.criterion + settings.hopeless
+            if far and not (turn == 0 and best.estimate.slides):
                 break
             if not self._round(len(settings.prices) - 1, same_surface=True, always=turn == 0):
                 break
@@ -241,6 +242,7 @@ class Alternation:
 
     def _assigned(self, stage: int) -> Assigned:
         price = self.settings.prices[stage]
+        settled = self.last is not None and stage >= self.settings.settled
         return assign(
             self.laws,
             self.recordings,
@@ -249,6 +251,7 @@ class Alternation:
             self.disturbances,
             price,
             self.settings,
+            self.last.estimate.guards if settled and self.last is not None else None,
         )
 
     def _estimated(self, first: Estimate, stage: int) -> tuple[SwitchingSystemRegressor, Reached]:
@@ -266,8 +269,10 @@ class Alternation:
         """The same from the surface of the round before."""
         last = self.last
         assert last is not None and last.estimate.guards is not None
+        guards = last.estimate.guards
+        first = replace(first, guards=guards)
         start = Reached(first, last.reached.objective.with_noise(self.noise), np.inf)
-        return on_surface(last.model, start, last.estimate.guards, self.settings)
+        return on_surface(last.model, start, guards, self.settings)
 
     @property
     def best(self) -> StayIdentification:
@@ -316,9 +321,9 @@ def _named_as(known: Estimate, other: Estimate) -> Estimate:
     n_modes = len(known.laws.coef)
     if len(other.laws.coef) != n_modes:
         return known
-    joint = contingency(
-        intervals_of(other).ravel(), intervals_of(known).ravel(), shape=(n_modes,) * 2
-    )
+    both = intervals_of(other).ravel(), intervals_of(known).ravel()
+    beside = (both[0] < n_modes) & (both[1] < n_modes)  # no slides
+    joint = contingency(both[0][beside], both[1][beside], shape=(n_modes,) * 2)
     order = best_matching(joint)[1]
     return other if (order == np.arange(n_modes)).all() else other.renamed(order)
 

@@ -25,6 +25,7 @@ class StaySettings:
     # first surface comes from velocities that were differentiated
     trust: tuple[float, ...] = (0.1, 0.03, 0.01, 0.003)
     blurred: float = 0.5  # intervals by which the time of a state is off where a surface is asked
+    beyond_slide: float = 0.2  # of the share of a mode in a slide, which is between 0 and 1
     settled: int = 2  # the round from which the surface before is a start, not the classifier
     # standard deviations by which the squares of one recording exceed the others'
     doubtful: float = 2.0
