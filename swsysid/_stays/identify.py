@@ -30,6 +30,7 @@ from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate, recombined
 from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.surfaces import on_surface, with_few_monomials, with_surface
+from swsysid._stays.visits import Turns, with_visits, without_visits
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,8 @@ class Alternation:
         while self._simplified():
             told()
         self._recombined()
+        while self._visited():
+            told()
         return self._polished(self.best)
 
     def _recombined(self, first: int = 0) -> None:
@@ -152,6 +155,35 @@ class Alternation:
             self._go_on_from(best, self.prior)
             estimated = self._on_same_surface(recombined([named[k] for k in chosen]))
             self._keep(*estimated, 0, len(self.settings.prices) - 1)
+
+    def _visited(self) -> bool:
+        """Try brief visits beyond a surface, with and without; true if that is better."""
+        best, settings = self.best, self.settings
+        if best.estimate.guards is None:
+            return False
+        noise = _noise(best.reached, best.reached.noise)
+        turns = Turns(best.estimate, noise, settings.beyond_slide)
+        for changed, visits in (
+            (with_visits, turns.missed(settings.near_miss)),
+            (without_visits, turns.made(settings.near_miss)),
+        ):
+            for count in range(1, min(len(visits), settings.most_visits) + 1):
+                reached = self._tried(best, changed(best.estimate, visits[:count]))
+                if reached < best.criterion - settings.nearly_converged:
+                    return True
+                if reached > best.criterion + settings.hopeless:
+                    break
+        return False
+
+    def _tried(self, best: StayIdentification, first: Estimate) -> float:
+        """The criterion of an estimate with other stays than the best one's."""
+        self._go_on_from(best, self.prior)
+        for _ in range(2):  # the second time samples are on the sides that they have reached
+            self._keep(*self._on_same_surface(first), 0, len(self.settings.prices) - 1)
+            first, criterion = self.found[-1].estimate, self.found[-1].criterion
+            if criterion > best.criterion + self.settings.hopeless:
+                break
+        return criterion
 
     def _polished(self, found: StayIdentification) -> StayIdentification:
         """The same at the very maximum."""

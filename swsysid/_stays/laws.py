@@ -97,18 +97,20 @@ class Laws:
         """
         h, middle, slope = duration[:, None], 0.5 * (u + after), _slope(u, after, duration)
         hz = h[:, :, None]
-        first, z_first = self._varied(modes, x, Z, u, slope)
-        second, z_second = self._varied(
+        first, z_first = self.varied_velocities(modes, x, Z, u, slope)
+        second, z_second = self.varied_velocities(
             modes, x + h / 2 * first, Z + hz / 2 * z_first, middle, slope
         )
-        third, z_third = self._varied(
+        third, z_third = self.varied_velocities(
             modes, x + h / 2 * second, Z + hz / 2 * z_second, middle, slope
         )
-        fourth, z_fourth = self._varied(modes, x + h * third, Z + hz * z_third, after, slope)
+        fourth, z_fourth = self.varied_velocities(
+            modes, x + h * third, Z + hz * z_third, after, slope
+        )
         x = x + h / 6 * (first + 2 * (second + third) + fourth)
         return x, Z + hz / 6 * (z_first + 2 * (z_second + z_third) + z_fourth)
 
-    def _varied(
+    def varied_velocities(
         self, modes: Modes, x: Array, Z: Array, u: Array, slope: Array
     ) -> tuple[Array, Array]:
         """Velocities and the rates of the sensitivities."""

@@ -69,9 +69,7 @@ class Estimate:
 
     def only(self, modes: NDArray[np.intp]) -> Estimate:
         """The same with some of the modes."""
-        segments = copy(self.segments)
-        segments.stays = [stays.only(modes) for stays in segments.stays]
-        segments.place_switches()
+        segments = self.segments.with_stays([stays.only(modes) for stays in self.segments.stays])
         laws = replace(self.laws, coef=self.laws.coef[modes], free=self.laws.free[modes])
         return Estimate(laws, segments, self.starts)
 
@@ -107,9 +105,7 @@ class Estimate:
 def recombined(chosen: Sequence[Estimate]) -> Estimate:
     """Each recording, k, as in the k-th of these estimates, which have the same segments."""
     first = chosen[0]
-    segments = copy(first.segments)
-    segments.stays = [one.segments.stays[k] for k, one in enumerate(chosen)]
-    segments.place_switches()
+    segments = first.segments.with_stays([one.segments.stays[k] for k, one in enumerate(chosen)])
     starts = [chosen[place[0]].starts[s] for s, place in enumerate(segments.places)]
     return Estimate(first.laws, segments, np.array(starts))
 

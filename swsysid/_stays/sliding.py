@@ -91,10 +91,8 @@ class SlidingLaws(Laws):
         A slide begins on its surface, and on it also ends.
         """
         first, second = self._pairs(new)
-        leaves = old >= len(self.coef)
-        enters = (new >= len(self.coef)) & ~leaves
-        same = np.where(leaves, 0, old)
-        return np.where(enters, first, same), np.where(leaves, 0, np.where(enters, second, new))
+        leaves, enters = old >= len(self.coef), new >= len(self.coef)
+        return np.where(leaves, 0, np.where(enters, first, old)), np.where(leaves, 0, second)
 
     def velocities(self, modes: Modes, x: Array, u: Array, slope: Array | None = None) -> Array:
         """Velocity of every row; `slope` is that of the inputs."""
@@ -140,7 +138,7 @@ class SlidingLaws(Laws):
         share = np.divide(rates[0], apart, out=np.zeros(len(apart)), where=apart != 0.0)
         return Slide(share, apart, surfaces, gradients, slopes)
 
-    def _varied(
+    def varied_velocities(
         self, modes: Modes, x: Array, Z: Array, u: Array, slope: Array
     ) -> tuple[Array, Array]:
         """Velocities and the rates of the sensitivities.
@@ -149,12 +147,12 @@ class SlidingLaws(Laws):
         a curved surface changes from place to place is left out.
         """
         first, second = self._pairs(modes)
-        velocities, rates = super()._varied(first, x, Z, u, slope)
+        velocities, rates = super().varied_velocities(first, x, Z, u, slope)
         rows = np.flatnonzero(modes >= len(self.coef))
         if not rows.size:
             return velocities, rates
         x, Z, u, slope = x[rows], Z[rows], u[rows], slope[rows]
-        other, other_rates = super()._varied(second[rows], x, Z, u, slope)
+        other, other_rates = super().varied_velocities(second[rows], x, Z, u, slope)
         own = self.slide(modes[rows], velocities[rows], other, x, u, slope)
         jump, share = other - velocities[rows], own.held
         velocities[rows] += share[:, None] * jump
