@@ -199,21 +199,22 @@ def slides_there(
     flat = middle.reshape(-1, middle.shape[2])
     x, u = flat[:, :n_states], flat[:, n_states:]
     slope = (np.diff(recordings.u, axis=0) / steps[:, :, None]).reshape(u.shape)
-    velocities = [laws.velocities(np.full(len(x), mode), x, u) for mode in range(n_modes)]
     book, there = laws.guards.mode_book, []
     for number, (first, second) in enumerate(pairs_of(n_modes)):
         if (book[first] * book[second] < 0).sum() != 1:
             there.append(np.zeros(len(x), dtype=bool))
             continue
         modes = np.full(len(x), n_modes + number)
-        own = laws.slide(modes, velocities[first], velocities[second], x, u, slope)
         value, gradient = laws.off(modes, x, u)
+        blur = np.square(gradient * noise).sum(axis=1)
+        # the likeliest state on the surface
+        on = x - gradient * noise**2 * (value / np.maximum(blur, np.finfo(float).tiny))[:, None]
+        in_first, in_second = (laws.velocities(np.full(len(x), k), on, u) for k in (first, second))
+        own = laws.slide(modes, in_first, in_second, on, u, slope)
         toward = own.apart * book[second, own.surfaces]
-        speeds = np.abs(np.einsum("kc,kc->k", gradient, velocities[first]))
+        speeds = np.abs(np.einsum("kc,kc->k", gradient, in_first))
         attracts = toward > LIMITS.slowest_crossing * np.median(speeds)
         inside = np.abs(own.share - 0.5) < 0.5 + beyond
-        reach = np.sqrt(np.square(gradient * noise).sum(axis=1)) + recordings.interval * np.abs(
-            own.apart
-        )
+        reach = np.sqrt(blur) + recordings.interval * np.abs(own.apart)
         there.append(attracts & inside & (np.abs(value) < LIMITS.far_miss * reach))
     return np.stack(there, axis=1).reshape(*middle.shape[:2], -1)
