@@ -63,11 +63,12 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
     estimator_ : SwitchingSystemRegressor
         With the laws and surfaces found; predicts, simulates and prints.
     modes_ : ndarray of shape (n_samples,), int
-        Mode of every sample, in the order of the data.
+        Mode of every sample, in the order of the data. Where a recording slides along a surface, as
+        friction at rest does, the mode with the larger share.
     states_ : ndarray of shape (n_samples, n_states)
         States without noise.
     switch_times_ : list of ndarray
-        Instants at which each recording switches.
+        Instants at which each recording switches, or begins and ends to slide along a surface.
     switch_time_errors_ : list of ndarray
         Their standard errors.
     noise_ : ndarray of shape (n_channels,)
