@@ -15,7 +15,7 @@ from swsysid._stays.certainty import certainty
 from swsysid._stays.given import Given, read_given
 from swsysid._stays.identify import StayIdentification
 from swsysid._stays.rollout_score import rollout_score
-from swsysid._stays.samples import laws_of, states_of
+from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
 from swsysid._stays.settings import StaySettings
 
@@ -220,7 +220,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         recordings = found.estimate.segments.recordings
         self.estimator_, self.n_modes_ = found.model, len(found.estimate.laws.coef)
         self.states_ = given.by_rows(_split(recordings.joined(states_of(found.estimate)), given))
-        self.modes_ = given.by_rows(_split(laws_of(found.estimate), given))
+        self.modes_ = given.by_rows(_split(active_modes_of(found.estimate), given))
         self.switch_times_ = [stays.instants for stays in found.estimate.segments.stays]
         self.switch_time_errors_ = sure.instants
         self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface

@@ -38,7 +38,7 @@ def decode(
     """Modes of all intervals of all recordings; `price` of a switch is in nats.
 
     `prior` is the log probability of the modes, (n_times - 1, n_recordings, n_modes), by a surface
-    that is not quite trusted.
+    that is not quite trusted; minus infinity where a recording cannot be in a mode.
     """
     beam = _Beam.begin(filter_, recordings, n_kept)
     history = []

@@ -8,7 +8,8 @@ spectral density :math:`q^2`, and is measured with white noise:
 
 In the interval of a switch the old law may have acted for any part of it, on average for a half.
 Its velocity differs from the new one's by :math:`\Delta f`, which adds
-:math:`(\Delta f \Delta t)^2 / 12` to the covariance.
+:math:`(\Delta f \Delta t)^2 / 12` to the covariance. Where a recording slides along a surface the
+state is known to lie on it.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def modes_of(estimate: Estimate) -> NDArray[np.intp]:
     return np.concatenate([stays.at(t[places]) for stays, t, places in parts])
 
 
-def laws_of(estimate: Estimate) -> NDArray[np.intp]:
+def active_modes_of(estimate: Estimate) -> NDArray[np.intp]:
     """Modes at all samples; of a slide that with the larger share."""
     samples, laws = Samples.of(estimate), estimate.motion
     modes = samples.modes

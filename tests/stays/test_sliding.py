@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from sklearn.preprocessing import PolynomialFeatures
 
 from benchmarks.trajectories.figures import figures
 from benchmarks.trajectories.methods import METHODS, identified
@@ -208,8 +207,3 @@ def test_a_rest_belongs_to_a_mode_that_the_user_knows():
     assert np.abs(found.states_[rests, 1]).max() < 0.02 < 0.3 * found.noise_[1]
     assert all(len(times) == len(e) for times, e in zip(
         found.switch_times_, found.switch_time_errors_, strict=True))  # fmt: skip
-
-
-def test_features_of_a_block_are_those_of_a_library():
-    columns = np.random.default_rng(0).normal(size=(5, 3))
-    np.testing.assert_array_equal(affine(columns), PolynomialFeatures(1).fit_transform(columns))
