@@ -15,7 +15,7 @@ from swsysid._stays.certainty import certainty
 from swsysid._stays.given import Given, read_given
 from swsysid._stays.identify import StayIdentification
 from swsysid._stays.rollout_score import rollout_score
-from swsysid._stays.samples import modes_of, states_of
+from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
 from swsysid._stays.settings import StaySettings
 
@@ -63,11 +63,12 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
     estimator_ : SwitchingSystemRegressor
         With the laws and surfaces found; predicts, simulates and prints.
     modes_ : ndarray of shape (n_samples,), int
-        Mode of every sample, in the order of the data.
+        Mode of every sample, in the order of the data. Where a recording slides along a surface, as
+        friction at rest does, the mode with the larger share.
     states_ : ndarray of shape (n_samples, n_states)
         States without noise.
     switch_times_ : list of ndarray
-        Instants at which each recording switches.
+        Instants at which each recording switches, or begins and ends to slide along a surface.
     switch_time_errors_ : list of ndarray
         Their standard errors.
     noise_ : ndarray of shape (n_channels,)
@@ -219,7 +220,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         recordings = found.estimate.segments.recordings
         self.estimator_, self.n_modes_ = found.model, len(found.estimate.laws.coef)
         self.states_ = given.by_rows(_split(recordings.joined(states_of(found.estimate)), given))
-        self.modes_ = given.by_rows(_split(modes_of(found.estimate), given))
+        self.modes_ = given.by_rows(_split(active_modes_of(found.estimate), given))
         self.switch_times_ = [stays.instants for stays in found.estimate.segments.stays]
         self.switch_time_errors_ = sure.instants
         self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface

@@ -57,7 +57,8 @@ def oracle(plant: Plant, campaign: Campaign, seed: int) -> Any:
     guards = Guards.of(model.surface, np.append(laws.spread, inputs.std(axis=0)), plant.n_modes)
     prior = prior_of_guards(guards, None, recordings, SETTINGS.trust[-1], SETTINGS.blurred)
     candidates = disturbances(laws, recordings, SETTINGS)
-    decoded = assign(laws, recordings, noise, prior, candidates, SETTINGS.prices[-1], SETTINGS)
+    price = SETTINGS.prices[-1]
+    decoded = assign(laws, recordings, noise, prior, candidates, price, SETTINGS, guards)
     every = np.ones(len(recordings), dtype=bool)
     starts = [estimate, decoded.estimate(laws, recordings, SETTINGS, None, every)]
     reached = [

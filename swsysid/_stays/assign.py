@@ -18,6 +18,7 @@ from swsysid._stays.recordings import Recordings, pieces_of
 from swsysid._stays.segments import Segments
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate
+from swsysid._stays.sliding import SlidingLaws, slides_there
 from swsysid._stays.stays import Stays
 
 
@@ -63,16 +64,24 @@ def assign(
     disturbances: Array,
     price: float,
     settings: StaySettings,
+    guards: Guards | None = None,
 ) -> Assigned:
     """The modes, with that disturbance of the velocities which makes the recordings most likely.
 
     `disturbances` (n_candidates, n_states) are spectral densities of the velocities, the largest
-    first; they are tried from the middle one on, as long as it gets better.
+    first; they are tried from the middle one on, as long as it gets better. `guards` are surfaces
+    along which recordings may slide.
     """
     if len(laws.coef) == 1:
         middle = disturbances[len(disturbances) // 2]
         filter_ = Filter(laws.known(), noise, middle, recordings.first_step)
         return Assigned(np.zeros(recordings.steps.shape, dtype=np.intp), filter_)
+    if guards is not None and prior is not None:
+        sliding = SlidingLaws.of(laws, guards)
+        there = slides_there(sliding, recordings, noise, settings.beyond_slide)
+        if there.any():
+            laws = sliding
+            prior = np.concatenate([prior, np.where(there, 0.0, -np.inf)], axis=2)
     pieces, places = recordings.cut(settings.piece, settings.overlap)
     own = None if prior is None else pieces_of(prior, places)
 

@@ -38,7 +38,7 @@ def decode(
     """Modes of all intervals of all recordings; `price` of a switch is in nats.
 
     `prior` is the log probability of the modes, (n_times - 1, n_recordings, n_modes), by a surface
-    that is not quite trusted.
+    that is not quite trusted; minus infinity where a recording cannot be in a mode.
     """
     beam = _Beam.begin(filter_, recordings, n_kept)
     history = []
@@ -68,7 +68,7 @@ class _Beam:
     def begin(cls, filter_: Filter, recordings: Recordings, n_kept: int) -> _Beam:
         """One hypothesis for each mode."""
         first = filter_.first(recordings.y[0], recordings.guess[0])
-        n_modes = len(filter_.laws.coef)
+        n_modes = len(filter_.laws.modes)
         shape = len(recordings), max(n_kept, n_modes)
         scores = np.full(shape, -np.inf)
         scores[:, :n_modes] = 0.0
@@ -90,19 +90,24 @@ class _Beam:
     ) -> _Beam:
         """The beam one interval later."""
         n_recordings, n_kept = self.scores.shape
-        n_modes = len(filter_.laws.coef)
+        n_modes = len(filter_.laws.modes)
         shape = n_recordings, n_kept, n_modes
         enters = self.modes[:, :, None] != np.arange(n_modes)
         # at the first sample every mode has its hypothesis, and none needs to enter it
         asked = np.isfinite(self.scores)[:, :, None] & ~(enters & (k == 0))
+        if prior is not None:
+            asked &= np.isfinite(prior[k])[:, None, :]
         recording, slot, new = np.nonzero(asked)
         belief = Belief(self.means[recording, slot], self.covariances[recording, slot])
         u, after = recordings.u[k, recording], recordings.u[k + 1, recording]
         old, duration = self.modes[recording, slot], recordings.steps[k, recording]
-        predicted = filter_.predict(belief, old, new, u, after, duration).belief
-        corrected, gained = filter_.correct(predicted, recordings.y[k + 1, recording])
+        predicted, gained = filter_.on_surface(
+            filter_.predict(belief, old, new, u, after, duration), new, after
+        )
+        corrected, seen = filter_.correct(predicted, recordings.y[k + 1, recording])
+        gained += seen
         if prior is not None:
-            gained = gained + prior[k, recording, new]
+            gained += prior[k, recording, new]
         scores = np.full(shape, -np.inf)
         scores[asked] = self.scores[recording, slot] + np.nan_to_num(
             gained, nan=LIMITS.diverged_nats

@@ -8,7 +8,8 @@ spectral density :math:`q^2`, and is measured with white noise:
 
 In the interval of a switch the old law may have acted for any part of it, on average for a half.
 Its velocity differs from the new one's by :math:`\Delta f`, which adds
-:math:`(\Delta f \Delta t)^2 / 12` to the covariance.
+:math:`(\Delta f \Delta t)^2 / 12` to the covariance. Where a recording slides along a surface the
+state is known to lie on it.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from swsysid._results import Array
 from swsysid._stays.laws import Laws, Modes
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
+from swsysid._stays.sliding import SlidingLaws
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Prediction:
 
     belief: Belief
     transition: Array  # (n_rows, n_states, n_states)
+    jump: Array  # (n_rows, n_states): by how much a switch may come earlier or later
 
 
 @dataclass(frozen=True)
@@ -59,13 +62,14 @@ class Filter:
         """The belief after an interval in the mode `new`, which began as `old`."""
         n_states, step = belief.mean.shape[1], self.laws.varied_step
         transition = np.tile(np.eye(n_states), (len(belief.mean), 1, 1))
+        slope = (after - u) / np.where(duration > 0.0, duration, np.inf)[:, None]
         rows = np.flatnonzero(old != new)
         share = np.full(len(old), self.first_step)
         share[rows] = 0.5
         middle = u + share[:, None] * (after - u)
         mean, transition = step(old, belief.mean, transition, u, middle, share * duration)
-        jump = self.laws.velocities(new[rows], mean[rows], middle[rows])
-        jump -= self.laws.velocities(old[rows], mean[rows], middle[rows])
+        jump = self.laws.velocities(new[rows], mean[rows], middle[rows], slope[rows])
+        jump -= self.laws.velocities(old[rows], mean[rows], middle[rows], slope[rows])
         jump *= duration[rows, None]
         if (on := np.flatnonzero(share < 1.0)).size:
             left = (1.0 - share[on]) * duration[on]
@@ -76,7 +80,34 @@ class Filter:
         every = np.arange(n_states)
         covariance[:, every, every] += self.disturbance**2 * duration[:, None]
         covariance[rows] += jump[:, :, None] * jump[:, None, :] / 12.0
-        return Prediction(Belief(mean, covariance), transition)
+        jumps = np.zeros_like(mean)
+        jumps[rows] = jump
+        return Prediction(Belief(mean, covariance), transition, jumps)
+
+    def on_surface(self, prediction: Prediction, new: Modes, after: Array) -> tuple[Belief, Array]:
+        """The predicted belief, of rows that slide on their surface, and how likely they got there.
+
+        A crossing in the interval of a switch is as likely as the normal density of f, times what f
+        changes by in the interval.
+        """
+        predicted, log_likelihood = prediction.belief, np.zeros(len(new))
+        rows = np.flatnonzero(new >= len(self.laws.coef))
+        if not rows.size:
+            return predicted, log_likelihood
+        assert isinstance(self.laws, SlidingLaws)
+        value, gradient = self.laws.off(new[rows], predicted.mean[rows], after[rows])
+        reach = np.einsum("ri,rij->rj", gradient, predicted.covariance[rows])
+        variance = np.einsum("ri,ri->r", reach, gradient)
+        gain = reach / variance[:, None]
+        mean, covariance = predicted.mean.copy(), predicted.covariance.copy()
+        mean[rows] -= gain * value[:, None]
+        covariance[rows] -= gain[:, :, None] * reach[:, None, :]
+        change = np.square(np.einsum("ri,ri->r", gradient, prediction.jump[rows]))
+        enters = np.flatnonzero(change > 0.0)
+        value, variance, change = value[enters], variance[enters], change[enters]
+        squares = np.minimum(np.square(value) / variance, LIMITS.most_squares)
+        log_likelihood[rows[enters]] = -0.5 * (squares + np.log(2.0 * np.pi * variance / change))
+        return Belief(mean, covariance), log_likelihood
 
     def correct(self, predicted: Belief, y: Array) -> tuple[Belief, Array]:
         """The belief after a measurement, and the log likelihood of that."""
@@ -113,7 +144,8 @@ def smoothed_states(filter_: Filter, recordings: Recordings, modes: NDArray[np.i
     for k, duration in enumerate(recordings.steps):
         u, after = recordings.u[k], recordings.u[k + 1]
         prediction = filter_.predict(belief, before, modes[k], u, after, duration)
-        belief, _ = filter_.correct(prediction.belief, recordings.y[k + 1])
+        belief, _ = filter_.on_surface(prediction, modes[k], after)
+        belief, _ = filter_.correct(belief, recordings.y[k + 1])
         predictions.append(prediction)
         beliefs.append(belief)
         before = modes[k]

@@ -22,7 +22,7 @@ from swsysid._surfaces.surface import Surface, is_linear
 
 
 class Crossings(NamedTuple):
-    """Where recordings switch, one row for each switch."""
+    """Where recordings switch, one row for each switch; modes that its surface separates."""
 
     old: Modes
     new: Modes
@@ -97,7 +97,11 @@ class Guards:
         )
         speeds[speeds == 0.0] = np.inf  # a surface that is not there has no sides
         scaled = basis / (speeds * unit)[:, :, None]
-        return replace(self, sides=Sides(scaled, self.mode_book[modes].T))
+        # samples that slide are on no side
+        signs = np.zeros((len(modes), len(self.coef)), dtype=np.int64)
+        beside = modes < len(self.mode_book)
+        signs[beside] = self.mode_book[modes[beside]]
+        return replace(self, sides=Sides(scaled, signs.T))
 
     def wrong_sides(self) -> Array:
         """Times by which samples lie on the wrong side, (n_surfaces, n_rows), in the unit."""

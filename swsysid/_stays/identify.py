@@ -36,6 +36,7 @@ from swsysid._stays.surfaces import (
     with_few_monomials,
     with_surface,
 )
+from swsysid._stays.visits import Turns, with_visits, without_visits
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,8 @@ class Alternation:
         while self._simplified():
             told()
         self._recombined()
+        while self._visited():
+            told()
         return self._polished(self.best)
 
     def _recombined(self, first: int = 0) -> None:
@@ -159,6 +162,35 @@ class Alternation:
             self._go_on_from(best, self.prior)
             estimated = self._on_same_surface(recombined([named[k] for k in chosen]))
             self._keep(*estimated, 0, len(self.settings.prices) - 1)
+
+    def _visited(self) -> bool:
+        """Try brief visits beyond a surface, with and without; true if that is better."""
+        best, settings = self.best, self.settings
+        if best.estimate.guards is None:
+            return False
+        noise = _noise(best.reached, best.reached.noise)
+        turns = Turns(best.estimate, noise, settings.beyond_slide)
+        for changed, visits in (
+            (with_visits, turns.missed(settings.near_miss)),
+            (without_visits, turns.made(settings.near_miss)),
+        ):
+            for count in range(1, min(len(visits), settings.most_visits) + 1):
+                reached = self._tried(best, changed(best.estimate, visits[:count]))
+                if reached < best.criterion - settings.nearly_converged:
+                    return True
+                if reached > best.criterion + settings.hopeless:
+                    break
+        return False
+
+    def _tried(self, best: StayIdentification, first: Estimate) -> float:
+        """The criterion of an estimate with other stays than the best one's."""
+        self._go_on_from(best, self.prior)
+        for _ in range(2):  # the second time samples are on the sides that they have reached
+            self._keep(*self._on_same_surface(first), 0, len(self.settings.prices) - 1)
+            first, criterion = self.found[-1].estimate, self.found[-1].criterion
+            if criterion > best.criterion + self.settings.hopeless:
+                break
+        return criterion
 
     def _polished(self, found: StayIdentification) -> StayIdentification:
         """The same at the very maximum."""
@@ -205,7 +237,8 @@ class Alternation:
         self._keep(*self._on_same_surface(estimate), 0, len(settings.prices) - 1)
         self.prior = prior
         for turn in range(settings.rounds_of_simplified):
-            if self.found[-1].criterion > best.criterion + settings.hopeless:
+            far = self.found[-1].criterion > best.criterion + settings.hopeless
+            if far and not (turn == 0 and best.estimate.slides):
                 break
             if not self._round(len(settings.prices) - 1, same_surface=True, always=turn == 0):
                 break
@@ -248,6 +281,7 @@ class Alternation:
 
     def _assigned(self, stage: int) -> Assigned:
         price = self.settings.prices[stage]
+        settled = self.last is not None and stage >= self.settings.settled
         return assign(
             self.laws,
             self.recordings,
@@ -256,6 +290,7 @@ class Alternation:
             self.disturbances,
             price,
             self.settings,
+            self.last.estimate.guards if settled and self.last is not None else None,
         )
 
     def _estimated(self, first: Estimate, stage: int) -> tuple[SwitchingSystemRegressor, Reached]:
@@ -276,8 +311,10 @@ class Alternation:
         """The same from the surface of the round before."""
         last = self.last
         assert last is not None and last.estimate.guards is not None
+        guards = last.estimate.guards
+        first = replace(first, guards=guards)
         start = Reached(first, last.reached.objective.with_noise(self.noise), np.inf)
-        return on_surface(last.model, start, last.estimate.guards, self.settings)
+        return on_surface(last.model, start, guards, self.settings)
 
     @property
     def _separates(self) -> bool:
@@ -332,9 +369,9 @@ def _named_as(known: Estimate, other: Estimate) -> Estimate:
     n_modes = len(known.laws.coef)
     if len(other.laws.coef) != n_modes:
         return known
-    joint = contingency(
-        intervals_of(other).ravel(), intervals_of(known).ravel(), shape=(n_modes,) * 2
-    )
+    both = intervals_of(other).ravel(), intervals_of(known).ravel()
+    beside = (both[0] < n_modes) & (both[1] < n_modes)  # no slides
+    joint = contingency(both[0][beside], both[1][beside], shape=(n_modes,) * 2)
     order = best_matching(joint)[1]
     return other if (order == np.arange(n_modes)).all() else other.renamed(order)
 

@@ -64,18 +64,22 @@ class Laws:
             errors.append(np.abs(halved - self.step(modes, x, u, after, duration)))
         return np.max(errors, axis=0)
 
-    def velocities(self, modes: Modes, x: Array, u: Array) -> Array:
-        """Velocity of every row, each in a given mode."""
+    def sides(self, old: Modes, new: Modes) -> tuple[Modes, Modes]:
+        """Modes that the surface of each switch separates."""
+        return old, new
+
+    def velocities(self, modes: Modes, x: Array, u: Array, slope: Array | None = None) -> Array:
+        """Velocity of every row, each in a given mode; `slope`, of the inputs, is not asked."""
         features = self.features(np.concatenate([x, u], axis=1))
         return np.matmul(self.coef[modes], features[:, :, None])[:, :, 0]
 
     def step(self, modes: Modes, x: Array, u: Array, after: Array, duration: Array) -> Array:
         """States after steps with inputs that go from `u` to `after`."""
-        h, middle = duration[:, None], 0.5 * (u + after)
-        first = self.velocities(modes, x, u)
-        second = self.velocities(modes, x + h / 2 * first, middle)
-        third = self.velocities(modes, x + h / 2 * second, middle)
-        fourth = self.velocities(modes, x + h * third, after)
+        h, middle, slope = duration[:, None], 0.5 * (u + after), _slope(u, after, duration)
+        first = self.velocities(modes, x, u, slope)
+        second = self.velocities(modes, x + h / 2 * first, middle, slope)
+        third = self.velocities(modes, x + h / 2 * second, middle, slope)
+        fourth = self.velocities(modes, x + h * third, after, slope)
         return x + h / 6 * (first + 2 * (second + third) + fourth)
 
     def plain_step(
@@ -91,16 +95,24 @@ class Laws:
 
         The first n_states unknowns are states at some start, the next are the free coefficients.
         """
-        h, middle = duration[:, None], 0.5 * (u + after)
+        h, middle, slope = duration[:, None], 0.5 * (u + after), _slope(u, after, duration)
         hz = h[:, :, None]
-        first, z_first = self._varied(modes, x, Z, u)
-        second, z_second = self._varied(modes, x + h / 2 * first, Z + hz / 2 * z_first, middle)
-        third, z_third = self._varied(modes, x + h / 2 * second, Z + hz / 2 * z_second, middle)
-        fourth, z_fourth = self._varied(modes, x + h * third, Z + hz * z_third, after)
+        first, z_first = self.varied_velocities(modes, x, Z, u, slope)
+        second, z_second = self.varied_velocities(
+            modes, x + h / 2 * first, Z + hz / 2 * z_first, middle, slope
+        )
+        third, z_third = self.varied_velocities(
+            modes, x + h / 2 * second, Z + hz / 2 * z_second, middle, slope
+        )
+        fourth, z_fourth = self.varied_velocities(
+            modes, x + h * third, Z + hz * z_third, after, slope
+        )
         x = x + h / 6 * (first + 2 * (second + third) + fourth)
         return x, Z + hz / 6 * (z_first + 2 * (z_second + z_third) + z_fourth)
 
-    def _varied(self, modes: Modes, x: Array, Z: Array, u: Array) -> tuple[Array, Array]:
+    def varied_velocities(
+        self, modes: Modes, x: Array, Z: Array, u: Array, slope: Array
+    ) -> tuple[Array, Array]:
         """Velocities and the rates of the sensitivities."""
         columns = np.concatenate([x, u], axis=1)
         features, slopes = slopes_of(self.features, columns, self.spread)
@@ -110,6 +122,12 @@ class Laws:
         unknowns = x.shape[1] + np.arange(len(mode))
         rates[:, state, unknowns] += features[:, feature] * (modes[:, None] == mode)
         return np.matmul(coef, features[:, :, None])[:, :, 0], rates
+
+
+def _slope(u: Array, after: Array, duration: Array) -> Array:
+    """Rates of the inputs in steps; zero in steps that last no time."""
+    lasting = duration[:, None] > 0.0
+    return np.divide(after - u, duration[:, None], out=np.zeros_like(u), where=lasting)
 
 
 def slopes_of(features: Features, columns: Array, spread: Array) -> tuple[Array, Array]:

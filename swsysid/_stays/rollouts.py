@@ -63,12 +63,12 @@ def _cross(
     """
     switches = segments.switch[k, rows]
     old, new = segments.old[k, rows], segments.new[k, rows]
-    before = laws.velocities(old, x[rows], u[rows])
+    before = laws.velocities(old, x[rows], u[rows], rate)
     kept = Z[rows].copy()
     column = x.shape[1] + laws.n_free + segments.within[switches]
-    Z[rows, :, column] = before - laws.velocities(new, x[rows], u[rows])
+    Z[rows, :, column] = before - laws.velocities(new, x[rows], u[rows], rate)
     columns, rates = np.hstack([x[rows], u[rows]]), np.hstack([before, rate])
-    return switches, old, new, columns, rates, kept
+    return switches, *laws.sides(old, new), columns, rates, kept
 
 
 def _in_order(crossed: list[tuple], segments: Segments, varied: tuple, n_columns: int) -> Crossings:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._stays.rollouts import rollouts
 from swsysid._stays.shooting import Estimate
+from swsysid._stays.sliding import SlidingLaws
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Samples:
         steps = np.where(recordings.steps > 0.0, recordings.steps, np.inf)
         slopes = np.diff(recordings.u, axis=0) / steps[:, :, None]
         rates = recordings.joined(np.concatenate([slopes, slopes[-1:]]))
-        velocities = estimate.laws.velocities(modes, states, u)
+        velocities = estimate.motion.velocities(modes, states, u, rates)
         columns, every = np.hstack([states, u]), np.hstack([velocities, rates])
         return cls(columns, every, modes, states.shape[1])
 
@@ -54,7 +55,7 @@ def misfits(estimate: Estimate) -> Array:
 def states_of(estimate: Estimate) -> Array:
     """Estimated states at all times, padded."""
     segments = estimate.segments
-    done = rollouts(estimate.laws, segments, estimate.starts, varied=False).states
+    done = rollouts(estimate.motion, segments, estimate.starts, varied=False).states
     padded = np.zeros_like(segments.recordings.y)
     for s, (recording, first, last) in enumerate(segments.places):
         padded[first : last + 1, recording] = done[: last - first + 1, s]
@@ -68,6 +69,18 @@ def modes_of(estimate: Estimate) -> NDArray[np.intp]:
     segments, recordings = estimate.segments, estimate.segments.recordings
     parts = zip(segments.stays, recordings.times, recordings.sampled, strict=True)
     return np.concatenate([stays.at(t[places]) for stays, t, places in parts])
+
+
+def active_modes_of(estimate: Estimate) -> NDArray[np.intp]:
+    """Modes at all samples; of a slide that with the larger share."""
+    samples, laws = Samples.of(estimate), estimate.motion
+    modes = samples.modes
+    rows = np.flatnonzero(modes >= len(laws.coef))
+    if isinstance(laws, SlidingLaws) and rows.size:
+        x, u = np.split(samples.columns[rows], [samples.n_states], axis=1)
+        slope = samples.rates[rows, samples.n_states :]
+        modes[rows] = laws.larger(modes[rows], x, u, slope)
+    return modes
 
 
 def intervals_of(estimate: Estimate) -> NDArray[np.intp]:

@@ -83,14 +83,19 @@ class Segments:
         shares[k, s] = (self.instants[self.switch[k, s]] - times) / self.steps[k, s]
         return shares
 
+    def with_stays(self, stays: Sequence[Stays]) -> Segments:
+        """The same segments of recordings that switch otherwise."""
+        other = copy(self)
+        other.stays = list(stays)
+        other.place_switches()
+        return other
+
     def moved(self, instants: Array) -> Segments:
         """The same segments with other instants; a switch may enter another interval."""
         parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
         times = self.recordings.times
-        moved = copy(self)
-        moved.stays = [s.moved(p, t) for s, p, t in zip(self.stays, parts, times, strict=True)]
-        moved.place_switches()
-        return moved
+        pairs = zip(self.stays, parts, times, strict=True)
+        return self.with_stays([stays.moved(part, t) for stays, part, t in pairs])
 
     def __len__(self) -> int:
         return len(self.places)

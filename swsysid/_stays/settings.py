@@ -25,7 +25,12 @@ class StaySettings:
     # first surface comes from velocities that were differentiated
     trust: tuple[float, ...] = (0.1, 0.03, 0.01, 0.003)
     blurred: float = 0.5  # intervals by which the time of a state is off where a surface is asked
+    beyond_slide: float = 0.2  # of the share of a mode in a slide, which is between 0 and 1
     settled: int = 2  # the round from which the surface before is a start, not the classifier
+    # deviations of the noise from a surface within which a recording may have been beyond it or
+    # not, and most of such visits that are tried together
+    near_miss: float = 2.0
+    most_visits: int = 3
     # standard deviations by which the squares of one recording exceed the others'
     doubtful: float = 2.0
     # rounds with a coefficient of the surface less, before it is judged, and nats by which it is

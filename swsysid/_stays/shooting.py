@@ -25,6 +25,7 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.rollouts import Rollouts, rollouts
 from swsysid._stays.segments import Segments
 from swsysid._stays.settings import LIMITS
+from swsysid._stays.sliding import SlidingLaws, with_slides
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,18 @@ class Estimate:
     guards: Guards | None = None
 
     @property
+    def motion(self) -> Laws:
+        """The laws, those of slides included if there is one."""
+        if self.guards is None or not self.slides:
+            return self.laws
+        return SlidingLaws.of(self.laws, self.guards)
+
+    @property
+    def slides(self) -> bool:
+        """True if a recording slides along a surface."""
+        return any((stays.modes >= len(self.laws.coef)).any() for stays in self.segments.stays)
+
+    @property
     def n_unknowns(self) -> int:
         """Number of free coefficients, starts, instants and coefficients of surfaces."""
         guards = 0 if self.guards is None else self.guards.n_free
@@ -44,18 +57,19 @@ class Estimate:
 
     def renamed(self, order: NDArray[np.intp]) -> Estimate:
         """The same with mode ``order[k]`` called k."""
-        names = np.argsort(order)
+        names = with_slides(np.argsort(order))
         segments = copy(self.segments)
         segments.stays = [replace(one, modes=names[one.modes]) for one in segments.stays]
         segments.old, segments.new = names[segments.old], names[segments.new]
         laws = replace(self.laws, coef=self.laws.coef[order], free=self.laws.free[order])
-        return replace(self, laws=laws, segments=segments)
+        guards = self.guards
+        if guards is not None:
+            guards = replace(guards, mode_book=guards.mode_book[order])
+        return replace(self, laws=laws, segments=segments, guards=guards)
 
     def only(self, modes: NDArray[np.intp]) -> Estimate:
         """The same with some of the modes."""
-        segments = copy(self.segments)
-        segments.stays = [stays.only(modes) for stays in segments.stays]
-        segments.place_switches()
+        segments = self.segments.with_stays([stays.only(modes) for stays in self.segments.stays])
         laws = replace(self.laws, coef=self.laws.coef[modes], free=self.laws.free[modes])
         return Estimate(laws, segments, self.starts)
 
@@ -63,7 +77,7 @@ class Estimate:
         """The same with instants at which the states are on the surfaces."""
         if self.guards is None:
             return self
-        done = rollouts(self.laws, self.segments, self.starts, varied=False)
+        done = rollouts(self.motion, self.segments, self.starts, varied=False)
         misses = self.guards.misses(done.crossings)
         instants = self.segments.instants.copy()
         interval = self.segments.recordings.interval
@@ -91,9 +105,7 @@ class Estimate:
 def recombined(chosen: Sequence[Estimate]) -> Estimate:
     """Each recording, k, as in the k-th of these estimates, which have the same segments."""
     first = chosen[0]
-    segments = copy(first.segments)
-    segments.stays = [one.segments.stays[k] for k, one in enumerate(chosen)]
-    segments.place_switches()
+    segments = first.segments.with_stays([one.segments.stays[k] for k, one in enumerate(chosen)])
     starts = [chosen[place[0]].starts[s] for s, place in enumerate(segments.places)]
     return Estimate(first.laws, segments, np.array(starts))
 
@@ -117,7 +129,7 @@ class Objective:
     def by_recording(self, estimate: Estimate) -> Array:
         """What each recording adds to the value, (n_recordings,)."""
         segments, guards = estimate.segments, estimate.guards
-        done = rollouts(estimate.laws, segments, estimate.starts, varied=False)
+        done = rollouts(estimate.motion, segments, estimate.starts, varied=False)
         misfit, defects = self._residuals(estimate, done)
         of_segment = 0.5 * np.square(misfit).sum(axis=(0, 2))
         of_segment[segments.followed] += 0.5 * np.square(defects).sum(axis=1)
@@ -137,7 +149,7 @@ class Objective:
     def normal_equations(self, estimate: Estimate) -> tuple[Array, Array, float]:
         """Gauss and Newton's matrix, the negative gradient, and the value."""
         laws, segments, starts = estimate.laws, estimate.segments, estimate.starts
-        done = rollouts(laws, segments, starts)
+        done = rollouts(estimate.motion, segments, starts)
         assert done.varied is not None
         misfit, defects = self._residuals(estimate, done)
         n, n_states = starts.shape
@@ -213,7 +225,10 @@ class Objective:
         first_instant = laws.n_free + n * n_states
         most = int(np.bincount(segments.segment, minlength=1).max())
         own = laws.n_free + np.arange(n * n_states).reshape(n, n_states)
-        shared = np.tile(np.arange(laws.n_free), (n, 1))
+        # coefficients of surfaces move what slides along them
+        n_guards = estimate.motion.n_free - laws.n_free
+        of_guards = estimate.n_unknowns - n_guards + np.arange(n_guards)
+        shared = np.tile(np.append(np.arange(laws.n_free), of_guards), (n, 1))
         instants = np.full((n, most), -1)
         numbers = np.arange(len(segments.instants))
         instants[segments.segment, segments.within] = first_instant + numbers

@@ -74,7 +74,8 @@ def with_few_monomials(
     samples = Samples.of(reached.estimate)
     n_monomials = fitted.surface_features(samples.columns[:1]).shape[1]
     surface = clone(given).set_params(relevance=np.ones(n_monomials))
-    surface.fit(samples.columns, samples.modes)
+    beside = samples.modes < len(reached.estimate.laws.coef)  # no slides
+    surface.fit(samples.columns[beside], samples.modes[beside])
     full = Guards.of(surface, samples.spread, len(reached.estimate.laws.coef))
     if full is None:
         return model, reached

@@ -1,0 +1,209 @@
+"""Slides along a surface as modes of their own: a block that rests until a ramp moves it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.trajectories.figures import figures
+from benchmarks.trajectories.methods import METHODS, identified
+from benchmarks.trajectories.plants import PLANTS
+from benchmarks.trajectories.recordings import Scenario, record
+from swsysid._stays.assign import assign, disturbances, prior_of_guards
+from swsysid._stays.guards import Guards
+from swsysid._stays.laws import Laws
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.rollouts import rollouts
+from swsysid._stays.samples import modes_of
+from swsysid._stays.segments import Segments
+from swsysid._stays.settings import SETTINGS
+from swsysid._stays.shooting import Estimate
+from swsysid._stays.sliding import SlidingLaws, pairs_of, slides_there, with_slides
+from swsysid._stays.stays import Stays
+from swsysid.refinement._trajectories import Record, read_trajectories
+
+FRICTION, RAMP = 0.4, 0.2
+# v = .2 - .4 t + .1 t^2 until it is zero; the force exceeds the friction at t = 2
+RESTS, MOVES = 2.0 - np.sqrt(2.0), 2.0
+
+
+def affine(columns):
+    return np.column_stack([np.ones(len(columns)), columns])
+
+
+def block():
+    """A block with dry friction: its laws, and the surface v = 0 with every coefficient free."""
+    coef = np.array([
+        [[0.0, 0.0, 1.0, 0.0], [FRICTION, 0.0, 0.0, 1.0]],
+        [[0.0, 0.0, 1.0, 0.0], [-FRICTION, 0.0, 0.0, 1.0]],
+    ])  # fmt: skip
+    laws = Laws(coef, affine, np.ones(2), np.ones(coef.shape, dtype=bool))
+    surface, book = np.array([[0.0, 0.0, 1.0, 0.0]]), np.array([[-1], [1]])
+    free = np.array([[True, True, False, True]])
+    return SlidingLaws.of(laws, Guards(surface, affine, np.ones(3), book, free))
+
+
+def truth(t):
+    """Position and speed of the block that starts at 0 with .2."""
+    braked = np.minimum(t, RESTS)
+    x = 0.2 * braked - 0.2 * braked**2 + 0.1 * braked**3 / 3.0
+    v = 0.2 - 0.4 * braked + 0.1 * braked**2
+    pushed = np.maximum(t - MOVES, 0.0)
+    return np.column_stack([x + 0.1 * pushed**3 / 3.0, v + 0.1 * pushed**2])
+
+
+def ramp(n_times=31, noise=0.0):
+    t = np.linspace(0.0, 3.0, n_times)
+    x = truth(t)
+    y = x + noise * np.random.default_rng(0).standard_normal(x.shape)
+    return Recordings.of([Record(t, y, RAMP * t[:, None])], [x])
+
+
+def test_a_block_that_rests_has_no_velocity_and_the_forces_share_it():
+    laws = block()
+    slide, x, u = np.array([2]), np.array([[1.0, 0.0]]), np.array([[0.1]])
+    slope = np.array([[RAMP]])
+    np.testing.assert_array_equal(laws.velocities(slide, x, u, slope), 0.0)
+    both = [laws.velocities(np.array([mode]), x, u) for mode in (0, 1)]
+    share = laws.slide(slide, *both, x, u, slope).share
+    np.testing.assert_allclose(share, (0.1 + FRICTION) / (2.0 * FRICTION), rtol=1e-6)
+    assert laws.larger(slide, x, u, slope).tolist() == [1]
+    # beyond the friction one law goes on alone
+    np.testing.assert_allclose(
+        laws.velocities(slide, x, np.array([[0.5]]), slope), [[0.0, 0.1]], atol=1e-12
+    )
+
+
+def test_a_moving_surface_carries_what_slides_along_it():
+    laws = block()
+    guards = replace(laws.guards, coef=np.array([[0.0, 0.0, 1.0, -1.0]]))  # v = u
+    velocity = SlidingLaws.of(laws, guards).velocities(
+        np.array([2]), np.array([[0.0, 0.1]]), np.array([[0.1]]), np.array([[RAMP]])
+    )
+    np.testing.assert_allclose(velocity, [[0.1, RAMP]], rtol=1e-6)
+
+
+def test_a_rollout_rests_until_the_force_exceeds_the_friction():
+    recordings, laws = ramp(), block()
+    stays = Stays(np.array([1, 2, 1]), np.array([RESTS, MOVES]))
+    done = rollouts(laws, Segments(recordings, [stays], 30), np.array([[0.0, 0.2]]))
+    # polynomials of third degree are integrated exactly
+    np.testing.assert_allclose(done.states[:, 0], truth(recordings.times[0]), atol=1e-12)
+    # it begins to rest on its surface; where it ends to, no surface is crossed
+    assert (done.crossings.old.tolist(), done.crossings.new.tolist()) == ([0, 0], [1, 0])
+
+
+def test_sensitivities_are_those_of_differences():
+    recordings, laws = ramp(), block()
+    rng = np.random.default_rng(1)
+    surface = laws.guards.coef + np.array([[0.03, 0.1, 0.0, -0.2]])
+    laws = replace(
+        laws,
+        coef=laws.coef + rng.normal(0.0, 0.02, laws.coef.shape),
+        guards=replace(laws.guards, coef=surface),
+    )
+    instants, start = np.array([0.53, 1.94]), np.array([[0.01, 0.21]])
+
+    def states(laws, start, instants):
+        segments = Segments(recordings, [Stays(np.array([1, 2, 1]), instants)], 30)
+        done = rollouts(laws, segments, start)
+        return done.states[:, 0], done.varied[:, 0]
+
+    def moved(unknown, size):
+        free, n_laws = laws.coef.copy(), laws.coef.size
+        guards, s, tau = laws.guards.coef.copy(), start.copy(), instants.copy()
+        if unknown < 2:
+            s[0, unknown] += size
+        elif unknown < 2 + n_laws:
+            free.reshape(-1)[unknown - 2] += size
+        elif unknown < 2 + n_laws + 3:
+            guards[0, np.array([0, 1, 3])[unknown - 2 - n_laws]] += size
+        else:
+            tau[unknown - 5 - n_laws] += size
+        return replace(laws, coef=free, guards=replace(laws.guards, coef=guards)), s, tau
+
+    varied = states(laws, start, instants)[1]
+    assert varied.shape[2] == 2 + laws.coef.size + 3 + 2
+    for unknown in range(varied.shape[2]):
+        ahead, behind = (states(*moved(unknown, size))[0] for size in (1e-5, -1e-5))
+        # gradients of the surface are one-sided differences
+        np.testing.assert_allclose(
+            varied[:, :, unknown], (ahead - behind) / 2e-5, rtol=1e-4, atol=1e-5
+        )
+
+
+def test_a_rest_is_decoded():
+    recordings, laws = ramp(n_times=61, noise=0.005), block()
+    noise = np.full(2, 0.005)
+    plain = Laws(laws.coef, laws.features, laws.spread, laws.free)
+    prior = prior_of_guards(laws.guards, None, recordings, SETTINGS.trust[-1], SETTINGS.blurred)
+    candidates = disturbances(plain, recordings, SETTINGS)
+    found = assign(
+        plain, recordings, noise, prior, candidates, SETTINGS.prices[-1], SETTINGS, laws.guards
+    )
+    estimate = found.estimate(plain, recordings, SETTINGS, None, np.array([True]))
+    (stays,) = estimate.segments.stays
+    assert stays.modes.tolist() == [1, 2, 1]
+    # v falls by .03 in an interval, six deviations of the noise; where it ends to rest it begins
+    # to move with the square of time, so that .15 s after it has moved by half a deviation
+    assert abs(stays.instants[0] - RESTS) < 0.1
+    assert abs(stays.instants[1] - MOVES) < 0.35
+    assert modes_of(replace(estimate, guards=laws.guards)).tolist().count(2) > 20
+
+
+def test_slides_keep_their_modes_when_these_are_renamed():
+    assert pairs_of(3).tolist() == [[0, 1], [0, 2], [1, 2]]
+    # mode 0 is called 2 from now on, 1 is called 0, 2 is called 1
+    assert with_slides(np.array([2, 0, 1])).tolist() == [2, 0, 1, 4, 5, 3]
+    laws = block()
+    segments = Segments(ramp(), [Stays(np.array([1, 2, 1]), np.array([RESTS, MOVES]))], 30)
+    plain = Laws(laws.coef, laws.features, laws.spread, laws.free)
+    estimate = Estimate(plain, segments, np.array([[0.0, 0.2]]), laws.guards)
+    other = estimate.renamed(np.array([1, 0]))
+    assert other.segments.stays[0].modes.tolist() == [0, 2, 0]
+    states = [rollouts(e.motion, e.segments, e.starts).states for e in (estimate, other)]
+    np.testing.assert_allclose(states[0], states[1], atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["contact", "linear oscillator", "tank with overflow"])
+def test_nothing_slides_where_the_laws_do_not_point_at_the_surface(name):
+    plant, rng = PLANTS[name], np.random.default_rng(0)
+    campaign, truth = record(plant, Scenario(0.01, 60, 4), 1), plant.truth()
+    n_inputs = len(plant.input_names)
+    recordings = Recordings.of(read_trajectories(campaign.recordings(), n_inputs, 2))
+    spread = np.ones(2 + n_inputs)
+    guards = Guards.of(truth.surface, spread, 2)
+    coef = truth.coef_ + rng.normal(0.0, 0.003, truth.coef_.shape)  # as well as laws are known
+    laws = Laws(coef, truth.feature_map.at_rows, campaign.x.std(axis=0), np.ones_like(coef) > 0)
+    noise = 0.01 * campaign.x.std(axis=0)
+    there = slides_there(SlidingLaws.of(laws, guards), recordings, noise, SETTINGS.beyond_slide)
+    assert not there.any()
+
+
+@cache
+def friction():
+    plant = PLANTS["dry friction, forced"]
+    campaign = record(plant, Scenario(0.03, 60, 6), 2)
+    return plant, campaign, identified(plant, campaign, 0)
+
+
+def test_dry_friction_that_sticks_is_found_as_well_as_recordings_allow():
+    plant, campaign, found = friction()
+    ours = figures(plant, found.estimator_)
+    oracle = figures(plant, METHODS["oracle"](plant, campaign, 0))
+    assert ours["field"] <= 1.3 * oracle["field"]
+    assert ours["balanced"] >= oracle["balanced"] - 0.01
+    # the surface is where the mass turns, and nothing else
+    surface = found.estimator_.surface_.coef_[0]
+    np.testing.assert_allclose(surface / surface[2], [0.0, 0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_a_rest_belongs_to_a_mode_that_the_user_knows():
+    _, campaign, found = friction()
+    assert set(found.modes_) == {0, 1} and found.modes_.shape == campaign.modes.shape
+    rests = np.abs(campaign.states[:, 1]) < 1e-9
+    # it is measured with a noise of 3 %, and a rest lasts for some samples
+    assert np.abs(found.states_[rests, 1]).max() < 0.02 < 0.3 * found.noise_[1]
+    assert all(len(times) == len(e) for times, e in zip(
+        found.switch_times_, found.switch_time_errors_, strict=True))  # fmt: skip
