@@ -13,7 +13,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._stays.certainty import certainty
 from swsysid._stays.given import Given, read_given
-from swsysid._stays.identify import StayIdentification
+from swsysid._stays.identification import StayIdentification
 from swsysid._stays.rollout_score import rollout_score
 from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order

@@ -20,7 +20,7 @@ from swsysid._results import (
     Trajectory,
 )
 from swsysid._stays.count import CountCandidate
-from swsysid._stays.identify import StayRecord
+from swsysid._stays.identification import StayRecord
 from swsysid._stays.recording_report import RecordingReport
 from swsysid._surfaces.margins import MarginCertificate
 from swsysid.relaxations._certificates import FitCertificate

@@ -12,7 +12,7 @@ from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.descent import most_likely
 from swsysid._stays.given import Given
-from swsysid._stays.identify import StayIdentification
+from swsysid._stays.identification import StayIdentification
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import modes_of, states_of
 from swsysid._stays.segments import Segments

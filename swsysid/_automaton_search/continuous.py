@@ -30,7 +30,8 @@ from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import switches_of
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.given import Given
-from swsysid._stays.identify import Alternation, StayIdentification
+from swsysid._stays.identification import StayIdentification
+from swsysid._stays.identify import Alternation
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 

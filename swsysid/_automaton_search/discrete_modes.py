@@ -144,4 +144,4 @@ class MapFilter(Filter):
         covariance = transition @ belief.covariance @ transition.transpose(0, 2, 1)
         every = np.arange(mean.shape[1])
         covariance[:, every, every] += self.disturbance**2
-        return Prediction(Belief(mean, covariance), transition)
+        return Prediction(Belief(mean, covariance), transition, np.zeros_like(mean))

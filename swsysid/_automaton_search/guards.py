@@ -113,13 +113,14 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     centre, spread = beside.columns.mean(axis=0), beside.columns.std(axis=0)
     if not (spread > 0.0).all():
         return None
-    scaled = [
-        monomials_of((own.columns - centre) / spread, powers),
-        slopes_of((own.columns - centre) / spread, own.rates / spread, powers),
-        monomials_of((beside.columns - centre) / spread, powers),
-        slopes_of((beside.columns - centre) / spread, beside.rates / spread, powers),
-    ]
-    solved = _solved(*scaled, own)
+    at, near = (own.columns - centre) / spread, (beside.columns - centre) / spread
+    solved = _solved(
+        monomials_of(at, powers),
+        slopes_of(at, own.rates / spread, powers),
+        monomials_of(near, powers),
+        slopes_of(near, beside.rates / spread, powers),
+        own,
+    )
     if solved is None:
         return None
     coef, times, cost = solved

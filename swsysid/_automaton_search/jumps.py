@@ -42,11 +42,13 @@ class Pieces:
     def take(self, some: NDArray[np.bool_]) -> Pieces:
         """Some of the pieces."""
         own = self.given
+        kept = np.flatnonzero(some)
         given = replace(
             own,
-            **{name: [one for one, kept in zip(getattr(own, name), some, strict=True) if kept]
-               for name in ("records", "rows", "labels")},
-        )  # fmt: skip
+            records=[own.records[k] for k in kept],
+            rows=[own.rows[k] for k in kept],
+            labels=[own.labels[k] for k in kept],
+        )
         return Pieces(given, self.recording[some], self.first[some], self.last[some])
 
     @property

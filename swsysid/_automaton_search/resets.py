@@ -97,7 +97,8 @@ def _least_deviations(regressors: Array, target: Array) -> Array:
         return coef
     size = max(float(np.abs(target).max()), np.finfo(float).tiny)
     for _ in range(SETTINGS.turns_of_deviations):
-        coef = np.linalg.lstsq(regressors * weights[:, None], target * weights, rcond=None)[0]
+        solved = np.linalg.lstsq(regressors * weights[:, None], target * weights, rcond=None)[0]
+        coef = np.asarray(solved, dtype=float)
         left = np.abs(target - regressors @ coef)
         weights = np.maximum(left, SETTINGS.exact * size) ** -0.5
-    return np.asarray(coef, dtype=float)
+    return coef

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from swsysid._automaton_search.jumps import Pieces
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.certainty import certainty
-from swsysid._stays.identify import StayIdentification
+from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws, Modes
 from swsysid._stays.rollouts import rollouts
 from swsysid._stays.samples import modes_of, states_of
@@ -43,7 +43,7 @@ class Switches:
 
     def take(self, rows: NDArray) -> Switches:
         """Some of the switches."""
-        return Switches(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return Switches(*(part[rows] for part in vars(self).values()))
 
     def moved(self, times: Array) -> Switches:
         """The same at other instants, those of jumps within their samples."""
@@ -134,14 +134,10 @@ def switches_of(found: StayIdentification, pieces: Pieces) -> tuple[Switches, Vi
         np.array([columns[k - 1][-1] for k in later]).reshape(len(later), padded.shape[2]),
         np.array([columns[k][0] for k in later]).reshape(len(later), padded.shape[2]),
     )
-    joined = [np.concatenate(pair) for pair in zip(_parts(within), _parts(between), strict=True)]
-    switches = Switches(*joined)
+    pairs = zip(vars(within).values(), vars(between).values(), strict=True)
+    switches = Switches(*(np.concatenate(pair) for pair in pairs))
     ordered = switches.take(np.lexsort((switches.times, switches.recording)))
     return ordered, _visits(found, pieces, begins)
-
-
-def _parts(switches: Switches) -> list[NDArray]:
-    return [getattr(switches, field.name) for field in fields(switches)]
 
 
 def _begins(k: int, stays: list[Stays], times: tuple, follows: NDArray[np.bool_]) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._results import Array
-from swsysid._stays.identify import StayIdentification
+from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import misfits
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swsysid._stays.identify import StayIdentification
+from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import misfits
 from swsysid._stays.settings import LIMITS
 

@@ -115,12 +115,10 @@ class Filter:
         error = np.where(seen, y - predicted.mean, 0.0)
         variance = self.noise**2 * np.where(seen, 1.0, LIMITS.missing)
         total = predicted.covariance + variance[:, :, None] * np.eye(y.shape[1])
-        inverse = np.linalg.inv(total)
+        inverse, log_determinant = _inverted(total)
         gain = predicted.covariance @ inverse
         squares = np.einsum("ri,rij,rj->r", error, inverse, error)
-        log_likelihood = -0.5 * (
-            np.minimum(squares, LIMITS.most_squares) + np.linalg.slogdet(total)[1]
-        )
+        log_likelihood = -0.5 * (np.minimum(squares, LIMITS.most_squares) + log_determinant)
         mean = predicted.mean + np.einsum("rij,rj->ri", gain, error)
         covariance = predicted.covariance - gain @ predicted.covariance
         return Belief(mean, covariance), log_likelihood
@@ -130,6 +128,20 @@ class Filter:
         seen = np.isfinite(y)
         variance = np.where(seen, self.noise, LIMITS.roughly_known * self.laws.spread) ** 2
         return Belief(np.where(seen, y, guess), variance[:, :, None] * np.eye(y.shape[1]))
+
+
+def _inverted(covariances: Array) -> tuple[Array, Array]:
+    """Inverses of many covariances, and logarithms of their determinants.
+
+    In units in which the diagonal is one, and what rounding leaves of a direction that is known
+    exactly beside others that are not is that of rounding.
+    """
+    every = np.arange(covariances.shape[1])
+    unit = np.sqrt(covariances[:, every, every])
+    scaled = covariances / (unit[:, :, None] * unit[:, None, :])
+    scaled[:, every, every] += LIMITS.rounding
+    inverse = np.linalg.inv(scaled) / (unit[:, :, None] * unit[:, None, :])
+    return inverse, np.linalg.slogdet(scaled)[1] + 2.0 * np.log(unit).sum(axis=1)
 
 
 def smoothed_states(filter_: Filter, recordings: Recordings, modes: NDArray[np.intp]) -> Array:

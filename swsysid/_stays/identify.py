@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,13 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.assign import Assigned, assign, disturbances, prior_of_guards, prior_of_model
 from swsysid._stays.descent import Reached, most_likely
+from swsysid._stays.identification import StayIdentification, StayRecord
 from swsysid._stays.laws import Laws
 from swsysid._stays.monomials import without_weakest
+from swsysid._stays.noise import noise_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import intervals_of, misfits, states_of
-from swsysid._stays.settings import LIMITS, StaySettings
+from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate, recombined
 from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.surfaces import (
@@ -37,49 +39,6 @@ from swsysid._stays.surfaces import (
     with_surface,
 )
 from swsysid._stays.visits import Turns, with_visits, without_visits
-
-
-@dataclass(frozen=True)
-class StayRecord:
-    """One round of assign, estimate, refit the surface.
-
-    Attributes
-    ----------
-    round : int
-    value : float
-        Half the sum of squared misfits, in units of the noise.
-    n_switches : int
-    changed : int
-        Intervals between samples whose mode is another one than in the round before.
-    noise : ndarray of shape (n_states,)
-        Standard deviations in which misfits were measured.
-    """
-
-    round: int
-    value: float
-    n_switches: int
-    changed: int
-    noise: Array
-
-
-@dataclass(frozen=True)
-class StayIdentification:
-    """What recordings say of a switching system, given the number of its modes."""
-
-    model: SwitchingSystemRegressor
-    reached: Reached
-    history: tuple[StayRecord, ...]
-    criterion: float  # the value at the noise of the first round, and what the surface takes
-
-    @property
-    def estimate(self) -> Estimate:
-        """Laws, stays and states."""
-        return self.reached.estimate
-
-    @property
-    def left(self) -> Array:
-        """What the rollouts leave of the measurements: standard deviations, (n_states,)."""
-        return _noise(self.reached, self.reached.noise)
 
 
 class Alternation:
@@ -168,7 +127,7 @@ class Alternation:
         best, settings = self.best, self.settings
         if best.estimate.guards is None:
             return False
-        noise = _noise(best.reached, best.reached.noise)
+        noise = noise_of(best.reached, best.reached.noise)
         turns = Turns(best.estimate, noise, settings.beyond_slide)
         for changed, visits in (
             (with_visits, turns.missed(settings.near_miss)),
@@ -252,14 +211,14 @@ class Alternation:
         return self.recordings.with_guess(states_of(found.estimate))
 
     def _go_on_from(self, found: StayIdentification, prior: Array | None) -> None:
-        self.laws, self.noise = found.estimate.laws, _noise(found.reached, self.first_noise)
+        self.laws, self.noise = found.estimate.laws, noise_of(found.reached, self.first_noise)
         self.recordings, self.prior = self._at(found), prior
         self.modes, self.last = intervals_of(found.estimate), found
 
     def _doubtful(self) -> bool:
         """True if a recording is further from its rollout than noise brings it."""
         reached = self.best.reached
-        squares = np.square(misfits(reached.estimate) / _noise(reached, reached.noise))
+        squares = np.square(misfits(reached.estimate) / noise_of(reached, reached.noise))
         count = np.isfinite(squares).sum(axis=(0, 2))
         scores = (np.nansum(squares, axis=(0, 2)) - count) / np.sqrt(2.0 * np.maximum(count, 1))
         return bool(scores.max() > self.settings.doubtful)
@@ -342,7 +301,7 @@ class Alternation:
         self.found.append(self.last)
         self.laws = reached.estimate.laws
         self.recordings = self.recordings.with_guess(states_of(reached.estimate))
-        self.noise = _noise(reached, self.noise)
+        self.noise = noise_of(reached, self.noise)
         if self._separates:
             trust = self.settings.trust[min(stage + 1, len(self.settings.trust) - 1)]
             self.prior = _prior(model, reached, self.recordings, trust, self.settings)
@@ -380,16 +339,6 @@ def _near(candidates: Array, chosen: Array) -> Array:
     """The chosen candidate and the next smaller one."""
     place = int(np.abs(candidates - chosen).sum(axis=1).argmin())
     return candidates[place : place + 2]
-
-
-def _noise(reached: Reached, sigma: Array) -> Array:
-    """Standard deviations of the measurements by what the rollouts leave."""
-    left = misfits(reached.estimate)
-    count = np.isfinite(left).sum(axis=(0, 1))
-    freedom = max(0.1, 1.0 - reached.estimate.n_unknowns / max(1, count.sum()))
-    found = np.sqrt(np.nansum(np.square(left), axis=(0, 1)) / np.maximum(1, count) / freedom)
-    least = LIMITS.exactly * reached.estimate.laws.spread
-    return np.where(count > 0, np.maximum(found, least), sigma)
 
 
 def _prior(

@@ -16,7 +16,8 @@ from swsysid._results import Array
 from swsysid._stays.certainty import Certainty
 from swsysid._stays.count import CountCandidate, fewest_modes
 from swsysid._stays.given import Given, check_channels
-from swsysid._stays.identify import Alternation, StayIdentification
+from swsysid._stays.identification import StayIdentification
+from swsysid._stays.identify import Alternation
 from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
 from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import StaySettings

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._stays.descent import most_likely_with_guards
-from swsysid._stays.identify import StayIdentification
+from swsysid._stays.identification import StayIdentification
 from swsysid._stays.monomials import needed
 from swsysid._stays.settings import StaySettings
 

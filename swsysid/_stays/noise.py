@@ -1,0 +1,20 @@
+"""The noise of measurements, by what rollouts leave of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swsysid._results import Array
+from swsysid._stays.descent import Reached
+from swsysid._stays.samples import misfits
+from swsysid._stays.settings import LIMITS
+
+
+def noise_of(reached: Reached, sigma: Array) -> Array:
+    """Standard deviations of the measurements by what the rollouts leave."""
+    left = misfits(reached.estimate)
+    count = np.isfinite(left).sum(axis=(0, 1))
+    freedom = max(0.1, 1.0 - reached.estimate.n_unknowns / max(1, count.sum()))
+    found = np.sqrt(np.nansum(np.square(left), axis=(0, 1)) / np.maximum(1, count) / freedom)
+    least = LIMITS.exactly * reached.estimate.laws.spread
+    return np.where(count > 0, np.maximum(found, least), sigma)
