@@ -16,7 +16,7 @@ from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings, pieces_of
 from swsysid._stays.segments import Segments
-from swsysid._stays.settings import StaySettings
+from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.shooting import Estimate
 from swsysid._stays.sliding import SlidingLaws, slides_there
 from swsysid._stays.stays import Stays
@@ -113,7 +113,10 @@ def disturbances(laws: Laws, recordings: Recordings, settings: StaySettings) -> 
     n_rows = recordings.guess[..., 0].size
     x, u = recordings.guess.reshape(n_rows, -1), recordings.u.reshape(n_rows, recordings.u.shape[2])
     modes = np.zeros(len(x), dtype=np.intp)
-    spread = np.median([laws.velocities(modes + j, x, u).std(axis=0) for j in laws.modes], axis=0)
+    velocities = np.array([laws.velocities(modes + j, x, u) for j in laws.modes])
+    size = np.sqrt(np.square(velocities).mean(axis=(0, 1)))
+    # laws that are constant are disturbed, too
+    spread = np.maximum(np.median(velocities.std(axis=1), axis=0), LIMITS.steady * size)
     unit = spread * np.sqrt(settings.memory * recordings.interval)
     return np.outer(settings.disturbances, unit)
 

@@ -148,7 +148,7 @@ def smoothed_states(filter_: Filter, recordings: Recordings, modes: NDArray[np.i
     """States of all samples given all measurements (Rauch, Tung and Striebel).
 
     `modes` are those of the intervals, (n_times - 1, n_recordings); the answer is padded like
-    `recordings.y`.
+    `recordings.y`. A recording in which a law diverges keeps its rough states.
     """
     belief = filter_.first(recordings.y[0], recordings.guess[0])
     beliefs, predictions = [belief], []
@@ -163,8 +163,12 @@ def smoothed_states(filter_: Filter, recordings: Recordings, modes: NDArray[np.i
         before = modes[k]
     states = [belief.mean]
     for filtered, ahead in zip(beliefs[-2::-1], predictions[::-1], strict=True):
-        inverse = np.linalg.pinv(ahead.belief.covariance, hermitian=True)
+        known = np.nan_to_num(ahead.belief.covariance, posinf=0.0, neginf=0.0)
+        inverse = np.linalg.pinv(known, hermitian=True)
         gain = filtered.covariance @ ahead.transition.transpose(0, 2, 1) @ inverse
         correction = np.einsum("rij,rj->ri", gain, states[-1] - ahead.belief.mean)
         states.append(filtered.mean + correction)
-    return np.array(states[::-1])
+    smoothed = np.array(states[::-1])
+    lost = ~np.isfinite(smoothed).all(axis=(0, 2))
+    smoothed[:, lost] = recordings.guess[:, lost]
+    return smoothed

@@ -18,6 +18,7 @@ from swsysid._stays.count import CountCandidate, fewest_modes
 from swsysid._stays.given import Given, check_channels
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
+from swsysid._stays.independent import in_these, of_their_own
 from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
 from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import StaySettings
@@ -103,6 +104,9 @@ class Search:
         base = self._differentiated(stretch)
         start = start_from(clone(self.estimator).set_params(n_modes=n_modes), base, self.names)
         start.coef_, free = self._law_of_positions(start, base)
+        features = start.switching_model.feature_map(base.rows.X)
+        own = of_their_own(features)
+        start.coef_, free = in_these(start.coef_, features, own), free & own
         if self.estimator.sparsity is not None:
             free &= start.coef_ != 0.0
         return Alternation(

@@ -93,6 +93,7 @@ class Limits:
     missing: float = 1e12
     roughly_known: float = 0.5
     most_squares: float = 60.0
+    steady: float = 0.01  # of a velocity: by how much it varies at least
     diverged_nats: float = -1e6
     # -- rollouts: spreads of a state beyond which it is held; of these, one-sided differences
     diverged: float = 1e3
@@ -104,6 +105,8 @@ class Limits:
     on_surface: float = 0.25
     far_miss: float = 3.0
     slowest_crossing: float = 0.1
+    # of a feature: what others must leave of it
+    of_its_own: float = 1e-5
     # of the diagonal: what normal equations of double precision cannot tell
     rounding: float = 1e-12
 
