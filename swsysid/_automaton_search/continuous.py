@@ -51,7 +51,7 @@ def identified(
     for _ in range(SETTINGS.most_rounds):
         told()
         before, alone = jumps, apart(given, stays, pieces, settings)
-        jumps = _jumps(_transitions(*alone, degree), given)
+        jumps = _jumps(_transitions(*alone, degree), before, given)
         if all(map(np.array_equal, jumps, before)):
             break
         pieces = cut_at(given, jumps)
@@ -127,15 +127,24 @@ def _transitions(stays: StayIdentification, pieces: Pieces, degree: int) -> list
     ]
 
 
-def _jumps(switches: list[Settled], given: Given) -> list[NDArray[np.intp]]:
-    """Of each recording the samples after which it jumps."""
-    places: list[list[int]] = [[] for _ in given.records]
-    for one in switches:
-        if one.transition.jumps:
-            for recording, known in zip(one.switches.recording, one.switches.known, strict=True):
-                t = given.records[recording].t
-                places[recording].append(int(np.searchsorted(t, known[0])))
-    return [np.array(sorted(own), dtype=np.intp) for own in places]
+def _jumps(
+    switches: list[Settled], before: list[NDArray[np.intp]], given: Given
+) -> list[NDArray[np.intp]]:
+    """Of each recording the samples after which it jumps.
+
+    A cut beside a stretch that is too short to be followed is not judged, and stays.
+    """
+    jumps = []
+    for k, record in enumerate(given.records):
+        judged = [
+            (one.transition.jumps, np.searchsorted(record.t, one.switches.known[own, 0]))
+            for one in switches
+            for own in [one.switches.recording == k]
+        ]
+        jumped = [places for does, places in judged if does]
+        unjudged = np.setdiff1d(before[k], np.concatenate([[], *(at for _, at in judged)]))
+        jumps.append(np.unique(np.concatenate([unjudged, *jumped])).astype(np.intp))
+    return jumps
 
 
 def _filled(modes: NDArray[np.intp]) -> NDArray[np.intp]:

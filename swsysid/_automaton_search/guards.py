@@ -224,4 +224,6 @@ def in_users_units(
             terms = expanded
         for key, value in terms.items():
             matrix[row, place[key]] += value
-    return PolynomialGuard(coef @ matrix, wide)
+    own = coef @ matrix
+    sizes = np.abs(own) * np.prod((np.abs(centre) + spread) ** powers, axis=1)
+    return PolynomialGuard(np.where(sizes > SETTINGS.exact * sizes.max(), own, 0.0), wide)

@@ -80,6 +80,10 @@ def _jumps_of(record: Record, noise: Array) -> NDArray[np.intp]:
         if n >= 2 * width:
             inside = slice(width - 1, n - width)
             certain[inside] = np.maximum(certain[inside], _excess(record, noise, width))
+    if n > 2 * SETTINGS.sides[0]:
+        last = _excess_at_end(record.t, record.filled, noise)
+        first = _excess_at_end(-record.t[::-1], record.filled[::-1], noise)
+        certain[n - 1 - len(last) :], certain[: len(first)] = last, first[::-1]
     found: list[int] = []
     for place in np.argsort(-certain, kind="stable"):
         if certain[place] <= 1.0:
@@ -87,6 +91,31 @@ def _jumps_of(record: Record, noise: Array) -> NDArray[np.intp]:
         if all(abs(place - other) >= SETTINGS.sides[0] for other in found):
             found.append(int(place))
     return np.sort(np.array(found, dtype=np.intp))
+
+
+def _excess_at_end(t: Array, y: Array, noise: Array) -> Array:
+    """The same in the last intervals, after which there are too few samples for a parabola.
+
+    The slope after the interval is that of the next sample, or for the very last one any that is
+    usual in the recording.
+    """
+    width = SETTINGS.sides[0]
+    slopes = np.diff(y, axis=0) / np.diff(t)[:, None]
+    usual = np.quantile(slopes, SETTINGS.usual, axis=0)
+    excess = np.zeros(width - 1)
+    for place in range(width - 1):
+        k = len(t) - width + place  # the last sample before the interval
+        before = slice(k - width + 1, k + 1)
+        value, slope, left, gain = _parabolas(
+            t[None, before], y[None, before].transpose(0, 2, 1), t[None, k + 1]
+        )
+        after = slopes[k + 1 : k + 2] if k + 2 < len(t) else usual
+        turned = np.abs(after - slope).max(axis=0)
+        apart = np.abs(y[k + 1] - value[0]) - 2.0 * SETTINGS.kink * (t[k + 1] - t[k]) * turned
+        allowed = SETTINGS.beyond_noise * np.sqrt(gain + 1.0) * noise
+        allowed = allowed + SETTINGS.beyond_curvature * left[0] + np.finfo(float).tiny
+        excess[place] = (apart / allowed).max()
+    return excess
 
 
 def _excess(record: Record, noise: Array, width: int) -> Array:

@@ -13,6 +13,7 @@ class AutomatonSettings:
     # and curvature it must land
     sides: tuple[int, ...] = (5, 9, 15)
     kink: float = 0.55  # intervals for which a kink may lead astray: a half, and rounding
+    usual: tuple[float, float] = (0.05, 0.95)  # quantiles of slopes that a state may have
     beyond_noise: float = 6.0
     # extrapolated by half an interval, the cubic part of a motion is six times what a parabola
     # through five samples leaves of it on both sides together

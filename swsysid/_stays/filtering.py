@@ -120,7 +120,10 @@ class Filter:
         squares = np.einsum("ri,rij,rj->r", error, inverse, error)
         log_likelihood = -0.5 * (np.minimum(squares, LIMITS.most_squares) + log_determinant)
         mean = predicted.mean + np.einsum("rij,rj->ri", gain, error)
-        covariance = predicted.covariance - gain @ predicted.covariance
+        # Joseph's form: what a switch leaves open may exceed the noise by ten powers of ten
+        left = np.eye(y.shape[1]) - gain
+        covariance = left @ predicted.covariance @ left.transpose(0, 2, 1)
+        covariance += (gain * variance[:, None, :]) @ gain.transpose(0, 2, 1)
         return Belief(mean, covariance), log_likelihood
 
     def first(self, y: Array, guess: Array) -> Belief:
