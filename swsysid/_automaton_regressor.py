@@ -205,8 +205,8 @@ class HybridAutomatonRegressor(BaseEstimator):
     def score(self, x, t=None, groups=None, inputs=None):
         """Coefficient of determination of rollouts of recordings that were held out.
 
-        Each rollout begins at the first sample of its recording, in the mode that fits its
-        beginning best; the score is the mean over the states.
+        Each rollout begins in the mode and the state that fit the first samples of its recording
+        best; the score is the mean over the states.
 
         Parameters
         ----------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._results import Array
@@ -23,18 +24,34 @@ def rollout_score(automaton: HybridAutomaton, given: Given) -> float:
 
 
 def _misfit(automaton: HybridAutomaton, record: Record) -> Array:
-    """Measured minus rolled out, in the mode that fits the first samples best."""
+    """Measured minus rolled out, from the mode and the state that fit the first samples best."""
     first = record.part(0, min(LIMITS.first_samples, len(record.t) - 1))
-    tried = [_left(automaton, first, mode) for mode in range(automaton.n_modes)]
-    squares = [np.nansum(np.square(one)) if np.isfinite(one).any() else np.inf for one in tried]
-    return _left(automaton, record, int(np.argmin(squares)))
+    tried = [_start(automaton, first, mode) for mode in range(automaton.n_modes)]
+    mode = int(np.argmin([cost for _, cost in tried]))
+    return _left(automaton, record, tried[mode][0], mode)
 
 
-def _left(automaton: HybridAutomaton, record: Record, mode: int) -> Array:
+def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array, float]:
+    """The state from which a rollout in a mode fits some samples best, and half its squares."""
+    spread = np.maximum(first.filled.std(axis=0), LIMITS.rounding)
+
+    def misfit(start: Array) -> Array:
+        left = _left(automaton, first, start.reshape(guess.shape), mode) / spread
+        return np.nan_to_num(left, nan=LIMITS.diverged).ravel()
+
+    guess = first.filled[: automaton.lags + 1]
+    if automaton.lags:
+        return guess, float(0.5 * np.square(misfit(guess)).sum())
+    guess = guess[0]
+    found = least_squares(misfit, guess, x_scale=spread, max_nfev=LIMITS.turns_of_starts)
+    return found.x, float(found.cost)
+
+
+def _left(automaton: HybridAutomaton, record: Record, start: Array, mode: int) -> Array:
     """Measured minus rolled out; NaN throughout where the rollout does not reach the end."""
     inputs = record.u if record.u.size else None
-    start = record.filled[0]
-    run = automaton.simulate(start, record.t, inputs, mode=mode, input_hold="linear")
+    hold = "zero" if automaton.discrete_time else "linear"
+    run = automaton.simulate(start, record.t, inputs, mode=mode, input_hold=hold)
     if len(run.t) < len(record.t):
         return np.full(record.y.shape, np.nan)
     return record.y - run.x

@@ -87,6 +87,7 @@ class Limits:
     shortest_run: int = 7
     fewest_in_runs: int = 70
     first_samples: int = 20
+    turns_of_starts: int = 10
     # -- Kalman's filter: variance of what was not measured, in units of the noise's; how well a
     # rough state is known, in spreads; what one sample may cost in squares: outliers are bounded;
     # log likelihood of a sample that has none, since its rollout diverges

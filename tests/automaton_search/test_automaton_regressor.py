@@ -1,0 +1,190 @@
+"""`HybridAutomatonRegressor` on stated plants: guards that remember, jumps, clocks, memory."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from swsysid import (
+    GuardWarning,
+    HybridAutomaton,
+    HybridAutomatonRegressor,
+    IdentificationWarning,
+)
+from swsysid.metrics import mode_accuracy
+
+THERMOSTAT = HybridAutomaton.stated(
+    [{"T": "-0.1 (T - 30)"}, {"T": "-0.1 (T - 10)"}],
+    [(0, 1, "T >= 22"), (1, 0, "T <= 18")],
+    states=["T"],
+)
+BALL = HybridAutomaton.stated(
+    [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
+)
+TIMER = HybridAutomaton.stated(
+    [{"x": "1 - 0.5 x"}, {"x": "-0.5 x"}],
+    [(0, 1, "x >= 1.2"), (1, 0, "dwell >= 1.5")],
+    states=["x"],
+)
+
+
+def recorded(plant, starts, t, noise=0.0):
+    """Recordings with noise in parts of the spread, and the modes."""
+    runs = [plant.simulate(start, t, mode=mode) for start, mode in starts]
+    spread, rng = np.vstack([run.x for run in runs]).std(axis=0), np.random.default_rng(0)
+    listed = [
+        {"t": t, "x": run.x + noise * spread * rng.standard_normal(run.x.shape)} for run in runs
+    ]
+    return listed, runs
+
+
+def at(transition, *columns):
+    return transition.guard.values(np.atleast_2d(np.array(columns, dtype=float)))[0]
+
+
+@pytest.mark.parametrize(("noise", "tolerance"), [(0.0, 1e-5), (0.01, 0.1)])
+def test_a_thermostat_has_one_guard_for_each_direction(noise, tolerance):
+    starts = [([15.0 + k], 0) for k in range(3)] + [([25.0 - k], 1) for k in range(3)]
+    data, runs = recorded(THERMOSTAT, starts, np.arange(0.0, 30.0, 0.1), noise)
+    found = HybridAutomatonRegressor(random_state=0).fit(data)
+    assert found.n_modes_ == 2
+    assert mode_accuracy(np.concatenate([run.modes for run in runs]), found.modes_) > 0.999
+    heating = int(np.argmax(found.coef_[:, 0, 0]))  # the mode of the larger constant
+    for one in found.transitions_:
+        threshold = 22.0 if one.source == heating else 18.0
+        # the guard in degrees: it rises where its transition is taken
+        slope = at(one, threshold + 1.0, 0.0, 0.0) - at(one, threshold, 0.0, 0.0)
+        assert abs(at(one, threshold, 0.0, 0.0) / slope) < tolerance
+        assert (slope > 0.0) == (one.source == heating)
+        assert one.reset is None
+    if not noise:
+        again = found.simulate([16.5], data[0]["t"], mode=heating)
+        truth = THERMOSTAT.simulate([16.5], data[0]["t"], mode=0)
+        np.testing.assert_allclose(again.x, truth.x, atol=1e-5)
+
+
+@pytest.mark.parametrize(("noise", "tolerance"), [(0.0, 1e-6), (0.03, 0.02)])
+def test_a_ball_has_one_mode_and_jumps_within_it(noise, tolerance):
+    starts = [([5.0 + 0.7 * k, 0.3 * k], 0) for k in range(6)]
+    data, _ = recorded(BALL, starts, np.arange(0.0, 3.0, 0.01), noise)
+    found = HybridAutomatonRegressor(random_state=0).fit(data)
+    [one] = found.transitions_
+    assert (found.n_modes_, one.source, one.target) == (1, 0, 0)
+    np.testing.assert_allclose(one.reset.matrix, np.diag([1.0, -0.8]), atol=tolerance)
+    np.testing.assert_allclose(one.reset.offset, 0.0, atol=tolerance)
+    # the ground, as a time at the speed of an impact
+    assert abs(at(one, 0.0, -10.0, 0.0, 0.0)) < max(tolerance, 1e-6)
+    assert found.score(data) > 0.99
+
+
+def test_a_clock_that_begins_with_the_mode_is_a_guard():
+    starts = [([0.2 * k + 0.05], k % 2) for k in range(6)]
+    data, _ = recorded(TIMER, starts, np.arange(0.0, 15.0, 0.05))
+    found = HybridAutomatonRegressor(random_state=0).fit(data)
+    clocks = [one for one in found.transitions_ if one.guard.powers[:, 1].any()]
+    [clock] = [one for one in clocks if abs(at(one, 0.0, 1.5, 0.0)) < 1e-4]
+    np.testing.assert_allclose(at(clock, 0.7, 0.5, 3.0), -1.0, atol=1e-4)  # of the dwell alone
+
+
+def test_a_smooth_system_has_one_mode_and_no_transition():
+    plant = HybridAutomaton.stated([{"x": "v", "v": "-x - 0.1 v"}], [], states=["x", "v"])
+    data, _ = recorded(plant, [([1.0, 0.0], 0), ([0.0, 2.0], 0)], np.arange(0.0, 20.0, 0.05), 0.01)
+    found = HybridAutomatonRegressor(random_state=0).fit(data)
+    assert (found.n_modes_, found.transitions_) == (1, ())
+
+
+def test_discrete_time_finds_thresholds_within_their_gap():
+    plant = HybridAutomaton.stated(
+        [{"T": "0.9 T + 3"}, {"T": "0.9 T + 1"}],
+        [(0, 1, "T >= 22"), (1, 0, "T <= 18")],
+        states=["T"],
+        discrete_time=True,
+    )
+    data, runs = recorded(plant, [([10.0 + 1.7 * k], 0) for k in range(5)], np.arange(200.0))
+    found = HybridAutomatonRegressor(discrete_time=True).fit(data)
+    # the last sample has no law of its own, and the mode of the one before
+    lasts = np.arange(1000) % 200 == 199
+    states, modes = np.vstack([r["x"] for r in data])[~lasts, 0], found.modes_[~lasts]
+    heating = int(np.argmax(found.coef_[:, 0, 0]))
+    for one in found.transitions_:
+        values = one.guard.values(np.column_stack([states, np.zeros((len(states), 2))]))
+        assert (values[modes == one.source] < 0.0).all()
+    again = found.simulate([12.5], np.arange(200.0), mode=heating)
+    truth = plant.simulate([12.5], np.arange(200.0), mode=0)
+    # the thresholds lie anywhere between samples that were seen
+    assert np.mean(again.modes == np.where(truth.modes == 0, heating, 1 - heating)) > 0.95
+    true = np.concatenate([run.modes for run in runs])[~lasts]
+    assert mode_accuracy(true, modes) == 1.0
+
+
+def test_memory_is_found_with_its_lags():
+    plant = HybridAutomaton.stated(
+        [{"y": "0.6 y + 0.2 y[k-1] + u"}, {"y": "-0.3 y + 0.3 y[k-1] + 0.5 u"}],
+        [(0, 1, "y >= 1.5"), (1, 0, "y <= -0.7")],
+        states=["y"],
+        inputs=["u"],
+        discrete_time=True,
+        lags=1,
+    )
+    rng, data = np.random.default_rng(0), []
+    for k in range(5):
+        u = rng.uniform(-0.9, 1.1, (300, 1))
+        run = plant.simulate(np.array([[0.1 * k], [0.2]]), np.arange(300), u, mode=0)
+        data.append({"t": np.arange(300.0), "x": run.x, "inputs": u})
+    found = HybridAutomatonRegressor(2, lags=1, discrete_time=True).fit(data)
+    laws = sorted(found.coef_[:, 0, 1:4].round(9).tolist())
+    assert laws == [[-0.3, 0.3, 0.5], [0.6, 0.2, 1.0]]
+    assert found.automaton_.lags == 1
+
+
+def test_an_unrecorded_trigger_is_said_not_invented():
+    rng, t = np.random.default_rng(3), np.arange(0.0, 40.0, 0.05)
+    data = []
+    for start in (0.1, 0.5, 0.9, 1.4):
+        mode, x, rows, left = 0, start, [], 1.0
+        for _ in t:
+            rows.append(x)
+            target = 2.0 if mode == 0 else 0.0
+            x = target + (x - target) * np.exp(-0.5 * 0.05)
+            left -= 0.05
+            if left <= 0.0:
+                mode, left = 1 - mode, rng.uniform(0.5, 3.0)
+        data.append({"t": t, "x": np.array(rows)[:, None]})
+    with pytest.warns(GuardWarning, match="record the signal"):
+        found = HybridAutomatonRegressor(2, random_state=0).fit(data)
+    assert any(not one.is_told for one in found.verdicts_)
+    assert "record the signal" in str(found.report_)
+
+
+def test_names_files_and_any_number_of_jobs():
+    data, _ = recorded(THERMOSTAT, [([15.0], 0), ([17.0], 0)], np.arange(0.0, 30.0, 0.1))
+    rows = pd.DataFrame(np.vstack([r["x"] for r in data]), columns=["T"])
+    t, groups = np.tile(data[0]["t"], 2), np.repeat([0, 1], 300)
+    found = HybridAutomatonRegressor(random_state=0).fit(rows, t, groups)
+    assert any("where T >= 22.0" in line for line in found.equations(precision=1))
+    told = json.loads(json.dumps(found.to_dict()))
+    assert HybridAutomatonRegressor.from_dict(told).equations() == found.equations()
+    other = HybridAutomatonRegressor(random_state=0, n_jobs=2).fit(rows, t, groups)
+    np.testing.assert_array_equal(found.coef_, other.coef_)
+    assert "->" in str(found.report_)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "sentence"),
+    [
+        ({"lags": 1}, "discrete_time=True"),
+        ({"lags": -1}, "lags"),
+        ({"guard_degree": 0}, "guard_degree"),
+        ({"n_modes": 0}, "n_modes"),
+        ({"discrete_time": True, "sparsity": "auto"}, "sparsity"),
+    ],
+)
+def test_wrong_parameters_are_refused_in_a_sentence(parameters, sentence):
+    t = np.arange(0.0, 10.0, 0.1)
+    with pytest.raises(ValueError, match=sentence):
+        HybridAutomatonRegressor(**parameters).fit(np.sin(t)[:, None], t)
+
+
+def test_the_warning_is_one_of_identification():
+    assert issubclass(GuardWarning, IdentificationWarning)
