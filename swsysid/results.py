@@ -10,6 +10,8 @@ public, whichever part of the package makes them.
 
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
+from swsysid._automaton_search.answer import AutomatonReport
+from swsysid._automaton_search.assembly import TransitionVerdict
 from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._results import (
@@ -29,6 +31,7 @@ from swsysid.relaxations._mixed_integer import MipResult
 __all__ = [
     "AffineReset",
     "Assignment",
+    "AutomatonReport",
     "CountCandidate",
     "FirstModes",
     "FitCertificate",
@@ -44,4 +47,5 @@ __all__ = [
     "SwitchEvent",
     "Trajectory",
     "Transition",
+    "TransitionVerdict",
 ]

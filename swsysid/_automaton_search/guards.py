@@ -26,6 +26,8 @@ from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
+N_CLOCKS = 2  # dwell and time
+
 
 @dataclass(frozen=True)
 class Sides:
@@ -90,6 +92,7 @@ class FoundGuard:
 def best_guard(crossed: Crossed, degree: int) -> FoundGuard | None:
     """The guard of least cost among those of few columns; the simplest one that costs the least.
 
+    The last two columns are clocks, which are rarer than states as what triggers a switch.
     A switch that the columns of a guard do not know (the dwell of a stay in which a recording
     began) costs what it would cost at random.
     """
@@ -127,6 +130,7 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     missing = len(crossed.columns) - len(own.columns)
     n = len(crossed.columns) + 1
     cost += SETTINGS.unexplained * missing + 0.5 * (len(powers) - 1) * np.log(n)
+    cost += SETTINGS.clock * (some >= crossed.columns.shape[1] - N_CLOCKS).sum()
     misses = np.full(len(crossed.columns), np.nan)
     misses[np.isfinite(crossed.columns[:, some]).all(axis=1)] = times
     wide = np.zeros((len(powers), crossed.columns.shape[1]), dtype=np.intp)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from swsysid._automaton_search.guards import (
+    N_CLOCKS,
     FoundGuard,
     in_users_units,
     monomials_of,
@@ -77,6 +78,7 @@ def _guard_of(
     n = len(reached) + 1
     cost = SETTINGS.slack_price * wrong + 0.5 * (len(powers) - 1) * np.log(n)
     cost += SETTINGS.unexplained * (~seen).sum()
+    cost += SETTINGS.clock * (some >= below.shape[1] - N_CLOCKS).sum()
     misses = np.full(len(reached), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
     wide = np.zeros((len(powers), below.shape[1]), dtype=np.intp)

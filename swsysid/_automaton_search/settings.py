@@ -29,6 +29,9 @@ class AutomatonSettings:
     slowest: float = 0.1  # of the median rate at which a guard is crossed
     most_columns: int = 3  # that a guard depends on
     better: float = 1.0  # nats by which a guard of more columns must be better, beside its price
+    # nats that a guard with a clock must be better: three of seventy-two published automata have
+    # one, and in a limit cycle a clock tells the switches as well as the state does
+    clock: float = 3.0
     unexplained: float = 6.0  # nats of a switch that a guard does not know
     turns: int = 6  # of weights and sides
     fewest_of_a_stay: int = 4  # samples by which a stay tells its own states

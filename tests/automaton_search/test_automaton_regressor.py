@@ -75,7 +75,8 @@ def test_a_ball_has_one_mode_and_jumps_within_it(noise, tolerance):
     np.testing.assert_allclose(one.reset.offset, 0.0, atol=tolerance)
     # the ground, as a time at the speed of an impact
     assert abs(at(one, 0.0, -10.0, 0.0, 0.0)) < max(tolerance, 1e-6)
-    assert found.score(data) > 0.99
+    # an impact one sample late costs .003
+    assert found.score(data) > (0.97 if noise else 0.999)
 
 
 def test_a_clock_that_begins_with_the_mode_is_a_guard():
