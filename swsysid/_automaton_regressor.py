@@ -112,6 +112,10 @@ class HybridAutomatonRegressor(BaseEstimator):
     >>> recordings = [{"t": t, "x": plant.simulate([T], t, mode=0).x} for T in (15, 17, 19)]
     >>> found = HybridAutomatonRegressor(random_state=0).fit(recordings)
     >>> print("\n".join(found.equations(precision=2)))
+    mode 0: x0' = 3.00 - 0.10 x0
+    mode 1: x0' = 1.00 - 0.10 x0
+    mode 0 -> 1 where x0 >= 22.00
+    mode 1 -> 0 where x0 <= 18.00
     """
 
     #: Sizes and limits that a fit takes for granted; a subclass may have others.
