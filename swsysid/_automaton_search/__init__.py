@@ -2,6 +2,6 @@
 
 In continuous time (`continuous`) stays are told by the laws (`_stays`), states are cut where they
 jump (`jumps`, `apart`), and each transition is found from its switches (`switches`, `instants`,
-`resets`, `guards`). In discrete time, with memory (`sampled`), stays are told by rows of a
-recording with their lags (`lagged`, `discrete`).
+`resets`, `guards`). In discrete time (`sampled`) stays are told by lagged rows (`_discrete_stays`),
+and guards by their margins (`margins`).
 """

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import automaton_of, order_of_modes, verdicts_of
-from swsysid._automaton_search.discrete import DiscreteStays, identify_stays
 from swsysid._automaton_search.found import FoundTransition
 from swsysid._automaton_search.margins import guard_with_margin
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._discrete_stays.identify import DiscreteStays, identify_stays
 from swsysid._results import Array
 from swsysid._stays.given import Given
 

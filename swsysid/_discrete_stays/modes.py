@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.discrete_data import DiscreteData
-from swsysid._automaton_search.discrete_rows import (
+from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.rows import (
     RowFit,
     as_fit,
     assigned,
@@ -20,7 +20,7 @@ from swsysid._automaton_search.discrete_rows import (
     scale_of,
     switching_of,
 )
-from swsysid._automaton_search.discrete_states import StateFit
+from swsysid._discrete_stays.states import StateFit
 from swsysid._results import Array
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Belief, Filter, Prediction

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.discrete_rows import RowProblem
-from swsysid._automaton_search.discrete_settings import DiscreteSettings
-from swsysid._automaton_search.lagged import Labels, LaggedRows
 from swsysid._data.features import FeatureMap
+from swsysid._discrete_stays.lagged import Labels, LaggedRows
+from swsysid._discrete_stays.rows import RowProblem
+from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._results import Array
 from swsysid.refinement._trajectories import spread
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.discrete_data import DiscreteData
-from swsysid._automaton_search.discrete_rows import fitted
-from swsysid._automaton_search.discrete_search import Found, Searched
-from swsysid._automaton_search.discrete_settings import DiscreteSettings
-from swsysid._automaton_search.discrete_states import with_states
-from swsysid._automaton_search.lagged import Labels
+from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.lagged import Labels
+from swsysid._discrete_stays.rows import fitted
+from swsysid._discrete_stays.search import Found, Searched
+from swsysid._discrete_stays.settings import DiscreteSettings
+from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
 
 

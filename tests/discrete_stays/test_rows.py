@@ -4,15 +4,15 @@ from itertools import product
 
 import numpy as np
 
-from swsysid._automaton_search.discrete_rows import (
+from swsysid._discrete_stays.rows import (
     RowProblem,
     alternate,
     assigned,
     most_likely_modes,
     worth,
 )
-from swsysid._automaton_search.discrete_settings import SETTINGS
-from swsysid._automaton_search.discrete_starts import LawPool
+from swsysid._discrete_stays.settings import SETTINGS
+from swsysid._discrete_stays.starts import LawPool
 
 NOW = np.zeros(1, dtype=int)  # memory of the only feature
 

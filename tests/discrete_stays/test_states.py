@@ -5,13 +5,13 @@ import pytest
 from lagged_plants import switched_arx
 from scipy.linalg import block_diag
 
-from swsysid._automaton_search.discrete_data import DiscreteData
-from swsysid._automaton_search.discrete_modes import reassigned
-from swsysid._automaton_search.discrete_rows import as_fit, fitted, row_costs, scale_of
-from swsysid._automaton_search.discrete_settings import SETTINGS
-from swsysid._automaton_search.discrete_states import StateProblem, with_states
-from swsysid._automaton_search.lagged import lagged_rows
 from swsysid._data.features import FeatureMap
+from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.lagged import lagged_rows
+from swsysid._discrete_stays.modes import reassigned
+from swsysid._discrete_stays.rows import as_fit, fitted, row_costs, scale_of
+from swsysid._discrete_stays.settings import SETTINGS
+from swsysid._discrete_stays.states import StateProblem, with_states
 
 
 def with_true_modes(planted, lags, library=1):

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swsysid._automaton_search.discrete_data import DiscreteData
-from swsysid._automaton_search.discrete_modes import reassigned
-from swsysid._automaton_search.discrete_rows import RowFit, alternate, assigned, law_of, scale_of
-from swsysid._automaton_search.discrete_settings import DiscreteSettings
-from swsysid._automaton_search.discrete_starts import LawPool
-from swsysid._automaton_search.discrete_states import StateFit, with_states
+from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.modes import reassigned
+from swsysid._discrete_stays.rows import RowFit, alternate, assigned, law_of, scale_of
+from swsysid._discrete_stays.settings import DiscreteSettings
+from swsysid._discrete_stays.starts import LawPool
+from swsysid._discrete_stays.states import StateFit, with_states
 from swsysid._results import Array
 
 

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cho_solve_banded, cholesky_banded
 from scipy.linalg.lapack import dtbtrs
 
-from swsysid._automaton_search.discrete_data import DiscreteData
-from swsysid._automaton_search.discrete_rows import RowFit, nats_of_unexplained
-from swsysid._automaton_search.lagged import Labels
+from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.lagged import Labels
+from swsysid._discrete_stays.rows import RowFit, nats_of_unexplained
 from swsysid._results import Array
 from swsysid._stays.laws import slopes_of
 

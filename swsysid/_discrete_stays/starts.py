@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from swsysid._automaton_search.discrete_rows import RowProblem
+from swsysid._discrete_stays.rows import RowProblem
 from swsysid._results import Array
 
 

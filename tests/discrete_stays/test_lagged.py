@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swsysid._automaton_search.lagged import lagged_rows
+from swsysid._discrete_stays.lagged import lagged_rows
 from swsysid.refinement._trajectories import Record
 
 

@@ -9,13 +9,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.discrete_data import DiscreteData
-from swsysid._automaton_search.discrete_search import DiscreteCandidate, Searched, StaySearch
-from swsysid._automaton_search.discrete_settings import SETTINGS, DiscreteSettings
-from swsysid._automaton_search.lagged import Labels, LaggedRows, lagged_rows
-from swsysid._automaton_search.orders import LagCandidate, choose_lags, with_own_orders
 from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
+from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.lagged import Labels, LaggedRows, lagged_rows
+from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
+from swsysid._discrete_stays.search import DiscreteCandidate, Searched, StaySearch
+from swsysid._discrete_stays.settings import SETTINGS, DiscreteSettings
 from swsysid._results import Array
 from swsysid.refinement._trajectories import Record
 

@@ -20,8 +20,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.discrete_settings import DiscreteSettings
-from swsysid._automaton_search.lagged import Labels
+from swsysid._discrete_stays.lagged import Labels
+from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 
@@ -163,7 +163,7 @@ def nats_of_unexplained(unexplained: NDArray[np.bool_]) -> float:
 def most_likely_modes(costs: Array, problem: RowProblem, price: float) -> Labels:
     """Modes of least cost (n_rows, n_modes), a switch within a stretch at a price (Viterbi).
 
-    >>> from swsysid._automaton_search.discrete_settings import SETTINGS
+    >>> from swsysid._discrete_stays.settings import SETTINGS
     >>> ones, first = np.ones((4, 1)), np.arange(4) == 0
     >>> rows = RowProblem(ones, ones, first, np.zeros(1, dtype=int), SETTINGS)
     >>> costs = np.array([[0.0, 9.0], [1.0, 0.0], [0.0, 9.0], [9.0, 0.0]])
