@@ -84,7 +84,6 @@ class _Flows:
     switches: Switches
     times: Array  # (n_times, n_switches)
     columns: Array  # (n_times, n_switches, n_columns)
-    rates: Array
     after: Array  # (n_times, n_switches, n_states)
 
     @classmethod
@@ -98,15 +97,8 @@ class _Flows:
         )
         times = first + np.linspace(0.0, part, SETTINGS.grid)[:, None] * possible
         moved = [switches.moved(row) for row in times]
-        before = [one.before(laws) for one in moved]
-        after = np.array([one.after(laws) for one in moved])
-        return cls(
-            switches,
-            times,
-            np.array([c for c, _ in before]),
-            np.array([r for _, r in before]),
-            after,
-        )
+        columns = np.array([one.before(laws)[0] for one in moved])
+        return cls(switches, times, columns, np.array([one.after(laws) for one in moved]))
 
     @property
     def gaps(self) -> Array:
