@@ -36,7 +36,8 @@ class AutomatonSettings:
     turns: int = 6
     # -- choice of a guard, in nats: by which one of more columns must be better, beside its price;
     # by which one with a clock must (three of seventy-two published automata have one, and in a
-    # limit cycle a clock tells the switches as well as the state); of a switch that it does not know
+    # limit cycle a clock tells the switches as well as the state); of a switch that it does not
+    # know
     better: float = 1.0
     clock: float = 3.0
     unexplained: float = 6.0

@@ -42,8 +42,8 @@ def hold_out(groups: NDArray, fraction: float, random_state: int) -> Split:
         test = places_along(codes) / np.bincount(codes)[codes] >= 1.0 - fraction
     if not test.any() or test.all():
         raise TableError(
-            f"{len(groups)} samples can be judged, too few to hold out {fraction:g} of them; give a "
-            "recording of some dozens of samples."
+            f"{len(groups)} samples can be judged, too few to hold out {fraction:g} of them; give "
+            "a recording of some dozens of samples."
         )
     return Split(test, whole)
 
