@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search.assembly import TransitionVerdict
+from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
 
@@ -22,9 +23,10 @@ class IdentifiedAutomaton:
     states: list[Array]  # without their noise
     switch_times: list[Array]
     noise: Array  # (n_states,): what the laws leave of the samples
-    excess: float  # the largest of these, in units of the noise that neighbours show
+    excess: float | None  # the largest of these, in units of the noise that neighbours show, if any
     verdicts: list[TransitionVerdict]
     candidates: Sequence[object]  # of the number of modes
+    unexplained: float = 0.0  # part of the samples that no law explains
 
 
 @dataclass(frozen=True, repr=False)
@@ -39,6 +41,8 @@ class AutomatonReport:
     verdicts : tuple of TransitionVerdict
     noise : ndarray of shape (n_states,)
         What the laws leave of the samples.
+    states : tuple of str
+        Their names.
     advice : str
     """
 
@@ -46,6 +50,7 @@ class AutomatonReport:
     shares: Array
     verdicts: tuple[TransitionVerdict, ...]
     noise: Array
+    states: tuple[str, ...]
     advice: str
 
     @classmethod
@@ -54,16 +59,24 @@ class AutomatonReport:
         modes = np.concatenate(found.modes)
         shares = np.bincount(modes, minlength=found.automaton.n_modes) / len(modes)
         untold = [one.advice() for one in found.verdicts if not one.is_told]
-        if found.excess > 1.3:
+        if found.excess is not None and found.excess > SETTINGS.most_excess:
             untold.append(
                 f"The laws leave {found.excess:.2g} times the noise: a term or a mode is missing; "
                 "try a larger library or more modes."
             )
-        advice = (
-            " ".join(untold) or "The laws leave nothing but noise, and guards tell all switches."
-        )
+        if found.unexplained > SETTINGS.most_unexplained:
+            untold.append(
+                f"{found.unexplained:.0%} of the samples follow none of the laws: a term or a mode "
+                "is missing, or stays are too short to tell theirs; try a larger library, give "
+                "n_modes, or record at a higher rate."
+            )
+        known = found.excess is not None
+        left = "The laws leave nothing but noise" if known else "What the laws leave counts as noise"
+        fine = f"{left}, and guards tell all switches."
+        advice = " ".join(untold) or fine
         equations = tuple(found.automaton.equations())
-        return cls(equations, shares, tuple(found.verdicts), found.noise, advice)
+        names = tuple(found.automaton.state_names)
+        return cls(equations, shares, tuple(found.verdicts), found.noise, names, advice)
 
     def __str__(self) -> str:
         lived = ", ".join(f"mode {k} {share:.0%}" for k, share in enumerate(self.shares))
@@ -73,6 +86,9 @@ class AutomatonReport:
         lines = [*self.equations, f"Samples: {lived}."]
         if counted:
             lines.append(f"Switches: {counted}.")
-        return "\n".join([*lines, self.advice])
+        left = ", ".join(
+            f"{name} {size:.3g}" for name, size in zip(self.states, self.noise, strict=True)
+        )
+        return "\n".join([*lines, f"The laws leave: {left}.", self.advice])
 
     __repr__ = __str__

@@ -80,7 +80,7 @@ def automaton_of(
             len(one),
         )
         for one in found
-        if one.guard is not None and (one.jumps or one.source != one.target)
+        if one.guard is not None
     ]
     transitions.sort(key=lambda one: (one.source, one.target))
     named = FirstModes(first_modes.states, names[first_modes.modes])

@@ -67,6 +67,7 @@ def _answer(
     search: Search,
 ) -> IdentifiedAutomaton:
     laws, transitions = stays.estimate.laws, [one.transition for one in switches]
+    transitions = [one for one in transitions if one.is_one]
     modes, states = by_samples(given, stays, pieces)
     modes = [_filled(own) for own in modes]
     order = order_of_modes(modes, len(laws.coef))

@@ -27,6 +27,11 @@ class FoundTransition:
         return len(self.times)
 
     @property
+    def is_one(self) -> bool:
+        """True if something changes: the mode, or the state."""
+        return self.jumps or self.source != self.target
+
+    @property
     def jumps(self) -> bool:
         """True if the state does not go on."""
         return self.reset is not None and bool(self.reset.changed.any())

@@ -65,6 +65,7 @@ def identified(
         _transition(stays, columns, taken.take((taken.source == i) & (taken.target == j)), degree)
         for i, j in pairs
     ]
+    found = [one for one in found if one.is_one]
     modes = _by_samples(stays, given)
     order = order_of_modes(modes, len(stays.coef))
     first = FirstModes(stays.rows.columns[:, : _n_lagged(stays)], stays.modes)
@@ -78,11 +79,12 @@ def identified(
             np.where(np.isfinite(x), x, r.filled)
             for x, r in zip(stays.states, given.records, strict=True)
         ],
-        [taken.times[taken.recording == k] for k in range(len(given.records))],
+        _times(found, len(given.records)),
         stays.noise,
-        1.0,
+        None,
         verdicts_of(found, order, 1.0),
         stays.candidates,
+        (stays.straddling.sum() - sum(len(one) for one in found if one.jumps)) / len(stays.rows),
     )
 
 
@@ -148,6 +150,15 @@ def _transition(stays: DiscreteStays, columns: Array, taken: Taken, degree: int)
         reset = best_reset(taken.given[:, :n_states], taken.after, errors, none)
     source, target = int(taken.source[0]), int(taken.target[0])
     return FoundTransition(source, target, taken.recording, taken.times, guard, reset)
+
+
+def _times(found: list[FoundTransition], n_recordings: int) -> list[Array]:
+    """When each recording switches."""
+    times = [np.zeros(0) for _ in range(n_recordings)]
+    for one in found:
+        for k in np.unique(one.recording):
+            times[k] = np.append(times[k], one.times[one.recording == k])
+    return [np.sort(own) for own in times]
 
 
 def _by_samples(stays: DiscreteStays, given: Given) -> list[NDArray[np.intp]]:

@@ -65,6 +65,9 @@ class AutomatonSettings:
     near: float = 2.0
     told_by_guard: float = 0.9
     most_first_modes: int = 2000
+    # -- report: what the laws may leave, in units of the noise, and samples that follow none
+    most_excess: float = 1.3
+    most_unexplained: float = 0.05
 
 
 SETTINGS = AutomatonSettings()

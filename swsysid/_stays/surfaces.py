@@ -77,7 +77,8 @@ def with_few_monomials(
     beside = samples.modes < len(reached.estimate.laws.coef)  # no slides
     surface.fit(samples.columns[beside], samples.modes[beside])
     full = Guards.of(surface, samples.spread, len(reached.estimate.laws.coef))
-    if full is None:
+    # with all monomials the modes may be separated by other surfaces
+    if full is None or not np.array_equal(full.mode_book, guards.mode_book):
         return model, reached
     full = _same_surface(full, guards, samples)
     full = replace(full, free=np.ones(full.coef.shape, dtype=bool)).pivoted()

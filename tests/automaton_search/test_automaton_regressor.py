@@ -158,6 +158,17 @@ def test_an_unrecorded_trigger_is_said_not_invented():
     assert "record the signal" in str(found.report_)
 
 
+def test_rows_that_follow_no_law_are_said():
+    """A relay that switches every third row, with noise of no law on every seventh."""
+    generator, y, rows = np.random.default_rng(0), 0.1, []
+    for k in range(400):
+        rows.append(y)
+        y = 0.8 * y + 0.2 + (generator.uniform(-1.0, 1.0) if k % 7 == 0 else 0.0)
+    found = HybridAutomatonRegressor(1, discrete_time=True).fit(np.array(rows)[:, None])
+    np.testing.assert_allclose(found.coef_[0, 0], [0.2, 0.8], atol=1e-9)
+    assert "14% of the samples follow none of the laws" in str(found.report_)
+
+
 def test_names_files_and_any_number_of_jobs():
     data, _ = recorded(THERMOSTAT, [([15.0], 0), ([17.0], 0)], np.arange(0.0, 30.0, 0.1))
     rows = pd.DataFrame(np.vstack([r["x"] for r in data]), columns=["T"])
