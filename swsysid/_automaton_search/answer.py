@@ -70,8 +70,9 @@ class AutomatonReport:
                 "is missing, or stays are too short to tell theirs; try a larger library, give "
                 "n_modes, or record at a higher rate."
             )
-        known = found.excess is not None
-        left = "The laws leave nothing but noise" if known else "What the laws leave counts as noise"
+        left = "The laws leave nothing but noise"
+        if found.excess is None:
+            left = "What the laws leave counts as noise"
         fine = f"{left}, and guards tell all switches."
         advice = " ".join(untold) or fine
         equations = tuple(found.automaton.equations())
