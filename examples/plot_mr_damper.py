@@ -154,7 +154,7 @@ start = initial_states(refined, head, guess=damper.test.x[0], input_hold="linear
 run = refined.simulate(start, damper.test.t, damper.test.inputs, input_hold="linear")
 force = refined.measure(run.x, damper.test.inputs)
 rms = np.sqrt(np.mean((force - damper.test.x) ** 2))
-print(f"modes of the recording, refined: free run, RMS error {rms:.0f} N")
+print(f"modes of the recording, refined: free run, RMS error about {round(rms, -1):.0f} N")
 
 # %%
 # Free run of the force on the test samples
