@@ -13,6 +13,7 @@ from swsysid._automaton_search.answer import AutomatonReport, IdentifiedAutomato
 from swsysid._automaton_search.scores import rollout_score
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
+from swsysid._data.trajectories import places_along
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning
@@ -179,7 +180,7 @@ class HybridAutomatonRegressor(BaseEstimator):
         discrete = flag("discrete_time", self.discrete_time)
         self._check_lags(discrete)
         if discrete and t is None and not isinstance(x, (list, dict)):
-            t = np.arange(len(x)) if groups is None else _steps(groups)
+            t = np.arange(len(x)) if groups is None else places_along(groups)
         given = read_given(x, t, groups, inputs)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
             if discrete:
@@ -188,6 +189,7 @@ class HybridAutomatonRegressor(BaseEstimator):
                     lags=self.lags,
                     library=self.feature_library,
                     n_modes=self.n_modes,
+                    max_modes=whole("max_modes", self.max_modes),
                     degree=degree,
                 )
             else:
@@ -285,12 +287,3 @@ class HybridAutomatonRegressor(BaseEstimator):
     def _fitted(self) -> HybridAutomaton:
         check_fitted(self)
         return self.automaton_
-
-
-def _steps(groups) -> np.ndarray:
-    """Steps of the rows within their recordings."""
-    groups, steps = np.asarray(groups), np.zeros(len(groups))
-    for label in np.unique(groups):
-        own = groups == label
-        steps[own] = np.arange(own.sum())
-    return steps

@@ -59,14 +59,17 @@ def apart(
 def by_samples(
     given: Given, found: StayIdentification, pieces: Pieces
 ) -> tuple[list[NDArray[np.intp]], list[Array]]:
-    """Modes and states at the samples of each recording; mode -1 where no piece tells."""
+    """Modes and states at the samples of each recording.
+
+    Where no piece tells, the mode is -1 and the state as it was measured.
+    """
     recordings = found.estimate.segments.recordings
     parts = np.cumsum([len(places) for places in recordings.sampled])[:-1]
     of_pieces = np.split(modes_of(found.estimate), parts)
     states_of_pieces = np.split(recordings.joined(states_of(found.estimate)), parts)
     lengths = [len(record.t) for record in given.records]
     modes = [np.full(n, -1, dtype=np.intp) for n in lengths]
-    states = [np.zeros((n, recordings.y.shape[2])) for n in lengths]
+    states = [record.filled.copy() for record in given.records]
     for k, first, last, mode, state in zip(
         pieces.recording, pieces.first, pieces.last, of_pieces, states_of_pieces, strict=True
     ):

@@ -96,6 +96,13 @@ def first_modes_of(states: Sequence[Array], modes: Sequence[NDArray[np.intp]]) -
     return FirstModes(rows[some], labels[some])
 
 
+def switch_times_of(found: Sequence[FoundTransition], n_recordings: int) -> list[Array]:
+    """When each recording switches."""
+    recording = np.concatenate([np.zeros(0, dtype=np.intp), *(one.recording for one in found)])
+    times = np.concatenate([np.zeros(0), *(one.times for one in found)])
+    return [np.sort(times[recording == k]) for k in range(n_recordings)]
+
+
 def verdicts_of(
     found: Sequence[FoundTransition], order: NDArray[np.intp], interval: float
 ) -> list[TransitionVerdict]:

@@ -22,6 +22,7 @@ from swsysid._automaton_search.assembly import (
     automaton_of,
     first_modes_of,
     order_of_modes,
+    switch_times_of,
     verdicts_of,
 )
 from swsysid._automaton_search.instants import Known, Settled, settled
@@ -78,15 +79,11 @@ def _answer(
         first_modes_of(states, modes),
         order,
     )
-    times: list[list[float]] = [[] for _ in given.records]
-    for one in transitions:
-        for recording, time in zip(one.recording, one.times, strict=True):
-            times[recording].append(float(time))
     return IdentifiedAutomaton(
         automaton,
         [np.argsort(order)[own] for own in modes],
         states,
-        [np.sort(own) for own in times],
+        switch_times_of(transitions, len(given.records)),
         stays.left,
         float(search.excess(stays).max()),
         verdicts_of(transitions, order, stays.estimate.segments.recordings.interval),

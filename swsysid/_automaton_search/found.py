@@ -1,4 +1,4 @@
-"""One transition as it was found."""
+"""A guard, a reset, a transition as they were found."""
 
 from __future__ import annotations
 
@@ -7,9 +7,37 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.guards import FoundGuard
-from swsysid._automaton_search.resets import FoundReset
+from swsysid._automaton.transitions import AffineReset, PolynomialGuard
 from swsysid._results import Array
+
+
+@dataclass(frozen=True)
+class FoundGuard:
+    """A guard and how well it explains its switches."""
+
+    guard: PolynomialGuard
+    cost: float  # half the squares of what is missed, in nats, and the price of its columns
+    misses: Array  # (n_switches,): times by which the guard is missed, NaN where it is not defined
+
+    @property
+    def miss(self) -> float:
+        """Root mean square of the misses."""
+        return float(np.sqrt(np.nanmean(np.square(self.misses))))
+
+
+@dataclass(frozen=True)
+class FoundReset:
+    """A reset and what it leaves of the states after the jump."""
+
+    reset: AffineReset
+    left: Array  # (n_switches, n_states)
+    changed: NDArray[np.bool_]  # (n_states,): components that do not go on
+    cost: float  # the sum over the components of what `resets` minimises
+
+    @property
+    def sizes(self) -> Array:
+        """What is left of each component in the mean, (n_states,)."""
+        return np.asarray(np.abs(self.left).mean(axis=0))
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.found import FoundTransition
-from swsysid._automaton_search.guards import Crossed, FoundGuard, Sides, best_guard
-from swsysid._automaton_search.resets import FoundReset, best_reset
+from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransition
+from swsysid._automaton_search.guards import Crossed, best_guard
+from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
 from swsysid._results import Array
@@ -38,8 +38,8 @@ class Known:
         """What the guard of switches is known by, these at their present instants."""
         columns, rates = switches.before(self.laws)
         own = self.visits.modes == switches.source[0]
-        below = Sides(self.visits.columns[own], self.visits.rates[own], -np.ones(own.sum()))
-        return Crossed(columns, rates, switches.errors, below, self.interval)
+        below, below_rates = self.visits.columns[own], self.visits.rates[own]
+        return Crossed(columns, rates, switches.errors, below, below_rates, self.interval)
 
     def guard(self, switches: Switches) -> FoundGuard | None:
         """The guard of switches at their present instants."""

@@ -15,19 +15,12 @@ tell the sides (section IV of the paper; there a box gives the scale).
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from swsysid._automaton_search.guards import (
-    N_CLOCKS,
-    FoundGuard,
-    in_users_units,
-    monomials_of,
-    powers_of,
-)
+from swsysid._automaton_search.few_columns import FewColumns, cheapest_guard, known
+from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
@@ -43,31 +36,20 @@ def guard_with_margin(below: Array, last: Array, reached: Array, degree: int) ->
         Columns at the row before each switch, and those that the guard was given at it.
     degree : int
     """
-    n_columns, best = below.shape[1], None
-    for count in range(1, min(SETTINGS.most_columns, n_columns) + 1):
-        for some in combinations(range(n_columns), count):
-            found = _guard_of(below, last, reached, np.array(some), degree)
-            if found is not None and (best is None or found.cost < best.cost - SETTINGS.better):
-                best = found
-    return best
+    return cheapest_guard(
+        below.shape[1], lambda some: _guard_of(below, last, reached, some, degree)
+    )
 
 
 def _guard_of(
     below: Array, last: Array, reached: Array, some: NDArray[np.intp], degree: int
 ) -> FoundGuard | None:
-    beside = below[:, some]
-    beside = beside[np.isfinite(beside).all(axis=1)]
-    seen = np.isfinite(last[:, some]).all(axis=1) & np.isfinite(reached[:, some]).all(axis=1)
-    if not seen.any() or not len(beside):
+    seen = known(last, some) & known(reached, some)
+    basis = FewColumns.of(below, some, degree)
+    if basis is None or not seen.any() or len(basis.powers) > seen.sum() + 1:
         return None
-    centre, spread = beside.mean(axis=0), beside.std(axis=0)
-    powers = powers_of(len(some), degree)
-    if not (spread > 0.0).all() or len(powers) > seen.sum() + 1:
-        return None
-    before, at, rows = (
-        monomials_of((columns - centre) / spread, powers)
-        for columns in (last[np.ix_(seen, some)], reached[np.ix_(seen, some)], beside)
-    )
+    rows = basis.values(below[known(below, some)])
+    before, at = basis.values(last[seen]), basis.values(reached[seen])
     rising = (at - before).mean(axis=0)
     if not np.linalg.norm(rising) > 0.0:
         return None
@@ -75,16 +57,10 @@ def _guard_of(
     if coef is None:
         return None
     wrong = np.maximum(0.0, rows @ coef).sum() + np.maximum(0.0, -(at @ coef)).sum()
-    n = len(reached) + 1
-    cost = SETTINGS.slack_price * wrong + 0.5 * (len(powers) - 1) * np.log(n)
-    cost += SETTINGS.unexplained * (~seen).sum()
-    cost += SETTINGS.clock * (some >= below.shape[1] - N_CLOCKS).sum()
-    misses = np.full(len(reached), np.nan)
+    cost = SETTINGS.slack_price * wrong + basis.price(len(seen), int((~seen).sum()))
+    misses = np.full(len(seen), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
-    wide = np.zeros((len(powers), below.shape[1]), dtype=np.intp)
-    wide[:, some] = powers
-    guard = in_users_units(coef, powers, wide, some, centre, spread)
-    return FoundGuard(guard, float(cost), misses)
+    return FoundGuard(basis.guard(coef), float(cost), misses)
 
 
 def _separating(below: Array, above: Array, rising: Array) -> Array | None:

@@ -10,30 +10,15 @@ deviations, so that a switch that is none does not count.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.transitions import AffineReset
+from swsysid._automaton_search.found import FoundReset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
-
-
-@dataclass(frozen=True)
-class FoundReset:
-    """A reset and what it leaves of the states after the jump."""
-
-    reset: AffineReset
-    left: Array  # (n_switches, n_states)
-    changed: NDArray[np.bool_]  # (n_states,): components that do not go on
-    cost: float  # the sum above over the components
-
-    @property
-    def sizes(self) -> Array:
-        """What is left of each component in the mean, (n_states,)."""
-        return np.asarray(np.abs(self.left).mean(axis=0))
 
 
 def best_reset(before: Array, after: Array, errors: Array, held: NDArray[np.intp]) -> FoundReset:

@@ -15,12 +15,18 @@ from numpy.typing import NDArray
 
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton_search.answer import IdentifiedAutomaton
-from swsysid._automaton_search.assembly import automaton_of, order_of_modes, verdicts_of
+from swsysid._automaton_search.assembly import (
+    automaton_of,
+    order_of_modes,
+    switch_times_of,
+    verdicts_of,
+)
 from swsysid._automaton_search.found import FoundTransition
 from swsysid._automaton_search.margins import guard_with_margin
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._discrete_stays.identify import DiscreteStays, identify_stays
+from swsysid._discrete_stays.settings import SETTINGS as DISCRETE
 from swsysid._results import Array
 from swsysid._stays.given import Given
 
@@ -52,11 +58,19 @@ def identified(
     lags: int | str,
     library: object,
     n_modes: int | str,
+    max_modes: int,
     degree: int,
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
     stays = _until_they_jump(
-        identify_stays(given.records, lags, library=library, n_modes=n_modes, channels=given.names)
+        identify_stays(
+            given.records,
+            lags,
+            library=library,
+            n_modes=n_modes,
+            channels=given.names,
+            settings=replace(DISCRETE, most_modes=max_modes),
+        )
     )
     columns = _with_clocks(stays)
     taken = _taken(stays, columns, given)
@@ -79,7 +93,7 @@ def identified(
             np.where(np.isfinite(x), x, r.filled)
             for x, r in zip(stays.states, given.records, strict=True)
         ],
-        _times(found, len(given.records)),
+        switch_times_of(found, len(given.records)),
         stays.noise,
         None,
         verdicts_of(found, order, 1.0),
@@ -144,21 +158,12 @@ def _transition(stays: DiscreteStays, columns: Array, taken: Taken, degree: int)
     inside = (stays.modes == taken.source[0]) & ~stays.straddling
     guard = guard_with_margin(columns[inside], taken.last, taken.given, degree)
     if taken.jumped.mean() > 0.5:
-        least = SETTINGS.least_noise * np.maximum(taken.after.std(axis=0), 1e-300)
+        least = SETTINGS.least_noise * np.maximum(taken.after.std(axis=0), np.finfo(float).tiny)
         errors = SETTINGS.end_of_stay * np.maximum(stays.noise, least)
         none = np.zeros(0, dtype=np.intp)
         reset = best_reset(taken.given[:, :n_states], taken.after, errors, none)
     source, target = int(taken.source[0]), int(taken.target[0])
     return FoundTransition(source, target, taken.recording, taken.times, guard, reset)
-
-
-def _times(found: list[FoundTransition], n_recordings: int) -> list[Array]:
-    """When each recording switches."""
-    times = [np.zeros(0) for _ in range(n_recordings)]
-    for one in found:
-        for k in np.unique(one.recording):
-            times[k] = np.append(times[k], one.times[one.recording == k])
-    return [np.sort(own) for own in times]
 
 
 def _by_samples(stays: DiscreteStays, given: Given) -> list[NDArray[np.intp]]:

@@ -8,19 +8,14 @@ from scipy.optimize import least_squares
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._results import Array
 from swsysid._stays.given import Given
+from swsysid._stays.rollout_score import determination
 from swsysid._stays.settings import LIMITS
 from swsysid.refinement._trajectories import Record
 
 
 def rollout_score(automaton: HybridAutomaton, given: Given) -> float:
     """Mean coefficient of determination of the states."""
-    left = [_misfit(automaton, record) for record in given.records]
-    if not all(np.isfinite(part).any() for part in left):
-        return -np.inf
-    measured = np.vstack([record.y for record in given.records])
-    about = np.nansum(np.square(measured - np.nanmean(measured, axis=0)), axis=0)
-    squares = np.nansum(np.square(np.vstack(left)), axis=0)
-    return float(np.mean(1.0 - squares / np.where(about > 0.0, about, 1.0)))
+    return determination([_misfit(automaton, record) for record in given.records], given)
 
 
 def _misfit(automaton: HybridAutomaton, record: Record) -> Array:

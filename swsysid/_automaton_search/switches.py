@@ -91,7 +91,6 @@ class Visits:
     modes: Modes  # (n_samples,)
     columns: Array  # (n_samples, n_columns), as those of `Switches.before`
     rates: Array
-    recording: NDArray[np.intp]
 
 
 def switches_of(found: StayIdentification, pieces: Pieces) -> tuple[Switches, Visits]:
@@ -137,7 +136,7 @@ def switches_of(found: StayIdentification, pieces: Pieces) -> tuple[Switches, Vi
     pairs = zip(vars(within).values(), vars(between).values(), strict=True)
     switches = Switches(*(np.concatenate(pair) for pair in pairs))
     ordered = switches.take(np.lexsort((switches.times, switches.recording)))
-    return ordered, _visits(found, pieces, begins)
+    return ordered, _visits(found, begins)
 
 
 def _begins(k: int, stays: list[Stays], times: tuple, follows: NDArray[np.bool_]) -> Array:
@@ -146,7 +145,7 @@ def _begins(k: int, stays: list[Stays], times: tuple, follows: NDArray[np.bool_]
     return np.append(first, stays[k].instants)
 
 
-def _visits(found: StayIdentification, pieces: Pieces, begins: list[Array]) -> Visits:
+def _visits(found: StayIdentification, begins: list[Array]) -> Visits:
     """The samples with their modes and the time since these were entered."""
     estimate = found.estimate
     recordings, stays = estimate.segments.recordings, estimate.segments.stays
@@ -163,4 +162,4 @@ def _visits(found: StayIdentification, pieces: Pieces, begins: list[Array]) -> V
     ])  # fmt: skip
     columns = np.column_stack([x, u, np.concatenate(dwells), np.concatenate(sampled)])
     rates = np.hstack([estimate.laws.velocities(modes, x, u), slopes, np.ones((len(x), 2))])
-    return Visits(modes, columns, rates, pieces.recording[recordings.groups])
+    return Visits(modes, columns, rates)

@@ -158,6 +158,7 @@ class Monomials:
     """
 
     def __init__(self, powers: np.ndarray):
+        self.powers = powers
         columns = np.arange(powers.shape[1])
         self.factors = [np.repeat(columns, row).tolist() for row in powers]
         places = {tuple(factors): place for place, factors in enumerate(self.factors)}

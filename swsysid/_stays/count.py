@@ -55,7 +55,7 @@ def criterion(n_modes: int, found: StayIdentification) -> CountCandidate:
 
 def is_exact(found: StayIdentification) -> bool:
     """True if the rollouts leave nothing that another mode could explain."""
-    return bool((found.left <= 3.0 * LIMITS.exactly * found.estimate.laws.spread).all())
+    return bool((found.left <= LIMITS.nearly_exactly * found.estimate.laws.spread).all())
 
 
 def fewest_modes(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from swsysid._regressor import SwitchingSystemRegressor
@@ -14,7 +16,11 @@ from swsysid.refinement._trajectories import Record
 
 def rollout_score(model: SwitchingSystemRegressor, given: Given) -> float:
     """Mean coefficient of determination of the channels."""
-    left = [_misfit(model, record) for record in given.records]
+    return determination([_misfit(model, record) for record in given.records], given)
+
+
+def determination(left: Sequence[Array], given: Given) -> float:
+    """The same of what rollouts leave of the samples; minus infinity where one leaves nothing."""
     if not all(np.isfinite(part).any() for part in left):
         return -np.inf
     measured = np.vstack([record.y for record in given.records])

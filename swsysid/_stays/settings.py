@@ -76,8 +76,9 @@ class StaySettings:
 class Limits:
     """Where something counts as far, missing, diverged or on its surface."""
 
-    # of a spread: what is counted as no misfit at all
+    # of a spread: what is counted as no misfit at all, and what no other mode need explain
     exactly: float = 1e-6
+    nearly_exactly: float = 3e-6
     # -- recordings, in usual intervals: a filter does not reach across a gap; between two samples
     # further apart than a step times are inserted. Samples from which a start is found.
     gap: float = 5.0

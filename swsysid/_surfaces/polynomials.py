@@ -196,7 +196,7 @@ def surface_basis(
     return RelevantBasis(basis, check_relevance(relevance, len(basis.sizes)), X, weight)
 
 
-def shifted_monomials(powers: Array, centre: Array, scale: Array) -> Array:
+def shifted_monomials(powers: NDArray, centre: Array, scale: Array) -> Array:
     r"""Matrix T that turns coefficients b of shifted monomials into those of plain ones, T b.
 
     By the binomial theorem, coordinate by coordinate,

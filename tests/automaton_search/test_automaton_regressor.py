@@ -79,6 +79,28 @@ def test_a_ball_has_one_mode_and_jumps_within_it(noise, tolerance):
     assert found.score(data) > (0.97 if noise else 0.999)
 
 
+def test_samples_after_a_last_jump_keep_the_states_that_were_measured():
+    starts = [([5.0 + 0.7 * k, 0.3 * k], 0) for k in range(6)]
+    t = np.arange(0.0, 3.0, 0.01)
+    data, runs = recorded(BALL, starts, t)
+    ends = [int(np.flatnonzero(np.diff(run.x[:, 1]) > 1.0)[-1]) + 3 for run in runs]
+    cut = [{"t": t[:end], "x": one["x"][:end]} for one, end in zip(data, ends, strict=True)]
+    found = HybridAutomatonRegressor(random_state=0).fit(cut)
+    np.testing.assert_allclose(found.states_, np.vstack([one["x"] for one in cut]), atol=1e-5)
+
+
+def test_no_more_modes_are_found_in_discrete_time_than_are_allowed():
+    plant = HybridAutomaton.stated(
+        [{"T": "0.9 T + 3"}, {"T": "0.9 T + 1"}],
+        [(0, 1, "T >= 22"), (1, 0, "T <= 18")],
+        states=["T"],
+        discrete_time=True,
+    )
+    data, _ = recorded(plant, [([10.0 + 1.7 * k], 0) for k in range(5)], np.arange(100.0))
+    found = HybridAutomatonRegressor(discrete_time=True, max_modes=1).fit(data)
+    assert found.n_modes_ == 1
+
+
 def test_a_clock_that_begins_with_the_mode_is_a_guard():
     starts = [([0.2 * k + 0.05], k % 2) for k in range(6)]
     data, _ = recorded(TIMER, starts, np.arange(0.0, 15.0, 0.05))

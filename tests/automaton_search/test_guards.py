@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from swsysid._automaton_search.guards import Crossed, Sides, best_guard
+from swsysid._automaton_search.guards import Crossed, best_guard
 
 RNG = np.random.default_rng(0)
 
 
 def crossed(columns, rates, below, errors=1e-4, interval=0.1):
     n = len(below)
-    sides = Sides(below, np.tile(rates.mean(axis=0), (n, 1)), -np.ones(n))
-    return Crossed(columns, rates, np.full(len(columns), errors), sides, interval)
+    below_rates = np.tile(rates.mean(axis=0), (n, 1))
+    return Crossed(columns, rates, np.full(len(columns), errors), below, below_rates, interval)
 
 
 def planted(normal, threshold, n=30):
@@ -65,9 +65,7 @@ def test_samples_beyond_a_plane_tell_against_it():
 def test_the_value_of_a_guard_does_not_depend_on_units():
     data = planted([1.0, -2.0], 0.4)
     scale, shift = np.array([1e3, 1e-2]), np.array([50.0, -3.0])
-    other = crossed(
-        data.columns * scale + shift, data.rates * scale, data.sides.columns * scale + shift
-    )
+    other = crossed(data.columns * scale + shift, data.rates * scale, data.below * scale + shift)
     rows = RNG.normal(size=(20, 2))
     np.testing.assert_allclose(
         best_guard(other, 1).guard.values(rows * scale + shift),
@@ -80,7 +78,7 @@ def test_one_false_switch_among_many_moves_nothing():
     data = planted([1.0, 0.0], 0.5)
     columns = data.columns.copy()
     columns[0] = [-0.8, 0.3]
-    found = best_guard(crossed(columns, data.rates, data.sides.columns), degree=1)
+    found = best_guard(crossed(columns, data.rates, data.below), degree=1)
     # it counts as |t|, not as t squared: the others move by far less than an interval
     np.testing.assert_allclose(found.guard.values(np.array([[0.5, 0.0]])), 0.0, atol=0.01)
 

@@ -1,0 +1,94 @@
+"""Monomials of a few columns: what a guard is a sum of, in units in which samples are about one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton.columns import CLOCKS
+from swsysid._automaton.transitions import PolynomialGuard
+from swsysid._automaton_search.found import FoundGuard
+from swsysid._automaton_search.settings import SETTINGS
+from swsysid._data.features import Monomials
+from swsysid._results import Array
+from swsysid._surfaces.polynomials import shifted_monomials
+
+
+@dataclass(frozen=True)
+class FewColumns:
+    """Monomials of some columns, centred and scaled by the samples beside a guard."""
+
+    some: NDArray[np.intp]
+    n_columns: int  # of which these are some; the last of them are clocks
+    centre: Array  # (n_some,)
+    spread: Array
+    powers: NDArray[np.intp]  # (n_monomials, n_some)
+
+    @classmethod
+    def of(cls, beside: Array, some: NDArray[np.intp], degree: int) -> FewColumns | None:
+        """Those of the scale of some rows; None where one of the columns does not vary there."""
+        own = beside[known(beside, some)][:, some]
+        if not len(own) or not (own.std(axis=0) > 0.0).all():
+            return None
+        powers = Monomials.up_to(degree, len(some)).powers
+        return cls(some, beside.shape[1], own.mean(axis=0), own.std(axis=0), powers)
+
+    def values(self, columns: Array) -> Array:
+        """Monomials at rows of all columns, (n_rows, n_monomials)."""
+        return self._monomials((columns[:, self.some] - self.centre) / self.spread)
+
+    def slopes(self, columns: Array, rates: Array) -> Array:
+        """Rates of the monomials at rows of all columns that change at some rates."""
+        total = np.zeros((len(columns), len(self.powers)))
+        scaled = (columns[:, self.some] - self.centre) / self.spread
+        for place, column in enumerate(self.some):
+            lower = self.powers.copy()
+            lower[:, place] = np.maximum(0, self.powers[:, place] - 1)
+            inner = self.powers[:, place] * Monomials(lower)(scaled)
+            total += inner * (rates[:, column] / self.spread[place])[:, None]
+        return total
+
+    def price(self, n_switches: int, n_unknown: int) -> float:
+        """Nats that a guard of these columns costs, some switches not known to it.
+
+        Clocks are rarer than states as what triggers a switch. A switch that the columns do not
+        know (the dwell of a stay in which a recording began) costs what it would at random.
+        """
+        clocks = (self.some >= self.n_columns - len(CLOCKS)).sum()
+        of_terms = 0.5 * (len(self.powers) - 1) * np.log(n_switches + 1)
+        return float(of_terms + SETTINGS.clock * clocks + SETTINGS.unexplained * n_unknown)
+
+    def guard(self, coef: Array) -> PolynomialGuard:
+        """The sum of these monomials as a polynomial of all columns, in their units."""
+        own = shifted_monomials(self.powers, self.centre, self.spread) @ coef
+        sizes = np.abs(own) * np.prod((np.abs(self.centre) + self.spread) ** self.powers, axis=1)
+        wide = np.zeros((len(self.powers), self.n_columns), dtype=np.intp)
+        wide[:, self.some] = self.powers
+        return PolynomialGuard(np.where(sizes > SETTINGS.exact * sizes.max(), own, 0.0), wide)
+
+    @cached_property
+    def _monomials(self) -> Monomials:
+        return Monomials(self.powers)
+
+
+def known(columns: Array, some: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Rows at which some columns are known."""
+    return np.asarray(np.isfinite(columns[:, some]).all(axis=1))
+
+
+def cheapest_guard(
+    n_columns: int, guard_of: Callable[[NDArray[np.intp]], FoundGuard | None]
+) -> FoundGuard | None:
+    """The guard of least cost among those of few columns; the simplest one that costs the least."""
+    best: FoundGuard | None = None
+    for count in range(1, min(SETTINGS.most_columns, n_columns) + 1):
+        for some in combinations(range(n_columns), count):
+            found = guard_of(np.array(some))
+            if found is not None and (best is None or found.cost < best.cost - SETTINGS.better):
+                best = found
+    return best
