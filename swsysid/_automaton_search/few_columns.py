@@ -53,15 +53,15 @@ class FewColumns:
             total += inner * (rates[:, column] / self.spread[place])[:, None]
         return total
 
-    def price(self, n_switches: int, n_unknown: int) -> float:
+    def price(self, n_switches: int, n_unknown: int, random: float, term: float = 0.0) -> float:
         """Nats that a guard of these columns costs, some switches not known to it.
 
         Clocks are rarer than states as what triggers a switch. A switch that the columns do not
-        know (the dwell of a stay in which a recording began) costs what it would at random.
+        know (the dwell of a stay in which a recording began) costs what it does at `random`.
         """
         clocks = (self.some >= self.n_columns - len(CLOCKS)).sum()
-        of_terms = 0.5 * (len(self.powers) - 1) * np.log(n_switches + 1)
-        return float(of_terms + SETTINGS.clock * clocks + SETTINGS.unexplained * n_unknown)
+        of_terms = (len(self.powers) - 1) * (term + 0.5 * np.log(n_switches + 1))
+        return float(of_terms + SETTINGS.clock * clocks + random * n_unknown)
 
     def guard(self, coef: Array) -> PolynomialGuard:
         """The sum of these monomials as a polynomial of all columns, in their units."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard
 from swsysid._results import Array
@@ -23,6 +24,11 @@ class FoundGuard:
     def miss(self) -> float:
         """Root mean square of the misses."""
         return float(np.sqrt(np.nanmean(np.square(self.misses))))
+
+    @property
+    def usual_miss(self) -> float:
+        """The same from their median, which switches that are none do not move."""
+        return float(np.nanmedian(np.abs(self.misses)) / ndtri(0.75))
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,17 @@ zero at the switches, rises there, and is below zero at the samples of its mode:
 
 .. math::
 
-    \min_a \tfrac12 \sum_k \Big( \frac{a \cdot \phi(c_k)}{\rho_k \sigma_k} \Big)^2
+    \min_a \sum_k \min\!\Big( \tfrac12 \Big( \frac{a \cdot \phi(c_k)}{\rho_k \lambda \sigma_k}
+    \Big)^2 + \log \lambda,\; B \Big)
     + \tfrac12 \sum_i \Big( \frac{\max(0, a \cdot \phi(c_i))}{\rho_i \sigma} \Big)^2
     \quad \text{with} \quad \tfrac1n \sum_k a \cdot \dot\phi(c_k) = 1 .
 
 The rates :math:`\rho = |a \cdot \dot\phi|` make times of what is missing, so that
 :math:`\sigma_k`, the standard error of the instant, measures it: the scale of a guard means
-nothing, and its sign is that in which it rises.
+nothing, and its sign is that in which it rises. Standard errors may be too small, by the same
+:math:`\lambda \ge 1` for all. A switch that the guard does not explain, since it is none, costs
+what it does at random in a stay of mean duration T, :math:`B = \log (T / \sigma)`, and so does a
+coefficient, with which one more switch can be explained.
 """
 
 from __future__ import annotations
@@ -64,15 +68,15 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     solved = _solved(basis, own)
     if solved is None:
         return None
-    coef, times, cost = solved
+    coef, times, cost, random = solved
     misses = np.full(len(seen), np.nan)
     misses[seen] = times
-    cost += basis.price(len(seen), int((~seen).sum()))
+    cost += basis.price(len(seen), int((~seen).sum()), random, term=random)
     return FoundGuard(basis.guard(coef), cost, misses)
 
 
-def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float] | None:
-    """Coefficients, misses in time, and cost; weights and sides are found in turns."""
+def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float, float] | None:
+    """Coefficients, misses in time, their cost, and that of a switch at random."""
     values, slopes = basis.values(own.columns), basis.slopes(own.columns, own.rates)
     beside, beside_slopes = basis.values(own.below), basis.slopes(own.below, own.below_rates)
     rising = slopes.mean(axis=0)
@@ -80,10 +84,11 @@ def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float] | Non
         return None
     errors = np.maximum(own.errors, SETTINGS.instant * own.interval)
     unit = max(float(np.median(errors)), SETTINGS.beyond * own.interval)
-    far = SETTINGS.far_miss
+    stay = own.interval * max(len(own.below) / len(errors), 1.0)
+    random = max(float(np.log(stay / np.median(errors))), SETTINGS.unexplained)
     rates, weights = np.ones(len(values)), np.ones(len(values))
     beside_rates, beyond = np.ones(len(beside)), np.zeros(len(beside), dtype=bool)
-    for _ in range(SETTINGS.turns):
+    for turn in range(SETTINGS.turns + SETTINGS.turns_of_explained):
         rows = np.vstack([
             values * (weights / (rates * errors))[:, None],
             beside[beyond] / (beside_rates[beyond] * unit)[:, None],
@@ -94,13 +99,34 @@ def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float] | Non
         rates = np.maximum(own_rates, least)
         beside_rates = np.maximum(np.abs(beside_slopes @ coef), least)
         times = values @ coef / rates
-        weights = (1.0 + np.square(times / (far * errors))) ** -0.25
+        # least absolute deviations first, then least squares of those that are explained
+        weights = (1.0 + np.square(times / (SETTINGS.far_miss * errors))) ** -0.25
+        if turn >= SETTINGS.turns:
+            explained, scale, _ = _explained(times / errors, random)
+            weights = np.where(explained, 1.0 / scale, 0.0)
         wrong = (beside @ coef) / beside_rates
         beyond = (beyond & (wrong > -unit)) | (wrong > unit)
-    cost = far**2 * (np.sqrt(1.0 + np.square(times / (far * errors))) - 1.0).sum()
-    wrong = np.maximum(0.0, wrong - unit) / unit
-    cost += far**2 * (np.sqrt(1.0 + np.square(wrong / far)) - 1.0).sum()
-    return coef, times, float(cost)
+    cost = _explained(times / errors, random)[2]
+    wrong = np.maximum(0.0, wrong - unit) / (SETTINGS.far_miss * unit)
+    beside_cost = SETTINGS.far_miss**2 * (np.sqrt(1.0 + np.square(wrong)) - 1.0)
+    return coef, times, cost + float(np.minimum(beside_cost, random).sum()), random
+
+
+def _explained(misses: Array, random: float) -> tuple[NDArray[np.bool_], float, float]:
+    """Switches that count as explained, the scale of their misses, and the least cost of all.
+
+    `misses` are in standard errors. With the m smallest of them explained the best scale is their
+    root mean square, or one if that is less.
+    """
+    order = np.argsort(np.abs(misses), kind="stable")
+    count = np.arange(1, len(misses) + 1)
+    squares = np.cumsum(np.square(misses[order]))
+    scale = np.sqrt(np.maximum(squares / count, 1.0))
+    costs = 0.5 * squares / scale**2 + count * np.log(scale) + (len(misses) - count) * random
+    best = int(costs.argmin())
+    explained = np.zeros(len(misses), dtype=bool)
+    explained[order[: best + 1]] = True
+    return explained, float(scale[best]), float(costs[best])
 
 
 def _least(rows: Array, rising: Array) -> Array:

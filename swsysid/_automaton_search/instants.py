@@ -120,7 +120,7 @@ class _Flows:
         sizes[held] = known.errors[held]
         cost = np.square((self.after - landed) / sizes).sum(axis=2)
         if guard is not None:
-            size = max(guard.miss, SETTINGS.instant * known.interval)
+            size = max(guard.usual_miss, SETTINGS.instant * known.interval)
             flat = self.columns.reshape(-1, self.columns.shape[2])
             value = guard.guard.values(flat).reshape(cost.shape)
             rate = np.gradient(value, axis=0) / np.gradient(self.times, axis=0)
@@ -180,5 +180,5 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
 
 def _cost_of(guard: FoundGuard, known: Known) -> float:
     """The logarithm of what the instants miss the guard by."""
-    missed = max(guard.miss / known.interval, SETTINGS.missed)
+    missed = max(guard.usual_miss / known.interval, SETTINGS.missed)
     return float(np.isfinite(guard.misses).sum() * np.log(missed))

@@ -57,7 +57,9 @@ def _guard_of(
     if coef is None:
         return None
     wrong = np.maximum(0.0, rows @ coef).sum() + np.maximum(0.0, -(at @ coef)).sum()
-    cost = SETTINGS.slack_price * wrong + basis.price(len(seen), int((~seen).sum()))
+    cost = SETTINGS.slack_price * wrong + basis.price(
+        len(seen), int((~seen).sum()), SETTINGS.unexplained
+    )
     misses = np.full(len(seen), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
     return FoundGuard(basis.guard(coef), float(cost), misses)

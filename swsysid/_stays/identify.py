@@ -240,6 +240,8 @@ class Alternation:
 
     def _assigned(self, stage: int) -> Assigned:
         price = self.settings.prices[stage]
+        if not self.surfaces and self.last is not None:
+            price = max(price, _price_at_random(self.last.estimate))
         settled = self.last is not None and stage >= self.settings.settled
         return assign(
             self.laws,
@@ -316,11 +318,18 @@ def _criterion(reached: Reached, noise: Array, settings: StaySettings) -> float:
     squares = np.nansum(np.square(misfits(estimate)), axis=(0, 1))
     own, first = (0.5 * (squares / one**2).sum() for one in (reached.noise, noise))
     if estimate.guards is None:
-        paid = settings.prices[-1] * len(estimate.segments.instants)
+        price = max(settings.prices[-1], _price_at_random(estimate))
+        paid = price * len(estimate.segments.instants)
     else:
         n_values = np.isfinite(estimate.segments.recordings.y).sum()
         paid = 0.5 * np.log(max(2, n_values)) * (estimate.guards.coef != 0.0).sum()
     return float(first + reached.value - own + paid)
+
+
+def _price_at_random(estimate: Estimate) -> float:
+    """Nats of a switch that nothing explains: how many intervals there are for each."""
+    n_intervals = estimate.segments.recordings.lengths.sum() - len(estimate.segments.recordings)
+    return float(np.log(n_intervals / max(1, len(estimate.segments.instants))))
 
 
 def _named_as(known: Estimate, other: Estimate) -> Estimate:

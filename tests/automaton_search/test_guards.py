@@ -79,8 +79,18 @@ def test_one_false_switch_among_many_moves_nothing():
     columns = data.columns.copy()
     columns[0] = [-0.8, 0.3]
     found = best_guard(crossed(columns, data.rates, data.below), degree=1)
-    # it counts as |t|, not as t squared: the others move by far less than an interval
-    np.testing.assert_allclose(found.guard.values(np.array([[0.5, 0.0]])), 0.0, atol=0.01)
+    # it counts as one that the guard does not explain
+    np.testing.assert_allclose(found.guard.values(np.array([[0.5, 0.0]])), 0.0, atol=1e-6)
+
+
+def test_switches_that_no_guard_explains_buy_no_columns():
+    # a third of the switches are none; planes of more columns pass through some of them
+    data = planted([1.0, 0.0, 0.0], 0.5)
+    columns = data.columns.copy()
+    columns[:10] = RNG.normal(size=(10, 3)) - [2.0, 0.0, 0.0]
+    found = best_guard(crossed(columns, data.rates, data.below), degree=1)
+    assert found.guard.powers[found.guard.coef != 0.0].sum(axis=0).tolist() == [1, 0, 0]
+    np.testing.assert_allclose(found.guard.values(np.array([[0.5, 0.0, 0.0]])), 0.0, atol=1e-6)
 
 
 def test_a_clock_that_is_unknown_in_some_stays_can_tell_the_others():

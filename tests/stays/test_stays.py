@@ -9,6 +9,7 @@ from benchmarks.trajectories.figures import figures
 from benchmarks.trajectories.methods import METHODS
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
+from swsysid._stays.count import order_of_switches
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Filter, smoothed_states
 from swsysid._stays.laws import Laws
@@ -97,6 +98,14 @@ def test_instants_that_meet_leave_one_switch():
     assert moved.modes.tolist() == [0, 1] and moved.instants.tolist() == [3.7]
     assert stays.at(np.array([1.0, 2.0, 4.0, 6.0])).tolist() == [0, 1, 0, 1]
     assert stays.between(t).tolist() == [0, 0, 1, 1, 0, 0, 1]
+
+
+def test_the_order_of_switches_costs_what_it_takes_to_say_it():
+    cycle = Stays(np.array([0, 1, 2, 0, 1, 2, 0]), np.arange(6.0))
+    assert order_of_switches([cycle]) == 0.0
+    # mode 0 is left for 1 twice and for 2 once, in one of three orders
+    mixed = Stays(np.array([0, 1, 0, 2, 0, 1]), np.arange(5.0))
+    np.testing.assert_allclose(order_of_switches([mixed]), np.log(3.0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["contact", "linear oscillator"])
