@@ -27,7 +27,8 @@ class TransitionVerdict:
     support : int
         Switches of the recordings.
     explained : float
-        Part of them at which the guard is zero within two samples.
+        Part of them at which the guard is zero within two samples, of those that it is known at:
+        a clock is not where a recording begins.
     miss : float
         Root mean square of the time by which it is not, in the unit of time.
     """
@@ -111,7 +112,8 @@ def verdicts_of(
     for one in found:
         near, miss = 0.0, np.inf
         if one.guard is not None:
-            near = float(np.mean(np.abs(one.guard.misses) <= SETTINGS.near * interval))
+            known = np.isfinite(one.guard.misses)
+            near = float(np.mean(np.abs(one.guard.misses[known]) <= SETTINGS.near * interval))
             miss = one.guard.miss
         verdicts.append(
             TransitionVerdict(int(names[one.source]), int(names[one.target]), len(one), near, miss)

@@ -28,7 +28,7 @@ from swsysid._automaton_search.assembly import (
 from swsysid._automaton_search.instants import Known, Settled, settled
 from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.switches import switches_of
+from swsysid._automaton_search.switches import Switches, Visits, switches_of
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
@@ -115,7 +115,21 @@ def _again(
 
 def _transitions(stays: StayIdentification, pieces: Pieces, degree: int) -> list[Settled]:
     """One for each pair of modes that follow each other."""
-    switches, visits = switches_of(stays, pieces)
+    found = _settled(stays, switches_of(stays, pieces), degree)
+    began = np.full(len(pieces.first), np.nan)
+    for one in found:
+        own = one.switches
+        began[own.piece[own.jumped]] = own.times[own.jumped]
+    if np.isfinite(began).any():
+        # a clock begins at the instant of a jump, which is known only now
+        found = _settled(stays, switches_of(stays, pieces, began), degree)
+    return found
+
+
+def _settled(
+    stays: StayIdentification, told: tuple[Switches, Visits], degree: int
+) -> list[Settled]:
+    switches, visits = told
     interval = stays.estimate.segments.recordings.interval
     known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, degree)
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0)

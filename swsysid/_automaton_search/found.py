@@ -19,6 +19,7 @@ class FoundGuard:
     guard: PolynomialGuard
     cost: float  # half the squares of what is missed, in nats, and the price of its columns
     misses: Array  # (n_switches,): times by which the guard is missed, NaN where it is not defined
+    some: NDArray[np.intp]  # columns that it may depend on
 
     @property
     def miss(self) -> float:

@@ -55,8 +55,12 @@ class Crossed:
         )
 
 
-def best_guard(crossed: Crossed, degree: int) -> FoundGuard | None:
-    """The guard of least cost among those of few columns."""
+def best_guard(
+    crossed: Crossed, degree: int, some: NDArray[np.intp] | None = None
+) -> FoundGuard | None:
+    """The guard of least cost among those of few columns, or the one of some columns."""
+    if some is not None:
+        return _guard_of(crossed, some, degree)
     return cheapest_guard(crossed.columns.shape[1], lambda some: _guard_of(crossed, some, degree))
 
 
@@ -72,7 +76,7 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     misses = np.full(len(seen), np.nan)
     misses[seen] = times
     cost += basis.price(len(seen), int((~seen).sum()), random, term=random)
-    return FoundGuard(basis.guard(coef), cost, misses)
+    return FoundGuard(basis.guard(coef), cost, misses, some)
 
 
 def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float, float] | None:

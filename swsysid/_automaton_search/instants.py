@@ -41,9 +41,9 @@ class Known:
         below, below_rates = self.visits.columns[own], self.visits.rates[own]
         return Crossed(columns, rates, switches.errors, below, below_rates, self.interval)
 
-    def guard(self, switches: Switches) -> FoundGuard | None:
-        """The guard of switches at their present instants."""
-        return best_guard(self.crossed(switches), self.degree)
+    def guard(self, switches: Switches, some: NDArray[np.intp] | None = None) -> FoundGuard | None:
+        """The guard of switches at their present instants, of some columns or of any."""
+        return best_guard(self.crossed(switches), self.degree, some)
 
     @property
     def errors(self) -> Array:
@@ -161,10 +161,11 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
         flows = _Flows.of(switches, laws, part)
         switches = flows.where(held, known)
     found = Settled(switches, None, None, np.inf)
+    some: NDArray[np.intp] | None = None  # columns of the guard; all are asked at first and last
     for _ in range(SETTINGS.turns_of_instants):
         columns, _ = switches.before(laws)
         reset = best_reset(columns[:, :n_states], switches.after(laws), known.errors, held)
-        guard = known.guard(switches)
+        guard = known.guard(switches, some)
         cost = reset.cost + (0.0 if guard is None else _cost_of(guard, known))
         trial = Settled(switches, guard, reset, cost)
         if cost < found.cost:
@@ -172,8 +173,10 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
         if not len(held):
             flows = _Flows.of(switches, laws, SETTINGS.nearby)
         moved = flows.agreeing(trial, held, known)
-        if np.abs(moved.times - switches.times).max() < SETTINGS.instant * known.interval:
+        at_rest = np.abs(moved.times - switches.times).max() < SETTINGS.instant * known.interval
+        if at_rest and some is None:
             break
+        some = None if at_rest or guard is None else guard.some
         switches = moved
     return found
 

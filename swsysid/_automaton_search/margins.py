@@ -62,7 +62,7 @@ def _guard_of(
     )
     misses = np.full(len(seen), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
-    return FoundGuard(basis.guard(coef), float(cost), misses)
+    return FoundGuard(basis.guard(coef), float(cost), misses, some)
 
 
 def _separating(below: Array, above: Array, rising: Array) -> Array | None:

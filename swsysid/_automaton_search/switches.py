@@ -15,7 +15,6 @@ from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws, Modes
 from swsysid._stays.rollouts import rollouts
 from swsysid._stays.samples import modes_of, states_of
-from swsysid._stays.stays import Stays
 
 
 @dataclass(frozen=True)
@@ -37,6 +36,7 @@ class Switches:
     known: Array  # (n_switches, 2): times at which the states on both sides are known
     ends: Array  # (n_switches, n_states + n_inputs): at the first of these times
     starts: Array  # at the second
+    piece: NDArray[np.intp]  # that begins after a jump, -1 where the state goes on
 
     def __len__(self) -> int:
         return len(self.times)
@@ -93,15 +93,22 @@ class Visits:
     rates: Array
 
 
-def switches_of(found: StayIdentification, pieces: Pieces) -> tuple[Switches, Visits]:
-    """Switches within the pieces and between them, and the samples of the stays."""
+def switches_of(
+    found: StayIdentification, pieces: Pieces, began: Array | None = None
+) -> tuple[Switches, Visits]:
+    """Switches within the pieces and between them, and the samples of the stays.
+
+    `began` are instants at which pieces began, NaN for the first one of a recording; in the middle
+    between two samples, if nobody knows better.
+    """
     estimate = found.estimate
     recordings, stays = estimate.segments.recordings, estimate.segments.stays
+    if began is None:
+        began = _in_the_middle(recordings.times, pieces)
     done = rollouts(estimate.laws, estimate.segments, estimate.starts, varied=False).crossings
     padded = np.concatenate([states_of(estimate), recordings.u], axis=2)
     columns = [padded[: len(t), k] for k, t in enumerate(recordings.times)]
-    follows = pieces.follows
-    begins = [_begins(k, stays, recordings.times, follows) for k in range(len(stays))]
+    begins = [np.append(first, own.instants) for first, own in zip(began, stays, strict=True)]
     counts = [len(one.instants) for one in stays]
     own = np.repeat(np.arange(len(stays)), counts)
     instants = estimate.segments.instants
@@ -116,8 +123,9 @@ def switches_of(found: StayIdentification, pieces: Pieces) -> tuple[Switches, Vi
         np.column_stack([instants, instants]),
         done.columns,
         done.columns,
+        np.full(len(own), -1),
     )
-    later = np.flatnonzero(follows)
+    later = np.flatnonzero(pieces.follows)
     known = np.array([
         (recordings.times[k - 1][-1], recordings.times[k][0]) for k in later
     ]).reshape(-1, 2)  # fmt: skip
@@ -132,6 +140,7 @@ def switches_of(found: StayIdentification, pieces: Pieces) -> tuple[Switches, Vi
         known,
         np.array([columns[k - 1][-1] for k in later]).reshape(len(later), padded.shape[2]),
         np.array([columns[k][0] for k in later]).reshape(len(later), padded.shape[2]),
+        later,
     )
     pairs = zip(vars(within).values(), vars(between).values(), strict=True)
     switches = Switches(*(np.concatenate(pair) for pair in pairs))
@@ -139,10 +148,11 @@ def switches_of(found: StayIdentification, pieces: Pieces) -> tuple[Switches, Vi
     return ordered, _visits(found, begins)
 
 
-def _begins(k: int, stays: list[Stays], times: tuple, follows: NDArray[np.bool_]) -> Array:
-    """When each stay of a piece was entered; NaN for one in which a recording began."""
-    first = 0.5 * (times[k - 1][-1] + times[k][0]) if follows[k] else np.nan
-    return np.append(first, stays[k].instants)
+def _in_the_middle(times: tuple[Array, ...], pieces: Pieces) -> Array:
+    """When pieces began that follow another one, roughly."""
+    before = np.array([t[-1] for t in times])
+    after = np.array([t[0] for t in times])
+    return np.where(pieces.follows, 0.5 * (np.roll(before, 1) + after), np.nan)
 
 
 def _visits(found: StayIdentification, begins: list[Array]) -> Visits:

@@ -110,6 +110,22 @@ def test_a_clock_that_begins_with_the_mode_is_a_guard():
     np.testing.assert_allclose(at(clock, 0.7, 0.5, 3.0), -1.0, atol=1e-4)  # of the dwell alone
 
 
+def test_a_clock_that_begins_with_a_jump_is_known_to_the_instant():
+    doses = HybridAutomaton.stated(
+        [{"a": "-a", "c": "a - 0.15 c"}],
+        [(0, 0, "dwell >= 6.1", {"a": "a + 10"})],
+        states=["a", "c"],
+    )
+    data, _ = recorded(doses, [([2.0 * k, k], 0) for k in range(5)], np.arange(0.0, 92.0, 0.23))
+    found = HybridAutomatonRegressor(random_state=0).fit(data)
+    [one] = found.transitions_
+    # the clock alone; the state, periodic but for the first stays, tells nearly as much
+    np.testing.assert_allclose(at(one, 0.7, 0.3, 5.1, 40.0), -1.0, atol=1e-4)
+    np.testing.assert_allclose(one.reset.offset, [10.0, 0.0], atol=1e-4)
+    [verdict] = found.verdicts_
+    assert verdict.is_told and verdict.explained == 1.0
+
+
 def test_a_smooth_system_has_one_mode_and_no_transition():
     plant = HybridAutomaton.stated([{"x": "v", "v": "-x - 0.1 v"}], [], states=["x", "v"])
     data, _ = recorded(plant, [([1.0, 0.0], 0), ([0.0, 2.0], 0)], np.arange(0.0, 20.0, 0.05), 0.01)
