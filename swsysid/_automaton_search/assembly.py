@@ -112,9 +112,7 @@ def verdicts_of(
     for one in found:
         near, miss = 0.0, np.inf
         if one.guard is not None:
-            known = np.isfinite(one.guard.misses)
-            near = float(np.mean(np.abs(one.guard.misses[known]) <= SETTINGS.near * interval))
-            miss = one.guard.miss
+            near, miss = one.guard.explained(interval), one.guard.miss
         verdicts.append(
             TransitionVerdict(int(names[one.source]), int(names[one.target]), len(one), near, miss)
         )

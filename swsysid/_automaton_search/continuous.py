@@ -6,7 +6,8 @@
    switch the reset of least terms is found (`instants`, `resets`). Where the state goes on after
    all pieces are joined, where it jumps they are cut, and stays are told anew.
 3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
-   zero at the samples of its mode (`guards`).
+   zero at the samples of its mode (`guards`). Where one surface is crossed both ways laws and
+   surface are found together (`one_surface`).
 """
 
 from __future__ import annotations
@@ -25,10 +26,16 @@ from swsysid._automaton_search.assembly import (
     switch_times_of,
     verdicts_of,
 )
-from swsysid._automaton_search.instants import Known, Settled, settled
+from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of
+from swsysid._automaton_search.one_surface import (
+    explains,
+    guards_of,
+    may_be_one_surface,
+    with_surface,
+)
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.switches import Switches, Visits, switches_of
+from swsysid._automaton_search.transitions import transitions_of
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
@@ -52,12 +59,18 @@ def identified(
     for _ in range(SETTINGS.most_rounds):
         told()
         before, alone = jumps, apart(given, stays, pieces, settings)
-        jumps = _jumps(_transitions(*alone, degree), before, given)
+        jumps = _jumps(transitions_of(*alone, degree), before, given)
         if all(map(np.array_equal, jumps, before)):
             break
         pieces = cut_at(given, jumps)
         stays = _again(_search(estimator, pieces, settings, told), stays, settings, told)
-    return _answer(given, stays, pieces, _transitions(stays, pieces, degree), search)
+    found = transitions_of(stays, pieces, degree)
+    if may_be_one_surface(found, stays.estimate.segments.recordings.interval):
+        surfaced = with_surface(estimator, pieces.given, degree, settings, told)
+        if explains(surfaced, stays):
+            stays = surfaced
+            found = transitions_of(stays, pieces, degree, guards_of(stays))
+    return _answer(given, stays, pieces, found, search)
 
 
 def _answer(
@@ -111,32 +124,6 @@ def _again(
     )  # fmt: skip
     alternation.begin()
     return alternation.finish(told)
-
-
-def _transitions(stays: StayIdentification, pieces: Pieces, degree: int) -> list[Settled]:
-    """One for each pair of modes that follow each other."""
-    found = _settled(stays, switches_of(stays, pieces), degree)
-    began = np.full(len(pieces.first), np.nan)
-    for one in found:
-        own = one.switches
-        began[own.piece[own.jumped]] = own.times[own.jumped]
-    if np.isfinite(began).any():
-        # a clock begins at the instant of a jump, which is known only now
-        found = _settled(stays, switches_of(stays, pieces, began), degree)
-    return found
-
-
-def _settled(
-    stays: StayIdentification, told: tuple[Switches, Visits], degree: int
-) -> list[Settled]:
-    switches, visits = told
-    interval = stays.estimate.segments.recordings.interval
-    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, degree)
-    pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0)
-    return [
-        settled(switches.take((switches.source == source) & (switches.target == target)), known)
-        for source, target in pairs
-    ]
 
 
 def _jumps(

@@ -81,6 +81,13 @@ def known(columns: Array, some: NDArray[np.intp]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(columns[:, some]).all(axis=1))
 
 
+def without_clocks(columns: Array) -> Array:
+    """The same columns, those of clocks unknown."""
+    unknown = columns.copy()
+    unknown[:, -len(CLOCKS) :] = np.nan
+    return unknown
+
+
 def cheapest_guard(
     n_columns: int, guard_of: Callable[[NDArray[np.intp]], FoundGuard | None]
 ) -> FoundGuard | None:

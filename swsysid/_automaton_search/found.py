@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard
+from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
 
@@ -25,6 +26,15 @@ class FoundGuard:
     def miss(self) -> float:
         """Root mean square of the misses."""
         return float(np.sqrt(np.nanmean(np.square(self.misses))))
+
+    def explained(self, interval: float) -> float:
+        """Part of the switches at which it is zero within two samples, of those it is known at."""
+        known = np.isfinite(self.misses)
+        return float(np.mean(np.abs(self.misses[known]) <= SETTINGS.near * interval))
+
+    def tells(self, interval: float) -> bool:
+        """True if it explains nearly all switches."""
+        return self.explained(interval) >= SETTINGS.told_by_guard
 
     @property
     def usual_miss(self) -> float:

@@ -1,13 +1,14 @@
 r"""The guard of one transition, from the switches that took it and the samples at which it did not.
 
 With the columns c (states, inputs, dwell, time), the guard is the polynomial of few columns that is
-zero at the switches, rises there, and is below zero at the samples of its mode:
+zero at the switches, rises there, and is below zero at the samples of its mode (s = -1); where one
+surface is crossed both ways it is above zero at those of the other one (s = 1):
 
 .. math::
 
     \min_a \sum_k \min\!\Big( \tfrac12 \Big( \frac{a \cdot \phi(c_k)}{\rho_k \lambda \sigma_k}
     \Big)^2 + \log \lambda,\; B \Big)
-    + \tfrac12 \sum_i \Big( \frac{\max(0, a \cdot \phi(c_i))}{\rho_i \sigma} \Big)^2
+    + \tfrac12 \sum_i \Big( \frac{\max(0, -s_i\, a \cdot \phi(c_i))}{\rho_i \sigma} \Big)^2
     \quad \text{with} \quad \tfrac1n \sum_k a \cdot \dot\phi(c_k) = 1 .
 
 The rates :math:`\rho = |a \cdot \dot\phi|` make times of what is missing, so that
@@ -20,12 +21,18 @@ coefficient, with which one more switch can be explained.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.few_columns import FewColumns, cheapest_guard, known
+from swsysid._automaton.transitions import PolynomialGuard
+from swsysid._automaton_search.few_columns import (
+    FewColumns,
+    cheapest_guard,
+    known,
+    without_clocks,
+)
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
@@ -38,19 +45,37 @@ class Crossed:
     columns: Array  # (n_switches, n_columns): where it is zero
     rates: Array  # of these, in the direction in which it rises
     errors: Array  # (n_switches,): of the instants
-    below: Array  # (n_samples, n_columns): where it is below zero
-    below_rates: Array
+    beside: Array  # (n_samples, n_columns): where it is not zero
+    beside_rates: Array
+    signs: Array  # (n_samples,): -1 where it is below zero, 1 where it is above
     interval: float  # between two samples
 
     def of(self, some: NDArray[np.intp]) -> Crossed:
         """The same without the rows in which one of some columns is missing."""
-        seen, beside = known(self.columns, some), known(self.below, some)
+        seen, beside = known(self.columns, some), known(self.beside, some)
         return Crossed(
             self.columns[seen],
             self.rates[seen],
             self.errors[seen],
-            self.below[beside],
-            self.below_rates[beside],
+            self.beside[beside],
+            self.beside_rates[beside],
+            self.signs[beside],
+            self.interval,
+        )
+
+    def joined(self, back: Crossed) -> Crossed:
+        """That of one surface which is also crossed back; it does not see the clocks."""
+        columns, beside = (
+            without_clocks(np.vstack(pair))
+            for pair in ((self.columns, back.columns), (self.beside, back.beside))
+        )
+        return Crossed(
+            columns,
+            np.vstack([self.rates, -back.rates]),
+            np.append(self.errors, back.errors),
+            beside,
+            np.vstack([self.beside_rates, -back.beside_rates]),
+            np.append(self.signs, -back.signs),
             self.interval,
         )
 
@@ -64,9 +89,29 @@ def best_guard(
     return cheapest_guard(crossed.columns.shape[1], lambda some: _guard_of(crossed, some, degree))
 
 
+def stated_guard(crossed: Crossed, guard: PolynomialGuard) -> FoundGuard:
+    """A guard that is known."""
+    gradients = np.array([guard.gradient(row) for row in crossed.columns])
+    rates = np.einsum("kc,kc->k", gradients, crossed.rates)
+    misses = guard.values(crossed.columns) / np.where(rates != 0.0, np.abs(rates), np.inf)
+    return FoundGuard(guard, 0.0, misses, np.flatnonzero(guard.powers.any(axis=0)))
+
+
+def surface_both_ways(
+    there: Crossed, back: Crossed, degree: int
+) -> tuple[FoundGuard, FoundGuard] | None:
+    """One surface for both ways between two modes, as a guard for each that costs what both do."""
+    found = best_guard(there.joined(back), degree)
+    if found is None:
+        return None
+    n, down = len(there.columns), PolynomialGuard(-found.guard.coef, found.guard.powers)
+    up = replace(found, misses=found.misses[:n])
+    return up, replace(found, guard=down, misses=-found.misses[n:])
+
+
 def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
     own, seen = crossed.of(some), known(crossed.columns, some)
-    basis = FewColumns.of(own.below, some, degree)
+    basis = FewColumns.of(own.beside, some, degree)
     if basis is None or not seen.any() or len(basis.powers) > seen.sum() + 1:
         return None
     solved = _solved(basis, own)
@@ -82,13 +127,13 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
 def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float, float] | None:
     """Coefficients, misses in time, their cost, and that of a switch at random."""
     values, slopes = basis.values(own.columns), basis.slopes(own.columns, own.rates)
-    beside, beside_slopes = basis.values(own.below), basis.slopes(own.below, own.below_rates)
+    beside, beside_slopes = basis.values(own.beside), basis.slopes(own.beside, own.beside_rates)
     rising = slopes.mean(axis=0)
     if not np.linalg.norm(rising) > 0.0:
         return None
     errors = np.maximum(own.errors, SETTINGS.instant * own.interval)
     unit = max(float(np.median(errors)), SETTINGS.beyond * own.interval)
-    stay = own.interval * max(len(own.below) / len(errors), 1.0)
+    stay = own.interval * max(len(own.beside) / len(errors), 1.0)
     random = max(float(np.log(stay / np.median(errors))), SETTINGS.unexplained)
     rates, weights = np.ones(len(values)), np.ones(len(values))
     beside_rates, beyond = np.ones(len(beside)), np.zeros(len(beside), dtype=bool)
@@ -108,7 +153,7 @@ def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float, float
         if turn >= SETTINGS.turns:
             explained, scale, _ = _explained(times / errors, random)
             weights = np.where(explained, 1.0 / scale, 0.0)
-        wrong = (beside @ coef) / beside_rates
+        wrong = -own.signs * (beside @ coef) / beside_rates
         beyond = (beyond & (wrong > -unit)) | (wrong > unit)
     cost = _explained(times / errors, random)[2]
     wrong = np.maximum(0.0, wrong - unit) / (SETTINGS.far_miss * unit)

@@ -9,14 +9,16 @@ that may go on do so, and every choice of these is tried.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransition
-from swsysid._automaton_search.guards import Crossed, best_guard
+from swsysid._automaton_search.guards import Crossed, best_guard, stated_guard
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
@@ -33,16 +35,21 @@ class Known:
     noise: Array  # (n_states,)
     interval: float
     degree: int
+    stated: Mapping[tuple[int, int], PolynomialGuard]  # guards that are known
 
     def crossed(self, switches: Switches) -> Crossed:
         """What the guard of switches is known by, these at their present instants."""
         columns, rates = switches.before(self.laws)
         own = self.visits.modes == switches.source[0]
-        below, below_rates = self.visits.columns[own], self.visits.rates[own]
-        return Crossed(columns, rates, switches.errors, below, below_rates, self.interval)
+        beside, beside_rates = self.visits.columns[own], self.visits.rates[own]
+        below = -np.ones(len(beside))
+        return Crossed(columns, rates, switches.errors, beside, beside_rates, below, self.interval)
 
     def guard(self, switches: Switches, some: NDArray[np.intp] | None = None) -> FoundGuard | None:
         """The guard of switches at their present instants, of some columns or of any."""
+        pair = int(switches.source[0]), int(switches.target[0])
+        if pair in self.stated:
+            return stated_guard(self.crossed(switches), self.stated[pair])
         return best_guard(self.crossed(switches), self.degree, some)
 
     @property
@@ -59,6 +66,7 @@ class Settled:
     guard: FoundGuard | None
     reset: FoundReset | None
     cost: float = 0.0
+    shared: FoundGuard | None = None  # the best one that is also the surface of the way back
 
     @property
     def transition(self) -> FoundTransition:

@@ -62,6 +62,8 @@ class AutomatonSettings:
     closer: tuple[float, ...] = (0.1, 0.01)
     nearby: float = 0.5
     missed: float = 0.01
+    # -- one surface for both ways: deviations by which what is missing may exceed its mean
+    sure: float = 3.0
     # -- verdict: samples within which a guard explains a switch, and the part that it must explain;
     # samples that tell the first mode of a rollout
     near: float = 2.0

@@ -11,6 +11,9 @@ from swsysid import (
     HybridAutomaton,
     HybridAutomatonRegressor,
     IdentificationWarning,
+    PolynomialSurfaceClassifier,
+    SwitchingSystemRegressor,
+    TrajectoryIdentifier,
 )
 from swsysid.metrics import mode_accuracy
 
@@ -77,6 +80,25 @@ def test_a_ball_has_one_mode_and_jumps_within_it(noise, tolerance):
     assert abs(at(one, 0.0, -10.0, 0.0, 0.0)) < max(tolerance, 1e-6)
     # an impact one sample late costs .003
     assert found.score(data) > (0.97 if noise else 0.999)
+
+
+def test_one_surface_comes_out_as_the_regressor_gives_it():
+    spring = HybridAutomaton.stated(
+        [{"x": "v", "v": "-x - 0.1 v"}, {"x": "v", "v": "-4 x - 0.1 v"}],
+        [(0, 1, "x >= 0.3"), (1, 0, "x <= 0.3")],
+        states=["x", "v"],
+    )
+    starts = [([1.0, 0.0], None), ([0.0, 2.0], None), ([-1.0, 0.5], None)]
+    data, _ = recorded(spring, starts, np.arange(0.0, 15.0, 0.05), 0.01)
+    found = HybridAutomatonRegressor(2, random_state=0).fit(data)
+    surface = PolynomialSurfaceClassifier(degree=1)
+    regressor = SwitchingSystemRegressor(2, feature_library=1, surface=surface, random_state=0)
+    known = TrajectoryIdentifier(regressor).fit(data).estimator_
+    order = np.argsort(found.coef_[:, 1, 1]), np.argsort(known.coef_[:, 1, 1])
+    # digits included
+    np.testing.assert_array_equal(found.coef_[order[0]], known.coef_[order[1]])
+    for one in found.transitions_:
+        np.testing.assert_array_equal(np.abs(one.guard.coef), np.abs(known.surface_.coef_[0]))
 
 
 def test_samples_after_a_last_jump_keep_the_states_that_were_measured():

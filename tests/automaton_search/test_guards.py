@@ -10,8 +10,9 @@ RNG = np.random.default_rng(0)
 
 def crossed(columns, rates, below, errors=1e-4, interval=0.1):
     n = len(below)
-    below_rates = np.tile(rates.mean(axis=0), (n, 1))
-    return Crossed(columns, rates, np.full(len(columns), errors), below, below_rates, interval)
+    below_rates, signs = np.tile(rates.mean(axis=0), (n, 1)), -np.ones(n)
+    errors = np.full(len(columns), errors)
+    return Crossed(columns, rates, errors, below, below_rates, signs, interval)
 
 
 def planted(normal, threshold, n=30):
@@ -65,7 +66,7 @@ def test_samples_beyond_a_plane_tell_against_it():
 def test_the_value_of_a_guard_does_not_depend_on_units():
     data = planted([1.0, -2.0], 0.4)
     scale, shift = np.array([1e3, 1e-2]), np.array([50.0, -3.0])
-    other = crossed(data.columns * scale + shift, data.rates * scale, data.below * scale + shift)
+    other = crossed(data.columns * scale + shift, data.rates * scale, data.beside * scale + shift)
     rows = RNG.normal(size=(20, 2))
     np.testing.assert_allclose(
         best_guard(other, 1).guard.values(rows * scale + shift),
@@ -78,7 +79,7 @@ def test_one_false_switch_among_many_moves_nothing():
     data = planted([1.0, 0.0], 0.5)
     columns = data.columns.copy()
     columns[0] = [-0.8, 0.3]
-    found = best_guard(crossed(columns, data.rates, data.below), degree=1)
+    found = best_guard(crossed(columns, data.rates, data.beside), degree=1)
     # it counts as one that the guard does not explain
     np.testing.assert_allclose(found.guard.values(np.array([[0.5, 0.0]])), 0.0, atol=1e-6)
 
@@ -88,7 +89,7 @@ def test_switches_that_no_guard_explains_buy_no_columns():
     data = planted([1.0, 0.0, 0.0], 0.5)
     columns = data.columns.copy()
     columns[:10] = RNG.normal(size=(10, 3)) - [2.0, 0.0, 0.0]
-    found = best_guard(crossed(columns, data.rates, data.below), degree=1)
+    found = best_guard(crossed(columns, data.rates, data.beside), degree=1)
     assert found.guard.powers[found.guard.coef != 0.0].sum(axis=0).tolist() == [1, 0, 0]
     np.testing.assert_allclose(found.guard.values(np.array([[0.5, 0.0, 0.0]])), 0.0, atol=1e-6)
 
