@@ -136,11 +136,13 @@ def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float, float
     stay = own.interval * max(len(own.beside) / len(errors), 1.0)
     random = max(float(np.log(stay / np.median(errors))), SETTINGS.unexplained)
     rates, weights = np.ones(len(values)), np.ones(len(values))
-    beside_rates, beyond = np.ones(len(beside)), np.zeros(len(beside), dtype=bool)
+    beside_rates, pulls = np.ones(len(beside)), np.zeros(len(beside))
+    wrong = np.zeros(len(beside))
     for turn in range(SETTINGS.turns + SETTINGS.turns_of_explained):
+        pulling = pulls > 0.0
         rows = np.vstack([
             values * (weights / (rates * errors))[:, None],
-            beside[beyond] / (beside_rates[beyond] * unit)[:, None],
+            beside[pulling] * (pulls / beside_rates)[pulling, None] / unit,
         ])  # fmt: skip
         coef = _least(rows, rising)
         own_rates = np.abs(slopes @ coef)
@@ -148,17 +150,31 @@ def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float, float
         rates = np.maximum(own_rates, least)
         beside_rates = np.maximum(np.abs(beside_slopes @ coef), least)
         times = values @ coef / rates
+        wrong = -own.signs * (beside @ coef) / beside_rates
+        beyond = (pulling & (wrong > -unit)) | (wrong > unit)
         # least absolute deviations first, then least squares of those that are explained
-        weights = (1.0 + np.square(times / (SETTINGS.far_miss * errors))) ** -0.25
+        weights = _least_absolute(times / errors)
+        # once the switches tell about where the guard is; samples of false stays lie far beyond
+        if turn >= SETTINGS.turns_without_sides:
+            pulls = np.where(beyond, np.square(_least_absolute(wrong / unit)), 0.0)
         if turn >= SETTINGS.turns:
             explained, scale, _ = _explained(times / errors, random)
             weights = np.where(explained, 1.0 / scale, 0.0)
-        wrong = -own.signs * (beside @ coef) / beside_rates
-        beyond = (beyond & (wrong > -unit)) | (wrong > unit)
+            pulls[_costs_beside(wrong, unit) > random] = 0.0
     cost = _explained(times / errors, random)[2]
-    wrong = np.maximum(0.0, wrong - unit) / (SETTINGS.far_miss * unit)
-    beside_cost = SETTINGS.far_miss**2 * (np.sqrt(1.0 + np.square(wrong)) - 1.0)
-    return coef, times, cost + float(np.minimum(beside_cost, random).sum()), random
+    cost += float(np.minimum(_costs_beside(wrong, unit), random).sum())
+    return coef, times, cost, random
+
+
+def _least_absolute(misses: Array) -> Array:
+    """Weights of rows whose squares are absolute values where they are far."""
+    return np.asarray((1.0 + np.square(misses / SETTINGS.far_miss)) ** -0.25)
+
+
+def _costs_beside(wrong: Array, unit: float) -> Array:
+    """Nats of samples by how far they are on the wrong side."""
+    far = np.maximum(0.0, wrong - unit) / (SETTINGS.far_miss * unit)
+    return np.asarray(SETTINGS.far_miss**2 * (np.sqrt(1.0 + np.square(far)) - 1.0))
 
 
 def _explained(misses: Array, random: float) -> tuple[NDArray[np.bool_], float, float]:

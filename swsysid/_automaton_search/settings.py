@@ -27,14 +27,15 @@ class AutomatonSettings:
     steps: int = 4
     # -- guards, in intervals: the least error of an instant, and by how much a sample may lie
     # beyond; in deviations, what is so far off that it counts less; of the median rate at which a
-    # guard is crossed, the slowest; columns that it depends on; turns of weights and sides,
-    # and those in which switches that it does not explain are left out
+    # guard is crossed, the slowest; columns that it depends on; turns of weights, the first of them
+    # without sides, and those in which switches that it does not explain are left out
     instant: float = 1e-4
     beyond: float = 0.1
     far_miss: float = 3.0
     slowest: float = 0.1
     most_columns: int = 3
     turns: int = 12
+    turns_without_sides: int = 4
     turns_of_explained: int = 4
     # -- choice of a guard, in nats: by which one of more columns must be better, beside its price;
     # by which one with a clock must (three of seventy-two published automata have one, and in a

@@ -94,6 +94,14 @@ def test_switches_that_no_guard_explains_buy_no_columns():
     np.testing.assert_allclose(found.guard.values(np.array([[0.5, 0.0, 0.0]])), 0.0, atol=1e-6)
 
 
+def test_samples_of_a_false_stay_move_nothing():
+    data = planted([1.0, 1.0], 0.5, n=4)
+    far = np.array([[9.0, 0.0], [8.0, 1.0]])  # by hundreds of times what counts as beyond
+    found = best_guard(crossed(data.columns, data.rates, np.vstack([data.beside, far])), degree=1)
+    at = np.array([[0.5, 0.0], [0.0, 0.5]])
+    np.testing.assert_allclose(found.guard.values(at), 0.0, atol=1e-2)  # of 8 by least squares
+
+
 def test_a_clock_that_is_unknown_in_some_stays_can_tell_the_others():
     n = 20
     columns = np.column_stack([RNG.normal(size=n), np.full(n, 1.5)])
