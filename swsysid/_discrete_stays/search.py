@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.modes import reassigned
@@ -141,22 +142,31 @@ class StaySearch:
 
 
 def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
-    """A fit without modes whose stays are as short as what straddles a jump.
+    """A fit without modes that are none.
 
-    The rows of a jump may have a law of their own, that of the reset; they are no mode.
+    The rows of a jump may have a law of their own. One row is a mode's that is left as soon as it
+    is entered: that of the reset. All that straddle the jump have none in common, and what is left
+    of them is more than of a law. A mode with no more rows than coefficients explains nothing.
     """
-    modes = fit.lawful
+    modes, settings, n_modes = fit.lawful, data.settings, len(fit.coef)
     first = np.flatnonzero(data.rows.begins | np.append(True, np.diff(modes) != 0))
-    length = np.diff(np.append(first, len(modes)))
-    short = length <= data.rows.lags + 1
+    length, of_stays = np.diff(np.append(first, len(modes))), modes[first]
+    longest = np.where(_is_rough(fit, settings), data.rows.lags + 1, 1)
     lasting = np.array([
-        np.mean(short[own]) < data.settings.momentary if (own := modes[first] == mode).any()
-        else False
-        for mode in range(len(fit.coef))
+        np.mean(length[own] <= longest[mode]) < settings.momentary
+        and length[own].sum() > data.problem.features.shape[1]
+        if (own := of_stays == mode).any() else False
+        for mode in range(n_modes)
     ])  # fmt: skip
     if lasting.all() or not lasting.any():
         return fit
     return without_momentary(data, alternate(data.problem, fit.coef[lasting]))
+
+
+def _is_rough(fit: RowFit, settings: DiscreteSettings) -> NDArray[np.bool_]:
+    """Modes whose law leaves more than that of the others."""
+    size = np.linalg.norm(fit.scale, axis=1)
+    return np.asarray(size > settings.rough * size.min())
 
 
 def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found:
