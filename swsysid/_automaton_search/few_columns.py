@@ -82,10 +82,14 @@ def known(columns: Array, some: NDArray[np.intp]) -> NDArray[np.bool_]:
 
 
 def cheapest_guard(
-    n_columns: int, guard_of: Callable[[NDArray[np.intp]], FoundGuard | None]
+    n_columns: int,
+    guard_of: Callable[[NDArray[np.intp]], FoundGuard | None],
+    best: FoundGuard | None = None,
 ) -> FoundGuard | None:
-    """The guard of least cost among those of few columns; the simplest one that costs the least."""
-    best: FoundGuard | None = None
+    """The guard of least cost among those of few columns; the simplest one that costs the least.
+
+    One to begin with, if there is any, is left only for one that is better.
+    """
     for count in range(1, min(SETTINGS.most_columns, n_columns) + 1):
         for some in combinations(range(n_columns), count):
             found = guard_of(np.array(some))

@@ -141,6 +141,34 @@ def test_discrete_time_finds_thresholds_within_their_gap():
     assert mode_accuracy(true, modes) == 1.0
 
 
+def bent():
+    """A map of a state and an input that is bent where their sum is zero, and recordings of it."""
+    plant = HybridAutomaton.stated(
+        [{"y": "0.8 y + 0.4 u"}, {"y": "0.3 y - 0.1 u"}],
+        [(0, 1, "y + u >= 0"), (1, 0, "y + u <= 0")],
+        states=["y"],
+        inputs=["u"],
+        discrete_time=True,
+    )
+    rng, data, modes = np.random.default_rng(2), [], []
+    for k in range(6):
+        u = rng.uniform(-2.0, 2.0, (200, 1))
+        run = plant.simulate([0.1 * k - 2.5], np.arange(200), u, mode=0)
+        data.append({"t": np.arange(200.0), "x": run.x, "inputs": u})
+        modes.append(run.modes)
+    return plant, data, np.concatenate(modes)
+
+
+def test_where_both_laws_agree_is_the_surface_of_both_ways():
+    plant, data, modes = bent()
+    found = HybridAutomatonRegressor(discrete_time=True).fit(data)
+    values = [one.guard.values(np.array([[0.7, -0.7, 0.0, 0.0]])) for one in found.transitions_]
+    # known from the laws, and so as well as they are
+    np.testing.assert_allclose(values, 0.0, atol=1e-9)
+    # the last sample of a recording has no row, but a surface
+    assert mode_accuracy(modes, found.modes_) == 1.0
+
+
 def test_memory_is_found_with_its_lags():
     plant = HybridAutomaton.stated(
         [{"y": "0.6 y + 0.2 y[k-1] + u"}, {"y": "-0.3 y + 0.3 y[k-1] + 0.5 u"}],
