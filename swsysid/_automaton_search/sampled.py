@@ -23,8 +23,9 @@ from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_
 from swsysid._automaton_search.mode_rows import ModeRows, Taken
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._discrete_stays.identify import DiscreteStays, identify_stays
+from swsysid._discrete_stays.identify import DiscreteStays, identify_stays, with_guards
 from swsysid._discrete_stays.settings import SETTINGS as DISCRETE
+from swsysid._discrete_stays.switching import KnownGuard
 from swsysid._stays.given import Given
 
 Pair = tuple[int, int]
@@ -48,8 +49,9 @@ def identified(
         channels=given.names,
         settings=replace(DISCRETE, most_modes=max_modes),
     )
-    rows = ModeRows(stays, given)
-    modes, found = rows.with_ends(transitions_of(rows, degree))
+    rows, transitions = _agreeing(ModeRows(stays, given), degree)
+    stays = rows.stays
+    modes, found = rows.with_ends(transitions)
     order = order_of_modes(modes, len(stays.coef))
     first = FirstModes(rows.columns[:, : rows.n_lagged], rows.modes)
     automaton = automaton_of(
@@ -70,6 +72,31 @@ def identified(
         stays.candidates,
         (stays.straddling.sum() - jumps) / len(stays.rows),
     )
+
+
+def _agreeing(rows: ModeRows, degree: int) -> tuple[ModeRows, list[FoundTransition]]:
+    """Modes and guards in turn, until modes stay or are no likelier than before."""
+    found = transitions_of(rows, degree)
+    before = -np.inf
+    for turn in range(SETTINGS.turns_of_modes):
+        guards = [
+            KnownGuard(one.source, one.target, one.guard.guard, 1.0 / (len(one) + 1.0))
+            for one in found
+            if one.guard is not None and not one.jumps
+        ]
+        if not guards:
+            break
+        if turn == 0:
+            before = with_guards(rows.stays, [])[1]
+        again, likelihood = with_guards(rows.stays, guards)
+        if likelihood <= before:
+            break
+        before, same = likelihood, np.array_equal(again.modes, rows.stays.modes)
+        rows = ModeRows(again, rows.given)
+        found = transitions_of(rows, degree)
+        if same:
+            break
+    return rows, found
 
 
 def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:

@@ -42,10 +42,11 @@ class AutomatonSettings:
     clock: float = 3.0
     unexplained: float = 6.0
     # -- guards in discrete time: nats that a step beyond a guard costs; rows that enter the margin
-    # program at once, and how often more do
+    # program at once, and how often more do; turns of modes and guards
     slack_price: float = 5.0
     first_rows: int = 60
     turns_of_rows: int = 8
+    turns_of_modes: int = 6
     # -- resets: turns of least absolute deviations; of the jumps, what counts as exact; of the
     # noise, what a state at the end of a stay is off by at most; errors by which terms must differ
     turns_of_deviations: int = 20

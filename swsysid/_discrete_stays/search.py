@@ -185,7 +185,7 @@ def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found
         now = Found(now.fit, states, ())
         if best.states is None or now.cost < best.cost:
             best = now
-        fit = reassigned(data, now.fit, states)
+        fit, _ = reassigned(data, now.fit, states)
         left = tie if np.array_equal(now.fit.lawful, fit.lawful) else None
         now = Found(fit, states, ())
         if states.cost > best.cost + data.settings.worse * len(data.rows):

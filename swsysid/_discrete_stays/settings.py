@@ -65,6 +65,8 @@ class DiscreteSettings:
     overlap: int = 15
     n_kept: int = 4
     farthest: float = 10.0
+    # probability that a row does what no guard says
+    doubt: float = 0.01
     # -- Numbers of modes that are tried after the best one, and the largest one
     patience: int = 2
     # nats a row by which modes are so much worse than the best ones that those are taken up again

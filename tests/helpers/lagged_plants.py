@@ -191,3 +191,17 @@ def relay(noise=0.0, seed=0):
     )
     coef = [[[0.25, 1.5, -0.7, 0.0, 0.0]], [[-0.25, 1.5, -0.7, 0.0, 0.0]]]
     return Planted(recordings, modes, np.array(coef))
+
+
+def bent(noise=0.0, seed=0):
+    """A continuous map of a state and an input that is bent where their sum is zero."""
+    rng = np.random.default_rng(seed)
+    recordings, modes = stepped(
+        lambda mode, x, u: 0.3 * x[0] - 0.1 * u[0] if mode else 0.8 * x[0] + 0.4 * u[0],
+        lambda mode, x, u, dwell: int(x[0, 0] + u[0, 0] >= 0.0),
+        rng.uniform(-1.0, 1.0, (6, 1, 1)),
+        rng.uniform(-2.0, 2.0, (6, 300, 1)),
+        rng,
+        noise,
+    )
+    return Planted(recordings, modes, np.array([[[0.0, 0.8, 0.4]], [[0.0, 0.3, -0.1]]]))
