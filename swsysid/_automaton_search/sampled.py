@@ -24,8 +24,8 @@ from swsysid._automaton_search.mode_rows import ModeRows, Taken
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._discrete_stays.identify import DiscreteStays, identify_stays, with_guards
+from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.settings import SETTINGS as DISCRETE
-from swsysid._discrete_stays.switching import KnownGuard
 from swsysid._stays.given import Given
 
 Pair = tuple[int, int]

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
 from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.lagged import Labels, LaggedRows, lagged_rows
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
 from swsysid._discrete_stays.search import DiscreteCandidate, Found, Searched, StaySearch
 from swsysid._discrete_stays.settings import SETTINGS, DiscreteSettings
 from swsysid._discrete_stays.states import with_states
-from swsysid._discrete_stays.switching import KnownGuard
 from swsysid._results import Array
 from swsysid.refinement._trajectories import Record
 
@@ -160,7 +160,7 @@ def with_guards(stays: DiscreteStays, guards: Sequence[KnownGuard]) -> tuple[Dis
         replace(one, source=int(stays.names[one.source]), target=int(stays.names[one.target]))
         for one in guards
     ]
-    fit, likelihood = reassigned(data, found.fit, found.states, tuple(own))
+    fit, likelihood = reassigned(data, replace(found.fit, guards=tuple(own)), found.states)
     free = (found.coef != 0.0).any(axis=1)
     states = with_states(data, fit, found.states.tie, found.states, free)
     again = replace(stays.searched, found=Found(fit, states, (*found.history, states.cost)))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.rows import (
     RowFit,
     as_fit,
@@ -21,7 +22,7 @@ from swsysid._discrete_stays.rows import (
     switching_of,
 )
 from swsysid._discrete_stays.states import StateFit
-from swsysid._discrete_stays.switching import KnownGuard, Switching
+from swsysid._discrete_stays.switching import Switching
 from swsysid._results import Array
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Belief, Filter, Prediction
@@ -29,20 +30,15 @@ from swsysid._stays.laws import Laws, Modes, slopes_of
 from swsysid._stays.recordings import Recordings
 
 
-def reassigned(
-    data: DiscreteData, fit: RowFit, found: StateFit, guards: tuple[KnownGuard, ...] = ()
-) -> tuple[RowFit, float]:
-    """The modes of all rows for laws and noise of highest likelihood, and that in nats.
-
-    `guards` are of the modes of the laws.
-    """
+def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit, float]:
+    """The modes of all rows for laws and noise of highest likelihood, and that in nats."""
     problem, likelihood = data.problem, 0.0
     unexplained = _unexplained(data, fit, found)
     scale = scale_of(problem, found.coef, np.where(unexplained, -1, fit.modes))
     modes = assigned(problem, found.coef, scale, fit.switching).modes
     if len(found.coef) > 1 and not unexplained.all():
         pieces = _pieces(data, unexplained)
-        maps = MapFilter.of(data, found, fit.switching, guards)
+        maps = MapFilter.of(data, found, fit.switching, fit.guards)
         side_by_side = _side_by_side(data, pieces)
         decoded = decode(maps, side_by_side, price=0.0, n_kept=data.settings.n_kept)
         likelihood = float(decoded.log_likelihood.sum())
@@ -55,8 +51,23 @@ def reassigned(
         as_fit(problem, found.coef, scale, switching, modes, costs),
         unexplained=unexplained,
         history=fit.history,
+        guards=fit.guards,
     )
+    if fit.guards:
+        again = replace(again, of_switches=_of_switches(data, again, found))
     return again, likelihood
+
+
+def _of_switches(data: DiscreteData, fit: RowFit, found: StateFit) -> float:
+    """Nats that modes take where guards tell them, states no better known than measured."""
+    told = ~fit.unexplained
+    rows = np.flatnonzero(told & np.append(False, told[:-1]) & ~data.rows.begins)
+    mean = found.states[found.back[rows, 1:]].reshape(len(rows), -1)
+    variance = np.tile(np.square(found.noise), data.rows.lags + 1)
+    covariance = np.tile(np.diag(variance), (len(rows), 1, 1))
+    switching = Switching.of(data, len(found.coef), fit.switching, fit.guards)
+    modes, u = fit.modes, data.columns[rows, data.n_lagged :]
+    return float(-switching.nats(modes[rows - 1], modes[rows], mean, covariance, u).sum())
 
 
 def _unexplained(data: DiscreteData, fit: RowFit, found: StateFit) -> NDArray[np.bool_]:

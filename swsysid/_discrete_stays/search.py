@@ -14,6 +14,7 @@ from swsysid._discrete_stays.rows import RowFit, alternate, assigned, law_of, sc
 from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._discrete_stays.starts import LawPool
 from swsysid._discrete_stays.states import StateFit, with_states
+from swsysid._discrete_stays.thresholds import best_thresholds
 from swsysid._results import Array
 
 
@@ -70,34 +71,41 @@ class StaySearch:
     def __init__(self, data: DiscreteData):
         self.data, self.part, self.settings = data, data.part(), data.settings
         self.pool = LawPool(self.part.problem)
+        few = best_thresholds(self.part)[: self.settings.thresholds]
+        self.told = [thresholds.fit(self.part) for thresholds in few]
 
     def best(self, n_modes: int | None) -> Searched:
         """The best identification, with so many modes or as many as the data ask for."""
         by_rows = self._by_rows(n_modes)
         if n_modes is not None:
-            fewer = [count for count in by_rows if count <= n_modes]
-            by_rows = {max(fewer): by_rows[max(fewer)]}
-        found = {count: Found(fit, None, fit.history) for count, fit in by_rows.items()}
-        if not any(_is_exact(fit, self.settings) for fit in by_rows.values()):
+            most = max(len(fit.coef) for fit in by_rows if len(fit.coef) <= n_modes)
+            by_rows = [fit for fit in by_rows if len(fit.coef) == most]
+        found = [Found(fit, None, fit.history) for fit in by_rows]
+        if not any(_is_exact(fit, self.settings) for fit in by_rows):
             for turn, ties in enumerate(self.settings.stages):
-                found = self._hopeful(found, self.settings.hopeless[turn])
-                again = [with_noise(self.part, one, ties) for one in found.values()]
+                hopeful = self._hopeful(found, self.settings.hopeless[turn])
+                again = [with_noise(self.part, one, ties) for one in hopeful]
                 found = _best_of_each(map(without_empty, again))
-        chosen = min(found.values(), key=lambda one: one.cost)
-        candidates = [DiscreteCandidate(count, one.cost) for count, one in found.items()]
+        found = _best_of_each(found)
+        chosen = min(found, key=lambda one: one.cost)
+        candidates = [DiscreteCandidate(len(one.coef), one.cost) for one in found]
         return Searched(self.data, self._on_all_rows(chosen), tuple(candidates))
 
-    def _hopeful(self, found: dict[int, Found], nats: float) -> dict[int, Found]:
+    def _hopeful(self, found: list[Found], nats: float) -> list[Found]:
         """Candidates not worse than one of fewer modes, nor by so many nats a row than any."""
-        most = min(one.cost for one in found.values()) + nats * len(self.part.rows)
-        kept: dict[int, Found] = {}
-        for count, one in sorted(found.items()):
-            if one.cost <= min([most, *(fewer.cost for fewer in kept.values())]):
-                kept[count] = one
-        return kept
+        most = min(one.cost for one in found) + nats * len(self.part.rows)
+        return [
+            one
+            for one in found
+            if one.cost <= most
+            and all(one.cost <= other.cost for other in found if len(other.coef) < len(one.coef))
+        ]
 
-    def _by_rows(self, n_modes: int | None) -> dict[int, RowFit]:
-        """The best fit by rows of every number of modes, until two more modes say no more."""
+    def _by_rows(self, n_modes: int | None) -> list[RowFit]:
+        """The best fit by rows of every number of modes, until two more modes say no more.
+
+        With two modes also those that thresholds tell.
+        """
         best: dict[int, RowFit] = {}
         last: RowFit | None = None
         in_vain = 0
@@ -114,11 +122,14 @@ class StaySearch:
             in_vain = 0 if lasting.cost < before else in_vain + 1
             if n_modes is None and in_vain > self.settings.patience:
                 break
-        return best
+        told = self.told if n_modes is None or n_modes > 1 else []
+        return [*best.values(), *told]
 
     def _alternated(self, count: int, last: RowFit | None) -> RowFit:
         """The best of the starts with so many modes."""
         starts = [self.pool.best(count)]
+        if count == 2:
+            starts += [fit.coef for fit in self.told]
         if last is not None:
             starts.append(self.pool.beside(last.coef))
             if last.unexplained.any():  # they may be a rare mode
@@ -137,7 +148,7 @@ class StaySearch:
         problem, part = self.data.problem, self.part.problem
         scale = scale_of(part, found.coef, found.fit.lawful)
         fit = assigned(problem, found.coef, scale, found.fit.switching)
-        start = Found(fit, None, found.history)
+        start = Found(replace(fit, guards=found.fit.guards), None, found.history)
         return without_empty(with_noise(self.data, start, [found.states.tie] * 2))
 
 
@@ -200,7 +211,7 @@ def without_empty(found: Found) -> Found:
         return found
     names = np.cumsum(kept) - 1
     fit = replace(found.fit, coef=found.fit.coef[kept], scale=found.fit.scale[kept],
-                  modes=names[found.fit.modes])  # fmt: skip
+                  modes=names[found.fit.modes], guards=())  # fmt: skip
     return replace(found, fit=fit, states=replace(found.states, coef=found.states.coef[kept]))
 
 
@@ -208,11 +219,11 @@ def _is_exact(fit: RowFit, settings: DiscreteSettings) -> bool:
     return bool((fit.scale < settings.exact).all())
 
 
-def _best_of_each(found: Iterable[Found]) -> dict[int, Found]:
+def _best_of_each(found: Iterable[Found]) -> list[Found]:
     """The best with each number of modes."""
     best: dict[int, Found] = {}
     for one in found:
         count = len(one.coef)
         if count not in best or one.cost < best[count].cost:
             best[count] = one
-    return best
+    return list(best.values())

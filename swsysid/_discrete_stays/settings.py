@@ -39,6 +39,11 @@ class DiscreteSettings:
     block: int = 3  # rows whose squares are averaged where starts are judged
     share: float = 0.1  # of the rows, which a law should at least explain
     reweightings: int = 6
+    # thresholds that are tried in a column, how often finer ones around the best, and the columns
+    # that are left then
+    levels: int = 9
+    closer: int = 5
+    thresholds: int = 3
     # -- Alternation: by how much a scale may shrink at once, what it keeps at the end, most rounds
     shrinks: float = 0.1
     settled: float = 0.99

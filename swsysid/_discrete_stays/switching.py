@@ -18,31 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from swsysid._automaton.columns import CLOCKS
-from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._results import Array
 from swsysid._stays.laws import Modes, slopes_of
-
-
-@dataclass(frozen=True)
-class KnownGuard:
-    """The guard of one transition without a clock, in the units of the user."""
-
-    source: int
-    target: int
-    guard: PolynomialGuard
-    width: float  # by how much its zero may be off, in units of its values
-
-    @property
-    def reads_clocks(self) -> bool:
-        """True if it is of dwell or time, which no row knows."""
-        return bool(self.guard.powers[:, -len(CLOCKS) :].any())
-
-    def values(self, columns: Array) -> Array:
-        """Values at rows of columns without clocks."""
-        clocks = np.zeros((len(columns), len(CLOCKS)))
-        return self.guard.values(np.hstack([columns, clocks]))
 
 
 @dataclass(frozen=True)
