@@ -16,7 +16,13 @@ from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.lagged import Labels, LaggedRows, lagged_rows
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
-from swsysid._discrete_stays.search import DiscreteCandidate, Found, Searched, StaySearch
+from swsysid._discrete_stays.search import (
+    DiscreteCandidate,
+    Found,
+    Searched,
+    StaySearch,
+    lasting_only,
+)
 from swsysid._discrete_stays.settings import SETTINGS, DiscreteSettings
 from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
@@ -163,8 +169,12 @@ def with_guards(stays: DiscreteStays, guards: Sequence[KnownGuard]) -> tuple[Dis
     fit, likelihood = reassigned(data, replace(found.fit, guards=tuple(own)), found.states)
     free = (found.coef != 0.0).any(axis=1)
     states = with_states(data, fit, found.states.tie, found.states, free)
-    again = replace(stays.searched, found=Found(fit, states, (*found.history, states.cost)))
+    kept = lasting_only(data, Found(fit, states, (*found.history, states.cost)))
     lags = stays.lags[np.argsort(stays.names)]
+    if len(kept.coef) < len(lags):  # one was none: those that are left tell theirs
+        used = [(law != 0.0).any(axis=0) for law in kept.coef]
+        lags = np.array([data.memory[own].max(initial=0) for own in used])
+    again = replace(stays.searched, found=kept)
     shapes = [one.shape for one in stays.states]
     return _answer(again, lags, stays.lag_candidates, shapes, stays.order), likelihood
 

@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.modes import reassigned
-from swsysid._discrete_stays.rows import RowFit, alternate, assigned, law_of, scale_of
+from swsysid._discrete_stays.rows import (
+    RowFit,
+    alternate,
+    as_fit,
+    assigned,
+    law_of,
+    row_costs,
+    scale_of,
+    switching_of,
+)
 from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._discrete_stays.starts import LawPool
 from swsysid._discrete_stays.states import StateFit, with_states
@@ -72,7 +81,8 @@ class StaySearch:
         self.data, self.part, self.settings = data, data.part(), data.settings
         self.pool = LawPool(self.part.problem)
         few = best_thresholds(self.part)[: self.settings.thresholds]
-        self.told = [thresholds.fit(self.part) for thresholds in few]
+        told = [thresholds.fit(self.part) for thresholds in few]
+        self.told = [fit for fit in told if _lasting(self.part, fit).all()]
 
     def best(self, n_modes: int | None) -> Searched:
         """The best identification, with so many modes or as many as the data ask for."""
@@ -85,7 +95,7 @@ class StaySearch:
             for turn, ties in enumerate(self.settings.stages):
                 hopeful = self._hopeful(found, self.settings.hopeless[turn])
                 again = [with_noise(self.part, one, ties) for one in hopeful]
-                found = _best_of_each(map(without_empty, again))
+                found = _best_of_each(lasting_only(self.part, one) for one in again)
         found = _best_of_each(found)
         chosen = min(found, key=lambda one: one.cost)
         candidates = [DiscreteCandidate(len(one.coef), one.cost) for one in found]
@@ -128,8 +138,6 @@ class StaySearch:
     def _alternated(self, count: int, last: RowFit | None) -> RowFit:
         """The best of the starts with so many modes."""
         starts = [self.pool.best(count)]
-        if count == 2:
-            starts += [fit.coef for fit in self.told]
         if last is not None:
             starts.append(self.pool.beside(last.coef))
             if last.unexplained.any():  # they may be a rare mode
@@ -149,29 +157,34 @@ class StaySearch:
         scale = scale_of(part, found.coef, found.fit.lawful)
         fit = assigned(problem, found.coef, scale, found.fit.switching)
         start = Found(replace(fit, guards=found.fit.guards), None, found.history)
-        return without_empty(with_noise(self.data, start, [found.states.tie] * 2))
+        return lasting_only(self.data, with_noise(self.data, start, [found.states.tie] * 2))
 
 
 def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
-    """A fit without modes that are none.
+    """A fit without modes that are none."""
+    lasting = _lasting(data, fit)
+    if lasting.all() or not lasting.any():
+        return fit
+    return without_momentary(data, alternate(data.problem, fit.coef[lasting]))
+
+
+def _lasting(data: DiscreteData, fit: RowFit) -> NDArray[np.bool_]:
+    """Modes that are some, (n_modes,).
 
     The rows of a jump may have a law of their own. One row is a mode's that is left as soon as it
     is entered: that of the reset. All that straddle the jump have none in common, and what is left
     of them is more than of a law. A mode with no more rows than coefficients explains nothing.
     """
-    modes, settings, n_modes = fit.lawful, data.settings, len(fit.coef)
+    modes, settings = fit.lawful, data.settings
     first = np.flatnonzero(data.rows.begins | np.append(True, np.diff(modes) != 0))
     length, of_stays = np.diff(np.append(first, len(modes))), modes[first]
     longest = np.where(_is_rough(fit, settings), data.rows.lags + 1, 1)
-    lasting = np.array([
+    return np.array([
         np.mean(length[own] <= longest[mode]) < settings.momentary
         and length[own].sum() > data.problem.features.shape[1]
         if (own := of_stays == mode).any() else False
-        for mode in range(n_modes)
+        for mode in range(len(fit.coef))
     ])  # fmt: skip
-    if lasting.all() or not lasting.any():
-        return fit
-    return without_momentary(data, alternate(data.problem, fit.coef[lasting]))
 
 
 def _is_rough(fit: RowFit, settings: DiscreteSettings) -> NDArray[np.bool_]:
@@ -204,15 +217,21 @@ def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found
     return replace(best, history=tuple(history))
 
 
-def without_empty(found: Found) -> Found:
-    """The same without modes in which no row is left."""
-    kept = np.bincount(found.fit.modes, minlength=len(found.coef)) > 0
-    if kept.all() or found.states is None:
+def lasting_only(data: DiscreteData, found: Found) -> Found:
+    """The same without modes that are none; no law explains their rows."""
+    kept = _lasting(data, found.fit)
+    if kept.all() or not kept.any() or found.states is None:
         return found
-    names = np.cumsum(kept) - 1
-    fit = replace(found.fit, coef=found.fit.coef[kept], scale=found.fit.scale[kept],
-                  modes=names[found.fit.modes], guards=())  # fmt: skip
-    return replace(found, fit=fit, states=replace(found.states, coef=found.states.coef[kept]))
+    names, near = np.cumsum(kept) - 1, replace(found.states, coef=found.states.coef[kept])
+    gone = ~kept[found.fit.modes]
+    modes, coef, scale = names[found.fit.modes], found.fit.coef[kept], found.fit.scale[kept]
+    modes[gone] = 0
+    unexplained = found.fit.unexplained | gone
+    switching = switching_of(np.where(unexplained, -1, modes), data.problem)
+    costs = row_costs(data.problem, coef, scale)
+    fit = as_fit(data.problem, coef, scale, switching, modes, costs)
+    fit = replace(fit, unexplained=unexplained, history=found.fit.history)
+    return replace(found, fit=fit, states=with_states(data, fit, near.tie, near))
 
 
 def _is_exact(fit: RowFit, settings: DiscreteSettings) -> bool:

@@ -68,6 +68,20 @@ def test_thresholds_lose_where_they_tell_nothing():
     assert not found.searched.found.fit.guards
 
 
+def test_a_jump_at_a_threshold_is_no_mode():
+    # an integrator that starts anew from a half of what is beyond ten, with noise
+    rng, recordings = np.random.default_rng(1), []
+    for start in (0.0, 1.0, 2.0):
+        x = [start]
+        for u in rng.uniform(0.5, 1.5, 299):
+            x.append(0.5 * (x[-1] - 10.0) if x[-1] >= 10.0 else x[-1] + u)
+        recordings.append(np.array(x)[:, None] + 0.03 * rng.standard_normal((300, 1)))
+    found = identify_stays(
+        [Record(np.arange(300.0), x, np.empty((300, 0))) for x in recordings], 0, library=1
+    )
+    assert len(found.coef) == 1
+
+
 def test_a_constant_column_has_no_thresholds():
     u = np.ones((50, 1))
     x = np.random.default_rng(0).normal(size=(50, 1))
