@@ -132,8 +132,8 @@ class StaySearch:
             in_vain = 0 if lasting.cost < before else in_vain + 1
             if n_modes is None and in_vain > self.settings.patience:
                 break
-        told = self.told if n_modes is None or n_modes > 1 else []
-        return [*best.values(), *told]
+        allowed = self.settings.most_modes if n_modes is None else n_modes
+        return [*best.values(), *(fit for fit in self.told if len(fit.coef) <= allowed)]
 
     def _alternated(self, count: int, last: RowFit | None) -> RowFit:
         """The best of the starts with so many modes."""
