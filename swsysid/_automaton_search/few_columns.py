@@ -53,13 +53,16 @@ class FewColumns:
             total += inner * (rates[:, column] / self.spread[place])[:, None]
         return total
 
-    def price(self, n_switches: int, n_unknown: int, random: float, term: float = 0.0) -> float:
+    def price(
+        self, n_switches: int, n_unknown: int, random: float, *, term: float = 0.0, chance: float
+    ) -> float:
         """Nats that a guard of these columns costs, some switches not known to it.
 
-        Clocks are rarer than states as what triggers a switch. A switch that the columns do not
-        know (the dwell of a stay in which a recording began) costs what it does at `random`.
+        Clocks are rarer than states as what triggers a switch, and in a limit cycle both tell it:
+        the one or the other does so better by `chance`. A switch that the columns do not know (the
+        dwell of a stay in which a recording began) costs what it does at `random`.
         """
-        clocks = (self.some >= self.n_columns - len(CLOCKS)).sum()
+        clocks = chance * (self.some >= self.n_columns - len(CLOCKS)).sum()
         of_terms = (len(self.powers) - 1) * (term + 0.5 * np.log(n_switches + 1))
         return float(of_terms + SETTINGS.clock * clocks + random * n_unknown)
 
@@ -89,10 +92,14 @@ def without_clocks(columns: Array) -> Array:
 
 
 def cheapest_guard(
-    n_columns: int, guard_of: Callable[[NDArray[np.intp]], FoundGuard | None]
+    n_columns: int,
+    guard_of: Callable[[NDArray[np.intp]], FoundGuard | None],
+    best: FoundGuard | None = None,
 ) -> FoundGuard | None:
-    """The guard of least cost among those of few columns; the simplest one that costs the least."""
-    best: FoundGuard | None = None
+    """The guard of least cost among those of few columns; the simplest one that costs the least.
+
+    One to begin with, if there is any, is left only for one that is better.
+    """
     for count in range(1, min(SETTINGS.most_columns, n_columns) + 1):
         for some in combinations(range(n_columns), count):
             found = guard_of(np.array(some))

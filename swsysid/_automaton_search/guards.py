@@ -22,6 +22,7 @@ coefficient, with which one more switch can be explained.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,15 +118,25 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     solved = _solved(basis, own)
     if solved is None:
         return None
-    coef, times, cost, random = solved
     misses = np.full(len(seen), np.nan)
-    misses[seen] = times
-    cost += basis.price(len(seen), int((~seen).sum()), random, term=random)
-    return FoundGuard(basis.guard(coef), cost, misses, some)
+    misses[seen] = solved.times
+    price = basis.price(
+        len(seen), int((~seen).sum()), solved.random, term=solved.random, chance=solved.chance
+    )
+    return FoundGuard(basis.guard(solved.coef), solved.cost + price, misses, some)
 
 
-def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float, float] | None:
-    """Coefficients, misses in time, their cost, and that of a switch at random."""
+class _Solved(NamedTuple):
+    """The best guard of some columns."""
+
+    coef: Array
+    times: Array  # (n_switches,): by which it is missed
+    cost: float
+    random: float  # nats of a switch at random
+    chance: float  # nats by which another guard that explains the same may be better
+
+
+def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
     values, slopes = basis.values(own.columns), basis.slopes(own.columns, own.rates)
     beside, beside_slopes = basis.values(own.beside), basis.slopes(own.beside, own.beside_rates)
     rising = slopes.mean(axis=0)
@@ -158,12 +169,12 @@ def _solved(basis: FewColumns, own: Crossed) -> tuple[Array, Array, float, float
         if turn >= SETTINGS.turns_without_sides:
             pulls = np.where(beyond, np.square(_least_absolute(wrong / unit)), 0.0)
         if turn >= SETTINGS.turns:
-            explained, scale, _ = _explained(times / errors, random)
-            weights = np.where(explained, 1.0 / scale, 0.0)
+            told = _explained(times / errors, random)
+            weights = np.where(told.which, 1.0 / told.scale, 0.0)
             pulls[_costs_beside(wrong, unit) > random] = 0.0
-    cost = _explained(times / errors, random)[2]
-    cost += float(np.minimum(_costs_beside(wrong, unit), random).sum())
-    return coef, times, cost, random
+    told = _explained(times / errors, random)
+    cost = told.cost + float(np.minimum(_costs_beside(wrong, unit), random).sum())
+    return _Solved(coef, times, cost, random, told.chance)
 
 
 def _least_absolute(misses: Array) -> Array:
@@ -177,7 +188,16 @@ def _costs_beside(wrong: Array, unit: float) -> Array:
     return np.asarray(SETTINGS.far_miss**2 * (np.sqrt(1.0 + np.square(far)) - 1.0))
 
 
-def _explained(misses: Array, random: float) -> tuple[NDArray[np.bool_], float, float]:
+class _Explained(NamedTuple):
+    """What a guard explains of the switches."""
+
+    which: NDArray[np.bool_]
+    scale: float  # of the misses of those
+    cost: float  # of all
+    chance: float  # deviation of half a sum of so many squares
+
+
+def _explained(misses: Array, random: float) -> _Explained:
     """Switches that count as explained, the scale of their misses, and the least cost of all.
 
     `misses` are in standard errors. With the m smallest of them explained the best scale is their
@@ -191,7 +211,8 @@ def _explained(misses: Array, random: float) -> tuple[NDArray[np.bool_], float, 
     best = int(costs.argmin())
     explained = np.zeros(len(misses), dtype=bool)
     explained[order[: best + 1]] = True
-    return explained, float(scale[best]), float(costs[best])
+    chance = max(1.0, float(np.sqrt(squares[best]) / scale[best]))
+    return _Explained(explained, float(scale[best]), float(costs[best]), chance)
 
 
 def _least(rows: Array, rising: Array) -> Array:

@@ -1,4 +1,4 @@
-r"""The guard of one transition in discrete time: the margin program of the paper.
+r"""Guards in discrete time: the margin program of the paper.
 
 A guard is below zero at every row of its mode and not at the row at which its transition is taken.
 Of few columns it is the one as far from both as it can be,
@@ -11,85 +11,150 @@ Of few columns it is the one as far from both as it can be,
 
 whose scale is that in which it rises by one where it is crossed. The fewest columns are taken that
 tell the sides (section IV of the paper; there a box gives the scale).
+
+Two modes may share one surface, which is crossed both ways: then every row of the one is below it
+and every row of the other is not. A surface at which both laws agree, as where a continuous map is
+bent, is known from the laws and has nothing to be paid for.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from swsysid._automaton_search.few_columns import FewColumns, cheapest_guard, known
+from swsysid._automaton.transitions import PolynomialGuard
+from swsysid._automaton_search.few_columns import (
+    FewColumns,
+    cheapest_guard,
+    known,
+    without_clocks,
+)
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
 
-def guard_with_margin(below: Array, last: Array, reached: Array, degree: int) -> FoundGuard | None:
-    """The guard of fewest columns.
+@dataclass(frozen=True)
+class Sides:
+    """Columns at rows on both sides of a guard.
 
-    Parameters
+    Attributes
     ----------
-    below : ndarray of shape (n_rows, n_columns)
-        Columns at rows of the mode.
+    below, above : ndarray of shape (n_rows, n_columns)
+        Where it is below zero, and where it is not.
     last, reached : ndarray of shape (n_switches, n_columns)
-        Columns at the row before each switch, and those that the guard was given at it.
-    degree : int
+        At the row before each switch, where it is below zero, and what it was given at the switch.
     """
+
+    below: Array
+    above: Array
+    last: Array
+    reached: Array
+
+    def joined(self, back: Sides) -> Sides:
+        """Those of one surface that is also crossed back; it does not see the clocks."""
+        both = Sides(
+            self.below,
+            back.below,
+            np.vstack([self.last, back.reached]),
+            np.vstack([self.reached, back.last]),
+        )
+        return Sides(*(without_clocks(part) for part in vars(both).values()))
+
+
+def guard_with_margin(
+    sides: Sides, degree: int, stated: Sequence[PolynomialGuard] = ()
+) -> FoundGuard | None:
+    """The guard of fewest columns, unless one of those that are stated is as good."""
+    told = [_stated(guard, sides) for guard in stated]
     return cheapest_guard(
-        below.shape[1], lambda some: _guard_of(below, last, reached, some, degree)
+        sides.below.shape[1],
+        lambda some: _guard_of(sides, some, degree),
+        min((one for one in told if one), key=lambda one: one.cost, default=None),
     )
 
 
-def _guard_of(
-    below: Array, last: Array, reached: Array, some: NDArray[np.intp], degree: int
-) -> FoundGuard | None:
-    seen = known(last, some) & known(reached, some)
-    basis = FewColumns.of(below, some, degree)
+def surface_with_margin(
+    there: Sides, back: Sides, degree: int, stated: Sequence[PolynomialGuard] = ()
+) -> tuple[FoundGuard, FoundGuard] | None:
+    """One surface for both ways between two modes, as a guard for each that costs what both do."""
+    found = guard_with_margin(there.joined(back), degree, stated)
+    if found is None:
+        return None
+    up = replace(found, misses=found.misses[: len(there.last)])
+    down = PolynomialGuard(-found.guard.coef, found.guard.powers)
+    return up, FoundGuard(down, found.cost, _missed(down, back.reached), found.some)
+
+
+def _stated(guard: PolynomialGuard, sides: Sides) -> FoundGuard | None:
+    """A guard that is known but for its sign and scale."""
+    used = np.flatnonzero(guard.powers.any(axis=0))
+    seen = known(sides.last, used) & known(sides.reached, used)
+    if not seen.any():
+        return None
+    rising = (guard.values(sides.reached[seen]) - guard.values(sides.last[seen])).mean()
+    if not np.abs(rising) > 0.0:
+        return None
+    scaled = PolynomialGuard(guard.coef / rising, guard.powers)
+    wrong = np.maximum(0.0, scaled.values(sides.below)).sum()
+    wrong += np.maximum(0.0, -scaled.values(sides.above)).sum()
+    cost = SETTINGS.slack_price * wrong
+    return FoundGuard(scaled, float(cost), _missed(scaled, sides.reached), used)
+
+
+def _missed(guard: PolynomialGuard, reached: Array) -> Array:
+    return np.maximum(0.0, -guard.values(reached))
+
+
+def _guard_of(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
+    seen = known(sides.last, some) & known(sides.reached, some)
+    basis = FewColumns.of(sides.below, some, degree)
     if basis is None or not seen.any() or len(basis.powers) > seen.sum() + 1:
         return None
-    rows = basis.values(below[known(below, some)])
-    before, at = basis.values(last[seen]), basis.values(reached[seen])
+    below, above = (basis.values(rows[known(rows, some)]) for rows in (sides.below, sides.above))
+    before, at = basis.values(sides.last[seen]), basis.values(sides.reached[seen])
+    below = np.vstack([below, before])
     rising = (at - before).mean(axis=0)
     if not np.linalg.norm(rising) > 0.0:
         return None
-    coef = _separating(np.vstack([rows, before]), at, rising)
+    coef = _separating(below, above, rising)
     if coef is None:
         return None
-    wrong = np.maximum(0.0, rows @ coef).sum() + np.maximum(0.0, -(at @ coef)).sum()
-    cost = SETTINGS.slack_price * wrong + basis.price(
-        len(seen), int((~seen).sum()), SETTINGS.unexplained
-    )
+    wrong = np.maximum(0.0, below @ coef).sum() + np.maximum(0.0, -(above @ coef)).sum()
+    cost = SETTINGS.slack_price * wrong
+    cost += basis.price(len(seen), int((~seen).sum()), SETTINGS.unexplained, chance=1.0)
     misses = np.full(len(seen), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
     return FoundGuard(basis.guard(coef), float(cost), misses, some)
 
 
 def _separating(below: Array, above: Array, rising: Array) -> Array | None:
-    """Coefficients of the program; rows enter it as they are violated."""
-    coef = rising / (rising @ rising)
-    used = np.zeros(len(below), dtype=bool)
+    """Coefficients of the program; rows of both sides enter it as they are violated."""
+    coef, margin = rising / (rising @ rising), np.inf
+    sides = [-below, above]
+    used = [np.zeros(len(side), dtype=bool) for side in sides]
     for _ in range(SETTINGS.turns_of_rows):
-        values = below @ coef
-        most = np.partition(values, -min(len(values), SETTINGS.first_rows))[
-            -min(len(values), SETTINGS.first_rows)
-        ]
-        new = (values >= most) & ~used
-        if not new.any():
+        n_used = sum(own.sum() for own in used)
+        for side, own in zip(sides, used, strict=True):
+            values = np.where(own, np.inf, side @ coef)
+            nearest = np.argsort(values, kind="stable")[: SETTINGS.first_rows]
+            own[nearest[values[nearest] < margin]] = True
+        if sum(own.sum() for own in used) == n_used:
             break
-        used |= new
-        solved = _program(below[used], above, rising)
+        signed = np.vstack([side[own] for side, own in zip(sides, used, strict=True)])
+        solved = _program(signed, rising)
         if solved is None:
             return None
         coef, margin = solved
-        if (below[~used] @ coef <= -margin).all():
-            break
     return coef
 
 
-def _program(below: Array, above: Array, rising: Array) -> tuple[Array, float] | None:
+def _program(signed: Array, rising: Array) -> tuple[Array, float] | None:
     """Coefficients and margin of some rows."""
-    signed = np.vstack([-below, above])
     n, n_terms = signed.shape
     done = linprog(
         np.concatenate([np.zeros(n_terms), [-1.0], np.full(n, SETTINGS.slack_price)]),
@@ -97,7 +162,8 @@ def _program(below: Array, above: Array, rising: Array) -> tuple[Array, float] |
         b_ub=np.zeros(n),
         A_eq=np.concatenate([rising, np.zeros(n + 1)])[None, :],
         b_eq=[1.0],
-        bounds=[(None, None)] * n_terms + [(0.0, None)] * (n + 1),
+        # it rises by one from the last rows to those reached: no margin is above a half
+        bounds=[(None, None)] * n_terms + [(0.0, 0.5)] + [(0.0, None)] * n,
         method="highs",
     )
     return (done.x[:n_terms], float(done.x[n_terms])) if done.status == 0 else None

@@ -1,19 +1,16 @@
-r"""From recordings to an automaton in discrete time: laws and stays by rows, resets, guards.
-
-The mode at row k makes x[k + 1]. A transition that is taken at row k had a guard below zero at row
-k - 1 and has one that is not at row k, so that its zero lies anywhere between the two. Where the
-state jumps, row k holds what the reset made; what the old law made of row k - 1 is what it, and the
-guard, were given.
-"""
+"""From recordings to an automaton in discrete time: laws and stays by rows, resets, guards."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.first_modes import FirstModes
+from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import (
     automaton_of,
@@ -21,35 +18,17 @@ from swsysid._automaton_search.assembly import (
     switch_times_of,
     verdicts_of,
 )
-from swsysid._automaton_search.found import FoundTransition
-from swsysid._automaton_search.margins import guard_with_margin
+from swsysid._automaton_search.found import FoundReset, FoundTransition
+from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_with_margin
+from swsysid._automaton_search.mode_rows import ModeRows, Taken
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._discrete_stays.identify import DiscreteStays, identify_stays
+from swsysid._discrete_stays.identify import DiscreteStays, identify_stays, with_guards
+from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.settings import SETTINGS as DISCRETE
-from swsysid._results import Array
 from swsysid._stays.given import Given
 
-
-@dataclass(frozen=True)
-class Taken:
-    """Transitions that were taken, one row for each."""
-
-    recording: NDArray[np.intp]
-    source: NDArray[np.intp]
-    target: NDArray[np.intp]
-    times: Array
-    jumped: NDArray[np.bool_]
-    last: Array  # (n_taken, n_columns): columns at the row before
-    given: Array  # what guard and reset were given
-    after: Array  # (n_taken, n_states)
-
-    def __len__(self) -> int:
-        return len(self.times)
-
-    def take(self, rows: NDArray[np.bool_]) -> Taken:
-        """Some of them."""
-        return Taken(*(part[rows] for part in vars(self).values()))
+Pair = tuple[int, int]
 
 
 def identified(
@@ -62,30 +41,23 @@ def identified(
     degree: int,
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
-    stays = _until_they_jump(
-        identify_stays(
-            given.records,
-            lags,
-            library=library,
-            n_modes=n_modes,
-            channels=given.names,
-            settings=replace(DISCRETE, most_modes=max_modes),
-        )
+    stays = identify_stays(
+        given.records,
+        lags,
+        library=library,
+        n_modes=n_modes,
+        channels=given.names,
+        settings=replace(DISCRETE, most_modes=max_modes),
     )
-    columns = _with_clocks(stays)
-    taken = _taken(stays, columns, given)
-    pairs = np.unique(np.column_stack([taken.source, taken.target]), axis=0)
-    found = [
-        _transition(stays, columns, taken.take((taken.source == i) & (taken.target == j)), degree)
-        for i, j in pairs
-    ]
-    found = [one for one in found if one.is_one]
-    modes = _by_samples(stays, given)
+    rows, transitions = _agreeing(ModeRows(stays, given), degree)
+    stays = rows.stays
+    modes, found = rows.with_ends(transitions)
     order = order_of_modes(modes, len(stays.coef))
-    first = FirstModes(stays.rows.columns[:, : _n_lagged(stays)], stays.modes)
+    first = FirstModes(rows.columns[:, : rows.n_lagged], rows.modes)
     automaton = automaton_of(
         stays.coef, stays.feature_map, found, first, order, discrete_time=True, lags=stays.rows.lags
     )
+    jumps = sum(np.count_nonzero(rows.taken.jumped[_is_of(one, rows.taken)]) for one in found)
     return IdentifiedAutomaton(
         automaton,
         [np.argsort(order)[own] for own in modes],
@@ -98,83 +70,102 @@ def identified(
         None,
         verdicts_of(found, order, 1.0),
         stays.candidates,
-        (stays.straddling.sum() - sum(len(one) for one in found if one.jumps)) / len(stays.rows),
+        (stays.straddling.sum() - jumps) / len(stays.rows),
     )
 
 
-def _until_they_jump(stays: DiscreteStays) -> DiscreteStays:
-    """The same stays; a row that no law explains belongs to the stay before it, which ends so."""
-    modes, begins = stays.modes.copy(), stays.rows.begins
-    for k in np.flatnonzero(stays.straddling & ~begins):
-        modes[k] = modes[k - 1]
-    return replace(stays, modes=modes)
+def _agreeing(rows: ModeRows, degree: int) -> tuple[ModeRows, list[FoundTransition]]:
+    """Modes and guards in turn, until modes stay or are no likelier than before."""
+    found = transitions_of(rows, degree)
+    before = -np.inf
+    for turn in range(SETTINGS.turns_of_modes):
+        guards = [
+            KnownGuard(one.source, one.target, one.guard.guard, 1.0 / (len(one) + 1.0))
+            for one in found
+            if one.guard is not None and not one.jumps
+        ]
+        if not guards:
+            break
+        if turn == 0:
+            before = with_guards(rows.stays, [])[1]
+        again, likelihood = with_guards(rows.stays, guards)
+        if likelihood <= before:
+            break
+        before, same = likelihood, np.array_equal(again.modes, rows.stays.modes)
+        rows = ModeRows(again, rows.given)
+        found = transitions_of(rows, degree)
+        if same:
+            break
+    return rows, found
 
 
-def _n_lagged(stays: DiscreteStays) -> int:
-    return stays.rows.n_states * (stays.rows.lags + 1)
+def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
+    """Guards and resets of all transitions that are taken."""
+    pairs = [(int(i), int(j)) for i, j in np.unique(_pairs_of(rows.taken), axis=0)]
+    taken = {pair: rows.taken.take((_pairs_of(rows.taken) == pair).all(axis=1)) for pair in pairs}
+    found = {}
+    for pair, own in taken.items():
+        sides = Sides(rows.inside(pair[0]), own.given, own.last, own.given)
+        guard = guard_with_margin(sides, degree, _agreements(rows.stays, pair, degree))
+        found[pair] = FoundTransition(*pair, own.recording, own.times, guard, _reset(own, rows))
+    for i, j in pairs:
+        if i < j and (j, i) in found:
+            both = found[i, j], found[j, i]
+            found[i, j], found[j, i] = _of_one_surface(rows, taken, both, degree)
+    return [one for one in found.values() if one.is_one]
 
 
-def _entries(stays: DiscreteStays) -> NDArray[np.bool_]:
-    """True at rows whose mode was entered there: another one than before, or after a jump."""
-    rows, modes = stays.rows, stays.modes
-    entered = np.zeros(len(rows), dtype=bool)
-    entered[1:] = (modes[1:] != modes[:-1]) | (stays.straddling[:-1] & ~stays.straddling[1:])
-    return entered & ~rows.begins
+def _pairs_of(taken: Taken) -> NDArray[np.intp]:
+    return np.column_stack([taken.source, taken.target])
 
 
-def _with_clocks(stays: DiscreteStays) -> Array:
-    """Columns of the rows, steps since their mode was entered (NaN if unknown), and the step."""
-    rows, entered = stays.rows, _entries(stays)
-    dwell = np.empty(len(rows))
-    since = np.nan
-    for k, (begins, enters) in enumerate(zip(rows.begins, entered, strict=True)):
-        since = np.nan if begins else 0.0 if enters else since + 1.0
-        dwell[k] = since
-    return np.column_stack([rows.columns, dwell, rows.sample.astype(float)])
+def _is_of(one: FoundTransition, taken: Taken) -> NDArray[np.bool_]:
+    return np.asarray((_pairs_of(taken) == (one.source, one.target)).all(axis=1) & one.jumps)
 
 
-def _taken(stays: DiscreteStays, columns: Array, given: Given) -> Taken:
-    rows, n_states = stays.rows, stays.rows.n_states
-    at = np.flatnonzero(_entries(stays))
-    before = at - 1
-    jumped = stays.straddling[before]
-    source = stays.modes[before]
-    made = np.einsum("kij,kj->ki", stays.coef[source], stays.feature_map(rows.columns[before]))
-    reached = columns[at].copy()
-    reached[:, -2] = columns[before, -2] + 1.0  # the mode is still the old one
-    reached[jumped, :n_states] = made[jumped]
-    times = np.array(
-        [given.records[r].t[k] for r, k in zip(rows.recording[at], rows.sample[at], strict=True)]
+def _reset(taken: Taken, rows: ModeRows) -> FoundReset | None:
+    """The reset of a transition, if the state jumps at most of its switches."""
+    if taken.jumped.mean() <= 0.5:
+        return None
+    n_states = rows.stays.rows.n_states
+    least = SETTINGS.least_noise * np.maximum(taken.after.std(axis=0), np.finfo(float).tiny)
+    errors = SETTINGS.end_of_stay * np.maximum(rows.stays.noise, least)
+    none = np.zeros(0, dtype=np.intp)
+    return best_reset(taken.given[:, :n_states], taken.after, errors, none)
+
+
+def _of_one_surface(
+    rows: ModeRows,
+    taken: dict[Pair, Taken],
+    both: tuple[FoundTransition, FoundTransition],
+    degree: int,
+) -> tuple[FoundTransition, FoundTransition]:
+    """Two opposite transitions, with one surface for both ways unless two guards explain more."""
+    if any(one.jumps or one.guard is None for one in both):
+        return both
+    there, back = (
+        Sides(rows.inside(one.source), rows.inside(one.target), own.last, own.given)
+        for one in both
+        for own in [taken[one.source, one.target]]
     )
-    return Taken(
-        rows.recording[at], source, stays.modes[at], times, jumped,
-        columns[before], reached, rows.columns[at, :n_states],
-    )  # fmt: skip
+    pair = both[0].source, both[0].target
+    surface = surface_with_margin(there, back, degree, _agreements(rows.stays, pair, degree))
+    if surface is None or surface[0].cost > sum(one.guard.cost for one in both if one.guard):
+        return both
+    return replace(both[0], guard=surface[0]), replace(both[1], guard=surface[1])
 
 
-def _transition(stays: DiscreteStays, columns: Array, taken: Taken, degree: int) -> FoundTransition:
-    """Guard and reset of what was taken from one mode to another."""
-    n_states, reset = stays.rows.n_states, None
-    inside = (stays.modes == taken.source[0]) & ~stays.straddling
-    guard = guard_with_margin(columns[inside], taken.last, taken.given, degree)
-    if taken.jumped.mean() > 0.5:
-        least = SETTINGS.least_noise * np.maximum(taken.after.std(axis=0), np.finfo(float).tiny)
-        errors = SETTINGS.end_of_stay * np.maximum(stays.noise, least)
-        none = np.zeros(0, dtype=np.intp)
-        reset = best_reset(taken.given[:, :n_states], taken.after, errors, none)
-    source, target = int(taken.source[0]), int(taken.target[0])
-    return FoundTransition(source, target, taken.recording, taken.times, guard, reset)
-
-
-def _by_samples(stays: DiscreteStays, given: Given) -> list[NDArray[np.intp]]:
-    """Mode of every sample: that of its row, of the nearest row before, or of the first one."""
-    modes = []
-    for k, record in enumerate(given.records):
-        own = np.flatnonzero(stays.rows.recording == k)
-        samples = stays.rows.sample[own]
-        if not len(own):
-            modes.append(np.zeros(len(record.t), dtype=np.intp))
-            continue
-        last = np.searchsorted(samples, np.arange(len(record.t)), side="right") - 1
-        modes.append(stays.modes[own][np.maximum(last, 0)])
-    return modes
+def _agreements(stays: DiscreteStays, pair: Pair, degree: int) -> Sequence[PolynomialGuard]:
+    """Surfaces of no higher degree at which two laws agree in a state, if laws are polynomials."""
+    powers = stays.feature_map.powers
+    if powers is None or pair[0] == pair[1]:
+        return []
+    apart = stays.coef[pair[1]] - stays.coef[pair[0]]
+    sizes = np.abs(apart) * np.where(stays.feature_map.sizes > 0.0, stays.feature_map.sizes, 1.0)
+    surfaces = []
+    for coef, size in zip(apart, sizes, strict=True):
+        kept = size > SETTINGS.exact * size.max()
+        if powers[kept].sum(axis=1).max() <= degree:
+            wide = np.pad(powers[kept], ((0, 0), (0, len(CLOCKS))))
+            surfaces.append(PolynomialGuard(coef[kept], wide.astype(np.intp)))
+    return surfaces

@@ -38,17 +38,17 @@ class AutomatonSettings:
     turns_without_sides: int = 4
     turns_of_explained: int = 4
     # -- choice of a guard, in nats: by which one of more columns must be better, beside its price;
-    # by which one with a clock must (three of seventy-two published automata have one, and in a
-    # limit cycle a clock tells the switches as well as the state); at least, of a switch that it
-    # does not explain
+    # by which one with a clock must, in deviations of what noise makes of it (three of seventy-two
+    # published automata have one); at least, of a switch that it does not explain
     better: float = 1.0
     clock: float = 3.0
     unexplained: float = 6.0
     # -- guards in discrete time: nats that a step beyond a guard costs; rows that enter the margin
-    # program at once, and how often more do
+    # program at once, and how often more do; turns of modes and guards
     slack_price: float = 5.0
     first_rows: int = 60
     turns_of_rows: int = 8
+    turns_of_modes: int = 6
     # -- resets: turns of least absolute deviations; of the jumps, what counts as exact; of the
     # noise, what a state at the end of a stay is off by at most; errors by which terms must differ
     turns_of_deviations: int = 20

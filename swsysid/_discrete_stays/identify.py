@@ -12,10 +12,19 @@ from numpy.typing import NDArray
 from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
 from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.lagged import Labels, LaggedRows, lagged_rows
+from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
-from swsysid._discrete_stays.search import DiscreteCandidate, Searched, StaySearch
+from swsysid._discrete_stays.search import (
+    DiscreteCandidate,
+    Found,
+    Searched,
+    StaySearch,
+    lasting_only,
+)
 from swsysid._discrete_stays.settings import SETTINGS, DiscreteSettings
+from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
 from swsysid.refinement._trajectories import Record
 
@@ -48,6 +57,12 @@ class DiscreteStays:
         Of every mode; coefficients of features that see further back are zero.
     lag_candidates : tuple of LagCandidate
         Of ``lags="auto"``, else empty.
+    searched : Searched
+        The same in the order and the units of the search.
+    order : tuple of int
+        Recordings in the order of the search.
+    names : ndarray of shape (n_modes,), int
+        Modes of the search, in the order of these.
     """
 
     coef: Array
@@ -60,7 +75,10 @@ class DiscreteStays:
     history: tuple[float, ...]
     candidates: tuple[DiscreteCandidate, ...]
     lags: Labels
-    lag_candidates: tuple[LagCandidate, ...] = ()
+    lag_candidates: tuple[LagCandidate, ...]
+    searched: Searched
+    order: tuple[int, ...]
+    names: Labels
 
 
 def identify_stays(
@@ -115,7 +133,8 @@ def identify_stays(
     whole("n_modes", n_modes, also=("auto",))
     whole("lags", lags, least=0, also=("auto",))
     # the order in which recordings are given means nothing, down to the last digit
-    order = sorted(range(len(recordings)), key=lambda place: _content(recordings[place]))
+    order = tuple(sorted(range(len(recordings)), key=lambda place: _content(recordings[place])))
+    shapes = [record.y.shape for record in recordings]
     ordered = [recordings[place] for place in order]
 
     @cache
@@ -127,10 +146,37 @@ def identify_stays(
 
     if lags != "auto":
         one = searched(int(lags))
-        return _answer(one, np.full(len(one.found.coef), lags), (), recordings, order)
+        return _answer(one, np.full(len(one.found.coef), lags), (), shapes, order)
     chosen, tried = choose_lags(searched, settings)
     one, own = with_own_orders(searched(chosen))
-    return _answer(one, own, tried, recordings, order)
+    return _answer(one, own, tried, shapes, order)
+
+
+def with_guards(stays: DiscreteStays, guards: Sequence[KnownGuard]) -> tuple[DiscreteStays, float]:
+    """Modes that ask guards, laws for these, and the log likelihood of the modes.
+
+    Noise makes a row look like one of another mode; where its guard is far from zero it is none.
+    The likelihood is that of measurements and modes for the laws and the noise of `stays`. Without
+    noise a row by itself tells its mode, and nothing changes.
+    """
+    found, data = stays.searched.found, stays.searched.data
+    if found.states is None:
+        return stays, 0.0
+    own = [
+        replace(one, source=int(stays.names[one.source]), target=int(stays.names[one.target]))
+        for one in guards
+    ]
+    fit, likelihood = reassigned(data, replace(found.fit, guards=tuple(own)), found.states)
+    free = (found.coef != 0.0).any(axis=1)
+    states = with_states(data, fit, found.states.tie, found.states, free)
+    kept = lasting_only(data, Found(fit, states, (*found.history, states.cost)))
+    lags = stays.lags[np.argsort(stays.names)]
+    if len(kept.coef) < len(lags):  # one was none: those that are left tell theirs
+        used = [(law != 0.0).any(axis=0) for law in kept.coef]
+        lags = np.array([data.memory[own].max(initial=0) for own in used])
+    again = replace(stays.searched, found=kept)
+    shapes = [one.shape for one in stays.states]
+    return _answer(again, lags, stays.lag_candidates, shapes, stays.order), likelihood
 
 
 def _content(record: Record) -> tuple[int, bytes, bytes]:
@@ -141,8 +187,8 @@ def _answer(
     searched: Searched,
     lags: Labels,
     lag_candidates: tuple[LagCandidate, ...],
-    recordings: Sequence[Record],
-    order: list[int],
+    shapes: Sequence[tuple[int, ...]],
+    order: tuple[int, ...],
 ) -> DiscreteStays:
     """What was found, in the units and the order of the user, the most populated mode first."""
     data, found = searched.data, searched.found
@@ -151,7 +197,7 @@ def _answer(
     recording = np.asarray(order)[data.rows.recording]
     back = np.argsort(recording, kind="stable")
     samples = found.samples(data) * data.target_unit
-    states = tuple(np.full(record.y.shape, np.nan) for record in recordings)
+    states = tuple(np.full(shape, np.nan) for shape in shapes)
     for place, estimated in enumerate(states):
         own = recording == place
         for lag in range(-1, data.rows.lags + 1):
@@ -169,4 +215,7 @@ def _answer(
         candidates=searched.candidates,
         lags=lags[names],
         lag_candidates=lag_candidates,
+        searched=searched,
+        order=order,
+        names=names,
     )

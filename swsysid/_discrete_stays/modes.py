@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.rows import (
     RowFit,
     as_fit,
@@ -21,6 +22,7 @@ from swsysid._discrete_stays.rows import (
     switching_of,
 )
 from swsysid._discrete_stays.states import StateFit
+from swsysid._discrete_stays.switching import Switching
 from swsysid._results import Array
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Belief, Filter, Prediction
@@ -28,27 +30,44 @@ from swsysid._stays.laws import Laws, Modes, slopes_of
 from swsysid._stays.recordings import Recordings
 
 
-def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> RowFit:
-    """The modes of all rows for laws and noise of highest likelihood."""
-    problem = data.problem
+def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit, float]:
+    """The modes of all rows for laws and noise of highest likelihood, and that in nats."""
+    problem, likelihood = data.problem, 0.0
     unexplained = _unexplained(data, fit, found)
     scale = scale_of(problem, found.coef, np.where(unexplained, -1, fit.modes))
     modes = assigned(problem, found.coef, scale, fit.switching).modes
     if len(found.coef) > 1 and not unexplained.all():
         pieces = _pieces(data, unexplained)
-        maps, price = MapFilter.of(data, found), data.settings.price(len(found.coef), fit.switching)
+        maps = MapFilter.of(data, found, fit.switching, fit.guards)
         side_by_side = _side_by_side(data, pieces)
-        decoded = decode(maps, side_by_side, price=price, n_kept=data.settings.n_kept)
+        decoded = decode(maps, side_by_side, price=0.0, n_kept=data.settings.n_kept)
+        likelihood = float(decoded.log_likelihood.sum())
         for place, piece in enumerate(pieces):
             inner = slice(piece.first - piece.begin, piece.last - piece.begin)
             modes[piece.first : piece.last] = decoded.modes[inner, place]
     switching = switching_of(np.where(unexplained, -1, modes), problem)
     costs = row_costs(problem, found.coef, scale)
-    return replace(
+    again = replace(
         as_fit(problem, found.coef, scale, switching, modes, costs),
         unexplained=unexplained,
         history=fit.history,
+        guards=fit.guards,
     )
+    if fit.guards:
+        again = replace(again, of_switches=_of_switches(data, again, found))
+    return again, likelihood
+
+
+def _of_switches(data: DiscreteData, fit: RowFit, found: StateFit) -> float:
+    """Nats that modes take where guards tell them, states no better known than measured."""
+    told = ~fit.unexplained
+    rows = np.flatnonzero(told & np.append(False, told[:-1]) & ~data.rows.begins)
+    mean = found.states[found.back[rows, 1:]].reshape(len(rows), -1)
+    variance = np.tile(np.square(found.noise), data.rows.lags + 1)
+    covariance = np.tile(np.diag(variance), (len(rows), 1, 1))
+    switching = Switching.of(data, len(found.coef), fit.switching, fit.guards)
+    modes, u = fit.modes, data.columns[rows, data.n_lagged :]
+    return float(-switching.nats(modes[rows - 1], modes[rows], mean, covariance, u).sum())
 
 
 def _unexplained(data: DiscreteData, fit: RowFit, found: StateFit) -> NDArray[np.bool_]:
@@ -110,20 +129,35 @@ def _side_by_side(data: DiscreteData, pieces: list[_Piece]) -> Recordings:
 
 
 @dataclass(frozen=True)
+class MapPrediction(Prediction):
+    """A belief one sample later, and the log probability of the transition to its mode."""
+
+    nats: Array
+
+
+@dataclass(frozen=True)
 class MapFilter(Filter):
     """Kalman's filter of the lagged states of maps; a switch is at a sample."""
 
+    switching: Switching | None = None
     farthest: float = np.inf  # a state that is further off says nothing
 
     @classmethod
-    def of(cls, data: DiscreteData, found: StateFit) -> MapFilter:
+    def of(
+        cls,
+        data: DiscreteData,
+        found: StateFit,
+        probability: float,
+        guards: tuple[KnownGuard, ...] = (),
+    ) -> MapFilter:
         """The filter of identified laws, states in units of the data."""
         n, memory = data.rows.n_states, data.rows.lags + 1
         laws = Laws(found.coef, data.features, np.ones(n * memory), np.zeros_like(found.coef) > 0)
         disturbance = np.zeros(n * memory)
         farthest = data.settings.farthest * float(np.abs(found.states).max())
         disturbance[:n] = found.tie * found.noise
-        return cls(laws, np.tile(found.noise, memory), disturbance, 1.0, farthest)
+        switching = Switching.of(data, len(found.coef), probability, guards)
+        return cls(laws, np.tile(found.noise, memory), disturbance, 1.0, switching, farthest)
 
     def predict(
         self, belief: Belief, old: Modes, new: Modes, u: Array, after: Array, duration: Array
@@ -144,4 +178,11 @@ class MapFilter(Filter):
         covariance = transition @ belief.covariance @ transition.transpose(0, 2, 1)
         every = np.arange(mean.shape[1])
         covariance[:, every, every] += self.disturbance**2
-        return Prediction(Belief(mean, covariance), transition, np.zeros_like(mean))
+        assert self.switching is not None
+        nats = self.switching.nats(old, new, belief.mean, belief.covariance, u)
+        return MapPrediction(Belief(mean, covariance), transition, np.zeros_like(mean), nats)
+
+    def on_surface(self, prediction: Prediction, new: Modes, after: Array) -> tuple[Belief, Array]:
+        """The predicted belief, and how likely its transition was."""
+        assert isinstance(prediction, MapPrediction)
+        return prediction.belief, prediction.nats

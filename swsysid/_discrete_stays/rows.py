@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._noise import robust_scale
@@ -68,6 +69,7 @@ class RowFit:
     cost: float
     of_switches: float  # its part that switches take
     history: tuple[float, ...] = ()
+    guards: tuple[KnownGuard, ...] = ()  # of these modes, where they are known
 
     @property
     def lawful(self) -> Labels:

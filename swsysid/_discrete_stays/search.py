@@ -6,13 +6,24 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.modes import reassigned
-from swsysid._discrete_stays.rows import RowFit, alternate, assigned, law_of, scale_of
+from swsysid._discrete_stays.rows import (
+    RowFit,
+    alternate,
+    as_fit,
+    assigned,
+    law_of,
+    row_costs,
+    scale_of,
+    switching_of,
+)
 from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._discrete_stays.starts import LawPool
 from swsysid._discrete_stays.states import StateFit, with_states
+from swsysid._discrete_stays.thresholds import best_thresholds
 from swsysid._results import Array
 
 
@@ -69,34 +80,42 @@ class StaySearch:
     def __init__(self, data: DiscreteData):
         self.data, self.part, self.settings = data, data.part(), data.settings
         self.pool = LawPool(self.part.problem)
+        few = best_thresholds(self.part)[: self.settings.thresholds]
+        told = [thresholds.fit(self.part) for thresholds in few]
+        self.told = [fit for fit in told if _lasting(self.part, fit).all()]
 
     def best(self, n_modes: int | None) -> Searched:
         """The best identification, with so many modes or as many as the data ask for."""
         by_rows = self._by_rows(n_modes)
         if n_modes is not None:
-            fewer = [count for count in by_rows if count <= n_modes]
-            by_rows = {max(fewer): by_rows[max(fewer)]}
-        found = {count: Found(fit, None, fit.history) for count, fit in by_rows.items()}
-        if not any(_is_exact(fit, self.settings) for fit in by_rows.values()):
+            most = max(len(fit.coef) for fit in by_rows if len(fit.coef) <= n_modes)
+            by_rows = [fit for fit in by_rows if len(fit.coef) == most]
+        found = [Found(fit, None, fit.history) for fit in by_rows]
+        if not any(_is_exact(fit, self.settings) for fit in by_rows):
             for turn, ties in enumerate(self.settings.stages):
-                found = self._hopeful(found, self.settings.hopeless[turn])
-                again = [with_noise(self.part, one, ties) for one in found.values()]
-                found = _best_of_each(map(without_empty, again))
-        chosen = min(found.values(), key=lambda one: one.cost)
-        candidates = [DiscreteCandidate(count, one.cost) for count, one in found.items()]
+                hopeful = self._hopeful(found, self.settings.hopeless[turn])
+                again = [with_noise(self.part, one, ties) for one in hopeful]
+                found = _best_of_each(lasting_only(self.part, one) for one in again)
+        found = _best_of_each(found)
+        chosen = min(found, key=lambda one: one.cost)
+        candidates = [DiscreteCandidate(len(one.coef), one.cost) for one in found]
         return Searched(self.data, self._on_all_rows(chosen), tuple(candidates))
 
-    def _hopeful(self, found: dict[int, Found], nats: float) -> dict[int, Found]:
+    def _hopeful(self, found: list[Found], nats: float) -> list[Found]:
         """Candidates not worse than one of fewer modes, nor by so many nats a row than any."""
-        most = min(one.cost for one in found.values()) + nats * len(self.part.rows)
-        kept: dict[int, Found] = {}
-        for count, one in sorted(found.items()):
-            if one.cost <= min([most, *(fewer.cost for fewer in kept.values())]):
-                kept[count] = one
-        return kept
+        most = min(one.cost for one in found) + nats * len(self.part.rows)
+        return [
+            one
+            for one in found
+            if one.cost <= most
+            and all(one.cost <= other.cost for other in found if len(other.coef) < len(one.coef))
+        ]
 
-    def _by_rows(self, n_modes: int | None) -> dict[int, RowFit]:
-        """The best fit by rows of every number of modes, until two more modes say no more."""
+    def _by_rows(self, n_modes: int | None) -> list[RowFit]:
+        """The best fit by rows of every number of modes, until two more modes say no more.
+
+        With two modes also those that thresholds tell.
+        """
         best: dict[int, RowFit] = {}
         last: RowFit | None = None
         in_vain = 0
@@ -113,7 +132,8 @@ class StaySearch:
             in_vain = 0 if lasting.cost < before else in_vain + 1
             if n_modes is None and in_vain > self.settings.patience:
                 break
-        return best
+        allowed = self.settings.most_modes if n_modes is None else n_modes
+        return [*best.values(), *(fit for fit in self.told if len(fit.coef) <= allowed)]
 
     def _alternated(self, count: int, last: RowFit | None) -> RowFit:
         """The best of the starts with so many modes."""
@@ -136,27 +156,41 @@ class StaySearch:
         problem, part = self.data.problem, self.part.problem
         scale = scale_of(part, found.coef, found.fit.lawful)
         fit = assigned(problem, found.coef, scale, found.fit.switching)
-        start = Found(fit, None, found.history)
-        return without_empty(with_noise(self.data, start, [found.states.tie] * 2))
+        start = Found(replace(fit, guards=found.fit.guards), None, found.history)
+        return lasting_only(self.data, with_noise(self.data, start, [found.states.tie] * 2))
 
 
 def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
-    """A fit without modes whose stays are as short as what straddles a jump.
-
-    The rows of a jump may have a law of their own, that of the reset; they are no mode.
-    """
-    modes = fit.lawful
-    first = np.flatnonzero(data.rows.begins | np.append(True, np.diff(modes) != 0))
-    length = np.diff(np.append(first, len(modes)))
-    short = length <= data.rows.lags + 1
-    lasting = np.array([
-        np.mean(short[own]) < data.settings.momentary if (own := modes[first] == mode).any()
-        else False
-        for mode in range(len(fit.coef))
-    ])  # fmt: skip
+    """A fit without modes that are none."""
+    lasting = _lasting(data, fit)
     if lasting.all() or not lasting.any():
         return fit
     return without_momentary(data, alternate(data.problem, fit.coef[lasting]))
+
+
+def _lasting(data: DiscreteData, fit: RowFit) -> NDArray[np.bool_]:
+    """Modes that are some, (n_modes,).
+
+    The rows of a jump may have a law of their own. One row is a mode's that is left as soon as it
+    is entered: that of the reset. All that straddle the jump have none in common, and what is left
+    of them is more than of a law. A mode with no more rows than coefficients explains nothing.
+    """
+    modes, settings = fit.lawful, data.settings
+    first = np.flatnonzero(data.rows.begins | np.append(True, np.diff(modes) != 0))
+    length, of_stays = np.diff(np.append(first, len(modes))), modes[first]
+    longest = np.where(_is_rough(fit, settings), data.rows.lags + 1, 1)
+    return np.array([
+        np.mean(length[own] <= longest[mode]) < settings.momentary
+        and length[own].sum() > data.problem.features.shape[1]
+        if (own := of_stays == mode).any() else False
+        for mode in range(len(fit.coef))
+    ])  # fmt: skip
+
+
+def _is_rough(fit: RowFit, settings: DiscreteSettings) -> NDArray[np.bool_]:
+    """Modes whose law leaves more than that of the others."""
+    size = np.linalg.norm(fit.scale, axis=1)
+    return np.asarray(size > settings.rough * size.min())
 
 
 def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found:
@@ -175,7 +209,7 @@ def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found
         now = Found(now.fit, states, ())
         if best.states is None or now.cost < best.cost:
             best = now
-        fit = reassigned(data, now.fit, states)
+        fit, _ = reassigned(data, now.fit, states)
         left = tie if np.array_equal(now.fit.lawful, fit.lawful) else None
         now = Found(fit, states, ())
         if states.cost > best.cost + data.settings.worse * len(data.rows):
@@ -183,26 +217,32 @@ def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found
     return replace(best, history=tuple(history))
 
 
-def without_empty(found: Found) -> Found:
-    """The same without modes in which no row is left."""
-    kept = np.bincount(found.fit.modes, minlength=len(found.coef)) > 0
-    if kept.all() or found.states is None:
+def lasting_only(data: DiscreteData, found: Found) -> Found:
+    """The same without modes that are none; no law explains their rows."""
+    kept = _lasting(data, found.fit)
+    if kept.all() or not kept.any() or found.states is None:
         return found
-    names = np.cumsum(kept) - 1
-    fit = replace(found.fit, coef=found.fit.coef[kept], scale=found.fit.scale[kept],
-                  modes=names[found.fit.modes])  # fmt: skip
-    return replace(found, fit=fit, states=replace(found.states, coef=found.states.coef[kept]))
+    names, near = np.cumsum(kept) - 1, replace(found.states, coef=found.states.coef[kept])
+    gone = ~kept[found.fit.modes]
+    modes, coef, scale = names[found.fit.modes], found.fit.coef[kept], found.fit.scale[kept]
+    modes[gone] = 0
+    unexplained = found.fit.unexplained | gone
+    switching = switching_of(np.where(unexplained, -1, modes), data.problem)
+    costs = row_costs(data.problem, coef, scale)
+    fit = as_fit(data.problem, coef, scale, switching, modes, costs)
+    fit = replace(fit, unexplained=unexplained, history=found.fit.history)
+    return replace(found, fit=fit, states=with_states(data, fit, near.tie, near))
 
 
 def _is_exact(fit: RowFit, settings: DiscreteSettings) -> bool:
     return bool((fit.scale < settings.exact).all())
 
 
-def _best_of_each(found: Iterable[Found]) -> dict[int, Found]:
+def _best_of_each(found: Iterable[Found]) -> list[Found]:
     """The best with each number of modes."""
     best: dict[int, Found] = {}
     for one in found:
         count = len(one.coef)
         if count not in best or one.cost < best[count].cost:
             best[count] = one
-    return best
+    return list(best.values())

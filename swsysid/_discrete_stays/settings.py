@@ -25,23 +25,33 @@ class DiscreteSettings:
     # probability beforehand of a row that no law explains, and of a switch
     unexplained: float = 1e-3
     switching: float = 0.02
-    # -- Starts: laws of windows of so many rows for each feature and a few to spare; so many
-    # windows of each length are tried and the best of neighbours kept; singular values below
-    # this share say nothing
+    # -- Starts: laws of windows of so many rows for each feature and a few to spare, and of the
+    # shortest ones in so many parts; so many windows of each length are tried and the best of
+    # neighbours kept (in parts a few in a hundred are in one mode); singular values below this
+    # share say nothing
     window_factors: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
     spare: int = 2
+    window_parts: tuple[int, ...] = (2, 3, 4)
     tried: int = 400
+    tried_in_parts: int = 2000
     windows: int = 40
     rank: float = 1e-10
     block: int = 3  # rows whose squares are averaged where starts are judged
     share: float = 0.1  # of the rows, which a law should at least explain
     reweightings: int = 6
+    # thresholds that are tried in a column, how often finer ones around the best, and the columns
+    # that are left then
+    levels: int = 9
+    closer: int = 5
+    thresholds: int = 3
     # -- Alternation: by how much a scale may shrink at once, what it keeps at the end, most rounds
     shrinks: float = 0.1
     settled: float = 0.99
     most_rounds: int = 40
-    # share of the stays of a mode that are no longer than what straddles a jump
+    # share of the stays of a mode that are as short as a jump, and how many times as much as the
+    # best law the one of all rows that straddle a jump leaves
     momentary: float = 0.95
+    rough: float = 3.0
     # -- States: their disturbance as a share of the noise, smaller and smaller, since wrong modes
     # disturb them too, in two stages; steps of a descent, its first damping and the nats at which
     # it ends
@@ -60,6 +70,8 @@ class DiscreteSettings:
     overlap: int = 15
     n_kept: int = 4
     farthest: float = 10.0
+    # probability that a row does what no guard says
+    doubt: float = 0.01
     # -- Numbers of modes that are tried after the best one, and the largest one
     patience: int = 2
     # nats a row by which modes are so much worse than the best ones that those are taken up again

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._discrete_stays.rows import RowProblem
 from swsysid._results import Array
@@ -65,28 +66,46 @@ class LawPool:
 
 
 def _of_windows(problem: RowProblem) -> Array:
-    """Least squares in windows of several lengths, spread over all stretches.
+    """Least squares in windows, long ones and short ones, and in several short ones together.
 
-    Of neighbouring windows the one that fits best: a window with a switch seldom does.
+    Of neighbouring windows the one that fits best: one with a switch seldom does. Where stays are
+    shorter than a law has coefficients every window has a switch, but some of several that are
+    shorter still, here and there in the recordings, are in one mode all of them.
     """
     settings, n_features = problem.settings, problem.features.shape[1]
-    place, stretch = problem.places
-    left = np.bincount(stretch)[stretch] - place  # rows of the stretch from each row on
     laws = [np.linalg.lstsq(problem.features, problem.targets, rcond=None)[0].T[None]]
-    for factor in settings.window_factors:
-        length = int(factor * n_features) + settings.spare
-        firsts = np.flatnonzero(left >= length)
-        if not len(firsts):
-            break
-        tried = np.unique(np.linspace(0, len(firsts) - 1, settings.tried).round().astype(int))
-        rows = firsts[tried][:, None] + np.arange(length)
+    lengths = [int(factor * n_features) + settings.spare for factor in settings.window_factors]
+    for n_parts, length in [(1, length) for length in lengths] + [
+        (n_parts, -(-lengths[0] // n_parts)) for n_parts in settings.window_parts
+    ]:
+        rows = _windows(problem, n_parts, length)
+        if not len(rows):
+            continue
         features, targets = problem.features[rows], problem.targets[rows]
         of_windows = np.linalg.pinv(features, rcond=settings.rank) @ targets
         squares = np.square(targets - features @ of_windows).sum(axis=(1, 2))
-        groups = np.array_split(np.arange(len(tried)), min(settings.windows, len(tried)))
+        groups = np.array_split(np.arange(len(rows)), min(settings.windows, len(rows)))
         best = [group[squares[group].argmin()] for group in groups]
         laws.append(of_windows[best].transpose(0, 2, 1))
     return np.concatenate(laws)
+
+
+def _windows(problem: RowProblem, n_parts: int, length: int) -> NDArray[np.intp]:
+    """Rows (n_windows, n_rows) of windows spread over all stretches.
+
+    Each has parts of so many successive rows, the first where it is and the others anywhere.
+    """
+    settings = problem.settings
+    place, stretch = problem.places
+    left = np.bincount(stretch)[stretch] - place  # rows of the stretch from each row on
+    firsts = np.flatnonzero(left >= length)
+    if not len(firsts):
+        return np.zeros((0, 0), dtype=np.intp)
+    most = settings.tried if n_parts == 1 else settings.tried_in_parts
+    tried = np.unique(np.linspace(0, len(firsts) - 1, most).round().astype(int))
+    others = np.random.default_rng(0).integers(len(firsts), size=(len(tried), n_parts - 1))
+    begins = firsts[np.column_stack([tried, others])]
+    return (begins[:, :, None] + np.arange(length)).reshape(len(tried), -1)
 
 
 def _refined(problem: RowProblem, coef: Array) -> Array:

@@ -179,6 +179,49 @@ def test_discrete_time_finds_thresholds_within_their_gap():
     assert mode_accuracy(true, modes) == 1.0
 
 
+def bent():
+    """A map of a state and an input that is bent where their sum is zero, and recordings of it."""
+    plant = HybridAutomaton.stated(
+        [{"y": "0.8 y + 0.4 u"}, {"y": "0.3 y - 0.1 u"}],
+        [(0, 1, "y + u >= 0"), (1, 0, "y + u <= 0")],
+        states=["y"],
+        inputs=["u"],
+        discrete_time=True,
+    )
+    rng, data, modes = np.random.default_rng(2), [], []
+    for k in range(6):
+        u = rng.uniform(-2.0, 2.0, (200, 1))
+        run = plant.simulate([0.1 * k - 2.5], np.arange(200), u, mode=0)
+        data.append({"t": np.arange(200.0), "x": run.x, "inputs": u})
+        modes.append(run.modes)
+    return plant, data, np.concatenate(modes)
+
+
+def test_where_both_laws_agree_is_the_surface_of_both_ways():
+    plant, data, modes = bent()
+    found = HybridAutomatonRegressor(discrete_time=True).fit(data)
+    values = [one.guard.values(np.array([[0.7, -0.7, 0.0, 0.0]])) for one in found.transitions_]
+    # known from the laws, and so as well as they are
+    np.testing.assert_allclose(values, 0.0, atol=1e-9)
+    # the last sample of a recording has no row, but a surface
+    assert mode_accuracy(modes, found.modes_) == 1.0
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+def test_noise_makes_no_switch_that_the_guards_do_not_explain(noise):
+    _, data, modes = bent()
+    spread, rng = np.vstack([one["x"] for one in data]).std(), np.random.default_rng(0)
+    for one in data:
+        one["x"] = one["x"] + noise * spread * rng.standard_normal(one["x"].shape)
+    found = HybridAutomatonRegressor(discrete_time=True).fit(data)
+    # without guards 99.6 % and 98.9 % of the samples are in their mode
+    assert mode_accuracy(modes, found.modes_) > 0.999
+    for one in found.transitions_:
+        point = np.array([0.7, -0.7, 0.0, 0.0])
+        slope = np.linalg.norm(one.guard.gradient(point)[:2] * [np.ptp(data[0]["x"]), 4.0])
+        assert abs(one.guard.at(point)) < 0.01 * slope
+
+
 def test_memory_is_found_with_its_lags():
     plant = HybridAutomaton.stated(
         [{"y": "0.6 y + 0.2 y[k-1] + u"}, {"y": "-0.3 y + 0.3 y[k-1] + 0.5 u"}],
@@ -197,6 +240,34 @@ def test_memory_is_found_with_its_lags():
     laws = sorted(found.coef_[:, 0, 1:4].round(9).tolist())
     assert laws == [[-0.3, 0.3, 0.5], [0.6, 0.2, 1.0]]
     assert found.automaton_.lags == 1
+
+
+def test_each_mode_has_the_order_that_its_held_out_rollouts_ask_for():
+    plant = HybridAutomaton.stated(
+        [{"y": "1.4 y - 0.6 y[k-1] + 0.5 u"}, {"y": "0.5 y - u"}],
+        [(0, 1, "y >= 1.5"), (1, 0, "y <= -1")],
+        states=["y"],
+        inputs=["u"],
+        discrete_time=True,
+        lags=1,
+    )
+    rng, data, modes = np.random.default_rng(0), [], []
+    for k in range(4):
+        u = rng.standard_normal((250, 1))
+        run = plant.simulate([[0.1 * k], [0.2]], np.arange(250), u, mode=0)
+        data.append({"t": np.arange(250.0), "x": run.x, "inputs": u})
+        modes.append(run.modes)
+    spread = np.vstack([one["x"] for one in data]).std()
+    for one in data:
+        one["x"] = one["x"] + 0.03 * spread * rng.standard_normal(one["x"].shape)
+    found = HybridAutomatonRegressor(lags="auto", discrete_time=True).fit(data)
+    assert found.automaton_.lags == 1
+    # constant, y[k], y[k-1], u[k], u[k-1]; one mode does not look back
+    coef = found.coef_[np.argsort(found.coef_[:, 0, 1]), 0]
+    np.testing.assert_array_equal(coef[0, [2, 4]], 0.0)
+    expected = [[0.0, 0.5, 0.0, -1.0, 0.0], [0.0, 1.4, -0.6, 0.5, 0.0]]
+    np.testing.assert_allclose(coef, expected, atol=0.02)
+    assert mode_accuracy(np.concatenate(modes), found.modes_) > 0.99
 
 
 def test_an_unrecorded_trigger_is_said_not_invented():

@@ -104,6 +104,6 @@ def test_the_modes_are_told_by_the_states():
     for tie in (1.0, 0.1):
         found = with_states(data, truth, tie, found)
     # the same laws by rows alone leave more of them in the wrong mode
-    by_states = reassigned(data, truth, found)
+    by_states, _ = reassigned(data, truth, found)
     assert np.mean(by_states.modes == truth.modes) > 0.995
     assert not by_states.unexplained.any()

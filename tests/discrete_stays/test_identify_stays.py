@@ -8,6 +8,7 @@ from lagged_plants import (
     ball,
     narx_of_order_2,
     narx_of_order_3,
+    relay,
     stepped,
     switched_arx,
     thermostat,
@@ -142,6 +143,29 @@ def test_a_system_that_does_not_switch_has_one_mode(noise):
     found = identify_stays(recordings, 1)
     np.testing.assert_allclose(found.coef, [[[1.5, -0.8, 0.3, 0.0]]], atol=0.02 if noise else EXACT)
     assert not found.modes.any()
+    assert not found.straddling.any()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.03])
+def test_stays_shorter_than_a_law_has_coefficients(noise):
+    # a relay that follows its input, with two to four rows in a stay and five coefficients in a law
+    planted = relay(noise)
+    stays = np.concatenate([np.diff(np.flatnonzero(np.diff(modes))) for modes in planted.modes])
+    assert np.median(stays) < planted.coef.shape[2] - 1
+    right, error = compared(identify_stays(planted.recordings, 1, library=1), planted)
+    assert right >= (RIGHT_WITH_NOISE if noise else RIGHT)
+    assert error < (0.05 if noise else EXACT)
+
+
+def test_a_mode_that_always_lasts_two_rows_is_one():
+    # at a limit of one, two rows of decay follow, which nothing but a mode of their own explains
+    x, left = [0.1], 0
+    for _ in range(300):
+        left = 2 if x[-1] >= 1.0 else max(0, left - 1)
+        x.append(0.3 * x[-1] if left else 1.1 * x[-1] + 0.07)
+    record = Record(np.arange(301.0), np.array(x)[:, None], np.empty((301, 0)))
+    found = identify_stays([record], lags=1, library=1)
+    assert len(found.coef) == 2
     assert not found.straddling.any()
 
 

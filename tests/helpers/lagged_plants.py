@@ -171,3 +171,37 @@ def ball(noise=0.0, seed=0, height_only=False):
     return Planted(
         [Record(np.arange(300.0), x, np.empty((300, 0))) for x in noisy], modes, np.array(coef)
     )
+
+
+def relay(noise=0.0, seed=0):
+    """An oscillator that a relay drives towards its input: the laws differ in a constant."""
+    rng = np.random.default_rng(seed)
+
+    def switched(mode, x, u, dwell):
+        off = x[0, 0] - u[0, 0]
+        return 1 if off >= 0.3 else 0 if off <= -0.3 else mode
+
+    recordings, modes = stepped(
+        lambda mode, x, u: 1.5 * x[0] - 0.7 * x[1] + (-0.25 if mode else 0.25),
+        switched,
+        rng.uniform(-0.2, 0.2, (6, 2, 1)),
+        np.repeat(rng.uniform(-0.4, 0.4, (6, 40, 1)), 10, axis=1),
+        rng,
+        noise,
+    )
+    coef = [[[0.25, 1.5, -0.7, 0.0, 0.0]], [[-0.25, 1.5, -0.7, 0.0, 0.0]]]
+    return Planted(recordings, modes, np.array(coef))
+
+
+def bent(noise=0.0, seed=0):
+    """A continuous map of a state and an input that is bent where their sum is zero."""
+    rng = np.random.default_rng(seed)
+    recordings, modes = stepped(
+        lambda mode, x, u: 0.3 * x[0] - 0.1 * u[0] if mode else 0.8 * x[0] + 0.4 * u[0],
+        lambda mode, x, u, dwell: int(x[0, 0] + u[0, 0] >= 0.0),
+        rng.uniform(-1.0, 1.0, (6, 1, 1)),
+        rng.uniform(-2.0, 2.0, (6, 300, 1)),
+        rng,
+        noise,
+    )
+    return Planted(recordings, modes, np.array([[[0.0, 0.8, 0.4]], [[0.0, 0.3, -0.1]]]))

@@ -1,0 +1,166 @@
+"""Rows of recordings in discrete time by their modes: when each mode is entered, and from where.
+
+The mode at row k makes x[k + 1]. A transition that is taken at row k had a guard below zero at row
+k - 1 and has one that is not at row k. Where the state jumps, row k holds what the reset made; what
+the old law made of row k - 1 is what it, and the guard, were given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton_search.found import FoundTransition
+from swsysid._discrete_stays.identify import DiscreteStays
+from swsysid._results import Array
+from swsysid._stays.given import Given
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Transitions that were taken, one row for each."""
+
+    recording: NDArray[np.intp]
+    source: NDArray[np.intp]
+    target: NDArray[np.intp]
+    times: Array
+    jumped: NDArray[np.bool_]
+    last: Array  # (n_taken, n_columns): columns at the row before
+    given: Array  # what guard and reset were given
+    after: Array  # (n_taken, n_states)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def take(self, rows: NDArray[np.bool_]) -> Taken:
+        """Some of them."""
+        return Taken(*(part[rows] for part in vars(self).values()))
+
+
+@dataclass(frozen=True)
+class ModeRows:
+    """Rows with their modes; one that no law explains belongs to the stay before it."""
+
+    stays: DiscreteStays
+    given: Given
+
+    @cached_property
+    def modes(self) -> NDArray[np.intp]:
+        """Mode of every row."""
+        modes = self.stays.modes.copy()
+        for k in np.flatnonzero(self.stays.straddling & ~self.stays.rows.begins):
+            modes[k] = modes[k - 1]
+        return modes
+
+    @cached_property
+    def columns(self) -> Array:
+        """Lagged states without noise, inputs, steps since their mode was entered, and the step.
+
+        The steps are NaN where a recording begins in the mode.
+        """
+        stays, rows = self.stays, self.stays.rows
+        lagged = [
+            [stays.states[r][k - lag] for lag in range(rows.lags + 1)]
+            for r, k in zip(rows.recording, rows.sample, strict=True)
+        ]
+        inputs = rows.columns[:, self.n_lagged :]
+        dwell, since = np.empty(len(rows)), np.nan
+        for k, (begins, enters) in enumerate(zip(rows.begins, self._entered, strict=True)):
+            since = np.nan if begins else 0.0 if enters else since + 1.0
+            dwell[k] = since
+        states = np.reshape(lagged, (len(rows), -1))
+        return np.column_stack([states, inputs, dwell, rows.sample.astype(float)])
+
+    @property
+    def n_lagged(self) -> int:
+        """Number of the columns that are states."""
+        return self.stays.rows.n_states * (self.stays.rows.lags + 1)
+
+    @cached_property
+    def taken(self) -> Taken:
+        """All transitions between rows."""
+        rows, n_states = self.stays.rows, self.stays.rows.n_states
+        at = np.flatnonzero(self._entered)
+        before = at - 1
+        jumped = self.stays.straddling[before]
+        reached = self.columns[at].copy()
+        reached[:, -2] = self.columns[before, -2] + 1.0  # the mode is still the old one
+        reached[jumped, :n_states] = self._made(before[jumped])
+        times = [self.given.records[r].t[k] for r, k in zip(rows.recording[at], rows.sample[at],
+                                                            strict=True)]  # fmt: skip
+        return Taken(
+            rows.recording[at], self.modes[before], self.modes[at], np.array(times), jumped,
+            self.columns[before], reached, self.columns[at, :n_states],
+        )  # fmt: skip
+
+    def inside(self, mode: int) -> Array:
+        """Columns at the rows of a mode."""
+        return self.columns[(self.modes == mode) & ~self.stays.straddling]
+
+    def with_ends(
+        self, found: Sequence[FoundTransition]
+    ) -> tuple[list[NDArray[np.intp]], list[FoundTransition]]:
+        """Modes of all samples, and transitions with those at the end of a recording.
+
+        The mode of a sample is that of its row, of the nearest row before, or of the first one. The
+        last sample of a recording has no law to tell its mode: the guards do.
+        """
+        modes, ended = self._by_samples(), list(found)
+        for k, columns in self._ends():
+            source = modes[k][-1]
+            taken = [place for place, one in enumerate(ended) if one.source == source
+                     and one.guard is not None and one.guard.guard.at(columns) >= 0.0]  # fmt: skip
+            if taken:
+                one = ended[taken[0]]
+                modes[k][-1] = one.target
+                ended[taken[0]] = replace(
+                    one,
+                    recording=np.append(one.recording, k),
+                    times=np.append(one.times, self.given.records[k].t[-1]),
+                )
+        return modes, ended
+
+    @cached_property
+    def _entered(self) -> NDArray[np.bool_]:
+        """True at rows whose mode was entered there: another one than before, or after a jump."""
+        rows, modes, straddling = self.stays.rows, self.modes, self.stays.straddling
+        entered = np.zeros(len(rows), dtype=bool)
+        entered[1:] = (modes[1:] != modes[:-1]) | (straddling[:-1] & ~straddling[1:])
+        return entered & ~rows.begins
+
+    def _made(self, rows: NDArray[np.intp]) -> Array:
+        """What the laws of some rows make of them."""
+        features = self.stays.feature_map(self.columns[rows, :-2])
+        return np.einsum("kij,kj->ki", self.stays.coef[self.modes[rows]], features)
+
+    def _by_samples(self) -> list[NDArray[np.intp]]:
+        modes = []
+        for k, record in enumerate(self.given.records):
+            own = np.flatnonzero(self.stays.rows.recording == k)
+            samples = self.stays.rows.sample[own]
+            if not len(own):
+                modes.append(np.zeros(len(record.t), dtype=np.intp))
+                continue
+            last = np.searchsorted(samples, np.arange(len(record.t)), side="right") - 1
+            modes.append(self.modes[own][np.maximum(last, 0)])
+        return modes
+
+    def _ends(self) -> list[tuple[int, Array]]:
+        """Recordings whose last sample follows a row, and what the guards are given there."""
+        rows, ends = self.stays.rows, []
+        for k, record in enumerate(self.given.records):
+            own = np.flatnonzero(rows.recording == k)
+            if len(own) and rows.sample[own[-1]] == len(record.t) - 2:
+                last = own[-1:]
+                made = self.stays.states[k][-1]
+                if self.stays.straddling[last[0]]:
+                    made = self._made(last)[0]
+                lagged = np.concatenate([made, self.columns[last[0], : self.n_lagged]])
+                u = record.u[::-1][: rows.lags + 1].ravel()
+                clocks = self.columns[last[0], -2:] + 1.0
+                ends.append((k, np.concatenate([lagged[: self.n_lagged], u, clocks])))
+        return ends
