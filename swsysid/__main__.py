@@ -39,6 +39,8 @@ def main(argv: list[str] | None = None) -> int:
 def _check_wishes(arguments: argparse.Namespace) -> None:
     """Refuse what can be refused before anything is read."""
     modes(arguments.modes)
+    if arguments.automaton and (arguments.diagnose or arguments.quick):
+        raise TableError("--automaton goes without --diagnose and --quick; leave these out.")
     if arguments.diagnose:
         return
     for option in ("html", "signals", "effects"):

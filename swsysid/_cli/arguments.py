@@ -151,7 +151,13 @@ def _add_recording(add: Callable) -> None:
 
 def _add_model(add: Callable) -> None:
     """The law that is looked for, how, and where the answer goes."""
-    add("--modes", default="2", help='number of modes, or "auto" (default: 2)')
+    add("--modes", help='number of modes, or "auto" (default: 2; auto with --automaton)')
+    add(
+        "--automaton",
+        action="store_true",
+        help="guards that remember, such as thresholds that differ up and down, and states that "
+        "jump, in place of one surface between modes",
+    )
     add(
         "--library",
         choices=LIBRARIES,
@@ -226,8 +232,10 @@ def units(words: Sequence[str]) -> dict[str, str]:
     return {name: unit for name, _, unit in pairs}
 
 
-def modes(word: str) -> int | str:
+def modes(word: str | None, automaton: bool = False) -> int | str:
     """The number of modes, or "auto"."""
+    if word is None:
+        return "auto" if automaton else 2
     if word == "auto":
         return word
     if not word.isdecimal() or int(word) < 1:

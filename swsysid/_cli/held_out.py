@@ -32,7 +32,7 @@ class HeldOut:
         self.split: Split = hold_out(recorded.groups, options.test_fraction, options.random_state)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the fit to all recordings tells of clipped samples
-            given = without_clipped(read_given(*self._data(slice(None))))
+            given = without_clipped(read_given(*self.recorded.named(samples.names, slice(None))))
             base = differentiated(given, self.order)
         recordings = base.recordings
         # of the samples that were measured, whichever cells are missing between them
@@ -49,18 +49,6 @@ class HeldOut:
         self.rows = np.concatenate(places)  # of the recordings: those of the stretches
         self.stretches = Stretches.of(records, guess)
         self.measured = np.vstack([record.y for record in records])
-
-    def _data(self, rows) -> tuple:
-        """States, times, trajectories and inputs of some rows, as an identifier takes them."""
-        import pandas as pd
-
-        recorded, names = self.recorded, self.samples.names
-        n_states, n_inputs = recorded.states.shape[1], recorded.inputs.shape[1]
-        x = pd.DataFrame(recorded.states[rows], columns=list(names[:n_states]))
-        inputs = None
-        if n_inputs:
-            inputs = pd.DataFrame(recorded.inputs[rows], columns=list(names[-n_inputs:]))
-        return x, recorded.t[rows], recorded.groups[rows], inputs
 
     def identified(
         self, terms: Terms, n_modes: int | str, *, whole: bool = False, **options
@@ -111,4 +99,4 @@ class HeldOut:
             n_jobs=self.options.n_jobs,
             verbose=int(self.options.verbose and not isinstance(rows, np.ndarray)),
         )
-        return identifier.fit(*self._data(rows))
+        return identifier.fit(*self.recorded.named(self.samples.names, rows))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,17 @@ class Recorded:
             rows[:, -1],
             labels[kept],
         )
+
+    def named(self, names: Sequence[str], rows) -> tuple:
+        """States, times, trajectories and inputs of some rows, as an identifier takes them."""
+        import pandas as pd
+
+        n_states, n_inputs = self.states.shape[1], self.inputs.shape[1]
+        x = pd.DataFrame(self.states[rows], columns=list(names[:n_states]))
+        inputs = None
+        if n_inputs:
+            inputs = pd.DataFrame(self.inputs[rows], columns=list(names[-n_inputs:]))
+        return x, self.t[rows], self.groups[rows], inputs
 
     @property
     def labels(self) -> list[object]:

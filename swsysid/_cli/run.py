@@ -13,6 +13,7 @@ from pathlib import Path
 from sklearn.base import clone
 
 from swsysid._cli.arguments import LIBRARIES, is_watched, modes, say
+from swsysid._cli.automaton import run_automaton
 from swsysid._cli.job import JobOptions, JobResult, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.saving import save
@@ -27,6 +28,8 @@ PAGE = "swsysid_diagnosis.html"
 
 def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
     """Identify, print and save; the exit code is 1 for a failed solver."""
+    if arguments.automaton:
+        return run_automaton(table, _options(arguments, measurement), arguments.output)
     search, page, effects = None, None, []
     watched = is_watched(arguments.verbose)
     if arguments.diagnose:
@@ -56,7 +59,7 @@ def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOpti
     given, degree = vars(arguments), arguments.library_degree
     options = {each.name: given[each.name] for each in fields(JobOptions) if each.name in given}
     options |= {
-        "modes": modes(arguments.modes),
+        "modes": modes(arguments.modes, arguments.automaton),
         "library_degree": LIBRARIES[arguments.library or "affine"] if degree is None else degree,
         "verbose": is_watched(arguments.verbose),
     }

@@ -38,14 +38,10 @@ def with_effects(model: EffectRegressor) -> str:
 
 def _data(result: JobResult) -> str:
     samples = result.samples
-    columns = ", ".join(map(samples.with_unit, samples.names))
     n_samples, n_groups = len(samples.X), len(np.unique(samples.groups))
     if result.found is not None:
         n_samples, n_groups = len(result.found.identifier.modes_), len(result.found.labels)
-    every = f", every {_ordinal(samples.decimate)} row" if samples.decimate > 1 else ""
-    trajectories = "1 trajectory" if n_groups == 1 else f"{n_groups} trajectories"
-    lines = [f"{n_samples:,} samples of {trajectories}{every}: {columns}"]
-    lines += preparation(samples)
+    lines = [described(samples, n_samples, n_groups), *preparation(samples)]
     if result.position_gain is not None:
         kept = "kept in" if 0 in result.terms.columns else "left out of"
         change = max(0.0, 100 * result.position_gain)
@@ -54,6 +50,14 @@ def _data(result: JobResult) -> str:
             "(--position yes or no decides otherwise)."
         )
     return "\n".join(lines)
+
+
+def described(samples: Samples, n_samples: int, n_groups: int) -> str:
+    """How many samples there are, and of what."""
+    columns = ", ".join(map(samples.with_unit, samples.names))
+    every = f", every {_ordinal(samples.decimate)} row" if samples.decimate > 1 else ""
+    trajectories = "1 trajectory" if n_groups == 1 else f"{n_groups} trajectories"
+    return f"{n_samples:,} samples of {trajectories}{every}: {columns}"
 
 
 def preparation(samples: Samples) -> list[str]:
@@ -274,8 +278,8 @@ def _of_modes(result: JobResult) -> str:
         ),
         Verdict.ONE_MODE: (
             "Switching does not predict the held-out samples clearly better than one mode "
-            f"(error {_change(comparison)}). Do not trust the modes: try another library, or keep "
-            "one mode (--modes 1)."
+            f"(error {_change(comparison)}). Do not trust the modes: try another library, keep one "
+            "mode (--modes 1), or, if the modes may have memory or states jump, try --automaton."
         ),
         Verdict.TOO_FEW: (
             "These data do not decide whether there is switching: the modes change "

@@ -1,0 +1,101 @@
+"""``--automaton``: guards that remember and states that jump, from the recordings alone."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from pathlib import Path
+
+from swsysid._automaton_regressor import HybridAutomatonRegressor
+from swsysid._cli.options import JobOptions
+from swsysid._cli.samples import Samples, measure
+from swsysid._cli.terms import Terms
+from swsysid._cli.text import described
+from swsysid._cli.verdict import hold_out
+from swsysid._tables.table import Table, TableError
+
+
+def run_automaton(table: Table, options: JobOptions, folder: Path) -> int:
+    """Identify an automaton, judge one of the other recordings on what is held out, and save."""
+    if options.measurement.derivatives or options.measurement.order == 2:
+        raise TableError(
+            "--automaton takes recorded states alone; leave out --derivatives and --order 2, and "
+            "give speeds among the --states."
+        )
+    samples = measure(table, options.measurement)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        found, score, held_out = _identified(samples, options)
+    notes = dict.fromkeys(str(warning.message) for warning in caught)
+    # the advice of the report says what guards do not tell
+    told = [f"note: {note}" for note in notes if note not in found.report_.advice]
+    text = "\n\n".join([
+        _recorded(samples), str(found.report_),
+        f"held-out rollouts: R2 of {score:.4f} on {held_out}, by an automaton of the others",
+        *told,
+    ])  # fmt: skip
+    print(text)
+    return _saved(found, text, folder)
+
+
+def _identified(
+    samples: Samples, options: JobOptions
+) -> tuple[HybridAutomatonRegressor, float, str]:
+    """The automaton of all recordings; how one of the training rows rolls out the others."""
+    recorded = samples.recorded
+    assert recorded is not None, "derivatives are refused"
+    split = hold_out(recorded.groups, options.test_fraction, options.random_state)
+    n_columns = samples.X.shape[1]
+    terms = Terms(tuple(range(n_columns)), options.library_degree, options.waves)
+    model = HybridAutomatonRegressor(
+        options.modes,
+        feature_library=terms.library(n_columns),
+        guard_degree=options.surface_degree,
+        n_jobs=options.n_jobs,
+        random_state=options.random_state,
+        verbose=int(options.verbose),
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the fit to all recordings says the same
+        trained = model.fit(*recorded.named(samples.names, split.train))
+        score = trained.score(*recorded.named(samples.names, split.test))
+    what = "whole trajectories" if split.whole_groups else "the last stretch of each trajectory"
+    held_out = f"{split.test.sum():,} samples, {what}"
+    return model.fit(*recorded.named(samples.names, slice(None))), score, held_out
+
+
+def _recorded(samples: Samples) -> str:
+    recorded = samples.recorded
+    assert recorded is not None
+    first = described(samples, len(recorded.t), len(recorded.labels))
+    return "\n".join([first, *samples.remarks])
+
+
+def _saved(found: HybridAutomatonRegressor, text: str, folder: Path) -> int:
+    """Write automaton, text and picture; the exit code is 2 if they cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        told = json.dumps(found.to_dict(), indent=1)
+        (folder / "automaton.json").write_text(told + "\n", encoding="utf-8")
+        (folder / "identification.txt").write_text(text + "\n", encoding="utf-8")
+        drawn = _drawn(found, folder / "automaton.png")
+    except OSError as error:
+        print(f"swsysid: {folder} cannot be written: {error.strerror}.", file=sys.stderr)
+        return 2
+    print(f"\nSaved in {folder}: automaton.json, identification.txt{drawn}")
+    return 0
+
+
+def _drawn(found: HybridAutomatonRegressor, path: Path) -> str:
+    """Draw modes and transitions; says what came of it."""
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError:
+        return ' (no picture: install matplotlib, pip install "swsysid[plot]").'
+    from swsysid.plotting import AutomatonGraphDisplay
+
+    display = AutomatonGraphDisplay.from_estimator(found)
+    display.figure_.savefig(path, dpi=150)
+    plt.close(display.figure_)
+    return f", {path.name}"
