@@ -15,7 +15,14 @@ from swsysid._checks.parameters import MOST_MODES, shown
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import ScoredByR2
 from swsysid._effect_model.equations import guards_with_effects, laws_with_effects
-from swsysid._effect_model.joint_fit import JointFit, check_declared, fit_jointly, warn_of_doubts
+from swsysid._effect_model.joint_fit import (
+    JointFit,
+    as_stated,
+    fit_jointly,
+    told_on_rows,
+    warn_of_doubts,
+)
+from swsysid._effect_model.models import check_declared, declared_model
 from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._rendering.printing import check_format
 from swsysid.effects import PlacedEffect
@@ -86,7 +93,12 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         self._one_target, self._n_targets = y.ndim == 1, targets.shape[1]
         records = self._records(X, t, groups, signals, terms)
         start = None if modes is None else _checked_modes(modes, len(X))
-        fit = fit_jointly(self.estimator, terms, records, rows, targets, start)
+        declared = declared_model(self.estimator, records)
+        stated = as_stated(declared, records)
+        if stated is not None:
+            told = told_on_rows(stated, records, rows, targets) if start is None else None
+            records = replace(records, told=start) if told is None else told
+        fit = fit_jointly(declared, terms, records, rows, targets, start)
         warn_of_doubts(fit, 2)
         return self._adopt(fit, records.names)
 
@@ -99,7 +111,9 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """Mode of every sample, shape (n_samples,)."""
         return self.joint_fit_.predict_modes(self._known(X, t, groups, signals))
 
-    def simulate(self, x0, t, inputs=None, *, signals=None, input_hold="zero", **options):
+    def simulate(
+        self, x0, t, inputs=None, *, signals=None, input_hold="zero", mode=None, **options
+    ):
         """Roll the system out from a state, effects included.
 
         Parameters
@@ -111,6 +125,8 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         signals : array-like of shape (n_times, n_signals), default=None
             Needed if an effect uses them.
         input_hold : {"zero", "linear"}, default="zero"
+        mode : int, default=None
+            Of an automaton: that in which the rollout starts; None is what its guards tell.
         **options
             Of `SwitchingSystemRegressor.simulate`.
 
@@ -119,7 +135,14 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         Trajectory
         """
         done = simulate_with_effects(
-            self.joint_fit_, x0, t, inputs, signals=signals, input_hold=input_hold, **options
+            self.joint_fit_,
+            x0,
+            t,
+            inputs,
+            signals=signals,
+            input_hold=input_hold,
+            mode=mode,
+            **options,
         )
         return replace(done, names=self._channel_names[: done.x.shape[1]])
 
@@ -171,7 +194,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         for name in ("n_features_in_", "feature_names_in_"):
             if hasattr(like, name):
                 setattr(self, name, getattr(like, name))
-        self._one_target, self._n_targets = False, fit.switching.coef_.shape[1]
+        self._one_target, self._n_targets = False, fit.laws.coef.shape[1]
         return self._adopt(fit, names)
 
     @property

@@ -131,7 +131,7 @@ class CandidateContext:
     @property
     def most_switched_state(self) -> int:
         """State whose laws differ most between the modes."""
-        coef = self.fit.switching.coef_
+        coef = self.fit.laws.coef
         sizes = np.abs(self.regression.features[:, : coef.shape[2]]).mean(axis=0)
         apart = (np.ptp(coef, axis=0) * sizes).sum(axis=1)
         return int(np.argmax(apart / self.regression.targets.std(axis=0)))

@@ -156,7 +156,7 @@ class EffectData:
     @property
     def discrete(self) -> bool:
         """True if the targets are the next states."""
-        return bool(self.final.joint_fit_.switching.discrete_time)
+        return bool(self.final.joint_fit_.laws.discrete_time)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -229,7 +229,7 @@ def proposals(effect: Effect, context: CandidateContext) -> Iterator[PlacedEffec
 def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """The correction of each sensor that lets the declared laws fit best."""
     records, settings = context.records, context.data.settings
-    discrete = bool(context.fit.switching.discrete_time)
+    discrete = bool(context.fit.laws.discrete_time)
     for place in effect.places(records):
         if not effect.is_possible(records, place, context.velocities, discrete):
             continue
@@ -257,13 +257,13 @@ def _(effect: GuardEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
 @proposals.register
 def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """Jumps of each state that the velocities cannot explain."""
-    if context.fit.switching.discrete_time:
+    if context.fit.laws.discrete_time:
         return  # the targets are the next states, jumps included
     for target in context.records.states:
         found = effect.candidate(
             context.records, context.velocities, context.switched_modes, target
         )
-        if found is not None:
+        if found is not None and found[0] not in context.fit.laws.resets:
             crossing, theta = found
             yield PlacedEffect(effect, crossing, target, theta=theta)
 
