@@ -24,6 +24,7 @@ from swsysid._effect_model.joint_fit import (
 )
 from swsysid._effect_model.models import check_declared, declared_model
 from swsysid._effect_model.simulation import simulate_with_effects
+from swsysid._effect_model.transitions import NoAutomatonError, automaton_of_fit
 from swsysid._rendering.printing import check_format
 from swsysid.effects import PlacedEffect
 
@@ -183,6 +184,20 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         fit = self.joint_fit_
         check_format(format, precision)
         return guards_with_effects(fit, self._channel_names, precision, format)
+
+    @property
+    def automaton_(self):
+        """Laws and transitions as a `HybridAutomaton`.
+
+        A guard that remembers is two guards, one for each direction, and a jump of a state the
+        reset of a transition. Effects with columns (`effects_`) act beside its laws: `simulate` has
+        both.
+        """
+        fit = self.joint_fit_
+        try:
+            return automaton_of_fit(fit)
+        except NoAutomatonError as error:
+            raise AttributeError(str(error)) from None
 
     # -- parts ---------------------------------------------------------------------------------
 

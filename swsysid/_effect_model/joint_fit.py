@@ -42,6 +42,11 @@ class JointFit:
         return len(self.laws.coef)
 
     @property
+    def n_states(self) -> int:
+        """Number of states."""
+        return int(self.laws.coef.shape[1])
+
+    @property
     def guard(self) -> PlacedEffect | None:
         """The effect that takes the place of the surface, if there is one."""
         return next((term for term in self.terms if isinstance(term.effect, GuardEffect)), None)

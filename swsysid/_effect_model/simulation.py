@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
+from swsysid._automaton.model import HybridAutomaton
 from swsysid._checks.parameters import one_of, whole
 from swsysid._effect_model.automaton_rollouts import AutomatonEffects, iterate_with_effects
 from swsysid._effect_model.automaton_rollouts import follow as follow_automaton
 from swsysid._effect_model.declared import SwitchingLaws
 from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_model.transitions import NoAutomatonError, automaton_of_fit
 from swsysid._pipelines import steps_before
 from swsysid._results import Array, Status, Trajectory
 from swsysid._simulation.effect_system import ActingTerm, EffectSystem, Memory
@@ -49,8 +52,7 @@ def simulate_with_effects(
     of the fit: a drift or a forcing starts there.
     """
     checked = checked_options(options)
-    kind = _Rollout if fit.laws.automaton is None else _AutomatonRollout
-    rollout = kind(fit, x0, t, inputs, signals, input_hold)
+    rollout = _rollout(fit, x0, t, inputs, signals, input_hold)
     return rollout.as_recorded(rollout.run(checked, mode))
 
 
@@ -89,7 +91,7 @@ class _Rollout:
     def run(self, options: Options, mode: int | None) -> Trajectory:
         """Iterate the map, integrate from event to event, or step from sample to sample."""
         if mode is not None:
-            raise ValueError("mode is for automata: the state tells it here; leave it out.")
+            raise ValueError("the state tells the mode at the start; leave mode out.")
         system, given = self._system(), self.given
         if self.is_discrete:
             return iterate(system, self.x0, self.t, given.sampled(given.t), options)
@@ -159,23 +161,46 @@ class _Rollout:
 
 
 class _AutomatonRollout(_Rollout):
-    """One of an automaton, in the modes that its guards tell."""
+    """One in modes that are left where guards rise to zero, and entered with a jump of the state.
+
+    So is that of a surface which remembers.
+    """
+
+    def __init__(self, automaton: HybridAutomaton, *request):
+        super().__init__(*request)
+        self.automaton = automaton
 
     def run(self, options: Options, mode: int | None) -> Trajectory:
-        automaton = self.laws.automaton
-        assert automaton is not None
-        whole("mode", mode, least=0, most=automaton.n_modes - 1, also=(None,))
-        system = AutomatonEffects(automaton, self.acting, self.breaks, self.sizes)
+        whole("mode", mode, least=0, most=self.automaton.n_modes - 1, also=(None,))
+        system = AutomatonEffects(self.automaton, self.acting, self.breaks, self.sizes)
         if system.remembers:
             raise ValueError(
                 "an effect remembers a state, which a rollout of an automaton cannot; leave it out."
             )
-        system.begin(self.x0, self.inputs[0], float(self.t[0]), mode)
+        system.begin(self.x0, self.inputs[0], float(self.t[0]), self._first(mode))
         if self.is_discrete:
             rows = self.given.sampled(self.given.t)
             return iterate_with_effects(system, self.x0, self.t, rows, options)
         grid, _, pieces = self._stretches()
         return self.without_sides(follow_automaton(system, self.x0, grid, pieces, options))
+
+    def _first(self, mode: int | None) -> int | None:
+        """The mode at the start as the surface tells it, if there is one."""
+        if mode is not None or self.laws.automaton is not None:
+            return mode
+        row = np.concatenate([self.x0, self.inputs[0]])[None]
+        records = trajectory_records(row, self.n_states, self.t[:1], self.signals[:1])
+        return int(self.fit.predict_modes(records)[0])
+
+
+def _rollout(fit: JointFit, *request) -> _Rollout:
+    """The kind of rollout that suits a fit."""
+    remembering = any(one.memory is not None for one in _acting_terms(fit, fit.n_states, 0)[0])
+    guarded = fit.guard is not None and not remembering and not fit.laws.discrete_time
+    if guarded or fit.laws.automaton is not None:
+        with suppress(NoAutomatonError):
+            return _AutomatonRollout(automaton_of_fit(fit), fit, *request)
+    return _Rollout(fit, *request)
 
 
 # -- what a fit needs ------------------------------------------------------------------------------

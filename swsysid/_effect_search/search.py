@@ -237,6 +237,12 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     equations = _of_the_best(EffectRegressor.equations)
     surface_equations = _of_the_best(EffectRegressor.surface_equations)
 
+    @property
+    def automaton_(self):
+        """Laws and transitions of the best model; as `EffectRegressor.automaton_`."""
+        check_fitted(self, "best_estimator_")
+        return self.best_estimator_.automaton_
+
     # -- parts of fit ------------------------------------------------------------------------------
 
     def _is_enough(self, measured: Measured, parts: Split) -> bool:
