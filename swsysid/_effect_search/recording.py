@@ -110,24 +110,22 @@ def _told(fit: JointFit, measured: Measured) -> Measured:
 
 def _start(declared: Declared, records: Records) -> tuple[JointFit, Array]:
     """The declared model fitted to differentiated states, and the states smoothed."""
-    chosen, X, velocities = _differentiated(records, records.trajectories)
-    start = records.take(chosen).with_columns(X[chosen])
-    return fit_jointly(declared, (), start, np.arange(len(chosen)), velocities), X
+    start, velocities, X = _differentiated(records, records.trajectories)
+    return fit_jointly(declared, (), start, np.arange(len(start)), velocities), X
 
 
 def _lacking(fit: JointFit, records: Records) -> tuple[Array, Array]:
     """Smoothed states, and the disturbance of the velocities by what known laws lack."""
     # In a record without noise a filter that trusts the laws explains what they lack by switches.
-    chosen, X, velocities = _differentiated(records, stretches_of(fit.laws, records))
-    start = records.take(chosen).with_columns(X[chosen])
+    start, velocities, X = _differentiated(records, stretches_of(fit.laws, records))
     modes = told_by_velocities(fit.laws, start, velocities, fit.contributions)
     errors = np.abs(velocities - fit.predict(start, modes))
     left = np.max([np.median(errors[modes == mode], axis=0) for mode in np.unique(modes)], axis=0)
     return X, left[None] * np.sqrt(STAYS.memory * records.step)
 
 
-def _differentiated(records: Records, stretches: list[Rows]) -> tuple[Rows, Array, Array]:
-    """Rows with velocities, states (and inputs) of which these are smoothed, and the velocities."""
+def _differentiated(records: Records, stretches: list[Rows]) -> tuple[Records, Array, Array]:
+    """Filtered rows with velocities, these, and all rows with their states smoothed."""
     n_states, X = records.n_states, records.X.copy()
     assert records.t is not None
     labels = np.empty(len(X), dtype=np.intp)
@@ -146,7 +144,7 @@ def _differentiated(records: Records, stretches: list[Rows]) -> tuple[Rows, Arra
         kept[own] = np.isin(records.t[own], derived.t[derived.groups == label])
     chosen = np.flatnonzero(kept)
     X[chosen, :n_states] = derived.X[:, :n_states]
-    return chosen, X, derived.Xdot
+    return records.take(chosen).with_columns(derived.X), derived.Xdot, X
 
 
 def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> Measured:
