@@ -70,6 +70,10 @@ class JointFit:
         """Modes according to the declared model alone."""
         return self.laws.modes(corrected(self.terms, records), self._added)
 
+    def first_mode(self, records: Records) -> int | None:
+        """The mode in which a rollout along a trajectory begins; None where its state tells it."""
+        return None if self.laws.automaton is None else int(self.predict_modes(records)[0])
+
     def modes_along(self, records: Records, rows: NDArray[np.intp]) -> Modes:
         """Modes of a whole record: on the rows of the fit from the data, elsewhere predicted."""
         modes = self.predict_modes(records)
