@@ -37,20 +37,22 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
 
     Parameters
     ----------
-    estimator : SwitchingSystemRegressor or Pipeline that ends in one
-        The declared model.
+    estimator : estimator or HybridAutomaton
+        The declared model, as `EffectSearchCV` takes it.
     effects : sequence of PlacedEffect, default=()
         Effects with their places and nonlinear parameters, as `EffectSearchCV` finds them.
 
     Attributes
     ----------
-    estimator_ : fitted estimator
+    estimator_ : fitted estimator or HybridAutomaton
         The declared model, fitted to what the effects leave over.
     effects_ : tuple of PlacedEffect
     effect_coef_ : tuple of ndarray
         Coefficients of the columns of each effect.
     modes_ : ndarray of shape (n_samples,)
         Modes of the training rows.
+    automaton_ : HybridAutomaton
+        Laws and transitions, with the hysteresis and the resets of the effects.
 
     Examples
     --------

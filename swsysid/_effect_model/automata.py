@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from swsysid._automaton.equations import transition_equation
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import Transition
+from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._data.features import FeatureMap
 from swsysid._data.records import Records, next_states
 from swsysid._effect_model.declared import Added, FittedDeclared, Modes
 from swsysid._effect_model.decoding import decoded, told_by_velocities
+from swsysid._effect_model.identified import identified
 from swsysid._noise import robust_regression
 from swsysid._results import Array
 from swsysid.effects import Effect, GuardEffect, StructureEffect
@@ -30,6 +32,7 @@ class DeclaredAutomaton:
     """An automaton whose laws are fitted in given modes."""
 
     automaton: HybridAutomaton
+    identifier: HybridAutomatonRegressor | None = None  # by which it has been found
 
     def __post_init__(self):
         if self.automaton.lags:
@@ -59,6 +62,12 @@ class DeclaredAutomaton:
 
     def extended(self, effect: StructureEffect) -> DeclaredAutomaton:
         raise ValueError(f"an automaton has the modes that it has; leave {effect.kind!r} out.")
+
+    def anew(self, records: Records, added: Array) -> DeclaredAutomaton | None:
+        if self.identifier is None:
+            return None
+        found = identified(self.identifier, records, added)
+        return None if found is None else replace(self, automaton=found)
 
     def refuses(self, effect: Effect) -> str | None:
         if isinstance(effect, (GuardEffect, StructureEffect)):

@@ -115,6 +115,12 @@ class Declared(Protocol):
     def extended(self, effect: StructureEffect) -> Declared:
         """The same with what an effect adds to its structure."""
 
+    def anew(self, records: Records, added: Array) -> Declared | None:
+        """Identified once more beside effects; None if it is fitted with them anyway.
+
+        `added` is what they add to the velocities, (n_modes, n_samples, n_states).
+        """
+
     def refuses(self, effect: Effect) -> str | None:
         """Why an effect cannot stand beside it; None if it can."""
 
@@ -176,6 +182,9 @@ class DeclaredSwitching:
 
     def extended(self, effect: StructureEffect) -> DeclaredSwitching:
         return replace(self, estimator=effect.extended(self.estimator))
+
+    def anew(self, records: Records, added: Array) -> Declared | None:
+        return None
 
     def refuses(self, effect: Effect) -> str | None:
         return None

@@ -23,6 +23,7 @@ from swsysid._effect_model.declared import (
     FittedLaws,
     SwitchingLaws,
 )
+from swsysid._effect_model.identified import identified
 from swsysid._pipelines import seeded, switching_step
 from swsysid._stays.search import check_estimator
 from swsysid._trajectory_identifier import TrajectoryIdentifier
@@ -52,11 +53,9 @@ def _(estimator: HybridAutomatonRegressor, records: Records) -> Declared:
         raise ValueError(
             "an automaton is identified from recordings; give t (and groups, if there are several)."
         )
-    states, inputs = np.split(records.X, [records.n_states], axis=1)
-    found = clone(estimator).fit(
-        states, records.t, records.groups, inputs if records.n_inputs else None
-    )
-    return DeclaredAutomaton(found.automaton_)
+    found = identified(estimator, records)
+    assert found is not None
+    return DeclaredAutomaton(found, estimator)
 
 
 def check_declared(estimator: object) -> None:

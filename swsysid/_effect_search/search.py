@@ -17,6 +17,7 @@ from swsysid._checks.estimators import check_fitted, column_names, rows_and_velo
 from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import explained
+from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit, fit_jointly, warn_of_doubts
 from swsysid._effect_model.models import check_declared, declared_model, unfitted, with_seed
 from swsysid._effect_regressor import EffectRegressor
@@ -72,8 +73,12 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     Parameters
     ----------
-    estimator : SwitchingSystemRegressor or Pipeline that ends in one
-        The declared model.
+    estimator : estimator or HybridAutomaton
+        The declared model: a SwitchingSystemRegressor, a Pipeline that ends in one, a
+        TrajectoryIdentifier (which stands for the model that it looks for), a
+        HybridAutomatonRegressor, or an automaton that is stated or was found. An automaton keeps
+        its modes, its transitions and the terms of its laws; coefficients of these terms are fitted
+        with the effects. It needs `t`, and laws without lags.
     effects : "all" or list of Effect, default="all"
         Effects to look for; see `swsysid.effects`.
     cv : int, cross-validation generator or None, default=None
@@ -95,6 +100,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     ----------
     best_estimator_ : EffectRegressor
         The declared model with the effects found, fitted to all rows.
+    automaton_ : HybridAutomaton
+        Laws and transitions of `best_estimator_`, with the hysteresis and the resets found.
     declared_estimator_ : EffectRegressor
         The declared model without effects, fitted to all rows.
     effects_ : list of FoundEffect
@@ -115,6 +122,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     >>> search.effects_[0].kind, search.effects_[0].target
     ('coulomb_friction', 1)
     """
+
+    _declared: Declared  # what is fitted, for the record at hand
 
     def __init__(
         self,
@@ -200,7 +209,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 # With the first effect inside, fewer modes and velocities are wrong, and perhaps
                 # its kind is another one.
                 first = self._search(measured, parts, rng, most=1).structure.fit
-                again = measured.beside(first)
+                again = self._identified_beside(measured, first)
                 if again is not None and self._is_enough(again, parts):
                     measured, final = again, again.fitted(self._declared)
                     self.declared_estimator_ = self._regressor(final, measured.records)
@@ -250,6 +259,18 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         n_columns = measured.records.X.shape[1] + measured.targets.shape[1]
         n_searched = len(parts.of(measured.rows).search)
         return n_searched >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
+
+    def _identified_beside(self, measured: Measured, first: JointFit) -> Measured | None:
+        """The record with modes and velocities that are better known with an effect inside."""
+        records = measured.records if measured.recorded is None else measured.recorded
+        seen = records.with_columns(measured.records.X)
+        anew = self._declared.anew(records, first.contributions(seen)) if first.terms else None
+        if anew is None:
+            return measured.beside(first)
+        self._declared = anew
+        if measured.recorded is None:
+            return with_velocities(anew, records, measured.targets)
+        return from_states(anew, records)
 
     def _search(
         self, measured: Measured, parts: Split, rng: np.random.RandomState, most: int

@@ -141,12 +141,14 @@ def _between_stays(records: Records, velocity: Array, modes: Modes, target: int)
             state, move = (_without(part[own], apart[own]) for part in (before, moved))
             jumps = _Jumps(state, move, kind, n_explained=1, n_crossings=len(kinds))
             # The ends of stays have errors that all share: a reset is seen at each crossing. And a
-            # switch happens between its two samples: what the reset leaves of the moves is worth no
-            # more than that. A state that is the same at all crossings tells no factor.
+            # switch happens somewhere between its two samples: that alone does not explain the
+            # moves, and it explains what the reset leaves of them. A state that is the same at all
+            # crossings tells no factor.
+            late = half[own] * np.abs(apart[own])
             left = np.abs(moved[own] - jumps.slope * before[own])
-            late = left - half[own] * np.abs(apart[own])
-            is_between = np.median(late) <= SETTINGS.sure_jump * jumps.error
-            if jumps.deviations >= SETTINGS.sure_jump and is_between:
+            is_needed = np.median(np.abs(moved[own]) - late) > 0.0
+            is_enough = np.median(left - late) <= SETTINGS.sure_jump * jumps.error
+            if jumps.deviations >= SETTINGS.sure_jump and is_needed and is_enough:
                 found.append(jumps)
     return max(found, key=lambda jumps: jumps.gain, default=None)
 
