@@ -277,6 +277,11 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         return self.fitted_surfaces.penalty(values)
 
     @property
+    def powers(self):
+        """Exponents of the columns in each feature of `coef_`; None if these are no monomials."""
+        return self._basis.exponents
+
+    @property
     def fitted_surfaces(self):
         """The surfaces and their margin LP, as a pass over many rows needs them."""
         surfaces = self._basis, self._fitted_coef, self.mode_book_, self.classes_

@@ -15,8 +15,16 @@ from swsysid._checks.parameters import MOST_MODES, shown
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import ScoredByR2
 from swsysid._effect_model.equations import guards_with_effects, laws_with_effects
-from swsysid._effect_model.joint_fit import JointFit, check_declared, fit_jointly, warn_of_doubts
+from swsysid._effect_model.joint_fit import (
+    JointFit,
+    as_stated,
+    fit_jointly,
+    told_on_rows,
+    warn_of_doubts,
+)
+from swsysid._effect_model.models import check_declared, declared_model
 from swsysid._effect_model.simulation import simulate_with_effects
+from swsysid._effect_model.transitions import NoAutomatonError, automaton_of_fit
 from swsysid._rendering.printing import check_format
 from swsysid.effects import PlacedEffect
 
@@ -29,20 +37,22 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
 
     Parameters
     ----------
-    estimator : SwitchingSystemRegressor or Pipeline that ends in one
-        The declared model.
+    estimator : estimator or HybridAutomaton
+        The declared model, as `EffectSearchCV` takes it.
     effects : sequence of PlacedEffect, default=()
         Effects with their places and nonlinear parameters, as `EffectSearchCV` finds them.
 
     Attributes
     ----------
-    estimator_ : fitted estimator
+    estimator_ : fitted estimator or HybridAutomaton
         The declared model, fitted to what the effects leave over.
     effects_ : tuple of PlacedEffect
     effect_coef_ : tuple of ndarray
         Coefficients of the columns of each effect.
     modes_ : ndarray of shape (n_samples,)
         Modes of the training rows.
+    automaton_ : HybridAutomaton
+        Laws and transitions, with the hysteresis and the resets of the effects.
 
     Examples
     --------
@@ -86,7 +96,12 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         self._one_target, self._n_targets = y.ndim == 1, targets.shape[1]
         records = self._records(X, t, groups, signals, terms)
         start = None if modes is None else _checked_modes(modes, len(X))
-        fit = fit_jointly(self.estimator, terms, records, rows, targets, start)
+        declared = declared_model(self.estimator, records)
+        stated = as_stated(declared, records)
+        if stated is not None:
+            told = told_on_rows(stated, records, rows, targets) if start is None else None
+            records = replace(records, told=start) if told is None else told
+        fit = fit_jointly(declared, terms, records, rows, targets, start)
         warn_of_doubts(fit, 2)
         return self._adopt(fit, records.names)
 
@@ -99,7 +114,9 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """Mode of every sample, shape (n_samples,)."""
         return self.joint_fit_.predict_modes(self._known(X, t, groups, signals))
 
-    def simulate(self, x0, t, inputs=None, *, signals=None, input_hold="zero", **options):
+    def simulate(
+        self, x0, t, inputs=None, *, signals=None, input_hold="zero", mode=None, **options
+    ):
         """Roll the system out from a state, effects included.
 
         Parameters
@@ -111,6 +128,8 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         signals : array-like of shape (n_times, n_signals), default=None
             Needed if an effect uses them.
         input_hold : {"zero", "linear"}, default="zero"
+        mode : int, default=None
+            Of an automaton: that in which the rollout starts; None is what its guards tell.
         **options
             Of `SwitchingSystemRegressor.simulate`.
 
@@ -119,7 +138,14 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         Trajectory
         """
         done = simulate_with_effects(
-            self.joint_fit_, x0, t, inputs, signals=signals, input_hold=input_hold, **options
+            self.joint_fit_,
+            x0,
+            t,
+            inputs,
+            signals=signals,
+            input_hold=input_hold,
+            mode=mode,
+            **options,
         )
         return replace(done, names=self._channel_names[: done.x.shape[1]])
 
@@ -161,6 +187,20 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         check_format(format, precision)
         return guards_with_effects(fit, self._channel_names, precision, format)
 
+    @property
+    def automaton_(self):
+        """Laws and transitions as a `HybridAutomaton`.
+
+        A guard that remembers is two guards, one for each direction, and a jump of a state the
+        reset of a transition. Effects with columns (`effects_`) act beside its laws: `simulate` has
+        both.
+        """
+        fit = self.joint_fit_
+        try:
+            return automaton_of_fit(fit)
+        except NoAutomatonError as error:
+            raise AttributeError(str(error)) from None
+
     # -- parts ---------------------------------------------------------------------------------
 
     def around(self, fit: JointFit, like: BaseEstimator, names: Sequence[str]):
@@ -171,7 +211,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         for name in ("n_features_in_", "feature_names_in_"):
             if hasattr(like, name):
                 setattr(self, name, getattr(like, name))
-        self._one_target, self._n_targets = False, fit.switching.coef_.shape[1]
+        self._one_target, self._n_targets = False, fit.laws.coef.shape[1]
         return self._adopt(fit, names)
 
     @property

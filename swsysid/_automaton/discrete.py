@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swsysid._automaton.parts import AutomatonParts
+from swsysid._automaton.parts import RunningMap
 from swsysid._automaton.transitions import AffineReset, Transition
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.events import History
@@ -15,7 +15,7 @@ from swsysid._simulation.system import GuardedLaws
 
 
 def iterate(
-    automaton: AutomatonParts,
+    automaton: RunningMap,
     mode: int,
     rows: Array,
     t: Array,
@@ -29,6 +29,7 @@ def iterate(
     """
     laws = GuardedLaws(automaton, options.state_bound)
     n_lags, n_states = automaton.lags, automaton.n_states
+    n_seen = automaton.n_inputs * (n_lags + 1)
     done = History(t, states=list(rows[:-1]), modes=[mode] * n_lags)
     status = Status.COMPLETED if len(inputs) == len(t) else Status.INPUT_RANGE
     lagged = rows[::-1].ravel()  # x[k], x[k-1], ..., x[k-lags]
@@ -40,17 +41,17 @@ def iterate(
                 status = Status.STATE_LIMIT if finite else Status.STEP_FAILURE
                 break
             u = inputs[k - n_lags : k + 1][::-1].ravel()
-            columns = np.concatenate([lagged, u, (k - entered, k)])
+            seen = u[:n_seen]
+            columns = np.concatenate([lagged, seen, (k - entered, k)])
             taken = _taken(automaton.transitions, mode, columns, lately)
             if taken is not None:
-                kind = "transition" if taken.reset is None else "jump"
-                event = SwitchEvent(float(t[k]), lagged[:n_states], mode, taken.target, kind)
+                event = SwitchEvent(float(t[k]), lagged[:n_states], mode, taken.target, taken.kind)
                 done.events.append(event)
                 lagged = _jumped(lagged, taken.reset)
                 mode, entered = taken.target, k
             done.states.append(lagged[:n_states])
             done.modes.append(mode)
-            lately = np.concatenate([lagged, u, (k - entered, k)])
+            lately = np.concatenate([lagged, seen, (k - entered, k)])
             lagged = np.concatenate([laws.velocity(lagged, u, mode), lagged])[: len(lagged)]
     return done.trajectory(status, n_states)
 

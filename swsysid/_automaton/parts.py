@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -13,6 +14,27 @@ from swsysid._automaton.transitions import Transition, check_transition
 from swsysid._checks.parameters import flag, whole
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
+from swsysid._simulation.system import Laws
+
+
+class RunningMap(Laws, Protocol):
+    """An automaton in discrete time as its rollouts ask for it."""
+
+    @property
+    def transitions(self) -> tuple[Transition, ...]:
+        """In the order in which they are taken."""
+
+    @property
+    def lags(self) -> int:
+        """Past rows that the laws see."""
+
+    @property
+    def n_states(self) -> int:
+        """Number of states, without their lags."""
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs that guards see, without their lags; the laws may see further ones."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,6 +125,15 @@ class Transition:
     reset: AffineReset | None = None
     support: int = 0
 
+    @property
+    def kind(self) -> str:
+        """The kind of its events."""
+        return "transition" if self.reset is None else "jump"
+
+    def landing(self, x: Array) -> Array:
+        """The state after the transition from a state."""
+        return x if self.reset is None else self.reset.applied(x)
+
 
 def check_transition(
     number: int, transition: Transition, n_modes: int, n_columns: int, state_sizes: tuple[int, int]

@@ -173,3 +173,14 @@ def make_records(
     if len(given) != listed.shape[1]:
         given = [f"signal{column}" for column in range(listed.shape[1])]
     return Records(X, n_states, times, groups, listed, (*names, *map(str, given)), timed)
+
+
+def next_states(records: Records) -> tuple[NDArray[np.intp], Array]:
+    """Rows that have a next one in their trajectory, and the next states of all, (n_samples, ...).
+
+    The last row of a trajectory stands for its own next one.
+    """
+    targets = records.X[:, : records.n_states].copy()
+    for rows in records.trajectories:
+        targets[rows[:-1]] = targets[rows[1:]]
+    return np.sort(np.concatenate([rows[:-1] for rows in records.trajectories])), targets

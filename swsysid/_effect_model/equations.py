@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._pipelines import steps_before
+from swsysid._simulation.law_equations import law_equations
 from swsysid.effects import MeasurementEffect
 from swsysid.effects._types import WithoutColumns
 
@@ -21,8 +21,16 @@ def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style
                 own = term.in_mode(coef, mode, fit.n_modes).tolist()
                 yield from ((value, name, 1.0) for value, name in zip(own, columns, strict=False))
 
-    laws = fit.model.equations(
-        precision, style, states=names, columns=_columns(fit, names), added=added
+    own = fit.laws
+    laws = law_equations(
+        own.coef,
+        own.feature_map,
+        precision,
+        style,
+        discrete_time=own.discrete_time,
+        states=names,
+        columns=own.column_names(names),
+        added=added,
     )
     return laws + _statements(fit, names, style, of_measurements=True)
 
@@ -34,19 +42,7 @@ def guards_with_effects(
     statements = _statements(fit, names, style, of_measurements=False)
     if fit.guard is not None:
         return statements
-    columns = _columns(fit, names)
-    return fit.model.surface_equations(precision, style, columns) + statements
-
-
-def _columns(fit: JointFit, names: Sequence[str]) -> list[str] | None:
-    """Names of what the switching regressor sees; None where a pipeline does not name them."""
-    before = steps_before(fit.estimator)
-    if before is None:
-        return list(names[: fit.switching.n_features_in_])
-    try:
-        return list(before.get_feature_names_out(list(names[: before.n_features_in_])))
-    except (AttributeError, ValueError):
-        return None
+    return fit.laws.guard_equations(names, precision, style) + statements
 
 
 def _statements(

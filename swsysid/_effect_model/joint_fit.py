@@ -8,72 +8,53 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator, clone
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.utils import check_random_state
 
-from swsysid._checks.parameters import shown
-from swsysid._data.features import FeatureMap
 from swsysid._data.matching import best_matching, contingency
 from swsysid._data.records import Records
-from swsysid._data.rows import CanonicalRows, canonical_rows
-from swsysid._identification.identify import identify
-from swsysid._identification.setup import build_problem, build_search
+from swsysid._effect_model.declared import Declared, FittedLaws, Modes
+from swsysid._effect_model.decoding import told_by_velocities
+from swsysid._effect_model.models import laws_of
+from swsysid._effect_model.settings import SETTINGS
 from swsysid._noise import robust_regression
-from swsysid._pipelines import steps_before, switching_step, with_parameters
-from swsysid._regressor import SwitchingSystemRegressor
-from swsysid._results import Array, GuardWarning, IdentificationWarning, MisfitWarning
-from swsysid._simulation.model import SwitchingModel
+from swsysid._results import Array, GuardWarning
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
 from swsysid.effects._placed import corrected
-
-Modes = NDArray[np.intp]
-
-_SHARPENINGS = 2  # of velocities that a filter has made, each from better modes
-_SAME_MODES = 1e-3  # share of the rows whose mode may still change when the alternation ends
-_DOUBTS = (ConvergenceWarning, IdentificationWarning)
 
 
 @dataclass(frozen=True)
 class JointFit:
     """A fitted declared model, the effects beside it and their coefficients."""
 
-    estimator: BaseEstimator  # fitted to what the effects leave over
+    estimator: object  # as a user has it, fitted to what the effects leave over
     terms: tuple[PlacedEffect, ...]
     coef: tuple[Array, ...]  # of the columns of each term (`PlacedEffect.design`)
     modes: Modes  # of the rows of the fit, from the data
     doubts: tuple[Warning, ...] = ()  # what the declared model had to say of its fit
 
     @property
-    def switching(self) -> SwitchingSystemRegressor:
-        """The switching regressor, the last step if the estimator is a pipeline."""
-        regressor: SwitchingSystemRegressor = switching_step(self.estimator)[1]
-        return regressor
-
-    @property
-    def model(self) -> SwitchingModel:
-        """The laws and surfaces of the switching regressor."""
-        return self.switching.switching_model
+    def laws(self) -> FittedLaws:
+        """The laws of the declared model, and what tells their modes."""
+        return laws_of(self.estimator)
 
     @property
     def n_modes(self) -> int:
         """Number of modes."""
-        return int(self.switching.n_modes_)
+        return len(self.laws.coef)
+
+    @property
+    def n_states(self) -> int:
+        """Number of states."""
+        return int(self.laws.coef.shape[1])
 
     @property
     def guard(self) -> PlacedEffect | None:
         """The effect that takes the place of the surface, if there is one."""
         return next((term for term in self.terms if isinstance(term.effect, GuardEffect)), None)
 
-    def seen(self, records: Records) -> Array:
-        """States and inputs as the switching regressor sees them, measurement corrected."""
-        transform, _ = switching_step(self.estimator)
-        return np.asarray(transform(corrected(self.terms, records).X))
-
     def library(self, records: Records) -> Array:
         """Library of the declared model on corrected records, (n_samples, n_features_out)."""
-        transform, _ = switching_step(self.estimator)
-        return np.asarray(self.model.feature_map(transform(records.X)))
+        laws = self.laws
+        return np.asarray(laws.feature_map(laws.seen(records.X)))
 
     def features(self, records: Records) -> Array:
         """The library as the velocities show it."""
@@ -86,8 +67,12 @@ class JointFit:
         return self.guard.switched(corrected(self.terms, records))
 
     def surface_modes(self, records: Records) -> Modes:
-        """Modes according to the surface alone."""
-        return self.switching.predict_modes(self.seen(records))
+        """Modes according to the declared model alone."""
+        return self.laws.modes(corrected(self.terms, records), self._added)
+
+    def first_mode(self, records: Records) -> int | None:
+        """The mode in which a rollout along a trajectory begins; None where its state tells it."""
+        return None if self.laws.automaton is None else int(self.predict_modes(records)[0])
 
     def modes_along(self, records: Records, rows: NDArray[np.intp]) -> Modes:
         """Modes of a whole record: on the rows of the fit from the data, elsewhere predicted."""
@@ -96,16 +81,27 @@ class JointFit:
         return modes
 
     def mode_proba(self, records: Records) -> Array:
-        """Probability of every mode according to the surface."""
-        return np.asarray(self.switching.predict_mode_proba(self.seen(records)))
+        """Probability of every mode according to the declared model."""
+        return self.laws.probabilities(corrected(self.terms, records))
+
+    def declared_velocities(self, X: Array) -> Array:
+        """Velocity in every mode of the declared model alone, (n_modes, n_rows, n_states)."""
+        laws = self.laws
+        features = laws.feature_map(laws.seen(X))
+        return np.asarray(np.matmul(features, laws.coef.transpose(0, 2, 1)))
 
     def mode_velocities(self, records: Records) -> Array:
         """Velocity in every mode, effects included, (n_modes, n_samples, n_states)."""
         known = corrected(self.terms, records)
         if records.average is None:
-            fields = np.array(self.switching.mode_velocities(self.seen(records)))
+            fields = self.declared_velocities(known.X)
         else:
-            fields = np.einsum("jkf,nf->jnk", self.switching.coef_, self.features(known))
+            fields = np.einsum("jkf,nf->jnk", self.laws.coef, self.features(known))
+        return fields + self._added(known)
+
+    def _added(self, known: Records) -> Array:
+        """What the effects with columns add in every mode, on corrected records."""
+        fields = np.zeros((self.n_modes, len(known), known.n_states))
         for term, coef in zip(self.terms, self.coef, strict=True):
             columns = term.columns(known)
             for mode in range(self.n_modes):
@@ -119,8 +115,7 @@ class JointFit:
 
         The measurement as it should be is part of it.
         """
-        transform, _ = switching_step(self.estimator)
-        declared = np.array(self.switching.mode_velocities(np.asarray(transform(records.X))))
+        declared = self.declared_velocities(records.X)
         if not self.terms:
             return np.zeros_like(declared)
         return self.mode_velocities(replace(records, average=None)) - declared
@@ -135,18 +130,8 @@ class JointFit:
         return targets - self.predict(records, self.modes_along(records, rows))[rows]
 
 
-def check_declared(estimator: object) -> None:
-    """Refuse a declared model that is no switching regressor, and one that is a class."""
-    regressor = None if isinstance(estimator, type) else switching_step(estimator)[1]
-    if isinstance(regressor, type) or not hasattr(regressor, "mode_velocities"):
-        raise TypeError(
-            f"estimator={shown(estimator)} must be a SwitchingSystemRegressor or a pipeline "
-            "that ends in one."
-        )
-
-
 def fit_jointly(
-    estimator: BaseEstimator,
+    declared: Declared,
     terms: Sequence[PlacedEffect],
     records: Records,
     rows: NDArray[np.intp],
@@ -169,46 +154,61 @@ def fit_jointly(
     terms = tuple(terms)
     for term in terms:
         if isinstance(term.effect, StructureEffect):
-            estimator = term.effect.extended(estimator)
+            declared = declared.extended(term.effect)
     whole = corrected(terms, records)
     seen = whole.take(rows)
     columns = [term.columns(whole)[rows] for term in terms]
     if not any(part.shape[1] for part in columns):
-        fitted, doubts = _fitted(estimator, seen, targets, modes)
+        fitted = declared.fitted(seen, targets, modes)
         if whole.average is not None:
-            blurred, sharp = _libraries(estimator, whole, rows)
-            for _ in range(_SHARPENINGS):
-                modes = _modes_of(fitted)
-                at_instants = _sharpened(targets, blurred, sharp, modes)
-                fitted, doubts = _fitted(estimator, seen, at_instants, modes)
+            blurred, sharp = _libraries(declared, whole, rows)
+            for _ in range(SETTINGS.sharpenings):
+                at_instants = _sharpened(declared, targets, blurred, sharp, fitted.modes)
+                fitted = declared.fitted(seen, at_instants, fitted.modes)
         no_coef = tuple(np.zeros(0) for _ in terms)
-        return _with_guards(
-            JointFit(fitted, terms, no_coef, _modes_of(fitted), doubts), whole, rows
-        )
+        fit = JointFit(fitted.estimator, terms, no_coef, fitted.modes, fitted.doubts)
+        return _with_guards(fit, whole, rows)
     if modes is None:
-        modes = _modes_with_columns(estimator, np.column_stack(columns), seen, targets)
+        modes = declared.sought(np.column_stack(columns), seen, targets)
         modes = modes if like is None else _matching(modes, like)[modes]
-    features, sharp = _libraries(estimator, whole, rows)
-    robust = switching_step(estimator)[1].loss != "squared"
+    features, sharp = _libraries(declared, whole, rows)
     for _ in range(rounds):
-        coef = _effect_coefficients(features, robust, terms, columns, targets, modes)
+        coef = _effect_coefficients(declared, features, terms, columns, targets, modes)
         replaced = _replaced_laws(terms, coef, sharp, seen, modes)
         rest = targets + np.einsum("nkf,nf->nk", replaced[modes], features)
         for term, part, values in zip(terms, columns, coef, strict=True):
             rest[:, term.target] -= term.design(part, modes, len(replaced)) @ values
         if whole.average is not None:
-            rest = _sharpened(rest, features, sharp, modes)
-        fitted, doubts = _fitted(estimator, seen, rest, modes)
-        order, laws = _matching(modes, _modes_of(fitted)), switching_step(fitted)[1].coef_
+            rest = _sharpened(declared, rest, features, sharp, modes)
+        fitted = declared.fitted(seen, rest, modes)
+        order, laws = _matching(modes, fitted.modes), laws_of(fitted.estimator).coef
         for mode, own in enumerate(replaced):
             if order[mode] < len(laws):  # a mode may have been left without rows
                 laws[order[mode]] -= own
         terms = tuple(term.renumbered(order) for term in terms)
-        before, modes = order[modes], _modes_of(fitted)
-        if np.mean(before != modes) <= _SAME_MODES:
+        before, modes = order[modes], fitted.modes
+        if np.mean(before != modes) <= SETTINGS.same_modes:
             break
-    coef = _effect_coefficients(features, robust, terms, columns, targets, modes)
-    return _with_guards(JointFit(fitted, terms, tuple(coef), modes, doubts), whole, rows)
+    coef = _effect_coefficients(declared, features, terms, columns, targets, modes)
+    fit = JointFit(fitted.estimator, terms, tuple(coef), modes, fitted.doubts)
+    return _with_guards(fit, whole, rows)
+
+
+def as_stated(declared: Declared, records: Records) -> JointFit | None:
+    """A declared model whose laws are known before any fit; None if they are not."""
+    if declared.known is None:
+        return None
+    return JointFit(declared.known, (), (), np.zeros(len(records), dtype=np.intp))
+
+
+def told_on_rows(
+    fit: JointFit, records: Records, rows: NDArray[np.intp], targets: Array
+) -> Records:
+    """The record with the modes that velocities tell on some of its rows."""
+    modes = told_by_velocities(fit.laws, records, targets, fit.contributions)
+    told = np.full(len(records), -1)
+    told[rows] = modes[rows]
+    return replace(records, told=told)
 
 
 def known_modes(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Modes:
@@ -233,91 +233,31 @@ def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:
             warnings.warn(doubt, stacklevel=stacklevel + 1)
 
 
-# -- the declared model ----------------------------------------------------------------------------
-
-
-def _fitted(
-    estimator: BaseEstimator, records: Records, targets: Array, modes: Modes | None
-) -> tuple[BaseEstimator, tuple[Warning, ...]]:
-    """The declared model, from known modes if there are any, and what it warns of."""
-    # A search fits it often and on data that lack something: only the fit that is handed over may
-    # warn the user; see `warn_of_doubts`.
-    declared = switching_step(estimator)[1].get_params(deep=False)
-    copy = clone(estimator)
-    if modes is not None and declared["init"] == "auto":
-        n_modes = int(modes.max()) + 1 if declared["n_modes"] == "auto" else declared["n_modes"]
-        copy = with_parameters(estimator, init=modes, n_modes=n_modes)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        copy.fit(records.X, targets)
-    switching_step(copy)[1].set_params(init=declared["init"], n_modes=declared["n_modes"])
-    # What the model leaves over is what the search is for, so that is no doubt about its fit.
-    doubts = (
-        one.message
-        for one in caught
-        if issubclass(one.category, _DOUBTS) and not issubclass(one.category, MisfitWarning)
-    )
-    return copy, tuple(one for one in doubts if isinstance(one, Warning))
-
-
-def _modes_of(fitted: BaseEstimator) -> Modes:
-    modes: Modes = switching_step(fitted)[1].modes_
-    return modes
-
-
-def _modes_with_columns(
-    estimator: BaseEstimator, columns: Array, records: Records, targets: Array
-) -> Modes:
-    """Modes of an identification whose library has the effects' columns as well."""
-    switching = switching_step(estimator)[1]
-    X, feature_map = _library(estimator, records.X)
-    groups = np.zeros(len(X), np.intp) if records.groups is None else records.groups
-    rows = canonical_rows(np.column_stack([X, columns]), targets, groups)
-    extended, *rest = rows.arrays
-    plain = CanonicalRows((extended[:, : X.shape[1]], *rest), rows.weight, rows.inverse)
-    problem = build_problem(switching, plain, feature_map)
-    problem = replace(
-        problem, features=np.column_stack([problem.features, extended[:, X.shape[1] :]])
-    )
-    found = identify(
-        problem, build_search(switching, plain), check_random_state(switching.random_state)
-    )
-    return rows.restore(found.best.modes)
-
-
-def _libraries(
-    estimator: BaseEstimator, whole: Records, rows: NDArray[np.intp]
-) -> tuple[Array, Array]:
+def _libraries(declared: Declared, whole: Records, rows: NDArray[np.intp]) -> tuple[Array, Array]:
     """The library on some rows as the velocities show it, and as it is at their instants."""
     if whole.average is None:
-        library, feature_map = _library(estimator, whole.X[rows])
-        features = feature_map(library)
+        features = declared.library(whole.X[rows])
         return features, features
-    library, feature_map = _library(estimator, whole.X)
-    features = feature_map(library)
+    features = declared.library(whole.X)
     return whole.averaged(features)[rows], features[rows]
 
 
-def _sharpened(targets: Array, blurred: Array, sharp: Array, modes: Modes) -> Array:
+def _sharpened(
+    declared: Declared, targets: Array, blurred: Array, sharp: Array, modes: Modes
+) -> Array:
     """Velocities as a filter shows them with the laws at the instants of the rows instead.
 
     The declared model knows its library at the instants only.
     """
     answer = targets.copy()
+    support = declared.support(int(modes.max()) + 1, targets.shape[1], sharp.shape[1])
     for mode in np.unique(modes):
         rows = modes == mode
         for target in range(targets.shape[1]):
-            law = robust_regression(blurred[rows], targets[rows, target])
-            answer[rows, target] += (sharp[rows] - blurred[rows]) @ law
+            terms = support[mode, target]
+            law = robust_regression(blurred[np.ix_(rows, terms)], targets[rows, target])
+            answer[rows, target] += (sharp - blurred)[np.ix_(rows, terms)] @ law
     return answer
-
-
-def _library(estimator: BaseEstimator, X: Array) -> tuple[Array, FeatureMap]:
-    """What the switching regressor of an estimator not fitted would see, and its library."""
-    before = steps_before(estimator)
-    X = X if before is None else clone(before).fit(X).transform(X)
-    names = [f"x{column}" for column in range(X.shape[1])]
-    return X, FeatureMap(switching_step(estimator)[1].feature_library, X, names)
 
 
 # -- the effects -----------------------------------------------------------------------------------
@@ -335,23 +275,30 @@ def _with_guards(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Joi
 
 
 def _effect_coefficients(
+    declared: Declared,
     features: Array,
-    robust: bool,
     terms: Sequence[PlacedEffect],
     columns: Sequence[Array],
     targets: Array,
     modes: Modes,
 ) -> list[Array]:
     """Robust least squares of the library in each mode and of the effects, state by state."""
-    blocks = np.column_stack([features * (modes == mode)[:, None] for mode in np.unique(modes)])
     coef: list[Array] = [np.zeros(0) for _ in columns]
     n_modes = int(modes.max()) + 1
+    support = declared.support(n_modes, targets.shape[1], features.shape[1])
     for target in range(targets.shape[1]):
         acting = [place for place, term in enumerate(terms) if term.target == target]
         if not acting:
             continue
+        blocks = np.column_stack(
+            [
+                features[:, support[mode, target]] * (modes == mode)[:, None]
+                for mode in np.unique(modes)
+            ]
+        )
         parts = [terms[place].design(columns[place], modes, n_modes) for place in acting]
-        solved = robust_regression(np.column_stack([blocks, *parts]), targets[:, target], robust)
+        design = np.column_stack([blocks, *parts])
+        solved = robust_regression(design, targets[:, target], declared.robust)
         ends = np.cumsum([part.shape[1] for part in parts])
         own = np.split(solved[blocks.shape[1] :], ends[:-1])
         for place, values in zip(acting, own, strict=True):

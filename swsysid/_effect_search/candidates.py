@@ -75,7 +75,7 @@ class CandidateContext:
         for background, (_, test) in zip(
             self.backgrounds(), self.regression.folds.parts, strict=False
         ):
-            residuals[test] = background.residuals(self.regression.targets, test)
+            residuals[test] = background.errors(test)
         return residuals
 
     # -- columns ---------------------------------------------------------------------------------
@@ -131,7 +131,7 @@ class CandidateContext:
     @property
     def most_switched_state(self) -> int:
         """State whose laws differ most between the modes."""
-        coef = self.fit.switching.coef_
+        coef = self.fit.laws.coef
         sizes = np.abs(self.regression.features[:, : coef.shape[2]]).mean(axis=0)
         apart = (np.ptp(coef, axis=0) * sizes).sum(axis=1)
         return int(np.argmax(apart / self.regression.targets.std(axis=0)))
@@ -209,6 +209,7 @@ def candidate_context(
         n_modes=int(fit.modes.max()) + 1,
         weight=row_weights(fit, data),
         folds=data.folds,
+        support=_support(fit, sum(part.shape[1] for part in known)),
     )
     return CandidateContext(
         fit=fit,
@@ -219,6 +220,12 @@ def candidate_context(
         # a corrected record is gone after the context, and so are its columns
         kept=kept if kept is not None and records is data.records else {},
     )
+
+
+def _support(fit: JointFit, n_known: int) -> NDArray[np.bool_]:
+    """Terms that the laws may have in the modes of some rows; columns that are known all may."""
+    own = fit.laws.support[: int(fit.modes.max()) + 1]
+    return np.concatenate([own, np.ones((*own.shape[:2], n_known), dtype=bool)], axis=2)
 
 
 def row_weights(fit: JointFit, data: SearchData) -> Array:

@@ -102,6 +102,7 @@ def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) ->
         part.X[:, part.n_states :] if part.n_inputs else None,
         signals=part.signals if part.signals.shape[1] else None,
         input_hold="zero" if discrete else "linear",
+        mode=model.joint_fit_.first_mode(part),
     )
     return rolled_out
 
@@ -156,7 +157,7 @@ class EffectData:
     @property
     def discrete(self) -> bool:
         """True if the targets are the next states."""
-        return bool(self.final.joint_fit_.switching.discrete_time)
+        return bool(self.final.joint_fit_.laws.discrete_time)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -60,7 +60,8 @@ def term_covariances(fit: JointFit, data: SearchData) -> list[Array]:
         }
         if columns:
             every, start = np.column_stack(list(columns.values())), 0
-            covariance = _covariance(fit.modes, weight, features, every, errors[:, target])
+            support = fit.laws.support[:, target]
+            covariance = _covariance(fit.modes, weight, features, support, every, errors[:, target])
             for place, part in columns.items():
                 own = slice(start, start + part.shape[1])
                 answers[place], start = covariance[own, own], own.stop
@@ -102,10 +103,17 @@ def _spacing(values: Array, value: float) -> float:
 
 
 def _covariance(
-    modes: NDArray[np.intp], weight: Array, features: Array, columns: Array, errors: Array
+    modes: NDArray[np.intp],
+    weight: Array,
+    features: Array,
+    support: NDArray[np.bool_],
+    columns: Array,
+    errors: Array,
 ) -> Array:
     """Sandwich covariance of the columns' coefficients beside the library in each mode."""
-    blocks = [features * (modes == mode)[:, None] for mode in range(modes.max() + 1)]
+    blocks = [
+        features[:, support[mode]] * (modes == mode)[:, None] for mode in range(modes.max() + 1)
+    ]
     design = np.column_stack([*blocks, columns])
     size = np.linalg.norm(design, axis=0)
     size[size == 0.0] = 1.0

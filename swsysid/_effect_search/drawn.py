@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._pipelines import switching_step
 from swsysid._results import Array
 
 
@@ -24,11 +23,11 @@ def drawn(fit: JointFit, records: Records, modes: NDArray[np.intp], beside: Arra
     first = np.concatenate([rows[:-1] for rows in records.trajectories])
     last = np.concatenate([rows[1:] for rows in records.trajectories])
     acting, step = modes[last], (t[last] - t[first])[:, None]
-    at_samples, every = _laws(fit, X) + beside, np.arange(len(acting))
+    at_samples, every = fit.declared_velocities(X) + beside, np.arange(len(acting))
     begin, end = at_samples[acting, first], at_samples[acting, last]
     middle = 0.5 * (X[first] + X[last])
     middle[:, :n_states] += 0.125 * step * (begin - end)
-    inside = _laws(fit, middle)[acting, every]
+    inside = fit.declared_velocities(middle)[acting, every]
     inside += 0.5 * (beside[acting, first] + beside[acting, last])
     steps = step / 6.0 * (begin + 4.0 * inside + end)
     answer, done = np.zeros((len(records), n_states)), 0
@@ -36,9 +35,3 @@ def drawn(fit: JointFit, records: Records, modes: NDArray[np.intp], beside: Arra
         own = steps[done : done + len(rows) - 1]
         answer[rows[1:]], done = np.cumsum(own, axis=0), done + len(own)
     return answer
-
-
-def _laws(fit: JointFit, X: Array) -> Array:
-    """Velocities in every mode, (n_modes, n_rows, n_states), of the declared model alone."""
-    transform, switching = switching_step(fit.estimator)
-    return np.array(switching.mode_velocities(np.asarray(transform(X))))

@@ -96,6 +96,7 @@ def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
         n_modes=fit.n_modes,
         weight=robust_weights(fit.residuals(data.records, data.rows, data.targets), data.exact),
         folds=data.folds,
+        support=fit.laws.support,
     )
     folds = [(regression.background(fold), test) for fold, (_, test) in enumerate(data.folds.parts)]
     modes, errors = range(fit.n_modes), np.empty((fit.n_modes, *data.targets.shape))
@@ -108,7 +109,7 @@ def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
             coef = np.zeros(0)
             if terms:
                 coef = background.normal_equations(here[:, None, :]).solve(None).coef[0, :, target]
-            library = background.coefficients((values - here @ coef)[:, None])
+            library = background.coefficients((values - here @ coef)[:, None], target)
             for mode in modes:
                 predicted = regression.features[test] @ library[mode][:, 0]
                 errors[mode, test, target] = values[test] - predicted - in_mode[mode][test] @ coef

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
-from swsysid._checks.arrays import table
+from swsysid._checks.arrays import names_of, table
 from swsysid._checks.estimators import column_names, rows_of
 from swsysid._data.records import Records, make_records
 from swsysid._results import Array, Trajectory
@@ -40,13 +40,15 @@ def read_recordings(
     parts = [np.column_stack([record.filled, record.u]) for record in given.records]
     X = rows_of(search, named(np.vstack(parts), given.names), reset=True)
     order = np.concatenate(given.rows)
+    logged = None if signals is None else _in_order(signals, order)
     records = make_records(
         X,
         given.n_channels,
         t=np.concatenate([record.t for record in given.records]),
         groups=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
-        signals=None if signals is None else _in_order(signals, order),
+        signals=logged,
         names=column_names(search),
+        signal_names=None if logged is None else names_of(signals, logged.shape[1], "signal"),
     )
     if len(parts) == 1 and groups is None:
         return Recorded(records, None)

@@ -19,17 +19,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from sklearn.base import BaseEstimator
 
-from swsysid._data.records import Records
+from swsysid._data.records import Records, next_states
 from swsysid._data.windows import Windows, stays_of
-from swsysid._effect_model.joint_fit import JointFit, fit_jointly
-from swsysid._effect_search.decoding import Decoded, Modes, decoded
+from swsysid._effect_model.declared import Declared, Modes
+from swsysid._effect_model.decoding import (
+    Decoded,
+    decoded,
+    stretches_of,
+    told_by_velocities,
+)
+from swsysid._effect_model.joint_fit import JointFit, as_stated, fit_jointly, told_on_rows
 from swsysid._effect_search.drawn import drawn
 from swsysid._effect_search.folds import Rows
 from swsysid._effect_search.settings import SETTINGS
-from swsysid._pipelines import switching_step
 from swsysid._results import Array
+from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid.differentiation import differentiate
 from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
 from swsysid.differentiation._smoothing import local_polynomial
@@ -47,7 +52,7 @@ class Measured:
     window: int = 1  # samples that the velocity of a row is made of
     recorded: Records | None = None  # the states as they were measured, if velocities were not
 
-    def fitted(self, declared: BaseEstimator, rows: Rows | None = None) -> JointFit:
+    def fitted(self, declared: Declared, rows: Rows | None = None) -> JointFit:
         """The declared model alone, fitted to these rows or some of them."""
         rows = self.rows if rows is None else rows
         told = self.records.told
@@ -57,58 +62,89 @@ class Measured:
     def beside(self, fit: JointFit) -> Measured | None:
         """The same from a model with effects, by which modes and velocities are better known.
 
-        None where velocities were measured, or where the model says nothing new.
+        None where the model says nothing new of them.
         """
         anew = any(isinstance(term.effect, StructureEffect) for term in fit.terms)
-        if self.recorded is None or not fit.terms or anew:
+        if not fit.terms or anew:
             return None
+        if self.recorded is None:
+            return None if fit.laws.seeks_modes else _told(fit, self)
         states = self.records.X
-        return _filtered(fit, self.recorded, states, decoded(fit, self.recorded, states))
+        told = decoded(fit.laws, self.recorded, states, fit.contributions)
+        return _filtered(fit, self.recorded, states, told)
 
 
-def from_states(declared: BaseEstimator, records: Records) -> Measured:
+def with_velocities(declared: Declared, records: Records, targets: Array) -> Measured:
+    """A record with measured velocities, whose modes are told where they are not to be sought."""
+    measured = Measured(records, targets, np.arange(len(records)))
+    fit = as_stated(declared, records)
+    return measured if fit is None else _told(fit, measured)
+
+
+def from_states(declared: Declared, records: Records) -> Measured:
     """Velocities (next states in discrete time) of a record of measured states."""
-    if switching_step(declared)[1].discrete_time:
-        return _next_states(records)
-    fit, states = _start(declared, records)
-    told = decoded(fit, records, states)
+    fit = as_stated(declared, records)
+    if declared.discrete_time:
+        rows, targets = next_states(records)
+        measured = Measured(records, targets, rows)
+        return measured if fit is None else _told(fit, measured)
+    disturbance = None
+    if fit is None:
+        fit, states = _start(declared, records)
+    else:
+        states, disturbance = _lacking(fit, records)
+    told = decoded(fit.laws, records, states, fit.contributions, disturbance)
     measured = _filtered(fit, records, states, told)
     for _ in range(SETTINGS.n_filterings - 1):
         fit, states = measured.fitted(declared), measured.records.X
-        told = decoded(fit, records, states, told.disturbances)
+        told = decoded(fit.laws, records, states, fit.contributions, told.disturbances)
         measured = _filtered(fit, records, states, told)
     return measured
 
 
-def _next_states(records: Records) -> Measured:
-    """The states of the next sample; the last one of a trajectory has none."""
-    targets = records.X[:, : records.n_states].copy()
-    for rows in records.trajectories:
-        targets[rows[:-1]] = targets[rows[1:]]
-    inner = np.concatenate([rows[:-1] for rows in records.trajectories])
-    return Measured(records, targets, np.sort(inner))
+def _told(fit: JointFit, measured: Measured) -> Measured:
+    """The same with the modes that its velocities tell by the laws of a fit."""
+    records = told_on_rows(fit, measured.records, measured.rows, measured.targets)
+    return replace(measured, records=records)
 
 
-def _start(declared: BaseEstimator, records: Records) -> tuple[JointFit, Array]:
+def _start(declared: Declared, records: Records) -> tuple[JointFit, Array]:
     """The declared model fitted to differentiated states, and the states smoothed."""
+    start, velocities, X = _differentiated(records, records.trajectories)
+    return fit_jointly(declared, (), start, np.arange(len(start)), velocities), X
+
+
+def _lacking(fit: JointFit, records: Records) -> tuple[Array, Array]:
+    """Smoothed states, and the disturbance of the velocities by what known laws lack."""
+    # In a record without noise a filter that trusts the laws explains what they lack by switches.
+    start, velocities, X = _differentiated(records, stretches_of(fit.laws, records))
+    modes = told_by_velocities(fit.laws, start, velocities, fit.contributions)
+    errors = np.abs(velocities - fit.predict(start, modes))
+    left = np.max([np.median(errors[modes == mode], axis=0) for mode in np.unique(modes)], axis=0)
+    return X, left[None] * np.sqrt(STAYS.memory * records.step)
+
+
+def _differentiated(records: Records, stretches: list[Rows]) -> tuple[Records, Array, Array]:
+    """Filtered rows with velocities, these, and all rows with their states smoothed."""
     n_states, X = records.n_states, records.X.copy()
     assert records.t is not None
-    rows = differentiate(
+    labels = np.empty(len(X), dtype=np.intp)
+    for number, stretch in enumerate(stretches):
+        labels[stretch] = number
+    derived = differentiate(
         X[:, :n_states],
         records.t,
-        records.groups,
+        labels,
         inputs=X[:, n_states:] if records.n_inputs else None,
         too_short="drop",
     )
     kept = np.zeros(len(X), dtype=bool)
-    for label in np.unique(rows.groups):
-        own = np.flatnonzero(records.groups == label)
-        kept[own] = np.isin(records.t[own], rows.t[rows.groups == label])
+    for label in np.unique(derived.groups):
+        own = np.flatnonzero(labels == label)
+        kept[own] = np.isin(records.t[own], derived.t[derived.groups == label])
     chosen = np.flatnonzero(kept)
-    start = records.take(chosen).with_columns(rows.X)
-    fit = fit_jointly(declared, (), start, np.arange(len(chosen)), rows.Xdot)
-    X[chosen, :n_states] = rows.X[:, :n_states]
-    return fit, X
+    X[chosen, :n_states] = derived.X[:, :n_states]
+    return records.take(chosen).with_columns(derived.X), derived.Xdot, X
 
 
 def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> Measured:
@@ -118,7 +154,7 @@ def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> 
     motion = drawn(fit, records.with_columns(states), told.modes, added)
     rest = records.X[:, :n_states] - motion
     modes = np.where(told.sure, told.modes, -1)
-    windows = _windows(rest, records, modes)
+    windows = _windows(rest, records, modes, told.stretches)
     X = np.column_stack([motion + windows.values @ rest, records.X[:, n_states:]])
     shown = np.zeros((len(records), 1), dtype=bool)
     shown[windows.whole()] = True
@@ -127,17 +163,17 @@ def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> 
         return np.where(shown, windows.means @ columns, columns)
 
     seen = replace(records, X=X, average=average, told=modes)
-    laws, every = fit.switching.coef_[told.modes], np.arange(len(records))
+    laws, every = fit.laws.coef[told.modes], np.arange(len(records))
     targets = np.einsum("nkf,nf->nk", laws, fit.features(seen)) + windows.slopes @ rest
     targets += seen.averaged(added[told.modes, every])
     rows = windows.whole(max(1, round(windows.length / SETTINGS.rows_a_window)))
     return Measured(seen, targets, rows[told.sure[rows]], windows.length, records)
 
 
-def _windows(rest: Array, records: Records, modes: Modes) -> Windows:
+def _windows(rest: Array, records: Records, modes: Modes, stretches: list[Rows]) -> Windows:
     """Windows over which a rest is straight, but no longer than leaves most in the stays."""
     assert records.t is not None
-    stays = stays_of(modes, records.trajectories)
+    stays = stays_of(modes, stretches)
     of_modes = [
         np.array([len(stay) for stay in stays if modes[stay[0]] == mode])
         for mode in np.unique(modes[modes >= 0])

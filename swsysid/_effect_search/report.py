@@ -116,7 +116,7 @@ class EffectReport(EffectContents):
             skipped={
                 effect.kind: reason
                 for effect in ladder.context.effects
-                if (reason := effect.missing(records)) is not None
+                if (reason := ladder.context.why_not(effect)) is not None
             },
             not_identifiable=tuple(named(*one) for one in ladder.context.spanned()),
             residual_before=_leftover(first, ladder, names),
@@ -132,7 +132,7 @@ class EffectReport(EffectContents):
                 for one in rounds
             ),
             dropped=dropped(rounds, last.terms, records),
-            discrete=bool(first.switching.discrete_time),
+            discrete=bool(first.laws.discrete_time),
             data=EffectData(
                 records=records,
                 rows=split.held_out,

@@ -47,12 +47,23 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
             continue
         feature = context.linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
         role = effect.role_at(records, place)
-        linear = feature is not None
-        if {"replaces": not linear, "beside": linear, "instead": False}.get(role, True):
-            yield from _scan(context, effect, place, grid, columns, one_by_one)
+        problem = context.regression
+        added = [
+            target
+            for target in range(problem.targets.shape[1])
+            for linear in [problem.has(target, feature)]
+            if {"replaces": not linear, "beside": linear, "instead": False}.get(role, True)
+        ]
+        if added:
+            yield from _scan(context, effect, place, grid, columns, one_by_one, added)
         if feature is not None and role in ("replaces", "either", "instead"):
             each: list[tuple[Mode, ...]] = [tuple(range(n_modes))]
-            yield from _scan(context, effect, place, grid, columns, each, feature)
+            theirs = [
+                target
+                for target in range(problem.targets.shape[1])
+                if problem.has(target, feature) and (target, feature) not in context.replaced
+            ]
+            yield from _scan(context, effect, place, grid, columns, each, theirs, feature)
 
 
 def _scan(
@@ -62,9 +73,10 @@ def _scan(
     grid: Array,
     columns: Array,
     groups: Sequence[tuple[Mode, ...]],
+    targets: Sequence[int],
     replaced: int | None = None,
 ) -> Iterator[Trial]:
-    """Trials of the best value of the grid for every target and each group of modes."""
+    """Trials of the best value of the grid for each target and each group of modes."""
     # Columns in the place of a feature have coefficients in each mode, and all modes are one group.
     problem = context.regression
     change = {group: np.zeros(problem.targets.shape) for group in groups}
@@ -84,15 +96,13 @@ def _scan(
         added = _added(background, full, test, columns[:, some], solved, best)
         for group in groups:
             change[group][test] = added[group]
-    for group, target in product(groups, range(problem.targets.shape[1])):
+    for group, target in product(groups, targets):
         if replaced is None:
             # `solved`, `gains` and `best` are now those of all rows
             value = best[group][target]
             coef = solved[group[0]].coef[value, :, target]
             if np.asarray(gains[group])[value, target] <= 0.0 or not effect.plausible(coef):
                 continue  # the library can do all this by itself, or physics cannot
-        elif (target, replaced) in context.replaced:
-            continue
         by_fold = tuple(int(fold[target]) for fold in chosen[group])
         theta = tuple(grid[by_fold[-1]].tolist())
         mode = group[0] if replaced is None else None
@@ -125,17 +135,20 @@ def _added(
     # There is one best value for every state. Columns in the place of a feature change what the
     # library predicts as well, from that of `full` to that of `background`.
     problem, needed = background.problem, np.unique(np.concatenate(list(best.values())))
-    left = background.residuals(columns[:, needed], test)
+    left: dict[int, Array] = {}
+    for states in problem.alike:
+        own = background.residuals(columns[:, needed], test, int(states[0]))
+        left |= dict.fromkeys(states.tolist(), own)
     lost = np.zeros((len(test), problem.targets.shape[1]))
     if background is not full:
-        lost = full.residuals(problem.targets, test) - background.residuals(problem.targets, test)
+        lost = full.errors(test) - background.errors(test)
     answer = {}
     for group, values in best.items():
         answer[group] = lost.copy()
         for mode, (target, value) in product(group, enumerate(values)):
             rows = slice(None) if mode is None else problem.modes[test] == mode
             coef = solved[mode].coef[value, :, target]
-            answer[group][rows, target] += left[rows, np.searchsorted(needed, value)] @ coef
+            answer[group][rows, target] += left[target][rows, np.searchsorted(needed, value)] @ coef
     return answer
 
 
@@ -229,7 +242,7 @@ def proposals(effect: Effect, context: CandidateContext) -> Iterator[PlacedEffec
 def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """The correction of each sensor that lets the declared laws fit best."""
     records, settings = context.records, context.data.settings
-    discrete = bool(context.fit.switching.discrete_time)
+    discrete = bool(context.fit.laws.discrete_time)
     for place in effect.places(records):
         if not effect.is_possible(records, place, context.velocities, discrete):
             continue
@@ -257,13 +270,13 @@ def _(effect: GuardEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
 @proposals.register
 def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """Jumps of each state that the velocities cannot explain."""
-    if context.fit.switching.discrete_time:
+    if context.fit.laws.discrete_time:
         return  # the targets are the next states, jumps included
     for target in context.records.states:
         found = effect.candidate(
             context.records, context.velocities, context.switched_modes, target
         )
-        if found is not None:
+        if found is not None and found[0] not in context.fit.laws.resets:
             crossing, theta = found
             yield PlacedEffect(effect, crossing, target, theta=theta)
 

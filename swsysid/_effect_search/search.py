@@ -10,14 +10,16 @@ from numbers import Integral
 from typing import TypeVar
 
 import numpy as np
-from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin, clone
+from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.model_selection import check_cv
 
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities
 from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import explained
-from swsysid._effect_model.joint_fit import JointFit, check_declared, fit_jointly, warn_of_doubts
+from swsysid._effect_model.declared import Declared
+from swsysid._effect_model.joint_fit import JointFit, fit_jointly, warn_of_doubts
+from swsysid._effect_model.models import check_declared, declared_model, unfitted, with_seed
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.acceptance import Finding
 from swsysid._effect_search.contributions import term_covariances
@@ -25,11 +27,10 @@ from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import Folds, SearchData, Split, make_folds, split_records
 from swsysid._effect_search.greedy import Round, Search
 from swsysid._effect_search.reading import read_recordings, refuse_inputs_beside_velocities
-from swsysid._effect_search.recording import Measured, from_states
+from swsysid._effect_search.recording import Measured, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid._pipelines import seeded, with_parameters
 from swsysid._results import Array, IdentificationWarning
 from swsysid.effects import Effect, all_effects
 
@@ -72,8 +73,12 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     Parameters
     ----------
-    estimator : SwitchingSystemRegressor or Pipeline that ends in one
-        The declared model.
+    estimator : estimator or HybridAutomaton
+        The declared model: a SwitchingSystemRegressor, a Pipeline that ends in one, a
+        TrajectoryIdentifier (which stands for the model that it looks for), a
+        HybridAutomatonRegressor, or an automaton that is stated or was found. An automaton keeps
+        its modes, its transitions and the terms of its laws; coefficients of these terms are fitted
+        with the effects. It needs `t`, and laws without lags.
     effects : "all" or list of Effect, default="all"
         Effects to look for; see `swsysid.effects`.
     cv : int, cross-validation generator or None, default=None
@@ -95,6 +100,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     ----------
     best_estimator_ : EffectRegressor
         The declared model with the effects found, fitted to all rows.
+    automaton_ : HybridAutomaton
+        Laws and transitions of `best_estimator_`, with the hysteresis and the resets found.
     declared_estimator_ : EffectRegressor
         The declared model without effects, fitted to all rows.
     effects_ : list of FoundEffect
@@ -115,6 +122,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     >>> search.effects_[0].kind, search.effects_[0].target
     ('coulomb_friction', 1)
     """
+
+    _declared: Declared  # what is fitted, for the record at hand
 
     def __init__(
         self,
@@ -190,17 +199,17 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         self._check_parameters()
         seed = 0 if self.random_state is None else self.random_state
-        self._declared, rng = seeded(self.estimator, seed), random_numbers(seed)
+        self._seeded, rng = with_seed(self.estimator, seed), random_numbers(seed)
         measured = self._measured(X, y, t, groups, signals, inputs)
         parts = split_records(measured.records, rng, measured.window)
         final = measured.fitted(self._declared)
         self.best_estimator_ = self.declared_estimator_ = self._regressor(final, measured.records)
         if self._is_enough(measured, parts):
-            if measured.recorded is not None and self.max_effects:
+            if measured.records.told is not None and self.max_effects:
                 # With the first effect inside, fewer modes and velocities are wrong, and perhaps
                 # its kind is another one.
                 first = self._search(measured, parts, rng, most=1).structure.fit
-                again = measured.beside(first)
+                again = self._identified_beside(measured, first)
                 if again is not None and self._is_enough(again, parts):
                     measured, final = again, again.fitted(self._declared)
                     self.declared_estimator_ = self._regressor(final, measured.records)
@@ -237,6 +246,12 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     equations = _of_the_best(EffectRegressor.equations)
     surface_equations = _of_the_best(EffectRegressor.surface_equations)
 
+    @property
+    def automaton_(self):
+        """Laws and transitions of the best model; as `EffectRegressor.automaton_`."""
+        check_fitted(self, "best_estimator_")
+        return self.best_estimator_.automaton_
+
     # -- parts of fit ------------------------------------------------------------------------------
 
     def _is_enough(self, measured: Measured, parts: Split) -> bool:
@@ -244,6 +259,18 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         n_columns = measured.records.X.shape[1] + measured.targets.shape[1]
         n_searched = len(parts.of(measured.rows).search)
         return n_searched >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
+
+    def _identified_beside(self, measured: Measured, first: JointFit) -> Measured | None:
+        """The record with modes and velocities that are better known with an effect inside."""
+        records = measured.records if measured.recorded is None else measured.recorded
+        seen = records.with_columns(measured.records.X)
+        anew = self._declared.anew(records, first.contributions(seen)) if first.terms else None
+        if anew is None:
+            return measured.beside(first)
+        self._declared = anew
+        if measured.recorded is None:
+            return with_velocities(anew, records, measured.targets)
+        return from_states(anew, records)
 
     def _search(
         self, measured: Measured, parts: Split, rng: np.random.RandomState, most: int
@@ -254,7 +281,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         folds = self._folds(records.take(rows), targets[rows], rng)
         first = measured.fitted(self._declared, rows)
         context = SearchContext(
-            estimator=with_parameters(self._declared, n_modes=first.n_modes),
+            model=self._declared.with_modes(first.n_modes),
             effects=all_effects() if isinstance(self.effects, str) else list(self.effects),
             data=SearchData(records.told_on(parts.search), rows, targets[rows], folds),
             declared=first,
@@ -271,7 +298,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         if ladder.terms:
             modes = found.structure.fit.modes_along(records, found.split.search)
             final = fit_jointly(
-                context.estimator,
+                context.model,
                 ladder.terms,
                 records,
                 whole.rows,
@@ -293,6 +320,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         if y is None:
             recorded = read_recordings(self, X, t, groups, signals, inputs)
             self._one_target, self._trajectory_names = False, recorded.names
+            self._declared = declared_model(self._seeded, recorded.records)
             return from_states(self._declared, recorded.records)
         refuse_inputs_beside_velocities(inputs)
         X, y = rows_and_velocities(self, X, y, reset=True)
@@ -302,10 +330,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             X, targets.shape[1], t=t, groups=groups, signals=signals, names=column_names(self)
         )
         self._trajectory_names = None if groups is None else np.unique(groups)
-        return Measured(records, targets, np.arange(len(X)))
+        self._declared = declared_model(self._seeded, records)
+        return with_velocities(self._declared, records, targets)
 
     def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
-        regressor = EffectRegressor(clone(self._declared), fit.terms)
+        regressor = EffectRegressor(unfitted(self._seeded), fit.terms)
         return regressor.around(fit, self, records.names)
 
     def _folds(self, records: Records, targets: Array, rng: np.random.RandomState) -> Folds:

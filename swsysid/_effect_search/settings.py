@@ -27,8 +27,6 @@ class SearchSettings:
     degree: int = 2  # of local polynomials: a slope in the middle is a mean of what it shows
     shortest_window: int = 7  # samples
     deciding_rows: int = 600  # of the longest stays, which say how straight a rest is
-    doubt: float = 3.0  # standard errors of the instant of a switch within which no mode is sure
-    most_doubtful: int = 10  # samples to either side of a switch
     enough_rows: int = 200  # a longer window is not worth fewer
     rows_a_window: int = 3  # slopes a third of a window apart are uncorrelated
 

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from sklearn.base import BaseEstimator
 
+from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit, fit_jointly
 from swsysid._effect_search.candidates import (
     CandidateContext,
@@ -24,7 +24,6 @@ from swsysid._effect_search.scan import proposals, refined, scan
 from swsysid._effect_search.settings import SearchSettings
 from swsysid._effect_search.switches import gain_of_guard
 from swsysid._noise import robust_scale
-from swsysid._pipelines import switching_step
 from swsysid._results import Array
 from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, ResetEffect, StructureEffect
 from swsysid.effects._base import Place
@@ -67,7 +66,7 @@ class Structure:
 class SearchContext:
     """The declared model, the data, the effects in question, and structures of them."""
 
-    estimator: BaseEstimator  # declared model, with its number of modes fixed
+    model: Declared  # with its number of modes fixed
     effects: Sequence[Effect]  # the simplest explanation first
     data: SearchData
     declared: JointFit  # fitted to the rows of the search
@@ -87,11 +86,15 @@ class SearchContext:
     @cached_property
     def usable(self) -> list[Effect]:
         """Effects for which the data have what they need."""
-        return [effect for effect in self.effects if effect.missing(self.data.records) is None]
+        return [effect for effect in self.effects if self.why_not(effect) is None]
+
+    def why_not(self, effect: Effect) -> str | None:
+        """Why an effect is not looked for; None if it is."""
+        return effect.missing(self.data.records) or self.model.refuses(effect)
 
     @property
     def _n_declared_modes(self) -> int:
-        return int(switching_step(self.estimator)[1].n_modes)
+        return int(self.model.n_modes)
 
     # -- structures ------------------------------------------------------------------------------
 
@@ -114,7 +117,7 @@ class SearchContext:
     def priced(self, fit: JointFit) -> Structure:
         """What a fit is worth on rows that its regressions have not seen."""
         rows = held_out_cost(fit, self.data) - gain_of_guard(fit, self.data)
-        of_a_mode = fit.switching.coef_[0].size + self.data.records.X.shape[1] + 1
+        of_a_mode = fit.laws.coef[0].size + self.data.records.X.shape[1] + 1
         n_parameters = sum(term.n_parameters for term in fit.terms)
         n_parameters += (fit.n_modes - self._n_declared_modes) * of_a_mode
         return Structure(fit, float(rows.sum()), n_parameters, rows)
@@ -144,7 +147,7 @@ class SearchContext:
         data = self.data
         return self.priced(
             fit_jointly(
-                self.estimator, terms, data.records, data.rows, data.targets, modes, rounds, like
+                self.model, terms, data.records, data.rows, data.targets, modes, rounds, like
             )
         )
 
@@ -182,7 +185,7 @@ class SearchContext:
         for train, test in data.folds.parts:
             rows, targets = data.rows[train], data.targets[train]
             fit = fit_jointly(
-                self.estimator, structure.terms, data.records, rows, targets, modes[train], 1
+                self.model, structure.terms, data.records, rows, targets, modes[train], 1
             )
             cost[test] = unseen_cost(fit, data, train, test)
         return cost

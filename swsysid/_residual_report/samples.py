@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import NotFittedError
 
+from swsysid._automaton.model import HybridAutomaton
 from swsysid._checks.arrays import labels, names_of, numbers, refuse_vanishing, table
 from swsysid._checks.estimators import column_names, in_fitted_form
 from swsysid._data.records import Records, make_records
@@ -170,21 +171,29 @@ def collect(
         )
     if not np.isfinite(predicted).all():
         raise ValueError("the model predicts NaN or infinity on these rows; leave them out.")
-    modes = np.asarray(model.predict_modes(frame)) if hasattr(model, "predict_modes") else None
+    modes = None
+    if hasattr(model, "predict_modes"):
+        modes = np.asarray(_told(model.predict_modes, frame, t=t, groups=groups, signals=channels))
     named = [None] if groups is None else np.unique(labels("groups", groups)).tolist()
     samples = ResidualSamples.of(model, records, target, predicted, modes, named, X)
     return samples if window == 1 else samples.apart(window)
 
 
 def _predicted(model: Predictor, X: ArrayLike, **extras: ArrayLike | None) -> Array:
-    """Predictions as columns; the model is told what its signature asks for."""
-    accepted = inspect.signature(model.predict).parameters
-    told = {name: value for name, value in extras.items() if name in accepted and value is not None}
+    """Predictions as columns."""
     try:
-        predicted = numbers("the prediction of the model", model.predict(X, **told))
+        predicted = numbers("the prediction of the model", _told(model.predict, X, **extras))
     except NotFittedError:
         raise NotFittedError("the model is not fitted yet; call fit with data first.") from None
     return predicted[:, None] if predicted.ndim == 1 else predicted
+
+
+def _told(method: Callable, X: ArrayLike, **extras: ArrayLike | None) -> ArrayLike:
+    """What a method of the model answers; it is told what its signature asks for."""
+    accepted = inspect.signature(method).parameters
+    told = {name: value for name, value in extras.items() if name in accepted and value is not None}
+    answer: ArrayLike = method(X, **told)
+    return answer
 
 
 def _nearness(model: object, X: object) -> tuple[Array | None, str]:
@@ -195,6 +204,8 @@ def _nearness(model: object, X: object) -> tuple[Array | None, str]:
     """
     for inside in ("best_estimator_", "estimator_"):
         model = getattr(model, inside, model)
+    if isinstance(model, HybridAutomaton):
+        return None, "the guards of an automaton remember, so that no place alone changes the mode"
     transform, regressor = switching_step(model)
     surface = getattr(regressor, "surface_", None)
     if surface is None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
 from swsysid._simulation.signals import trajectory_records
-from swsysid._simulation.system import SwitchingSystem
+from swsysid._simulation.system import Laws, SwitchingSystem
 from swsysid.effects import PlacedEffect
 
 
@@ -59,31 +60,33 @@ class ActingTerm:
     memory: Memory | None  # if it remembers the state
 
 
-class EffectSystem(SwitchingSystem):
+class PointModel(Laws, Protocol):
+    """A declared model at one point."""
+
+    @property
+    def coef(self) -> Array:
+        """Coefficients of its laws, mode by mode."""
+
+
+class EffectFields(SwitchingSystem):
     """Vector fields with effects, for composite modes ``mode + n_modes * sides``.
 
     Bit b of `sides` says that the state lies above the level of break b, a (channel, level). Rows
     of states and inputs pass the `transform` before the model sees them; `sizes` are the numbers of
-    states, inputs and signals. The effect in the memory `guard` decides the mode, if there is one.
-    `resets` are jumps of a state where the mode changes: ((before, after), state, factor).
+    states, inputs and signals. What tells the mode is a subclass's.
     """
 
     def __init__(
         self,
-        model: SwitchingModel,
+        model: PointModel,
         transform: Callable[[Array], Array] | None,
         acting: Sequence[ActingTerm],
         breaks: Sequence[tuple[int, float]],
         sizes: tuple[int, int, int],
-        guard: Memory | None = None,
-        resets: Sequence[tuple[tuple[int, int], int, float]] = (),
     ):
-        self.model, self.transform = model, transform
+        self.fields, self.transform = model, transform
         self.acting, self.breaks = tuple(acting), tuple(breaks)
-        self.guard, self.resets = guard, tuple(resets)
         self.memories = [one.memory for one in acting if one.memory is not None]
-        if guard is not None:
-            self.memories.append(guard)
         self.n_modes = len(model.coef)
         n_states, self.n_given, n_signals = sizes
         self._n_states = n_states
@@ -94,14 +97,13 @@ class EffectSystem(SwitchingSystem):
     @property
     def remembers(self) -> bool:
         """True if an effect remembers the state or lets it jump."""
-        return bool(self.memories or self.resets)
+        return bool(self.memories)
+
+    def base_mode(self, x: Array, u: Array) -> int:
+        """Mode without sides."""
+        raise NotImplementedError
 
     # -- what a simulation asks --------------------------------------------------------------
-
-    @property
-    def has_surface_values(self) -> bool:
-        """True if the model's surfaces are known as functions."""
-        return self.model.has_surface_values
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity in a composite mode."""
@@ -112,35 +114,13 @@ class EffectSystem(SwitchingSystem):
         """Composite mode at a state."""
         return self.base_mode(x, u) + self.n_modes * self.sides(x)
 
-    def surface_values(self, x: Array, u: Array) -> Array:
-        """Values of the model's surfaces, then distances to the levels."""
-        return np.concatenate([self.model.surface_values(*self._seen(x, u)), self.heights(x)])
-
-    def decode(self, values: Array) -> int:
-        """Composite mode for given values of the surfaces."""
-        n_own = len(values) - len(self.breaks)
-        return self.model.decode(values[:n_own]) + self.n_modes * _bits(values[n_own:])
-
-    def jumped(self, x: Array, before: int, after: int) -> Array:
-        """The state after a change of modes."""
-        x = x.copy()
-        for pair, state, factor in self.resets:
-            x[state] *= factor if pair == (before, after) else 1.0
-        return x
-
     def keep(self, x: Array, u: Array) -> None:
         """One more row has passed."""
-        now = self._record(x, u)
+        now = self.record(x, u)
         for memory in self.memories:
             memory.keep(now)
 
     # -- its parts -----------------------------------------------------------------------------
-
-    def base_mode(self, x: Array, u: Array) -> int:
-        """Mode of the model's own surface, or of the effect that decides it from the past."""
-        if self.guard is None:
-            return self.model.mode(*self._seen(x, u))
-        return int(self.guard.term.switched(self.guard.until(self._record(x, u)))[-1])
 
     def heights(self, x: Array) -> Array:
         """Distances of the state above the levels."""
@@ -148,11 +128,11 @@ class EffectSystem(SwitchingSystem):
 
     def sides(self, x: Array) -> int:
         """Sides of the state, as bits."""
-        return _bits(self.heights(x))
+        return bits(self.heights(x))
 
     def field(self, x: Array, u: Array, mode: int, sides: int) -> Array:
         """Velocity in a mode on given sides."""
-        velocity = self.model.velocity(*self._seen(x, u), mode)
+        velocity = self.fields.velocity(*self.seen(x, u), mode)
         for acting in self.acting:
             gain = acting.gains[mode]
             if not gain.any():
@@ -160,13 +140,13 @@ class EffectSystem(SwitchingSystem):
             if acting.tabulated is not None:
                 columns = u[acting.tabulated]
             else:
-                now = self._record(self._held(x, acting, sides), u)
+                now = self.record(self._held(x, acting, sides), u)
                 seen = now if acting.memory is None or acting.breaks else acting.memory.until(now)
                 columns = acting.term.columns(seen)[-1]
             velocity[acting.term.target] += columns @ gain
         return velocity
 
-    def _record(self, x: Array, u: Array) -> Records:
+    def record(self, x: Array, u: Array) -> Records:
         """One row with everything that an effect can ask for."""
         row = np.concatenate([x, u[: self.n_given]])[None]
         time = u[self.n_given : self.n_given + 1]
@@ -183,7 +163,7 @@ class EffectSystem(SwitchingSystem):
                 held[channel] = min(held[channel], np.nextafter(level, -np.inf))
         return held
 
-    def _seen(self, x: Array, u: Array) -> tuple[Array, Array]:
+    def seen(self, x: Array, u: Array) -> tuple[Array, Array]:
         """State and inputs as the model takes them."""
         u = u[: self.n_given]
         if self.transform is None:
@@ -191,5 +171,61 @@ class EffectSystem(SwitchingSystem):
         return self.transform(np.concatenate([x, u])[None])[0], u[:0]
 
 
-def _bits(heights: Array) -> int:
+class EffectSystem(EffectFields):
+    """A switching model with effects.
+
+    The effect in the memory `guard` decides the mode, if there is one. `resets` are jumps of a
+    state where the mode changes: ((before, after), state, factor).
+    """
+
+    def __init__(
+        self,
+        model: SwitchingModel,
+        transform: Callable[[Array], Array] | None,
+        acting: Sequence[ActingTerm],
+        breaks: Sequence[tuple[int, float]],
+        sizes: tuple[int, int, int],
+        guard: Memory | None = None,
+        resets: Sequence[tuple[tuple[int, int], int, float]] = (),
+    ):
+        super().__init__(model, transform, acting, breaks, sizes)
+        self.model, self.guard, self.resets = model, guard, tuple(resets)
+        if guard is not None:
+            self.memories.append(guard)
+
+    @property
+    def remembers(self) -> bool:
+        """True if an effect remembers the state or lets it jump."""
+        return bool(self.memories or self.resets)
+
+    @property
+    def has_surface_values(self) -> bool:
+        """True if the model's surfaces are known as functions."""
+        return self.model.has_surface_values
+
+    def surface_values(self, x: Array, u: Array) -> Array:
+        """Values of the model's surfaces, then distances to the levels."""
+        return np.concatenate([self.model.surface_values(*self.seen(x, u)), self.heights(x)])
+
+    def decode(self, values: Array) -> int:
+        """Composite mode for given values of the surfaces."""
+        n_own = len(values) - len(self.breaks)
+        return self.model.decode(values[:n_own]) + self.n_modes * bits(values[n_own:])
+
+    def jumped(self, x: Array, before: int, after: int) -> Array:
+        """The state after a change of modes."""
+        x = x.copy()
+        for pair, state, factor in self.resets:
+            x[state] *= factor if pair == (before, after) else 1.0
+        return x
+
+    def base_mode(self, x: Array, u: Array) -> int:
+        """Mode of the model's own surface, or of the effect that decides it from the past."""
+        if self.guard is None:
+            return self.model.mode(*self.seen(x, u))
+        return int(self.guard.term.switched(self.guard.until(self.record(x, u)))[-1])
+
+
+def bits(heights: Array) -> int:
+    """Which heights are positive, as the bits of a number."""
     return sum(1 << number for number, height in enumerate(heights.tolist()) if height > 0)

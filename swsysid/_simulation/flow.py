@@ -102,6 +102,14 @@ class Flow(ABC):
             raise SimulationEnded(Status.STATE_LIMIT)
         self.time, self.x = float(until), x
 
+    def land(self, x: Array) -> None:
+        """Go on from another state at the same time, in the present mode."""
+        if not self.system.within(x):
+            raise SimulationEnded(Status.STATE_LIMIT)
+        self.x = x
+        if self.done.t[len(self.done.states) - 1] == self.time:
+            self.done.states[-1], self.done.modes[-1] = x, self.mode
+
     def record_event(self, after: int, kind: str) -> None:
         self.done.add(SwitchEvent(self.time, self.x, self.mode, after, kind))
         self.step_size = None

@@ -123,10 +123,10 @@ def follow(
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
         if guarded.within(x0):
             probe(system, x0, pieces[0][1](t[0]))
-        return _Rollout(guarded, x0, t, options).run(pieces)
+        return SwitchingRollout(guarded, x0, t, options).run(pieces)
 
 
-class _Rollout(Flow):
+class SwitchingRollout(Flow):
     """State of one simulation in continuous time."""
 
     def __init__(self, system: GuardedSystem, x0: Array, t: Array, options: Options):

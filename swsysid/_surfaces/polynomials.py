@@ -53,6 +53,11 @@ class Basis(ABC):
     def sizes(self) -> Array:
         """How large the user's features are on the data at most, shape (n_user_features,)."""
 
+    @property
+    @abstractmethod
+    def exponents(self) -> NDArray[np.intp] | None:
+        """Exponents of the columns in the user's features, None if these are no monomials."""
+
     @abstractmethod
     def to_user(self, coef: Array) -> Array:
         """Coefficients of the user's features, from those in fitting coordinates."""
@@ -88,6 +93,10 @@ class PolynomialBasis(Basis):
     def sizes(self):
         return self.values.at(self.reach)
 
+    @property
+    def exponents(self):
+        return self.powers
+
     def to_user(self, coef):
         return coef @ shifted_monomials(self.powers, self.centre, self.scale).T
 
@@ -122,6 +131,10 @@ class LibraryBasis(Basis):
     @property
     def sizes(self):
         return self.map.sizes
+
+    @property
+    def exponents(self):
+        return self.map.powers
 
     def to_user(self, coef):
         # sum_k b_k (phi_k - m_k) / s_k: the constant column absorbs -sum_k b_k m_k / s_k.
@@ -174,6 +187,10 @@ class RelevantBasis(Basis):
     @property
     def sizes(self):
         return self.basis.sizes
+
+    @property
+    def exponents(self):
+        return self.basis.exponents
 
     def to_user(self, coef):
         user = np.zeros((*coef.shape[:-1], self.n_columns))

@@ -68,6 +68,17 @@ class WithEquations(Surface, Protocol):
     def equations(self, precision: int, format: str, names: Sequence[str], /) -> list[str]: ...
 
 
+class WithMonomials(Surface, Protocol):
+    """Surfaces that are sums of monomials of the columns."""
+
+    mode_book_: NDArray[np.int64]
+    coef_: Array
+
+    @property
+    def powers(self) -> NDArray[np.intp] | None:
+        """Exponents of the columns in each feature, None if these are others than monomials."""
+
+
 class WithDecisions(Surface, Protocol):
     """A classifier that decides by the largest of some values."""
 
@@ -151,6 +162,11 @@ def solves_margin_program(surface: object) -> TypeGuard[MarginClassifier]:
 def has_equations(surface: object) -> TypeGuard[WithEquations]:
     """True if the surfaces can be written down."""
     return _has(surface, "equations")
+
+
+def has_monomials(surface: object) -> TypeGuard[WithMonomials]:
+    """True if the surfaces may be sums of monomials."""
+    return _has(surface, "powers", "coef_", "mode_book_")
 
 
 def has_decisions(surface: object) -> TypeGuard[WithDecisions]:

@@ -16,7 +16,7 @@ from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
 from swsysid.effects._base import figure, products
 from swsysid.effects._settings import SETTINGS
-from swsysid.effects._types import GuardEffect
+from swsysid.effects._types import Crossing, GuardEffect
 
 Modes = NDArray[np.intp]
 Terms = tuple[tuple[int, ...], ...]
@@ -84,6 +84,17 @@ class GuardHysteresis(GuardEffect):
 
     def switched(self, records: Records, place: Guard, *theta: float) -> Modes:
         return place.modes(records, *theta)
+
+    def crossings(self, place: Guard, n_columns: int, *theta: float) -> list[Crossing]:
+        powers = np.array(
+            [[term.count(channel) for channel in range(n_columns)] for term in ((), *place.terms)]
+        )
+        upper, lower = place.upper_mode, 1 - place.upper_mode
+        down, up = (
+            sign * np.array([-edge, *place.weights])
+            for sign, edge in zip((-1.0, 1.0), theta, strict=True)
+        )
+        return [Crossing(upper, lower, down, powers), Crossing(lower, upper, up, powers)]
 
     def shortened(self, records: Records, place: Guard, *theta: float) -> Records:
         values = place(records.X)

@@ -87,9 +87,13 @@ class _Jumps:
     @property
     def deviations(self) -> float:
         """Size of those that are a multiple of the state, over the error of a single one."""
-        multiple = self.before * self.slope
-        error = float(robust_scale(self.moved - multiple))
-        return float(np.sqrt(np.mean(multiple**2))) / max(error, np.finfo(float).tiny)
+        size = float(np.sqrt(np.mean((self.before * self.slope) ** 2)))
+        return size / max(self.error, np.finfo(float).tiny)
+
+    @property
+    def error(self) -> float:
+        """Of a single one that is a multiple of the state."""
+        return float(robust_scale(self.moved - self.before * self.slope))
 
     @property
     def gain(self) -> float:
@@ -136,8 +140,15 @@ def _between_stays(records: Records, velocity: Array, modes: Modes, target: int)
         if own.sum() >= SETTINGS.fewest_jumps:
             state, move = (_without(part[own], apart[own]) for part in (before, moved))
             jumps = _Jumps(state, move, kind, n_explained=1, n_crossings=len(kinds))
-            # The ends of stays have errors that all share: a reset is seen at each crossing.
-            if jumps.deviations >= SETTINGS.sure_jump:
+            # The ends of stays have errors that all share: a reset is seen at each crossing. And a
+            # switch happens somewhere between its two samples: that alone does not explain the
+            # moves, and it explains what the reset leaves of them. A state that is the same at all
+            # crossings tells no factor.
+            late = half[own] * np.abs(apart[own])
+            left = np.abs(moved[own] - jumps.slope * before[own])
+            is_needed = np.median(np.abs(moved[own]) - late) > 0.0
+            is_enough = np.median(left - late) <= SETTINGS.sure_jump * jumps.error
+            if jumps.deviations >= SETTINGS.sure_jump and is_needed and is_enough:
                 found.append(jumps)
     return max(found, key=lambda jumps: jumps.gain, default=None)
 

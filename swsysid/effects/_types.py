@@ -7,7 +7,7 @@ the guard, the reset map, and the set of modes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,15 @@ from swsysid._results import Array
 from swsysid.effects._base import Effect, Place
 
 Modes = NDArray[np.intp]
+
+
+class Crossing(NamedTuple):
+    """Where a mode is left: a sum of monomials of the columns of X that rises to zero there."""
+
+    source: int
+    target: int
+    coef: Array  # (n_monomials,)
+    powers: NDArray[np.intp]  # (n_monomials, n_columns)
 
 
 class WithoutColumns(Effect):
@@ -77,6 +86,10 @@ class GuardEffect(WithoutColumns):
     def switched(self, records: Records, place: Place, *theta: float) -> Modes:
         """Modes along the trajectories."""
         raise NotImplementedError
+
+    def crossings(self, place: Place, n_columns: int, *theta: float) -> Sequence[Crossing]:
+        """Where each mode is left, for columns of X; none if these are no polynomials."""
+        return ()
 
     def place_parameters(self, place: Place) -> int:
         """How many numbers are fitted in the guard itself."""

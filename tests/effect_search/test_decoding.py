@@ -6,6 +6,7 @@ import pytest
 from swsysid import EffectSearchCV
 from swsysid._data.records import make_records
 from swsysid._data.windows import stays_of
+from swsysid._effect_model.models import declared_model
 from swsysid._effect_search.recording import from_states
 from swsysid.datasets import make_undeclared
 from swsysid.effects import Bias, CoulombFriction, ExtraMode, GuardHysteresis, Polynomial, Reset
@@ -23,7 +24,7 @@ def measured(effect, system, seed):
     data, x, u = recorded(effect, system, seed)
     names = [f"x{k}" for k in range(data.X.shape[1])]
     records = make_records(np.hstack([x, u]), x.shape[1], t=data.t, groups=data.groups, names=names)
-    return data, from_states(data.estimator, records)
+    return data, from_states(declared_model(data.estimator, records), records)
 
 
 @pytest.mark.parametrize("effect", [None, "guard_hysteresis"])

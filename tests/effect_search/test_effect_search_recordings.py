@@ -5,6 +5,7 @@ import pytest
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
+from swsysid._effect_model.models import declared_model
 from swsysid._effect_search.recording import from_states
 from swsysid.datasets import make_undeclared
 from swsysid.effects import (
@@ -113,7 +114,8 @@ def test_a_term_that_the_laws_lack_is_shown_as_the_average_of_itself():
         x.append(state)
     x = np.array(x)
     declared = SwitchingSystemRegressor(n_modes=1, random_state=0)
-    measured = from_states(declared, make_records(x[:, None], 1, t=t, names=["x"]))
+    recorded = make_records(x[:, None], 1, t=t, names=["x"])
+    measured = from_states(declared_model(declared, recorded), recorded)
     rows, records = measured.rows, measured.records
     shown = records.averaged(np.column_stack([-records.X[:, 0], push])).sum(axis=1)
     np.testing.assert_allclose(measured.targets[rows, 0], shown[rows], atol=0.02)

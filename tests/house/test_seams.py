@@ -31,7 +31,7 @@ TYPED = {
 }
 # Rooms in which one single question to what a user has written is left, and where.
 ONE_QUESTION = {
-    "_effect_model/joint_fit.py": "hasattr",  # is the estimator a switching regressor?
+    "_effect_model/models.py": "hasattr",  # is the estimator a switching regressor?
     "_effect_search/search.py": "hasattr",  # does cv split?
     "_identification/problem.py": "getattr",  # the answer of a relaxation
     "_simulation/model.py": "hasattr",  # has the model been fitted?

@@ -1,0 +1,196 @@
+"""A hybrid automaton as a declared model: recordings go through its modes, by its guards.
+
+Its laws keep the terms that they have; the coefficients of these are fitted with the effects. Its
+transitions stay as they are. Which modes a recording goes through is told once, by laws and
+guards, before an effect is looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton.equations import transition_equation
+from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton.transitions import Transition
+from swsysid._automaton_regressor import HybridAutomatonRegressor
+from swsysid._data.features import FeatureMap
+from swsysid._data.records import Records, next_states
+from swsysid._effect_model.declared import Added, FittedDeclared, Modes
+from swsysid._effect_model.decoding import decoded, told_by_velocities
+from swsysid._effect_model.identified import identified
+from swsysid._noise import robust_regression
+from swsysid._results import Array
+from swsysid.effects import Effect, GuardEffect, StructureEffect
+
+
+@dataclass(frozen=True)
+class DeclaredAutomaton:
+    """An automaton whose laws are fitted in given modes."""
+
+    automaton: HybridAutomaton
+    identifier: HybridAutomatonRegressor | None = None  # by which it has been found
+
+    def __post_init__(self):
+        if self.automaton.lags:
+            raise ValueError(
+                f"the automaton has lags={self.automaton.lags}, and effects stand beside laws of "
+                "the present row alone; declare one without lags, its past rows as inputs."
+            )
+
+    @property
+    def n_modes(self) -> int:
+        return self.automaton.n_modes
+
+    @property
+    def discrete_time(self) -> bool:
+        return self.automaton.discrete_time
+
+    @property
+    def robust(self) -> bool:
+        return True
+
+    @property
+    def known(self) -> HybridAutomaton:
+        return self.automaton
+
+    def with_modes(self, n_modes: int) -> DeclaredAutomaton:
+        return self
+
+    def extended(self, effect: StructureEffect) -> DeclaredAutomaton:
+        raise ValueError(f"an automaton has the modes that it has; leave {effect.kind!r} out.")
+
+    def anew(self, records: Records, added: Array) -> DeclaredAutomaton | None:
+        if self.identifier is None:
+            return None
+        found = identified(self.identifier, records, added)
+        return None if found is None else replace(self, automaton=found)
+
+    def refuses(self, effect: Effect) -> str | None:
+        if isinstance(effect, (GuardEffect, StructureEffect)):
+            return "the modes and guards of an automaton are declared"
+        return None
+
+    def library(self, X: Array) -> Array:
+        return self.automaton.feature_map(X)
+
+    def support(self, n_modes: int, n_states: int, n_features: int) -> NDArray[np.bool_]:
+        return np.asarray(self.automaton.coef != 0.0)
+
+    def fitted(self, records: Records, targets: Array, modes: Modes | None) -> FittedDeclared:
+        modes = self._told(records) if modes is None else modes
+        features, coef = self.library(records.X), self.automaton.coef.copy()
+        for mode, state in np.ndindex(coef.shape[:2]):
+            rows, terms = modes == mode, coef[mode, state] != 0.0
+            if rows.sum() >= terms.sum() > 0:  # a law of few rows stays as it was
+                design = features[np.ix_(rows, terms)]
+                coef[mode, state, terms] = robust_regression(design, targets[rows, state])
+        return FittedDeclared(replace(self.automaton, coef=coef), modes)
+
+    def sought(self, columns: Array, records: Records, targets: Array) -> Modes:
+        return self._told(records)
+
+    @staticmethod
+    def _told(records: Records) -> Modes:
+        assert records.told is not None, "the rows of a fit have modes"
+        return records.told
+
+
+@dataclass(frozen=True)
+class AutomatonLaws:
+    """Those of an automaton, whose guards tell where recordings change the mode."""
+
+    automaton: HybridAutomaton
+
+    @property
+    def coef(self) -> Array:
+        return self.automaton.coef
+
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        return np.asarray(self.automaton.coef != 0.0)
+
+    @property
+    def feature_map(self) -> FeatureMap:
+        return self.automaton.feature_map
+
+    @property
+    def discrete_time(self) -> bool:
+        return self.automaton.discrete_time
+
+    @property
+    def seeks_modes(self) -> bool:
+        return False
+
+    @property
+    def resets(self) -> frozenset[tuple[int, int]]:
+        listed = self.automaton.transitions
+        return frozenset((one.source, one.target) for one in listed if one.reset is not None)
+
+    @property
+    def n_columns(self) -> int:
+        return self.automaton.n_states + self.automaton.n_inputs
+
+    def seen(self, X: Array) -> Array:
+        return X
+
+    def modes(self, records: Records, added: Added) -> Modes:
+        if records.told is not None:
+            return _filled(records.told, records.trajectories)
+        if records.t is None:
+            raise ValueError(
+                "the modes of an automaton are those of recordings; give t (and groups, if there "
+                "are several)."
+            )
+        if self.discrete_time:
+            rows, targets = next_states(records)
+            told = np.full(len(records), -1)
+            told[rows] = told_by_velocities(self, records, targets, added)[rows]
+            return _filled(told, records.trajectories)
+        return decoded(self, records, records.X, added).modes
+
+    def probabilities(self, records: Records) -> Array:
+        told = self.allowed(records.X)
+        if records.told is not None:
+            known = records.told >= 0
+            told[known] = np.eye(self.automaton.n_modes)[records.told[known]]
+        return told
+
+    def allowed(self, X: Array) -> Array:
+        """Alike for all modes that no guard without a clock has left behind."""
+        possible = np.ones((len(X), self.automaton.n_modes))
+        columns = np.column_stack([X, np.zeros((len(X), 2))])
+        for one in self.automaton.transitions:
+            if one.source != one.target and not _has_clock(one):
+                possible[one.guard.values(columns) > 0.0, one.source] = 0.0
+        possible[~possible.any(axis=1)] = 1.0
+        return np.asarray(possible / possible.sum(axis=1, keepdims=True))
+
+    def column_names(self, names: Sequence[str]) -> list[str]:
+        return list(names[: self.automaton.n_states + self.automaton.n_inputs])
+
+    def guard_equations(self, names: Sequence[str], precision: int, style: str) -> list[str]:
+        automaton = self.automaton
+        columns = [*self.column_names(names), *automaton.guard_columns[-2:]]
+        return [
+            transition_equation(one, columns, columns[: automaton.n_states], precision, style)
+            for one in automaton.transitions
+        ]
+
+
+def _has_clock(transition: Transition) -> bool:
+    return bool(transition.guard.powers[:, -2:].any())
+
+
+def _filled(modes: Modes, trajectories: Sequence[NDArray[np.intp]]) -> Modes:
+    """Modes of all rows: one that is not known is that of the nearest row before, or after."""
+    filled = np.zeros_like(modes)
+    for rows in trajectories:
+        known = np.flatnonzero(modes[rows] >= 0)
+        if len(known):
+            places = np.searchsorted(known, np.arange(len(rows)), side="right") - 1
+            filled[rows] = modes[rows][known[np.maximum(places, 0)]]
+    return filled
