@@ -26,14 +26,15 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.instants import Known, Settled, settled
-from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of
+from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of, whole
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import switches_of
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
-from swsysid._stays.search import Search
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.search import ExactStart, Search
 from swsysid._stays.settings import StaySettings
 
 
@@ -45,6 +46,11 @@ def identified(
     told: Callable[[], object],
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
+    search = _search(estimator, whole(given), settings, told)
+    exact = search.by_intervals()
+    if exact is not None:
+        pieces, stays = _exactly(search, exact, given)
+        return _answer(given, stays, pieces, _transitions(stays, pieces, degree), search)
     jumps = jumps_of(given)
     pieces = cut_at(given, jumps)
     search = _search(estimator, pieces, settings, told)
@@ -89,6 +95,21 @@ def _answer(
         verdicts_of(transitions, order, stays.estimate.segments.recordings.interval),
         search.candidates,
     )
+
+
+def _exactly(
+    search: Search, exact: ExactStart, given: Given
+) -> tuple[Pieces, StayIdentification]:
+    """Stays of recordings without noise, cut where no switch explains what the state does."""
+    recordings, modes = search.base.recordings, exact.modes
+    sampled = recordings.sampled
+    jumps = [np.flatnonzero(modes.broken[places[:-1], k]) for k, places in enumerate(sampled)]
+    pieces = cut_at(given, jumps, SETTINGS.fewest_of_a_stay)
+    stays = [
+        modes.stays(k, recordings.times[k][sampled[k][a] : sampled[k][b] + 1], sampled[k][a])
+        for k, a, b in zip(pieces.recording, pieces.first, pieces.last, strict=True)
+    ]
+    return pieces, search.followed(exact, Recordings.of(pieces.given.records), stays)
 
 
 def _search(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed, effective_n_jobs
@@ -15,14 +16,19 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.certainty import Certainty
 from swsysid._stays.count import CountCandidate, fewest_modes
+from swsysid._stays.exact import ExactModes, exact_modes
 from swsysid._stays.given import Given, check_channels
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
 from swsysid._stays.independent import in_these, of_their_own
+from swsysid._stays.intervals import Intervals, laws_of, without_equal
+from swsysid._stays.laws import Laws
 from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
+from swsysid._stays.recordings import Recordings
 from swsysid._stays.sensors import without_clipped
-from swsysid._stays.settings import StaySettings
+from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.start import Differentiated, differentiated, start_from
+from swsysid._stays.stays import Stays
 from swsysid._stays.terms import with_few_terms
 from swsysid._surfaces.surface import has_equations
 
@@ -42,6 +48,15 @@ def check_estimator(estimator: object) -> SwitchingSystemRegressor:
             "itself with next states."
         )
     return estimator
+
+
+@dataclass(frozen=True)
+class ExactStart:
+    """Laws that explain recordings without noise, and the modes of these."""
+
+    start: SwitchingSystemRegressor
+    laws: Laws
+    modes: ExactModes
 
 
 class Search:
@@ -70,9 +85,12 @@ class Search:
         with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
             # what the fits in between warn of is mended, or said of the answer
             warnings.simplefilter("ignore", UserWarning)
+            exact = self.by_intervals()
+            if exact is not None:
+                recordings = self.base.recordings
+                return self.followed(exact, recordings, exact.modes.of_all(recordings))
             if self.estimator.n_modes == "auto":
-                most = whole("max_modes", self.estimator.max_modes)
-                found, self.candidates = fewest_modes(self._with_modes, most)
+                found, self.candidates = fewest_modes(self._with_modes, self._counts)
                 return found
             return self._with_modes(self.estimator.n_modes)
 
@@ -86,22 +104,70 @@ class Search:
         """Names of states and inputs, if the data have names."""
         return self.base.names(self.given)
 
+    @property
+    def _counts(self) -> list:
+        """Numbers of modes that are tried."""
+        most = whole("max_modes", self.estimator.max_modes)
+        n_modes = self.estimator.n_modes
+        return list(range(1, most + 1)) if n_modes == "auto" else [n_modes]
+
     def _with_modes(self, n_modes: object) -> StayIdentification:
         """The best of some starts after their first rounds, followed to the end."""
         stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
-        starts = [self._start(n_modes, stretch) for stretch in stretches]
+        # there may be no shorter window than the automatic one
+        bases = {one.rows.window: one for one in map(self._differentiated, stretches)}
+        starts = [
+            self._alternation(*self._start(n_modes, one), self.base.recordings)
+            for one in bases.values()
+        ]
         n_jobs = min(effective_n_jobs(self.estimator.n_jobs), len(starts))
         workers = Parallel(n_jobs=n_jobs, return_as="generator")
         begun = []
         for one in workers(delayed(_begun)(start) for start in starts):
             begun.append(one)
             self.told()
-        best = min(begun, key=lambda one: one.best.criterion)
-        return with_few_terms(best.finish(self.told), self.estimator.sparsity, self.settings)
+        return self._finished(min(begun, key=lambda one: one.best.criterion))
 
-    def _start(self, n_modes: object, stretch: float) -> Alternation:
-        """An alternation from derivatives by a longer or shorter filter."""
-        base = self._differentiated(stretch)
+    def _finished(self, begun: Alternation) -> StayIdentification:
+        """The other rounds, and the terms that are needed."""
+        return with_few_terms(begun.finish(self.told), self.estimator.sparsity, self.settings)
+
+    def by_intervals(self) -> ExactStart | None:
+        """The fewest laws that explain the intervals of recordings without noise, if any do."""
+        base, turns = self.base, self.settings.turns_of_intervals
+        spread = base.recordings.joined(base.recordings.guess).std(axis=0)
+        intervals = Intervals.of(base.recordings)
+        if (base.noise > LIMITS.nearly_exactly * spread).any() or not len(intervals):
+            return None
+        rows, candidates = intervals.differentiated(base), []
+        for n_modes in self._counts:
+            start, free = self._start(n_modes, rows)
+            features = start.switching_model.feature_map.at_rows
+            found = laws_of(start.coef_, free, features, intervals, turns)
+            candidates.append(found.candidate(n_modes))
+            self.told()
+            if found.tell_all:
+                found = without_equal(found, features, turns)
+                self.candidates = candidates if self.estimator.n_modes == "auto" else []
+                start.coef_ = found.coef
+                laws = Laws(found.coef, features, spread, found.free)
+                return ExactStart(start, laws, exact_modes(laws, base.recordings, self.settings))
+        return None
+
+    def followed(
+        self, exact: ExactStart, recordings: Recordings, stays: Sequence[Stays]
+    ) -> StayIdentification:
+        """The most likely laws and modes from known stays of recordings."""
+        with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
+            warnings.simplefilter("ignore", UserWarning)
+            begun = self._alternation(exact.start, exact.laws.free, recordings)
+            begun.begin_at(stays)
+            return self._finished(begun)
+
+    def _start(
+        self, n_modes: object, base: Differentiated
+    ) -> tuple[SwitchingSystemRegressor, NDArray[np.bool_]]:
+        """The estimator fitted to derivatives, and which of its coefficients are sought."""
         start = start_from(clone(self.estimator).set_params(n_modes=n_modes), base, self.names)
         start.coef_, free = self._law_of_positions(start, base)
         features = start.switching_model.feature_map(base.rows.X)
@@ -109,15 +175,15 @@ class Search:
         start.coef_, free = in_these(start.coef_, features, own), free & own
         if self.estimator.sparsity is not None:
             free &= start.coef_ != 0.0
+        return start, free
+
+    def _alternation(
+        self, start: SwitchingSystemRegressor, free: NDArray[np.bool_], recordings: Recordings
+    ) -> Alternation:
         return Alternation(
-            start,
-            base.recordings,
-            self.base.noise,
-            self.settings,
-            free=free,
-            names=self.names,
-            surfaces=self.surfaces,
-        )
+            start, recordings, self.base.noise, self.settings,
+            free=free, names=self.names, surfaces=self.surfaces,
+        )  # fmt: skip
 
     def _differentiated(self, stretch: float) -> Differentiated:
         if stretch not in self._by_stretch:
