@@ -101,15 +101,18 @@ def _exactly(
     search: Search, exact: ExactStart, given: Given
 ) -> tuple[Pieces, StayIdentification]:
     """Stays of recordings without noise, cut where no switch explains what the state does."""
-    recordings, modes = search.base.recordings, exact.modes
-    sampled = recordings.sampled
-    jumps = [np.flatnonzero(modes.broken[places[:-1], k]) for k, places in enumerate(sampled)]
-    pieces = cut_at(given, jumps, SETTINGS.fewest_of_a_stay)
-    stays = [
-        modes.stays(k, recordings.times[k][sampled[k][a] : sampled[k][b] + 1], sampled[k][a])
-        for k, a, b in zip(pieces.recording, pieces.first, pieces.last, strict=True)
+    modes, sampled = exact.modes, exact.modes.recordings.sampled
+    pieces = cut_at(given, modes.breaks, SETTINGS.fewest_of_a_stay)
+    parts = list(zip(pieces.recording, pieces.first, pieces.last, strict=True))
+    stays = [modes.stays(k, sampled[k][a], sampled[k][b]) for k, a, b in parts]
+    between = [modes.between(k) for k in range(len(sampled))]
+    records = pieces.given.records
+    within = [
+        between[k][(between[k] > record.t[0]) & (between[k] < record.t[-1])]
+        for k, record in zip(pieces.recording, records, strict=True)
     ]
-    return pieces, search.followed(exact, Recordings.of(pieces.given.records), stays)
+    recordings = Recordings.of(records, between=within)
+    return pieces, search.followed(exact, recordings, stays)
 
 
 def _search(

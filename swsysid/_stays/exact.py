@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement, pairwise
+from itertools import combinations_with_replacement, pairwise, permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,56 +25,111 @@ from swsysid._stays.stays import Stays
 
 @dataclass(frozen=True)
 class ExactModes:
-    """Modes at the times of recordings, and the switch or the break between every two."""
+    """Modes at the times of recordings, and what they do in the interval between every two."""
 
+    recordings: Recordings
     modes: NDArray[np.intp]  # (n_times, n_recordings)
-    instants: Array  # (n_times - 1, n_recordings): when it switches where it does
-    broken: NDArray[np.bool_]  # of the same shape: no switch explains it
+    via: NDArray[np.intp]  # (n_times - 1, n_recordings): the mode of a brief stay, -1 for none
+    instants: Array  # (n_times - 1, n_recordings, 2): of its switches, the first one if it has one
+    broken: NDArray[np.bool_]  # (n_times - 1, n_recordings): no switch explains it
 
-    def of_all(self, recordings: Recordings) -> list[Stays]:
+    def stays(self, recording: int, first: int = 0, last: int | None = None) -> Stays:
+        """The stays of a recording between two of its times."""
+        last = len(self.recordings.times[recording]) - 1 if last is None else last
+        own = self.modes[first : last + 1, recording]
+        via, instants = (part[first:last, recording] for part in (self.via, self.instants))
+        brief = via >= 0
+        modes = np.column_stack([np.where(brief, via, own[1:]), own[1:]])
+        happens = np.column_stack([brief | (own[1:] != own[:-1]), brief])
+        return Stays(np.append(own[0], modes[happens]), instants[happens])
+
+    def between(self, recording: int) -> Array:
+        """Times within the brief stays of a recording, which no sample is in."""
+        return np.asarray(self.instants[self.via[:, recording] >= 0, recording].mean(axis=1))
+
+    @property
+    def stays_of_all(self) -> list[Stays]:
         """The stays of all recordings."""
-        return [self.stays(k, t) for k, t in enumerate(recordings.times)]
+        return [self.stays(k) for k in range(len(self.recordings))]
 
-    def stays(self, recording: int, t: Array, first: int = 0) -> Stays:
-        """The stays of a recording at times that begin at one of its own."""
-        modes = self.modes[first : first + len(t), recording]
-        changes = np.flatnonzero(np.diff(modes))
-        entered = modes[np.append(0, changes + 1)]
-        return Stays(entered, self.instants[first + changes, recording])
+    @property
+    def breaks(self) -> list[NDArray[np.intp]]:
+        """Of each recording the samples after which no switch explains what it does."""
+        sampled = enumerate(self.recordings.sampled)
+        return [np.flatnonzero(self.broken[places[:-1], k]) for k, places in sampled]
 
 
 def exact_modes(laws: Laws, recordings: Recordings, settings: StaySettings) -> ExactModes:
-    """The likeliest modes of all times; recordings are measured wherever they have a time."""
-    intervals, place = Intervals.of(recordings), Intervals.places(recordings)
-    n_modes, n_intervals = len(laws.coef), len(intervals)
-    misses = np.empty((n_intervals, n_modes, n_modes))
-    shares = np.zeros_like(misses)
-    alone = np.array([_missed(laws, intervals, [j])[0] for j in range(n_modes)]).T
-    some = alone.min(axis=1) > LIMITS.nearly_exactly
-    few = intervals.take(some)
-    for i in range(n_modes):
-        for j in range(n_modes):
-            # where one law explains an interval, a switch is at one of its ends
-            misses[:, i, j] = np.minimum(alone[:, i], alone[:, j])
-            shares[:, i, j] = alone[:, i] < alone[:, j]
-            if i != j and some.any():
-                misses[some, i, j], found = _missed(laws, few, [i, j])
-                shares[some, i, j] = found[:, 0]
-        misses[:, i, i] = alone[:, i]
-    costs = np.zeros((*recordings.steps.shape, n_modes, n_modes))
-    costs[place] = np.log(np.clip(misses, LIMITS.exactly, 1.0) / LIMITS.exactly)
-    modes = _likeliest(costs + settings.prices[-1] * (1.0 - np.eye(n_modes)))
-    chosen = np.arange(n_intervals), modes[:-1][place], modes[1:][place]
+    """The likeliest modes of all times, intervals without samples at their ends as they come."""
+    place, n_modes = Intervals.places(recordings), len(laws.coef)
+    price = settings.prices[-1]
+    told = _Told.of(laws, Intervals.of(recordings))
+    for brief in (False, True):
+        costs = np.zeros((*recordings.steps.shape, n_modes, n_modes))
+        costs[place] = np.log(np.clip(told.misses, LIMITS.exactly, 1.0) / LIMITS.exactly)
+        costs[place] += price * (told.via >= 0)
+        modes = _likeliest(costs + price * (1.0 - np.eye(n_modes)))
+        chosen = np.arange(len(place[0])), modes[:-1][place], modes[1:][place]
+        left = told.misses[chosen] > LIMITS.nearly_exactly
+        if brief or not left.any() or len(laws.spread) < 2:
+            break
+        seen = np.zeros((n_modes, n_modes), dtype=bool)
+        seen[chosen[1][~left], chosen[2][~left]] = True
+        told = told.with_brief_stays(laws, left, seen & ~np.eye(n_modes, dtype=bool))
     broken = np.zeros(recordings.steps.shape, dtype=bool)
-    broken[place] = misses[chosen] > LIMITS.nearly_exactly
+    broken[place] = left
+    via = np.full(recordings.steps.shape, -1)
+    via[place] = told.via[chosen]
+    parts = np.full((*recordings.steps.shape, 2), 0.5)
+    # at an instant the mode is the old one
+    parts[place] = np.minimum(told.parts[chosen], 1.0 - LIMITS.exactly)
     begins = np.zeros(recordings.steps.shape)
     for k, t in enumerate(recordings.times):
         begins[: len(t) - 1, k] = t[:-1]
-    parts = np.full(recordings.steps.shape, 0.5)
-    parts[place] = shares[chosen]
-    # at an instant the mode is the old one
-    parts = np.minimum(parts, 1.0 - LIMITS.exactly)
-    return ExactModes(modes, begins + parts * recordings.steps, broken)
+    instants = begins[:, :, None] + parts * recordings.steps[:, :, None]
+    return ExactModes(recordings, modes, via, instants, broken)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What intervals miss from each mode (old) to each (new), and how they come there."""
+
+    intervals: Intervals
+    misses: Array  # (n_intervals, n_modes, n_modes), in spreads
+    parts: Array  # (n_intervals, n_modes, n_modes, 2): of the time, at which they switch
+    via: NDArray[np.intp]  # (n_intervals, n_modes, n_modes): the mode of a brief stay, or -1
+
+    @classmethod
+    def of(cls, laws: Laws, intervals: Intervals) -> _Told:
+        """At most one switch in each."""
+        alone = np.array([_missed(laws, intervals, [j])[0] for j in laws.modes]).T
+        # where one law explains an interval, a switch is at one of its ends
+        misses = np.minimum(alone[:, :, None], alone[:, None, :])
+        first = alone[:, :, None] < alone[:, None, :]
+        parts = np.repeat(first[..., None].astype(float), 2, axis=3)
+        some = np.flatnonzero(alone.min(axis=1) > LIMITS.nearly_exactly)
+        for i, j in permutations(laws.modes, 2):
+            misses[some, i, j], parts[some, i, j, :] = _missed(laws, intervals.take(some), [i, j])
+        return cls(intervals, misses, parts, np.full(misses.shape, -1))
+
+    def with_brief_stays(
+        self, laws: Laws, left: NDArray[np.bool_], seen: NDArray[np.bool_]
+    ) -> _Told:
+        """Some of the intervals, and those that nothing explains, may hold two switches.
+
+        These are switches that are seen elsewhere.
+        """
+        misses, parts, via = self.misses.copy(), self.parts.copy(), self.via.copy()
+        few = left | (misses.min(axis=(1, 2)) > LIMITS.nearly_exactly)
+        some = np.flatnonzero(few)
+        for i, mode, j in product(laws.modes, repeat=3):
+            if seen[i, mode] and seen[mode, j]:
+                size, own = _missed(laws, self.intervals.take(some), [i, mode, j])
+                better = size < misses[some, i, j]
+                rows = some[better]
+                misses[rows, i, j], parts[rows, i, j] = size[better], own[better]
+                via[rows, i, j] = mode
+        return _Told(self.intervals, misses, parts, via)
 
 
 def _missed(laws: Laws, intervals: Intervals, path: Sequence[int]) -> tuple[Array, Array]:

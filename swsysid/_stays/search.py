@@ -87,8 +87,10 @@ class Search:
             warnings.simplefilter("ignore", UserWarning)
             exact = self.by_intervals()
             if exact is not None:
-                recordings = self.base.recordings
-                return self.followed(exact, recordings, exact.modes.of_all(recordings))
+                modes = exact.modes
+                between = [modes.between(k) for k in range(len(modes.recordings))]
+                recordings = Recordings.of(self.given.records, between=between)
+                return self.followed(exact, recordings, modes.stays_of_all)
             if self.estimator.n_modes == "auto":
                 found, self.candidates = fewest_modes(self._with_modes, self._counts)
                 return found
