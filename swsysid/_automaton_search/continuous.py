@@ -46,14 +46,14 @@ def identified(
     told: Callable[[], object],
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
-    search = _search(estimator, whole(given), settings, told)
-    exact = search.by_intervals()
-    if exact is not None:
-        pieces, stays = _exactly(search, exact, given)
-        return _answer(given, stays, pieces, _transitions(stays, pieces, degree), search)
     jumps = jumps_of(given)
     pieces = cut_at(given, jumps)
     search = _search(estimator, pieces, settings, told)
+    exact = _exact_start(estimator, given, search)
+    if exact is not None:
+        search.candidates = exact.candidates
+        pieces, stays = _exactly(search, exact, given)
+        return _answer(given, stays, pieces, _transitions(stays, pieces, degree), search)
     stays = search.identified()
     for _ in range(SETTINGS.most_rounds):
         told()
@@ -97,9 +97,16 @@ def _answer(
     )
 
 
-def _exactly(
-    search: Search, exact: ExactStart, given: Given
-) -> tuple[Pieces, StayIdentification]:
+def _exact_start(
+    estimator: SwitchingSystemRegressor, given: Given, search: Search
+) -> ExactStart | None:
+    """Laws of recordings without noise, whose intervals tell where they jump, too."""
+    if not search.is_exact:
+        return None
+    return _search(estimator, whole(given), search.settings, search.told).by_intervals()
+
+
+def _exactly(search: Search, exact: ExactStart, given: Given) -> tuple[Pieces, StayIdentification]:
     """Stays of recordings without noise, cut where no switch explains what the state does."""
     modes, sampled = exact.modes, exact.modes.recordings.sampled
     pieces = cut_at(given, modes.breaks, SETTINGS.fewest_of_a_stay)

@@ -1,9 +1,13 @@
 r"""Modes and instants of recordings without noise, for laws that explain their intervals.
 
 Between two samples in modes i and j the state goes on where the flow of i from the first sample and
-that of j back from the second one meet, :math:`\varphi_i(x_k, \tau) = \varphi_j(x_{k+1}, \tau - h)`.
+that of j back from the second one meet,
+
+.. math:: \varphi_i(x_k, \tau) = \varphi_j(x_{k+1}, \tau - h) .
+
 By what they miss each other at the best :math:`\tau` Viterbi's search finds the modes of all
-samples. Where no switch explains an interval, the state jumps or the recording switches twice.
+samples. Where no switch explains an interval it may hold two, by way of a brief stay that no sample
+is in; where these do not explain it either, the state jumps.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
-from swsysid._stays.intervals import Intervals
+from swsysid._stays.intervals import Intervals, flow
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS, StaySettings
@@ -139,7 +143,8 @@ def _missed(laws: Laws, intervals: Intervals, path: Sequence[int]) -> tuple[Arra
     """
     n_switches, n = len(path) - 1, len(intervals)
     if not n_switches:
-        return np.abs(_gaps(laws, intervals, path, np.zeros((n, 0)))[0]).max(axis=1), np.zeros((n, 0))
+        none = np.zeros((n, 0))
+        return np.abs(_gaps(laws, intervals, path, none)[0]).max(axis=1), none
     grid = (np.arange(LIMITS.shares) + 0.5) / LIMITS.shares
     starts = np.array(list(combinations_with_replacement(grid, n_switches)))
     # from all of them: where two velocities are alike somewhere, flows nearly meet twice
@@ -154,7 +159,7 @@ def _missed(laws: Laws, intervals: Intervals, path: Sequence[int]) -> tuple[Arra
         inverse = np.linalg.pinv(np.nan_to_num(rates), rcond=LIMITS.rounding)
         step = np.matmul(inverse, np.nan_to_num(gaps)[:, :, None])[:, :, 0]
         parts = np.maximum.accumulate(np.clip(parts - step, 0.0, 1.0), axis=1)
-    chosen = least.reshape(-1, n).argmin(axis=0) * n + np.arange(n)
+    chosen = least.reshape(len(starts), n).argmin(axis=0) * n + np.arange(n)
     return least[chosen], best[chosen]
 
 
@@ -171,11 +176,11 @@ def _gaps(
     for k, mode in enumerate(path[:-1]):
         modes, until = np.full(n, mode), parts[:, k]
         middle = u + until[:, None] * (v - u)
-        x = laws.step(modes, x, held, middle, (until - before) * h)
+        x = flow(laws, modes, x, held, middle, (until - before) * h)
         rates.append(laws.velocities(modes, x, middle))
         before, held = until, middle
     modes = np.full(n, path[-1])
-    y = laws.step(modes, y, v, held, (before - 1.0) * h)
+    y = flow(laws, modes, y, v, held, (before - 1.0) * h)
     rates.append(laws.velocities(modes, y, held))
     # of the changes of the velocity; a part moves all that follows it
     slopes = [(old - new) * h[:, None] for old, new in pairwise(rates)]

@@ -1,4 +1,4 @@
-r"""Laws from single intervals: where there is no noise, two samples tell which law acts between them.
+r"""Laws from single intervals: without noise two samples tell which law acts between them.
 
 With the mean features :math:`\bar\Phi` of an interval, by Simpson's rule along the cubic that has
 both samples and the velocities of the law there,
@@ -14,7 +14,7 @@ bounded errors of Bemporad, Garulli, Paoletti, Vicino, IEEE TAC 50, 2005, at the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._stays.count import CountCandidate
-from swsysid._stays.laws import Features
+from swsysid._stays.laws import Features, Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.start import Differentiated
 from swsysid.differentiation import Derivatives
 
 _RCOND = float(np.sqrt(np.finfo(float).eps))
+_SAME = 1e-3  # of a miss: by how much it changes where laws are found
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Intervals:
     @staticmethod
     def places(recordings: Recordings) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Step and recording of each of them."""
-        known = np.isfinite(recordings.y).all(axis=2)
+        known = np.asarray(np.isfinite(recordings.y).all(axis=2))
         recording, place = np.nonzero((known[:-1] & known[1:] & (recordings.steps > 0.0)).T)
         return place, recording
 
@@ -71,6 +72,12 @@ class Intervals:
         alone = np.zeros(len(durations), dtype=bool)
         states, inputs = self.states[:, some], self.inputs[:, some]
         return Intervals(states, inputs, durations, self.recording[some], alone)
+
+    @property
+    def spread(self) -> Array:
+        """Of the states at both ends, 1 for one that never changes."""
+        spread = self.states.std(axis=(0, 1))
+        return np.where(spread > 0.0, spread, 1.0)
 
     @property
     def changes(self) -> Array:
@@ -86,6 +93,11 @@ class Intervals:
             base.rows.names,
         )  # fmt: skip
         return Differentiated(rows, base.recordings, base.noise)
+
+    def flown(self, laws: Laws, modes: NDArray[np.intp]) -> Array:
+        """States at the ends of the intervals by the flows from their begins."""
+        u, v = self.inputs
+        return flow(laws, modes, self.states[0], u, v, self.durations)
 
     def mean_features(self, coef: Array, features: Features) -> Array:
         """Mean features along each interval for each law, (n_modes, n_intervals, n_features)."""
@@ -108,6 +120,7 @@ class IntervalLaws:
     coef: Array  # (n_modes, n_states, n_features)
     modes: NDArray[np.intp]  # (n_intervals,)
     misses: Array  # (n_intervals,): in spreads, of the state that is missed most
+    means: Array  # (n_modes, n_intervals, n_features): mean features, times the durations
     intervals: Intervals
     free: NDArray[np.bool_]  # of the shape of coef
 
@@ -139,29 +152,50 @@ class IntervalLaws:
         return CountCandidate(n_modes, float(value), k, int(single.sum()))
 
 
+def flow(laws: Laws, modes: NDArray[np.intp], x: Array, u: Array, v: Array, h: Array) -> Array:
+    """States after some time with inputs that go from u to v, in steps that are fine enough."""
+    n_steps = LIMITS.steps_of_flows
+    for k in range(n_steps):
+        before, after = (u + part / n_steps * (v - u) for part in (k, k + 1))
+        x = laws.step(modes, x, before, after, h / n_steps)
+    return x
+
+
 def laws_of(
     coef: Array, free: NDArray[np.bool_], features: Features, intervals: Intervals, turns: int
 ) -> IntervalLaws:
     """Laws that explain as many intervals as possible, from some that are nearly right."""
-    spread = intervals.states.reshape(-1, coef.shape[1]).std(axis=0)
-    spread = np.where(spread > 0.0, spread, 1.0)
-    every, changes = np.arange(len(intervals)), intervals.changes
-    before = np.full(len(intervals), np.inf)
-    for turn in range(turns):
-        means = intervals.durations[:, None] * intervals.mean_features(coef, features)
-        left = changes - np.matmul(means, coef.transpose(0, 2, 1))
-        misses = np.nan_to_num(np.abs(left / spread).max(axis=2), nan=np.inf)
-        modes = misses.argmin(axis=0)
-        best = misses[modes, every]
-        found = IntervalLaws(coef, modes, best, intervals, free)
-        if turn == turns - 1 or np.abs(np.log(_bounded(best) / _bounded(before))).max() < 1e-3:
+    found = _judged(coef, free, features, intervals)
+    for _ in range(turns):
+        before, weights = found.misses, 1.0 / _bounded(found.misses)
+        found = _judged(_refitted(found, weights), free, features, intervals)
+        if np.abs(np.log(_bounded(found.misses) / _bounded(before))).max() < _SAME:
             break
-        before, coef = best, coef.copy()
+    # what a law does not explain has no say in what nothing else tells of it
+    weights = np.where(found.unexplained, 0.0, 1.0)
+    return _judged(_refitted(found, weights), free, features, intervals)
+
+
+def along_flows(found: IntervalLaws, features: Features, turns: int) -> Laws:
+    """The same laws where the flow from a sample, not Simpson's rule, leads to the next one."""
+    laws = Laws(found.coef, features, found.intervals.spread, found.free)
+    own = ~found.unexplained
+    intervals, modes = found.intervals.take(own), found.modes[own]
+    every, least, weights = np.arange(len(modes)), np.inf, np.ones(len(modes))
+    for _ in range(turns):
+        left = intervals.states[1] - intervals.flown(laws, modes)
+        size = np.square(left / laws.spread).sum()
+        if not size < 0.5 * least:
+            break
+        best, least, coef = laws, size, laws.coef.copy()
+        means = intervals.mean_features(coef, laws.features)[modes, every]
+        means *= intervals.durations[:, None]
+        sizes = np.sqrt(np.square(means).mean(axis=0))
         for mode in np.unique(modes):
-            own = modes == mode
-            weights = 1.0 / _bounded(best[own])
-            coef[mode] = _fitted(coef[mode], free[mode], means[mode, own], changes[own], weights)
-    return found
+            of, free = modes == mode, laws.free[mode]
+            coef[mode] += _moved(free, means[of], left[of], weights[of], sizes)
+        laws = replace(laws, coef=coef)
+    return best
 
 
 def without_equal(found: IntervalLaws, features: Features, turns: int) -> IntervalLaws:
@@ -174,8 +208,8 @@ def without_equal(found: IntervalLaws, features: Features, turns: int) -> Interv
             if one.unexplained.sum() <= one.coef.shape[2]:
                 coef, free = found.coef.copy(), found.free.copy()
                 coef[pair[0]], free[pair[0]] = one.coef[0], joint[0]
-                fewer = [np.delete(part, pair[1], axis=0) for part in (coef, free)]
-                other = laws_of(fewer[0], fewer[1], features, found.intervals, turns)
+                coef, free = np.delete(coef, pair[1], axis=0), np.delete(free, pair[1], axis=0)
+                other = laws_of(coef, free, features, found.intervals, turns)
                 if other.tell_all:
                     return without_equal(other, features, turns)
     return found
@@ -185,16 +219,52 @@ def _bounded(misses: Array) -> Array:
     return np.clip(misses, LIMITS.exactly, 1.0)
 
 
-def _fitted(
-    law: Array, free: NDArray[np.bool_], means: Array, changes: Array, weights: Array
+def _judged(
+    coef: Array, free: NDArray[np.bool_], features: Features, intervals: Intervals
+) -> IntervalLaws:
+    """Laws with the intervals that follow each best."""
+    means = intervals.durations[:, None] * intervals.mean_features(coef, features)
+    left = intervals.changes - np.matmul(means, coef.transpose(0, 2, 1))
+    misses = np.nan_to_num(np.abs(left / intervals.spread).max(axis=2), nan=np.inf)
+    modes = misses.argmin(axis=0)
+    every = np.arange(len(intervals))
+    return IntervalLaws(coef, modes, misses[modes, every], means, intervals, free)
+
+
+def _refitted(found: IntervalLaws, weights: Array) -> Array:
+    """Coefficients of the laws by the intervals that follow each."""
+    coef = np.where(found.free, 0.0, found.coef)  # no memory of what they were
+    sizes = np.sqrt(np.square(found.means).mean(axis=(0, 1)))
+    for mode in np.unique(found.modes):
+        own = (found.modes == mode) & (weights > 0.0)
+        means = found.means[mode, own]
+        target = found.intervals.changes[own] - means @ coef[mode].T
+        coef[mode] += _moved(found.free[mode], means, target, weights[own], sizes)
+    return np.asarray(coef)
+
+
+def _moved(
+    free: NDArray[np.bool_], means: Array, left: Array, weights: Array, sizes: Array
 ) -> Array:
-    """The free coefficients of one law by weighted least squares."""
-    law, weighted = law.copy(), means * weights[:, None]
-    sizes = np.linalg.norm(weighted, axis=0)
-    weighted = weighted / np.where(sizes > 0.0, sizes, 1.0)
-    for state, own in enumerate(free):
-        fixed = means[:, ~own] @ law[state, ~own]
-        target = (changes[:, state] - fixed) * weights
-        solved = np.linalg.lstsq(weighted[:, own], target, rcond=_RCOND)[0]
-        law[state, own] = solved / np.where(sizes > 0.0, sizes, 1.0)[own]
-    return law
+    """What the free coefficients of one law change by, by weighted least squares.
+
+    In units of `sizes`, which features have anywhere: one that is nothing but rounding in a mode
+    has no say there. Intervals that would be explained by themselves alone have none either.
+    """
+    units = np.where(sizes > 0.0, sizes, 1.0)
+    weighted, moved = means * weights[:, None] / units, np.zeros(free.shape)
+    for own in np.unique(free, axis=0):
+        states = np.flatnonzero((free == own).all(axis=1))
+        rows = weighted[:, own]
+        told = _leverages(rows) < 1.0 - LIMITS.nearly_exactly
+        target = left[told][:, states] * weights[told, None]
+        solved = np.linalg.lstsq(rows[told], target, rcond=_RCOND)[0]
+        moved[np.ix_(states, own)] = solved.T
+    return moved / units
+
+
+def _leverages(rows: Array) -> Array:
+    """How far each row alone decides what a fit is there, from 0 to 1."""
+    left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    kept = sizes > _RCOND * sizes.max(initial=0.0)
+    return np.asarray(np.square(left[:, kept]).sum(axis=1))

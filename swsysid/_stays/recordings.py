@@ -55,9 +55,7 @@ class Recordings:
         guess = [record.filled for record in records] if guess is None else guess
         interval = float(np.median(np.concatenate([np.diff(record.t) for record in records])))
         further = [np.zeros(0)] * len(records) if between is None else between
-        parts = [
-            _filled_in(*own, interval) for own in zip(records, guess, further, strict=True)
-        ]
+        parts = [_filled_in(*own, interval) for own in zip(records, guess, further, strict=True)]
         count, n_times = len(records), max(len(record.t) for record, _, _ in parts)
         n_states, n_inputs = guess[0].shape[1], records[0].u.shape[1]
         steps = np.zeros((n_times - 1, count))

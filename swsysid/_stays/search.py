@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from swsysid._stays.given import Given, check_channels
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
 from swsysid._stays.independent import in_these, of_their_own
-from swsysid._stays.intervals import Intervals, laws_of, without_equal
+from swsysid._stays.intervals import Intervals, along_flows, laws_of, without_equal
 from swsysid._stays.laws import Laws
 from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
 from swsysid._stays.recordings import Recordings
@@ -57,6 +58,7 @@ class ExactStart:
     start: SwitchingSystemRegressor
     laws: Laws
     modes: ExactModes
+    candidates: list[CountCandidate]  # of the number of modes, where that was not given
 
 
 class Search:
@@ -74,23 +76,24 @@ class Search:
     ):
         check_channels(given)
         _check_observed(observed, given)
-        self.estimator, self.given, self.order = estimator, without_clipped(given), order
+        self.estimator, self.given, self.order = estimator, given, order
         self.settings, self.told, self.surfaces = settings, told, surfaces
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}
 
     def identified(self) -> StayIdentification:
         """The most likely laws, modes and surface."""
-        # a trial step that diverges is not taken
-        with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
-            # what the fits in between warn of is mended, or said of the answer
-            warnings.simplefilter("ignore", UserWarning)
-            exact = self.by_intervals()
-            if exact is not None:
-                modes = exact.modes
-                between = [modes.between(k) for k in range(len(modes.recordings))]
-                recordings = Recordings.of(self.given.records, between=between)
-                return self.followed(exact, recordings, modes.stays_of_all)
+        exact = self.by_intervals() if self.is_exact else None
+        if exact is not None:
+            self.candidates, modes = exact.candidates, exact.modes
+            between = [modes.between(k) for k in range(len(modes.recordings))]
+            recordings = Recordings.of(self.given.records, between=between)
+            return self.followed(exact, recordings, modes.stays_of_all)
+        clipped_missing = without_clipped(self.given)
+        if clipped_missing is not self.given:
+            self.given = clipped_missing
+            self._by_stretch.clear()
+        with _quietly():
             if self.estimator.n_modes == "auto":
                 found, self.candidates = fewest_modes(self._with_modes, self._counts)
                 return found
@@ -100,6 +103,15 @@ class Search:
     def base(self) -> Differentiated:
         """The recordings, differentiated as their noise asks for."""
         return self._differentiated(1.0)
+
+    @property
+    def is_exact(self) -> bool:
+        """True if every state is measured, and without noise."""
+        with _quietly():
+            base = self.base
+        spread = base.recordings.joined(base.recordings.guess).std(axis=0)
+        noiseless = (base.noise <= LIMITS.nearly_exactly * spread).all()
+        return bool(noiseless) and self.order == 1
 
     @property
     def names(self) -> list[str] | None:
@@ -136,32 +148,29 @@ class Search:
 
     def by_intervals(self) -> ExactStart | None:
         """The fewest laws that explain the intervals of recordings without noise, if any do."""
-        base, turns = self.base, self.settings.turns_of_intervals
-        spread = base.recordings.joined(base.recordings.guess).std(axis=0)
-        intervals = Intervals.of(base.recordings)
-        if (base.noise > LIMITS.nearly_exactly * spread).any() or not len(intervals):
+        with _quietly():
+            intervals, candidates = Intervals.of(self.base.recordings), []
+            rows, turns = intervals.differentiated(self.base), self.settings.turns_of_intervals
+            for n_modes in self._counts:
+                start, free = self._start(n_modes, rows)
+                features = start.switching_model.feature_map.at_rows
+                found = laws_of(start.coef_, free, features, intervals, turns)
+                candidates.append(found.candidate(n_modes))
+                self.told()
+                if found.tell_all:
+                    found = without_equal(found, features, turns)
+                    laws = along_flows(found, features, turns)
+                    start.coef_ = laws.coef
+                    modes = exact_modes(laws, self.base.recordings, self.settings)
+                    counted = self.estimator.n_modes == "auto"
+                    return ExactStart(start, laws, modes, candidates if counted else [])
             return None
-        rows, candidates = intervals.differentiated(base), []
-        for n_modes in self._counts:
-            start, free = self._start(n_modes, rows)
-            features = start.switching_model.feature_map.at_rows
-            found = laws_of(start.coef_, free, features, intervals, turns)
-            candidates.append(found.candidate(n_modes))
-            self.told()
-            if found.tell_all:
-                found = without_equal(found, features, turns)
-                self.candidates = candidates if self.estimator.n_modes == "auto" else []
-                start.coef_ = found.coef
-                laws = Laws(found.coef, features, spread, found.free)
-                return ExactStart(start, laws, exact_modes(laws, base.recordings, self.settings))
-        return None
 
     def followed(
         self, exact: ExactStart, recordings: Recordings, stays: Sequence[Stays]
     ) -> StayIdentification:
         """The most likely laws and modes from known stays of recordings."""
-        with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
-            warnings.simplefilter("ignore", UserWarning)
+        with _quietly():
             begun = self._alternation(exact.start, exact.laws.free, recordings)
             begun.begin_at(stays)
             return self._finished(begun)
@@ -249,6 +258,17 @@ class Search:
         """What the rollouts leave, relative to the noise that differences show, (n_channels,)."""
         n_channels = self.given.n_channels
         return found.left[:n_channels] / self.base.noise[:n_channels]
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """What fits in between warn of is mended, or said of the answer.
+
+    A trial step that diverges is not taken.
+    """
+    with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
+        warnings.simplefilter("ignore", UserWarning)
+        yield
 
 
 def _begun(start: Alternation) -> Alternation:

@@ -90,8 +90,9 @@ class Limits:
     fewest_in_runs: int = 70
     first_samples: int = 20
     turns_of_starts: int = 10
-    # -- intervals without noise: instants in one from which steps are made, and how many, to where
-    # the flows of two modes meet
+    # -- intervals without noise: steps of a flow through one; instants in it from which those are
+    # sought at which flows meet, and steps to there
+    steps_of_flows: int = 4
     shares: int = 5
     turns_of_shares: int = 6
     # -- Kalman's filter: variance of what was not measured, in units of the noise's; how well a
