@@ -53,7 +53,8 @@ def identified(
     if exact is not None:
         search.candidates = exact.candidates
         pieces, stays = _exactly(search, exact, given)
-        return _answer(given, stays, pieces, _transitions(stays, pieces, degree), search)
+        switches = _transitions(stays, pieces, degree)
+        return _answer(given, stays, pieces, switches, search, exact.modes.of_samples)
     stays = search.identified()
     for _ in range(SETTINGS.most_rounds):
         told()
@@ -72,10 +73,13 @@ def _answer(
     pieces: Pieces,
     switches: list[Settled],
     search: Search,
+    known: list[NDArray[np.intp]] | None = None,  # modes of samples that are in no piece
 ) -> IdentifiedAutomaton:
     laws, transitions = stays.estimate.laws, [one.transition for one in switches]
     transitions = [one for one in transitions if one.is_one]
     modes, states = by_samples(given, stays, pieces)
+    if known is not None:
+        modes = [np.where(own < 0, told, own) for own, told in zip(modes, known, strict=True)]
     modes = [_filled(own) for own in modes]
     order = order_of_modes(modes, len(laws.coef))
     automaton = automaton_of(

@@ -52,6 +52,11 @@ class ExactModes:
         return np.asarray(self.instants[self.via[:, recording] >= 0, recording].mean(axis=1))
 
     @property
+    def of_samples(self) -> list[NDArray[np.intp]]:
+        """Modes at the samples of each recording."""
+        return [self.modes[places, k] for k, places in enumerate(self.recordings.sampled)]
+
+    @property
     def stays_of_all(self) -> list[Stays]:
         """The stays of all recordings."""
         return [self.stays(k) for k in range(len(self.recordings))]
@@ -69,10 +74,9 @@ def exact_modes(laws: Laws, recordings: Recordings, settings: StaySettings) -> E
     price = settings.prices[-1]
     told = _Told.of(laws, Intervals.of(recordings))
     for brief in (False, True):
-        costs = np.zeros((*recordings.steps.shape, n_modes, n_modes))
-        costs[place] = np.log(np.clip(told.misses, LIMITS.exactly, 1.0) / LIMITS.exactly)
-        costs[place] += price * (told.via >= 0)
-        modes = _likeliest(costs + price * (1.0 - np.eye(n_modes)))
+        costs = np.tile(price * (1.0 - np.eye(n_modes)), (*recordings.steps.shape, 1, 1))
+        costs[place] = told.costs(price)
+        modes = _likeliest(costs)
         chosen = np.arange(len(place[0])), modes[:-1][place], modes[1:][place]
         left = told.misses[chosen] > LIMITS.nearly_exactly
         if brief or not left.any() or len(laws.spread) < 2:
@@ -116,6 +120,21 @@ class _Told:
             misses[some, i, j], parts[some, i, j, :] = _missed(laws, intervals.take(some), [i, j])
         return cls(intervals, misses, parts, np.full(misses.shape, -1))
 
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """Intervals that nothing explains."""
+        return np.asarray(self.misses.min(axis=(1, 2)) > LIMITS.nearly_exactly)
+
+    def costs(self, price: float) -> Array:
+        """Of each way through an interval, in nats; `price` is that of a switch.
+
+        Where nothing explains what the state does, all modes are as likely on both sides.
+        """
+        costs = np.log(np.clip(self.misses, LIMITS.nearly_exactly, 1.0) / LIMITS.nearly_exactly)
+        least = costs.min(axis=(1, 2), keepdims=True)
+        costs += price * (1.0 - np.eye(costs.shape[1])) + price * (self.via >= 0)
+        return np.where(self.lost[:, None, None], least, costs)
+
     def with_brief_stays(
         self, laws: Laws, left: NDArray[np.bool_], seen: NDArray[np.bool_]
     ) -> _Told:
@@ -124,12 +143,11 @@ class _Told:
         These are switches that are seen elsewhere.
         """
         misses, parts, via = self.misses.copy(), self.parts.copy(), self.via.copy()
-        few = left | (misses.min(axis=(1, 2)) > LIMITS.nearly_exactly)
-        some = np.flatnonzero(few)
+        some = np.flatnonzero(left | self.lost)
         for i, mode, j in product(laws.modes, repeat=3):
             if seen[i, mode] and seen[mode, j]:
                 size, own = _missed(laws, self.intervals.take(some), [i, mode, j])
-                better = size < misses[some, i, j]
+                better = (size < misses[some, i, j]) & (size <= LIMITS.nearly_exactly)
                 rows = some[better]
                 misses[rows, i, j], parts[rows, i, j] = size[better], own[better]
                 via[rows, i, j] = mode

@@ -257,7 +257,8 @@ class Search:
     def excess(self, found: StayIdentification) -> Array:
         """What the rollouts leave, relative to the noise that differences show, (n_channels,)."""
         n_channels = self.given.n_channels
-        return found.left[:n_channels] / self.base.noise[:n_channels]
+        least = LIMITS.exactly * found.estimate.laws.spread
+        return found.left[:n_channels] / np.maximum(self.base.noise, least)[:n_channels]
 
 
 @contextmanager
