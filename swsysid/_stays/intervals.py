@@ -8,8 +8,8 @@ both samples and the velocities of the law there,
 holds for all intervals but those with a switch. The laws sought explain as many as possible:
 :math:`\sum_k \log \max(|r_k|, \epsilon)` of the misfits of the best law is least, by least squares
 with weights :math:`1 / r_k` in turns. The number of modes is the least at which what is left
-unexplained are single intervals, which hold a switch, and fewer others than tell one more law (the
-bounded errors of Bemporad, Garulli, Paoletti, Vicino, IEEE TAC 50, 2005, at the bound of rounding).
+unexplained are intervals with a switch, beside fewer than tell one more law (the bounded errors of
+Bemporad, Garulli, Paoletti, Vicino, IEEE TAC 50, 2005, at the bound of rounding).
 """
 
 from __future__ import annotations
@@ -130,26 +130,27 @@ class IntervalLaws:
         return np.asarray(self.misses > LIMITS.nearly_exactly)
 
     @property
-    def single(self) -> NDArray[np.bool_]:
-        """Those of them whose neighbours follow one: they hold a switch."""
-        joined = self.unexplained & np.append(False, self.unexplained[:-1])
-        joined &= self.intervals.follows
-        return self.unexplained & ~joined & ~np.append(joined[1:], False)
+    def amid(self) -> NDArray[np.bool_]:
+        """Those of them between others: only these can lie within a stay in another mode."""
+        lost, follows = self.unexplained, self.intervals.follows
+        before = ~follows | np.append(True, lost[:-1])
+        after = np.append(~follows[1:], True) | np.append(lost[1:], True)
+        return np.asarray(lost & before & after)
 
     @property
     def tell_all(self) -> bool:
         """True if what is left could not tell another law."""
-        left = self.unexplained.sum() - self.single.sum()
-        return bool(left <= self.coef.shape[2])
+        return bool(self.amid.sum() <= self.coef.shape[2])
 
     def candidate(self, n_modes: int) -> CountCandidate:
         """The criterion of this number of modes, in nats as that of recordings (`count`)."""
-        n_states, single = self.coef.shape[1], self.single
-        misses = np.maximum(self.misses[~single], LIMITS.exactly)
-        k = int(self.free.sum() + single.sum())
+        n_states, amid = self.coef.shape[1], self.amid
+        misses = np.maximum(self.misses[~self.unexplained | amid], LIMITS.exactly)
+        n_switches = int(self.unexplained.sum() - amid.sum())
+        k = int(self.free.sum()) + n_switches
         n_values = max(2, n_states * len(self.intervals))
         value = n_states * np.log(misses).sum() + 0.5 * k * np.log(n_values)
-        return CountCandidate(n_modes, float(value), k, int(single.sum()))
+        return CountCandidate(n_modes, float(value), k, n_switches)
 
 
 def flow(laws: Laws, modes: NDArray[np.intp], x: Array, u: Array, v: Array, h: Array) -> Array:
