@@ -32,7 +32,7 @@ def flown(mode, x, duration):
 
 
 def sampled(start, stays, n_samples, jump=None):
-    """One recording; `stays` are modes with the times at which they end, `jump` a time and a move."""
+    """One recording: modes with the times at which they end, and the time and size of a jump."""
     events = [(end, mode, 0.0) for mode, end in stays]
     x, now, rows, t = np.asarray(start, dtype=float), 0.0, [], STEP * np.arange(n_samples)
     for time in t:
