@@ -4,7 +4,8 @@
    stays and the instants at which the mode changes (`_stays`, without surfaces).
 2. *What each switch does.* The stays are taken apart, each with states of its own: across every
    switch the reset of least terms is found (`instants`, `resets`). Where the state goes on after
-   all pieces are joined, where it jumps they are cut, and stays are told anew.
+   all pieces are joined, where it jumps they are cut, and stays are told anew. Recordings without
+   noise tell both at once, interval by interval.
 3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
    zero at the samples of its mode (`guards`).
 """
@@ -53,10 +54,9 @@ def identified(
     if exact is not None:
         search.candidates = exact.candidates
         pieces, stays = _exactly(search, exact, given)
-        switches = _transitions(stays, pieces, degree)
-        return _answer(given, stays, pieces, switches, search, exact.modes.of_samples)
-    stays = search.identified()
-    for _ in range(SETTINGS.most_rounds):
+    else:
+        stays = search.identified()
+    for _ in range(SETTINGS.most_rounds if exact is None else 0):
         told()
         before, alone = jumps, apart(given, stays, pieces, settings)
         jumps = _jumps(_transitions(*alone, degree), before, given)
@@ -64,7 +64,8 @@ def identified(
             break
         pieces = cut_at(given, jumps)
         stays = _again(_search(estimator, pieces, settings, told), stays, settings, told)
-    return _answer(given, stays, pieces, _transitions(stays, pieces, degree), search)
+    known = None if exact is None else exact.modes.of_samples
+    return _answer(given, stays, pieces, _transitions(stays, pieces, degree), search, known)
 
 
 def _answer(
