@@ -4,7 +4,8 @@
    stays and the instants at which the mode changes (`_stays`, without surfaces).
 2. *What each switch does.* The stays are taken apart, each with states of its own: across every
    switch the reset of least terms is found (`instants`, `resets`). Where the state goes on after
-   all pieces are joined, where it jumps they are cut, and stays are told anew.
+   all pieces are joined, where it jumps they are cut, and stays are told anew. Recordings without
+   noise tell both at once, interval by interval.
 3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
    zero at the samples of its mode (`guards`). Where one surface is crossed both ways laws and
    surface are found together (`one_surface`).
@@ -27,7 +28,7 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.instants import Settled
-from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of
+from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of, whole
 from swsysid._automaton_search.one_surface import (
     explains,
     guards_of,
@@ -40,7 +41,8 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
-from swsysid._stays.search import Search
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.search import ExactStart, Search
 from swsysid._stays.settings import StaySettings
 
 
@@ -53,9 +55,32 @@ def identified(
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
     jumps = jumps_of(given)
-    pieces = cut_at(given, jumps)
-    search = _search(estimator, pieces, settings, told)
-    stays = search.identified()
+    search = _search(estimator, cut_at(given, jumps), settings, told)
+    exact, known = _exact_start(estimator, given, search), None
+    if exact is not None:
+        search.candidates, known = exact.candidates, exact.modes.of_samples
+        pieces, stays = _exactly(search, exact, given)
+    else:
+        pieces, stays = _in_rounds(estimator, given, jumps, search, degree)
+    found = transitions_of(stays, pieces, degree)
+    if may_be_one_surface(found, stays.estimate.segments.recordings.interval):
+        surfaced = with_surface(estimator, pieces.given, degree, settings, told)
+        if explains(surfaced, stays):
+            stays = surfaced
+            found = transitions_of(stays, pieces, degree, guards_of(stays))
+    return _answer(given, stays, pieces, found, search, known)
+
+
+def _in_rounds(
+    estimator: SwitchingSystemRegressor,
+    given: Given,
+    jumps: list[NDArray[np.intp]],
+    search: Search,
+    degree: int,
+) -> tuple[Pieces, StayIdentification]:
+    """Stays, what each switch does, and stays again, until it jumps where it has jumped before."""
+    settings, told = search.settings, search.told
+    pieces, stays = cut_at(given, jumps), search.identified()
     for _ in range(SETTINGS.most_rounds):
         told()
         before, alone = jumps, apart(given, stays, pieces, settings)
@@ -64,13 +89,7 @@ def identified(
             break
         pieces = cut_at(given, jumps)
         stays = _again(_search(estimator, pieces, settings, told), stays, settings, told)
-    found = transitions_of(stays, pieces, degree)
-    if may_be_one_surface(found, stays.estimate.segments.recordings.interval):
-        surfaced = with_surface(estimator, pieces.given, degree, settings, told)
-        if explains(surfaced, stays):
-            stays = surfaced
-            found = transitions_of(stays, pieces, degree, guards_of(stays))
-    return _answer(given, stays, pieces, found, search)
+    return pieces, stays
 
 
 def _answer(
@@ -79,10 +98,13 @@ def _answer(
     pieces: Pieces,
     switches: list[Settled],
     search: Search,
+    known: list[NDArray[np.intp]] | None = None,  # modes of samples that are in no piece
 ) -> IdentifiedAutomaton:
     laws, transitions = stays.estimate.laws, [one.transition for one in switches]
     transitions = [one for one in transitions if one.is_one]
     modes, states = by_samples(given, stays, pieces)
+    if known is not None:
+        modes = [np.where(own < 0, told, own) for own, told in zip(modes, known, strict=True)]
     modes = [_filled(own) for own in modes]
     order = order_of_modes(modes, len(laws.coef))
     automaton = automaton_of(
@@ -102,6 +124,31 @@ def _answer(
         verdicts_of(transitions, order, stays.estimate.segments.recordings.interval),
         search.candidates,
     )
+
+
+def _exact_start(
+    estimator: SwitchingSystemRegressor, given: Given, search: Search
+) -> ExactStart | None:
+    """Laws of recordings without noise, whose intervals tell where they jump, too."""
+    if not search.is_exact:
+        return None
+    return _search(estimator, whole(given), search.settings, search.told).by_intervals()
+
+
+def _exactly(search: Search, exact: ExactStart, given: Given) -> tuple[Pieces, StayIdentification]:
+    """Stays of recordings without noise, cut where no switch explains what the state does."""
+    modes, sampled = exact.modes, exact.modes.recordings.sampled
+    pieces = cut_at(given, modes.breaks, SETTINGS.fewest_of_a_stay)
+    parts = list(zip(pieces.recording, pieces.first, pieces.last, strict=True))
+    stays = [modes.stays(k, sampled[k][a], sampled[k][b]) for k, a, b in parts]
+    between = [modes.between(k) for k in range(len(sampled))]
+    records = pieces.given.records
+    within = [
+        between[k][(between[k] > record.t[0]) & (between[k] < record.t[-1])]
+        for k, record in zip(pieces.recording, records, strict=True)
+    ]
+    recordings = Recordings.of(records, between=within)
+    return pieces, search.followed(exact, recordings, stays)
 
 
 def _search(

@@ -58,6 +58,11 @@ class Pieces:
         return same & np.append(False, self.first[1:] == self.last[:-1] + 1)
 
 
+def whole(given: Given) -> Pieces:
+    """Recordings that are not cut."""
+    return cut_at(given, [np.zeros(0, dtype=np.intp)] * len(given.records))
+
+
 def cut_at(given: Given, jumps: list[NDArray[np.intp]], fewest: int = FEWEST_SAMPLES) -> Pieces:
     """Recordings cut after some samples, stretches of fewer samples left out."""
     records, rows, labels, places = [], [], [], []

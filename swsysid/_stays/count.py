@@ -77,13 +77,13 @@ def is_exact(found: StayIdentification) -> bool:
 
 
 def fewest_modes(
-    identified: Callable[[int], StayIdentification], most: int
+    identified: Callable[[int], StayIdentification], counts: Sequence[int]
 ) -> tuple[StayIdentification, list[CountCandidate]]:
     """The number at which another mode no longer pays; one more is tried while one might."""
-    found = [identified(1)]
-    candidates = [criterion(1, found[0])]
-    for n_modes in range(2, most + 1):
-        if is_exact(found[-1]):
+    found: list[StayIdentification] = []
+    candidates: list[CountCandidate] = []
+    for n_modes in counts:
+        if found and is_exact(found[-1]):
             break
         found.append(identified(n_modes))
         candidates.append(criterion(n_modes, found[-1]))

@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -22,6 +22,7 @@ from swsysid._data.matching import best_matching, contingency
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.assign import Assigned, assign, disturbances, prior_of_guards, prior_of_model
+from swsysid._stays.count import is_exact
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.identification import StayIdentification, StayRecord
 from swsysid._stays.laws import Laws
@@ -29,8 +30,10 @@ from swsysid._stays.monomials import without_weakest
 from swsysid._stays.noise import noise_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import intervals_of, misfits, states_of
+from swsysid._stays.segments import Segments
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate, recombined
+from swsysid._stays.stays import Stays
 from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.surfaces import (
     on_present_modes,
@@ -85,9 +88,23 @@ class Alternation:
             self._round(stage)
         return self.best
 
+    def begin_at(self, stays: Sequence[Stays]) -> StayIdentification:
+        """The first round where the stays are known."""
+        recordings = self.recordings
+        measured = np.isfinite(recordings.y)
+        self.recordings = recordings.with_guess(np.where(measured, recordings.y, recordings.guess))
+        segments = Segments(self.recordings, stays, self.settings.segment)
+        starts = np.array([self.recordings.guess[first, k] for k, first, _ in segments.places])
+        self._keep(*self._estimated(Estimate(self.laws, segments, starts), 0), 0, 0)
+        assert self.last is not None
+        self.modes = intervals_of(self.last.estimate)
+        return self.best
+
     def finish(self, told: Callable[[], object]) -> StayIdentification:
         """The other rounds; `told` is called now and then."""
         settings = self.settings
+        if not self._separates and is_exact(self.best):
+            return self._polished(self.best)
         n_prices = len(settings.prices)
         for turn in range(settings.settled, settings.most_rounds):
             changed = self._round(min(turn, n_prices - 1))

@@ -42,11 +42,20 @@ class Recordings:
     per_sample: int = 1  # steps between two samples that follow each other as usual
 
     @classmethod
-    def of(cls, records: Sequence[Record], guess: Sequence[Array] | None = None) -> Recordings:
-        """Records of any lengths; by default their own values are the rough ones."""
+    def of(
+        cls,
+        records: Sequence[Record],
+        guess: Sequence[Array] | None = None,
+        between: Sequence[Array] | None = None,
+    ) -> Recordings:
+        """Records of any lengths; by default their own values are the rough ones.
+
+        `between` are further times of each, between its samples.
+        """
         guess = [record.filled for record in records] if guess is None else guess
         interval = float(np.median(np.concatenate([np.diff(record.t) for record in records])))
-        parts = [_filled_in(*pair, interval) for pair in zip(records, guess, strict=True)]
+        further = [np.zeros(0)] * len(records) if between is None else between
+        parts = [_filled_in(*own, interval) for own in zip(records, guess, further, strict=True)]
         count, n_times = len(records), max(len(record.t) for record, _, _ in parts)
         n_states, n_inputs = guess[0].shape[1], records[0].u.shape[1]
         steps = np.zeros((n_times - 1, count))
@@ -141,14 +150,15 @@ def pieces_of(padded: NDArray, pieces: Sequence[Piece], further: int = 0) -> NDA
 
 
 def _filled_in(
-    record: Record, guess: Array, interval: float
+    record: Record, guess: Array, further: Array, interval: float
 ) -> tuple[Record, Array, NDArray[np.intp]]:
     """A record with times between far samples, its rough states, and places of its samples."""
     counts = np.ceil(np.diff(record.t) / (LIMITS.longest_step * interval)).astype(int)
-    if (counts == 1).all():
+    if (counts == 1).all() and not len(further):
         return record, guess, np.arange(len(record.t))
     places = np.concatenate([[0], np.cumsum(counts)])
-    t = np.interp(np.arange(places[-1] + 1), places, record.t)
+    t = np.union1d(np.interp(np.arange(places[-1] + 1), places, record.t), further)
+    places = np.searchsorted(t, record.t)
     y = np.full((len(t), record.y.shape[1]), np.nan)
     y[places] = record.y
     u, states = (_between(t, record.t, columns) for columns in (record.u, guess))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed, effective_n_jobs
@@ -15,14 +17,19 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.certainty import Certainty
 from swsysid._stays.count import CountCandidate, fewest_modes
+from swsysid._stays.exact import ExactModes, exact_modes
 from swsysid._stays.given import Given, check_channels
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
 from swsysid._stays.independent import in_these, of_their_own
+from swsysid._stays.intervals import Intervals, along_flows, laws_of, without_equal
+from swsysid._stays.laws import Laws
 from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
+from swsysid._stays.recordings import Recordings
 from swsysid._stays.sensors import without_clipped
-from swsysid._stays.settings import StaySettings
+from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.start import Differentiated, differentiated, start_from
+from swsysid._stays.stays import Stays
 from swsysid._stays.terms import with_few_terms
 from swsysid._surfaces.surface import has_equations
 
@@ -44,6 +51,16 @@ def check_estimator(estimator: object) -> SwitchingSystemRegressor:
     return estimator
 
 
+@dataclass(frozen=True)
+class ExactStart:
+    """Laws that explain recordings without noise, and the modes of these."""
+
+    start: SwitchingSystemRegressor
+    laws: Laws
+    modes: ExactModes
+    candidates: list[CountCandidate]  # of the number of modes, where that was not given
+
+
 class Search:
     """One search; `told` is called now and then, to show that it goes on."""
 
@@ -59,20 +76,26 @@ class Search:
     ):
         check_channels(given)
         _check_observed(observed, given)
-        self.estimator, self.given, self.order = estimator, without_clipped(given), order
+        self.estimator, self.given, self.order = estimator, given, order
         self.settings, self.told, self.surfaces = settings, told, surfaces
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}
 
     def identified(self) -> StayIdentification:
         """The most likely laws, modes and surface."""
-        # a trial step that diverges is not taken
-        with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
-            # what the fits in between warn of is mended, or said of the answer
-            warnings.simplefilter("ignore", UserWarning)
+        exact = self.by_intervals() if self.is_exact else None
+        if exact is not None:
+            self.candidates, modes = exact.candidates, exact.modes
+            between = [modes.between(k) for k in range(len(modes.recordings))]
+            recordings = Recordings.of(self.given.records, between=between)
+            return self.followed(exact, recordings, modes.stays_of_all)
+        clipped_missing = without_clipped(self.given)
+        if clipped_missing is not self.given:
+            self.given = clipped_missing
+            self._by_stretch.clear()
+        with _quietly():
             if self.estimator.n_modes == "auto":
-                most = whole("max_modes", self.estimator.max_modes)
-                found, self.candidates = fewest_modes(self._with_modes, most)
+                found, self.candidates = fewest_modes(self._with_modes, self._counts)
                 return found
             return self._with_modes(self.estimator.n_modes)
 
@@ -82,26 +105,80 @@ class Search:
         return self._differentiated(1.0)
 
     @property
+    def is_exact(self) -> bool:
+        """True if every state is measured, and without noise."""
+        with _quietly():
+            base = self.base
+        spread = base.recordings.joined(base.recordings.guess).std(axis=0)
+        noiseless = (base.noise <= LIMITS.nearly_exactly * spread).all()
+        return bool(noiseless) and self.order == 1
+
+    @property
     def names(self) -> list[str] | None:
         """Names of states and inputs, if the data have names."""
         return self.base.names(self.given)
 
+    @property
+    def _counts(self) -> list:
+        """Numbers of modes that are tried."""
+        most = whole("max_modes", self.estimator.max_modes)
+        n_modes = self.estimator.n_modes
+        return list(range(1, most + 1)) if n_modes == "auto" else [n_modes]
+
     def _with_modes(self, n_modes: object) -> StayIdentification:
         """The best of some starts after their first rounds, followed to the end."""
         stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
-        starts = [self._start(n_modes, stretch) for stretch in stretches]
+        # there may be no shorter window than the automatic one
+        bases = {one.rows.window: one for one in map(self._differentiated, stretches)}
+        starts = [
+            self._alternation(*self._start(n_modes, one), self.base.recordings)
+            for one in bases.values()
+        ]
         n_jobs = min(effective_n_jobs(self.estimator.n_jobs), len(starts))
         workers = Parallel(n_jobs=n_jobs, return_as="generator")
         begun = []
         for one in workers(delayed(_begun)(start) for start in starts):
             begun.append(one)
             self.told()
-        best = min(begun, key=lambda one: one.best.criterion)
-        return with_few_terms(best.finish(self.told), self.estimator.sparsity, self.settings)
+        return self._finished(min(begun, key=lambda one: one.best.criterion))
 
-    def _start(self, n_modes: object, stretch: float) -> Alternation:
-        """An alternation from derivatives by a longer or shorter filter."""
-        base = self._differentiated(stretch)
+    def _finished(self, begun: Alternation) -> StayIdentification:
+        """The other rounds, and the terms that are needed."""
+        return with_few_terms(begun.finish(self.told), self.estimator.sparsity, self.settings)
+
+    def by_intervals(self) -> ExactStart | None:
+        """The fewest laws that explain the intervals of recordings without noise, if any do."""
+        with _quietly():
+            intervals, candidates = Intervals.of(self.base.recordings), []
+            rows, turns = intervals.differentiated(self.base), self.settings.turns_of_intervals
+            for n_modes in self._counts:
+                start, free = self._start(n_modes, rows)
+                features = start.switching_model.feature_map.at_rows
+                found = laws_of(start.coef_, free, features, intervals, turns)
+                candidates.append(found.candidate(n_modes))
+                self.told()
+                if found.tell_all:
+                    found = without_equal(found, features, turns)
+                    laws = along_flows(found, features, turns)
+                    start.coef_ = laws.coef
+                    modes = exact_modes(laws, self.base.recordings, self.settings)
+                    counted = self.estimator.n_modes == "auto"
+                    return ExactStart(start, laws, modes, candidates if counted else [])
+            return None
+
+    def followed(
+        self, exact: ExactStart, recordings: Recordings, stays: Sequence[Stays]
+    ) -> StayIdentification:
+        """The most likely laws and modes from known stays of recordings."""
+        with _quietly():
+            begun = self._alternation(exact.start, exact.laws.free, recordings)
+            begun.begin_at(stays)
+            return self._finished(begun)
+
+    def _start(
+        self, n_modes: object, base: Differentiated
+    ) -> tuple[SwitchingSystemRegressor, NDArray[np.bool_]]:
+        """The estimator fitted to derivatives, and which of its coefficients are sought."""
         start = start_from(clone(self.estimator).set_params(n_modes=n_modes), base, self.names)
         start.coef_, free = self._law_of_positions(start, base)
         features = start.switching_model.feature_map(base.rows.X)
@@ -109,15 +186,15 @@ class Search:
         start.coef_, free = in_these(start.coef_, features, own), free & own
         if self.estimator.sparsity is not None:
             free &= start.coef_ != 0.0
+        return start, free
+
+    def _alternation(
+        self, start: SwitchingSystemRegressor, free: NDArray[np.bool_], recordings: Recordings
+    ) -> Alternation:
         return Alternation(
-            start,
-            base.recordings,
-            self.base.noise,
-            self.settings,
-            free=free,
-            names=self.names,
-            surfaces=self.surfaces,
-        )
+            start, recordings, self.base.noise, self.settings,
+            free=free, names=self.names, surfaces=self.surfaces,
+        )  # fmt: skip
 
     def _differentiated(self, stretch: float) -> Differentiated:
         if stretch not in self._by_stretch:
@@ -180,7 +257,19 @@ class Search:
     def excess(self, found: StayIdentification) -> Array:
         """What the rollouts leave, relative to the noise that differences show, (n_channels,)."""
         n_channels = self.given.n_channels
-        return found.left[:n_channels] / self.base.noise[:n_channels]
+        least = LIMITS.exactly * found.estimate.laws.spread
+        return found.left[:n_channels] / np.maximum(self.base.noise, least)[:n_channels]
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """What fits in between warn of is mended, or said of the answer.
+
+    A trial step that diverges is not taken.
+    """
+    with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
+        warnings.simplefilter("ignore", UserWarning)
+        yield
 
 
 def _begun(start: Alternation) -> Alternation:

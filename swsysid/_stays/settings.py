@@ -58,6 +58,7 @@ class StaySettings:
     # -- starts: windows of differentiation, relative to the automatic one. A shorter one leaves
     # more noise and blurs switches less.
     stretches: tuple[float, ...] = (1.0, 0.5)
+    turns_of_intervals: int = 60  # of weights, where single intervals tell the laws
 
     def roughly(self) -> StaySettings:
         """The same for descents that others follow."""
@@ -89,6 +90,11 @@ class Limits:
     fewest_in_runs: int = 70
     first_samples: int = 20
     turns_of_starts: int = 10
+    # -- intervals without noise: steps of a flow through one; instants in it from which those are
+    # sought at which flows meet, and steps to there
+    steps_of_flows: int = 4
+    shares: int = 5
+    turns_of_shares: int = 6
     # -- Kalman's filter: variance of what was not measured, in units of the noise's; how well a
     # rough state is known, in spreads; what one sample may cost in squares: outliers are bounded;
     # log likelihood of a sample that has none, since its rollout diverges

@@ -6,6 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.automata.figures import figures
+from benchmarks.automata.methods import METHODS, OURS
+from benchmarks.automata.plants import PLANTS
+from benchmarks.automata.recordings import Scenario, record
 from swsysid import (
     GuardWarning,
     HybridAutomaton,
@@ -331,3 +335,15 @@ def test_wrong_parameters_are_refused_in_a_sentence(parameters, sentence):
 
 def test_the_warning_is_one_of_identification():
     assert issubclass(GuardWarning, IdentificationWarning)
+
+
+@pytest.mark.parametrize("name", ["two rooms", "hopping robot", "Duffing oscillator"])
+def test_automata_in_clean_recordings_are_found_to_rounding(name):
+    """Stays between two samples; stays of four samples; jumps of a twentieth of a speed."""
+    plant = PLANTS[name]
+    seen, unseen = record(plant, Scenario(0.0), 1), record(plant, Scenario(0.0, 2), 2)
+    reached = figures(plant, METHODS[OURS](plant, seen, 0), seen, unseen)
+    assert reached["modes"] == 0.0
+    assert reached["share"] == 1.0
+    assert reached["guard"] < 1e-6  # of the range
+    assert reached["largest"] < 1e-6

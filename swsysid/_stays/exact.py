@@ -1,0 +1,223 @@
+r"""Modes and instants of recordings without noise, for laws that explain their intervals.
+
+Between two samples in modes i and j the state goes on where the flow of i from the first sample and
+that of j back from the second one meet,
+
+.. math:: \varphi_i(x_k, \tau) = \varphi_j(x_{k+1}, \tau - h) .
+
+By what they miss each other at the best :math:`\tau` Viterbi's search finds the modes of all
+samples. Where no switch explains an interval it may hold two, by way of a brief stay that no sample
+is in; where these do not explain it either, the state jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement, pairwise, permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+from swsysid._stays.intervals import Intervals, flow
+from swsysid._stays.laws import Laws
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.settings import LIMITS, StaySettings
+from swsysid._stays.stays import Stays
+
+
+@dataclass(frozen=True)
+class ExactModes:
+    """Modes at the times of recordings, and what they do in the interval between every two."""
+
+    recordings: Recordings
+    modes: NDArray[np.intp]  # (n_times, n_recordings)
+    via: NDArray[np.intp]  # (n_times - 1, n_recordings): the mode of a brief stay, -1 for none
+    instants: Array  # (n_times - 1, n_recordings, 2): of its switches, the first one if it has one
+    broken: NDArray[np.bool_]  # (n_times - 1, n_recordings): no switch explains it
+
+    def stays(self, recording: int, first: int = 0, last: int | None = None) -> Stays:
+        """The stays of a recording between two of its times."""
+        last = len(self.recordings.times[recording]) - 1 if last is None else last
+        own = self.modes[first : last + 1, recording]
+        via, instants = (part[first:last, recording] for part in (self.via, self.instants))
+        brief = via >= 0
+        modes = np.column_stack([np.where(brief, via, own[1:]), own[1:]])
+        happens = np.column_stack([brief | (own[1:] != own[:-1]), brief])
+        return Stays(np.append(own[0], modes[happens]), instants[happens])
+
+    def between(self, recording: int) -> Array:
+        """Times within the brief stays of a recording, which no sample is in."""
+        return np.asarray(self.instants[self.via[:, recording] >= 0, recording].mean(axis=1))
+
+    @property
+    def of_samples(self) -> list[NDArray[np.intp]]:
+        """Modes at the samples of each recording."""
+        return [self.modes[places, k] for k, places in enumerate(self.recordings.sampled)]
+
+    @property
+    def stays_of_all(self) -> list[Stays]:
+        """The stays of all recordings."""
+        return [self.stays(k) for k in range(len(self.recordings))]
+
+    @property
+    def breaks(self) -> list[NDArray[np.intp]]:
+        """Of each recording the samples after which no switch explains what it does."""
+        sampled = enumerate(self.recordings.sampled)
+        return [np.flatnonzero(self.broken[places[:-1], k]) for k, places in sampled]
+
+
+def exact_modes(laws: Laws, recordings: Recordings, settings: StaySettings) -> ExactModes:
+    """The likeliest modes of all times, intervals without samples at their ends as they come."""
+    place, n_modes = Intervals.places(recordings), len(laws.coef)
+    price = settings.prices[-1]
+    told = _Told.of(laws, Intervals.of(recordings))
+    for brief in (False, True):
+        costs = np.tile(price * (1.0 - np.eye(n_modes)), (*recordings.steps.shape, 1, 1))
+        costs[place] = told.costs(price)
+        modes = _likeliest(costs)
+        chosen = np.arange(len(place[0])), modes[:-1][place], modes[1:][place]
+        left = told.misses[chosen] > LIMITS.nearly_exactly
+        if brief or not left.any() or len(laws.spread) < 2:
+            break
+        seen = np.zeros((n_modes, n_modes), dtype=bool)
+        seen[chosen[1][~left], chosen[2][~left]] = True
+        told = told.with_brief_stays(laws, left, seen & ~np.eye(n_modes, dtype=bool))
+    broken = np.zeros(recordings.steps.shape, dtype=bool)
+    broken[place] = left
+    via = np.full(recordings.steps.shape, -1)
+    via[place] = told.via[chosen]
+    parts = np.full((*recordings.steps.shape, 2), 0.5)
+    # at an instant the mode is the old one
+    parts[place] = np.minimum(told.parts[chosen], 1.0 - LIMITS.exactly)
+    begins = np.zeros(recordings.steps.shape)
+    for k, t in enumerate(recordings.times):
+        begins[: len(t) - 1, k] = t[:-1]
+    instants = begins[:, :, None] + parts * recordings.steps[:, :, None]
+    return ExactModes(recordings, modes, via, instants, broken)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What intervals miss from each mode (old) to each (new), and how they come there."""
+
+    intervals: Intervals
+    misses: Array  # (n_intervals, n_modes, n_modes), in spreads
+    parts: Array  # (n_intervals, n_modes, n_modes, 2): of the time, at which they switch
+    via: NDArray[np.intp]  # (n_intervals, n_modes, n_modes): the mode of a brief stay, or -1
+
+    @classmethod
+    def of(cls, laws: Laws, intervals: Intervals) -> _Told:
+        """At most one switch in each."""
+        alone = np.array([_missed(laws, intervals, [j])[0] for j in laws.modes]).T
+        # where one law explains an interval, a switch is at one of its ends
+        misses = np.minimum(alone[:, :, None], alone[:, None, :])
+        first = alone[:, :, None] < alone[:, None, :]
+        parts = np.repeat(first[..., None].astype(float), 2, axis=3)
+        some = np.flatnonzero(alone.min(axis=1) > LIMITS.nearly_exactly)
+        for i, j in permutations(laws.modes, 2):
+            misses[some, i, j], parts[some, i, j, :] = _missed(laws, intervals.take(some), [i, j])
+        return cls(intervals, misses, parts, np.full(misses.shape, -1))
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """Intervals that nothing explains."""
+        return np.asarray(self.misses.min(axis=(1, 2)) > LIMITS.nearly_exactly)
+
+    def costs(self, price: float) -> Array:
+        """Of each way through an interval, in nats; `price` is that of a switch.
+
+        Where nothing explains what the state does, all modes are as likely on both sides.
+        """
+        costs = np.log(np.clip(self.misses, LIMITS.nearly_exactly, 1.0) / LIMITS.nearly_exactly)
+        least = costs.min(axis=(1, 2), keepdims=True)
+        costs += price * (1.0 - np.eye(costs.shape[1])) + price * (self.via >= 0)
+        return np.where(self.lost[:, None, None], least, costs)
+
+    def with_brief_stays(
+        self, laws: Laws, left: NDArray[np.bool_], seen: NDArray[np.bool_]
+    ) -> _Told:
+        """Some of the intervals, and those that nothing explains, may hold two switches.
+
+        These are switches that are seen elsewhere.
+        """
+        misses, parts, via = self.misses.copy(), self.parts.copy(), self.via.copy()
+        some = np.flatnonzero(left | self.lost)
+        for i, mode, j in product(laws.modes, repeat=3):
+            if seen[i, mode] and seen[mode, j]:
+                size, own = _missed(laws, self.intervals.take(some), [i, mode, j])
+                better = (size < misses[some, i, j]) & (size <= LIMITS.nearly_exactly)
+                rows = some[better]
+                misses[rows, i, j], parts[rows, i, j] = size[better], own[better]
+                via[rows, i, j] = mode
+        return _Told(self.intervals, misses, parts, via)
+
+
+def _missed(laws: Laws, intervals: Intervals, path: Sequence[int]) -> tuple[Array, Array]:
+    """What the flows of some modes, one after the other, leave between two samples at best.
+
+    In spreads, (n_intervals,), and at which parts of the time it switches, (n_intervals, n - 1).
+    """
+    n_switches, n = len(path) - 1, len(intervals)
+    if not n_switches:
+        none = np.zeros((n, 0))
+        return np.abs(_gaps(laws, intervals, path, none)[0]).max(axis=1), none
+    grid = (np.arange(LIMITS.shares) + 0.5) / LIMITS.shares
+    starts = np.array(list(combinations_with_replacement(grid, n_switches)))
+    # from all of them: where two velocities are alike somewhere, flows nearly meet twice
+    parts = np.repeat(starts, n, axis=0)
+    many = intervals.take(np.tile(np.arange(n), len(starts)))
+    least, best = np.full(len(parts), np.inf), parts
+    for _ in range(LIMITS.turns_of_shares):
+        gaps, rates = _gaps(laws, many, path, parts)
+        size = np.nan_to_num(np.abs(gaps).max(axis=1), nan=np.inf)
+        best = np.where((size < least)[:, None], parts, best)
+        least = np.minimum(size, least)
+        inverse = np.linalg.pinv(np.nan_to_num(rates), rcond=LIMITS.rounding)
+        step = np.matmul(inverse, np.nan_to_num(gaps)[:, :, None])[:, :, 0]
+        parts = np.maximum.accumulate(np.clip(parts - step, 0.0, 1.0), axis=1)
+    chosen = least.reshape(len(starts), n).argmin(axis=0) * n + np.arange(n)
+    return least[chosen], best[chosen]
+
+
+def _gaps(
+    laws: Laws, intervals: Intervals, path: Sequence[int], parts: Array
+) -> tuple[Array, Array]:
+    """What is left, (n_intervals, n_states), and its derivatives by the parts of the time.
+
+    The first modes are followed forwards, the last one back from the second sample.
+    """
+    (x, y), (u, v), h = intervals.states, intervals.inputs, intervals.durations
+    n, rates = len(h), []
+    before, held = np.zeros(n), u
+    for k, mode in enumerate(path[:-1]):
+        modes, until = np.full(n, mode), parts[:, k]
+        middle = u + until[:, None] * (v - u)
+        x = flow(laws, modes, x, held, middle, (until - before) * h)
+        rates.append(laws.velocities(modes, x, middle))
+        before, held = until, middle
+    modes = np.full(n, path[-1])
+    y = flow(laws, modes, y, v, held, (before - 1.0) * h)
+    rates.append(laws.velocities(modes, y, held))
+    # of the changes of the velocity; a part moves all that follows it
+    slopes = [(old - new) * h[:, None] for old, new in pairwise(rates)]
+    spread = laws.spread[:, None]
+    by_parts = np.stack(slopes, axis=2) if slopes else np.zeros((n, len(laws.spread), 0))
+    return (x - y) / laws.spread, by_parts / spread
+
+
+def _likeliest(costs: Array) -> NDArray[np.intp]:
+    """Modes of least cost, (n_times, n_recordings); costs (n_times - 1, n_recordings, old, new)."""
+    n_steps, n_recordings, n_modes, _ = costs.shape
+    every = np.arange(n_recordings)
+    least, parents = np.zeros((n_recordings, n_modes)), []
+    for cost in costs:
+        total = least[:, :, None] + cost
+        parents.append(total.argmin(axis=1))
+        least = total.min(axis=1)
+    modes = np.empty((n_steps + 1, n_recordings), dtype=np.intp)
+    modes[-1] = least.argmin(axis=1)
+    for k in range(n_steps - 1, -1, -1):
+        modes[k] = parents[k][every, modes[k + 1]]
+    return modes
