@@ -91,9 +91,26 @@ def mode_names(predicted, named) -> list:
     return list(dict.fromkeys(np.unique(predicted).tolist() + np.asarray(named).tolist()))
 
 
+def unit_of(name: str, units=None) -> str | None:
+    """The unit of a channel, or of the velocity ``"d/dt name"`` of one; None if it is not known.
+
+    Examples
+    --------
+    >>> units = {"x": "m", "v": "m/s"}
+    >>> [unit_of(name, units) for name in ("x", "d/dt x", "d/dt v", "y")]
+    ['m', 'm/s', 'm/s^2', None]
+    """
+    known = units or {}
+    state = known.get(name.removeprefix("d/dt "))
+    if name in known or state is None:
+        return known.get(name)
+    time = known.get("time", "s")
+    return f"{state}^2" if state.endswith(f"/{time}") else f"{state}/{time}"
+
+
 def axis_label(name: str, units=None) -> str:
     """``"name (unit)"`` where `units`, a mapping from names to units, knows the name."""
-    unit = (units or {}).get(name)
+    unit = unit_of(name, units)
     return f"{name} ({unit})" if unit else name
 
 

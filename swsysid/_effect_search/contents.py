@@ -247,7 +247,8 @@ class EffectData:
         """State whose error the effects lower most; without effects the one furthest off."""
         before, after = self.errors
         spread = np.std(self.measured, axis=0)
-        change = np.abs(before - after) / np.where(before > 0, before, np.inf)
+        # an equation that is exact, such as q' = v, changes by rounding
+        change = np.abs(before - after) / np.where(before > REPORT.exact * spread, before, np.inf)
         size = before / np.where(spread > 0, spread, np.inf)
         return int(np.argmax(change if self.covariances else size))
 

@@ -263,7 +263,8 @@ class EffectReportDisplay(Display):
         effect : int, default=None
             Number of the effect whose shape is shown, from 0; the most important one if None.
         units : mapping from names to units, default=None
-            A name ``"d/dt x"`` gives the unit of a velocity, ``"time"`` that of time.
+            A velocity has the unit of its state by that of ``"time"`` (s), unless its name
+            ``"d/dt x"`` gives another one.
         ax : array of matplotlib Axes, default=None
             One for each panel; a new figure if None.
 

@@ -85,7 +85,8 @@ def describe_findings(
         label, parameters = term.label(records.names), term.physical(records, final.coef[place])
         (_, before), (_, after) = ladder.errors[place : place + 2]
         # the equation an effect acts in; of a sensor, a guard or a mode that which gains most
-        gained = int(np.argmin(after / np.maximum(before, np.finfo(float).tiny)))
+        exact = ladder.context.data.exact
+        gained = int(np.argmin(np.maximum(after, exact) / np.maximum(before, exact)))
         gaining = term.target if term.effect.terms else gained
         found.append(
             FoundEffect(

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from swsysid._checks.parameters import shown
+from swsysid._displays.style import unit_of
 from swsysid._effect_search import text
 from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.display import Panels
@@ -82,7 +83,7 @@ class _Told:
     def rate(self, state: int) -> str:
         """The velocity of a state, with its unit."""
         name, discrete = self.report.targets[state], self.report.discrete
-        unit = (self.units or {}).get(name if discrete else f"d/dt {name}")
+        unit = unit_of(name if discrete else f"d/dt {name}", self.units)
         return f"{text.rate(name, discrete)} [{unit}]" if unit else text.rate(name, discrete)
 
     @property

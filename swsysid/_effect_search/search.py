@@ -60,7 +60,7 @@ def _of_the_best(method: Callable[..., Answer]) -> Callable[..., Answer]:
 
 
 class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
-    """Find the effects that a declared model lacks, and add them.
+    r"""Find the effects that a declared model lacks, and add them.
 
     The declared model is fitted, and every effect of a library is tried on what it leaves over:
     at every place, in every state equation, in all modes or in one, its nonlinear parameters
@@ -121,6 +121,25 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     >>> search = search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
     >>> search.effects_[0].kind, search.effects_[0].target
     ('coulomb_friction', 1)
+
+    A relay with hysteresis whose laws lack a drag:
+
+    >>> import numpy as np
+    >>> from swsysid import HybridAutomaton
+    >>> switches = [(0, 1, "v >= 2"), (1, 0, "v <= -2")]
+    >>> plant = HybridAutomaton.stated(
+    ...     [{"v": "3 - 0.3 v^3"}, {"v": "-3 - 0.3 v^3"}], switches, states=["v"]
+    ... )
+    >>> declared = HybridAutomaton.stated([{"v": "3"}, {"v": "-3"}], switches, states=["v"])
+    >>> t, noise = np.arange(0.0, 10.0, 0.02), np.random.default_rng(0)
+    >>> runs = [plant.simulate([v], t, mode=0).x for v in (-1.5, -0.5, 0.5, 1.5)]
+    >>> recordings = [{"t": t, "x": x + 0.005 * noise.standard_normal(x.shape)} for x in runs]
+    >>> search = EffectSearchCV(declared, effects=[CoulombFriction(), Polynomial()])
+    >>> [(found.kind, found.place) for found in search.fit(recordings).effects_]
+    [('polynomial', 'x0^3')]
+    >>> print("\n".join(search.surface_equations(precision=1)))
+    mode 0 -> 1 where x0 >= 2.0
+    mode 1 -> 0 where x0 <= -2.0
     """
 
     _declared: Declared  # what is fitted, for the record at hand

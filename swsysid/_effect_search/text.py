@@ -62,10 +62,17 @@ def summary(report: EffectContents) -> str:
     """What came out, in one sentence."""
     if not report.n_held_out:
         return "Nothing was searched: the record is too short to hold any of it out."
-    if not report.effects:
+    if not report.effects and (report.residual_before is None or report.residual_before.clean):
         return "No effect is missing as far as these data show."
+    if not report.effects:
+        return "No effect that was looked for is missing; what is left over is not all noise."
     errors = np.array([report.errors[place]["held_out"] for place in (0, -1)])
-    target = int(np.argmin(errors[1] / np.where(errors[0] > 0, errors[0], np.inf)))
+    # an equation that is exact, such as q' = v, has no error that could be lowered
+    exact = np.zeros(len(report.targets))
+    if report.data is not None:
+        exact = REPORT.exact * report.data.measured.std(axis=0)
+    told = np.where(errors[0] > exact, errors[0], np.inf)
+    target = int(np.argmin(np.where(np.isfinite(told), errors[1] / told, np.inf)))
     before, after = errors[:, target]
     others = len(report.effects) - 1
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""

@@ -114,7 +114,8 @@ class ResidualReportDisplay(Display):
         n_channels : int, default=2
             How many channels, the most telling ones.
         units : mapping from names to units, default=None
-            A name ``"d/dt x"`` gives the unit of a velocity, ``"time"`` that of time (s).
+            A velocity has the unit of its state by that of ``"time"`` (s), unless its name
+            ``"d/dt x"`` gives another one.
         ax : array of matplotlib Axes, default=None
             One for each panel; a new figure if None.
 

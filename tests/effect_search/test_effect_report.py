@@ -416,3 +416,30 @@ def test_the_texts_name_when_where_and_what(report, data):
     numbers, rows = np.unique(data.groups), np.arange(len(records))
     found = stretches(records, rows, numbers.astype(float))
     assert [name for name, _ in found] == [str(number) for number in numbers]
+
+
+def test_an_exact_equation_is_no_headline():
+    # q' = v holds to rounding, of which a joint fit may leave a little more or less
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1.0, 1.0, (800, 2))
+    force = -2.0 * X[:, 0] - 0.4 * np.sign(X[:, 1]) + 0.01 * rng.standard_normal(800)
+    search = EffectSearchCV(SwitchingSystemRegressor(n_modes=1), effects=[CoulombFriction()])
+    report = search.fit(X, np.column_stack([X[:, 1], force])).report_
+    assert "of x1' is" in report.summary
+    assert report.data.most_changed == 1
+    assert [effect.target for effect in report.effects] == [1]
+
+
+def test_velocities_have_the_unit_of_their_state_by_time(search):
+    page = search.report_.to_html(units={"theta": "rad", "omega": "rad/s"})
+    assert escape("theta' [rad/s]") in page and escape("omega' [rad/s^2]") in page
+
+
+def test_the_first_line_does_not_say_that_all_is_well_where_the_residual_says_otherwise():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1.0, 1.0, (800, 1))
+    y = -X + 0.5 * np.cos(6.0 * X) + 0.01 * rng.standard_normal((800, 1))
+    search = EffectSearchCV(SwitchingSystemRegressor(n_modes=1), effects=[CoulombFriction()])
+    report = search.fit(X, y).report_
+    assert not report.residual_before.clean
+    assert report.clean and "not all noise" in report.summary
