@@ -28,9 +28,6 @@ from swsysid._stays.settings import LIMITS
 from swsysid._stays.start import Differentiated
 from swsysid.differentiation import Derivatives
 
-_RCOND = float(np.sqrt(np.finfo(float).eps))
-_SAME = 1e-3  # of a miss: by how much it changes where laws are found
-
 
 @dataclass(frozen=True)
 class Intervals:
@@ -170,7 +167,7 @@ def laws_of(
     for _ in range(turns):
         before, weights = found.misses, 1.0 / _bounded(found.misses)
         found = _judged(_refitted(found, weights), free, features, intervals)
-        if np.abs(np.log(_bounded(found.misses) / _bounded(before))).max() < _SAME:
+        if np.abs(np.log(_bounded(found.misses) / _bounded(before))).max() < LIMITS.same_miss:
             break
     # what a law does not explain has no say in what nothing else tells of it
     weights = np.where(found.unexplained, 0.0, 1.0)
@@ -259,7 +256,7 @@ def _moved(
         rows = weighted[:, own]
         told = _leverages(rows) < 1.0 - LIMITS.nearly_exactly
         target = left[told][:, states] * weights[told, None]
-        solved = np.linalg.lstsq(rows[told], target, rcond=_RCOND)[0]
+        solved = np.linalg.lstsq(rows[told], target, rcond=LIMITS.told)[0]
         moved[np.ix_(states, own)] = solved.T
     return moved / units
 
@@ -267,5 +264,5 @@ def _moved(
 def _leverages(rows: Array) -> Array:
     """How far each row alone decides what a fit is there, from 0 to 1."""
     left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
-    kept = sizes > _RCOND * sizes.max(initial=0.0)
+    kept = sizes > LIMITS.told * sizes.max(initial=0.0)
     return np.asarray(np.square(left[:, kept]).sum(axis=1))

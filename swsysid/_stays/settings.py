@@ -90,8 +90,12 @@ class Limits:
     fewest_in_runs: int = 70
     first_samples: int = 20
     turns_of_starts: int = 10
-    # -- intervals without noise: steps of a flow through one; instants in it from which those are
-    # sought at which flows meet, and steps to there
+    # -- intervals without noise: part of a miss by which it changes where laws are found; of the
+    # largest singular value of the features of a mode, the least that tells a coefficient; steps of
+    # a flow through an interval; instants in it from which those are sought at which flows meet,
+    # and steps to there
+    same_miss: float = 1e-3
+    told: float = 1.5e-8
     steps_of_flows: int = 4
     shares: int = 5
     turns_of_shares: int = 6
