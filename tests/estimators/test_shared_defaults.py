@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid._cli.arguments import LIBRARIES, measurement, parser
+from swsysid._cli.arguments import LIBRARIES, measurement, modes, parser
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.run import _options as job_options
 from swsysid._cli.samples import measure
@@ -61,7 +61,7 @@ def test_short_runs_are_dropped_here_and_refused_there():
 def test_all_other_shared_defaults_agree():
     told = {(owner, parameter) for _, _, parameter, owner, _ in ROWS}
     shared = {
-        ("SwitchingSystemRegressor", "n_modes"): int(ARGUMENTS.modes),
+        ("SwitchingSystemRegressor", "n_modes"): modes(ARGUMENTS.modes),
         ("SwitchingSystemRegressor", "feature_library"): ARGUMENTS.library or "affine",
         ("SwitchingSystemRegressor", "loss"): ARGUMENTS.loss,
         ("SwitchingSystemRegressor", "n_jobs"): ARGUMENTS.jobs,
