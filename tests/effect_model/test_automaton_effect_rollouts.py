@@ -53,7 +53,7 @@ def test_friction_in_one_mode_between_guards_that_remember_and_a_wall():
 
 def test_a_mass_that_sticks_until_a_clock_lets_it_go():
     # v' = -sign(v) from v = 1: at rest after 1, held against a push of 0.5 until t = 3, then pushed
-    # by 2: v = (2 - 1)(t - 3), until x = 1 at t = 4 sends it back with half its speed, against 2 + 1
+    # by 2: v = (2 - 1)(t - 3), until x = 1 at t = 4 sends it back with half its speed
     automaton = HybridAutomaton.stated(
         [{"x": "v", "v": "0"}, {"x": "v", "v": "2"}],
         [(0, 1, "time >= 3"), (1, 1, "x >= 1", {"v": "-0.5 v"})],
@@ -64,6 +64,7 @@ def test_a_mass_that_sticks_until_a_clock_lets_it_go():
     done = simulate_with_effects(fit, [0.0, 1.0], t, mode=0)
     speed = np.where(t < 1.0, 1.0 - t, np.where(t < 3.0, 0.0, t - 3.0))
     place = np.where(t < 1.0, t - t**2 / 2, np.where(t < 3.0, 0.5, 0.5 + (t - 3.0) ** 2 / 2))
+    # against 2 + 1
     speed[-1], place[-1] = -0.5 + 3.0 * 0.1, 1.0 - 0.5 * 0.1 + 1.5 * 0.1**2
     np.testing.assert_allclose(done.x, np.column_stack([place, speed]), atol=1e-7)
     assert [event.kind for event in done.events][:2] == ["sliding", "transition"]
