@@ -55,6 +55,18 @@ class Estimate:
         guards = 0 if self.guards is None else self.guards.n_free
         return self.laws.n_free + self.starts.size + len(self.segments.instants) + guards
 
+    @property
+    def hold(self) -> Array:
+        """What holds instants where they are: half a nat for an interval.
+
+        Where the velocity is the same on both sides the data do not say when a recording switches.
+        """
+        hold = np.zeros(self.n_unknowns)
+        first = self.laws.n_free + self.starts.size
+        interval = self.segments.recordings.interval
+        hold[first : first + len(self.segments.instants)] = interval**-2.0
+        return hold
+
     def renamed(self, order: NDArray[np.intp]) -> Estimate:
         """The same with mode ``order[k]`` called k."""
         names = with_slides(np.argsort(order))
@@ -162,13 +174,13 @@ class Objective:
             (slopes / self.noise[:, None]).transpose(1, 0, 2, 3).reshape(n, -1, columns.shape[1])
         )
         left = misfit.transpose(1, 0, 2).reshape(n, -1)
-        _add(matrix, right, columns, slopes, left)
+        add_blocks(matrix, right, columns, slopes, left)
         before = np.flatnonzero(segments.followed)
         ends = done.varied[segments.count[before], before]
         ahead = np.tile(-np.eye(n_states), (len(before), 1, 1))
         following = laws.n_free + (before[:, None] + 1) * n_states + np.arange(n_states)
         tied = np.concatenate([ends, ahead], axis=2) / (self.tie * self.noise)[:, None]
-        _add(matrix, right, np.hstack([columns[before], following]), tied, defects)
+        add_blocks(matrix, right, np.hstack([columns[before], following]), tied, defects)
         value = float(0.5 * (np.square(misfit).sum() + np.square(defects).sum()))
         if estimate.guards is not None:
             value += self._add_guards(matrix, right, estimate, done.crossings, columns)
@@ -204,7 +216,7 @@ class Objective:
         ])  # fmt: skip
         root = (1.0 + np.square(times / LIMITS.far_miss)) ** -0.25
         slopes = slopes * (root / self.guard_time)[:, None]
-        _add(matrix, right, places, slopes[:, None, :], -(root * times)[:, None])
+        add_blocks(matrix, right, places, slopes[:, None, :], -(root * times)[:, None])
         own, own_right, of_sides = guards.side_equations()
         matrix[first:-1, first:-1] += own
         right[first:-1] += own_right
@@ -242,7 +254,7 @@ def _far(times: Array) -> Array:
     )
 
 
-def _add(
+def add_blocks(
     matrix: Array, right: Array, columns: NDArray[np.intp], slopes: Array, left: Array
 ) -> None:
     """Add the normal equations of some blocks of rows: slopes (n_blocks, n_rows, n_columns)."""
