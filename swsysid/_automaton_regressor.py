@@ -70,8 +70,8 @@ class HybridAutomatonRegressor(BaseEstimator):
         Starts that run side by side; the answer is the same for any.
     refine : bool, default=True
         In continuous time with noise: refine laws, guards and resets together at last, by multiple
-        shooting through events and jumps. It is left out where rollouts of the recordings do not
-        become better.
+        shooting through events and jumps. It is left out where rollouts of the recordings become
+        worse.
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
         1 shows the rounds on standard error.

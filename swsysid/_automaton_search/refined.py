@@ -45,8 +45,8 @@ def refined(
     before, after = (assembled(one, feature_map) for one in (parts, told))
     rolled_before = rollout_misfit(before, joint.before, noise)
     rolled_after = rollout_misfit(after, joint.after, noise)
-    fine = rolled_after <= (1.0 + SHOOTING.worse) * rolled_before
-    kept = fine and joint.value_after < joint.value_before
+    likely = joint.value_after <= joint.value_before + settings.converged
+    kept = likely and rolled_after <= (1.0 + SHOOTING.worse) * rolled_before
     return (told if kept else parts), AutomatonRefinement(
         kept,
         joint.value_before,
@@ -79,7 +79,8 @@ def joint_estimate(
     """What was found part by part, as the start of the joint estimate."""
     laws, recordings = stays.estimate.laws, stays.estimate.segments.recordings
     switches, number, told = _all_switches(found, recordings.interval)
-    courses, order = _courses(given, stays, pieces, switches, number, told)
+    begins = first_pieces(pieces, found, stays.reached.noise)
+    courses, order = _courses(given, stays, pieces, begins, (switches, number, told))
     switches, number = switches.take(order), number[order]
     legs = Legs.of(courses, SHOOTING.leg)
     columns, rates = switches.before(laws)
@@ -97,7 +98,7 @@ def joint_estimate(
         len(laws.spread),
     )
     substeps = round(recordings.per_sample / recordings.first_step)
-    starts = _starts(given, stays, pieces, legs, switches.after(laws))
+    starts = _starts(given, stays, pieces, begins, (legs, switches.after(laws)))
     return JointEstimate(
         laws, guards, resets, legs, starts, legs.instants, recordings.interval, substeps
     )
@@ -122,17 +123,28 @@ def _told(one: Settled, interval: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(one.guard.misses) <= near)
 
 
+def first_pieces(pieces: Pieces, found: list[Settled], noise: Array) -> NDArray[np.intp]:
+    """Pieces with which courses begin: those that no transition leads to from the one before."""
+    follows = pieces.follows
+    for one in found:
+        switches, led = one.switches, np.full(len(one.switches), one.transition.is_one)
+        if one.reset is not None:
+            off = np.abs(one.reset.left) / (SETTINGS.end_of_stay * noise)
+            led &= (off <= SETTINGS.beyond_noise).all(axis=1)
+        follows[switches.piece[switches.jumped & ~led]] = False
+    return np.flatnonzero(~follows)
+
+
 def _courses(
     given: Given,
     stays: StayIdentification,
     pieces: Pieces,
-    switches: Switches,
-    number: NDArray[np.intp],
-    told: NDArray[np.bool_],
+    begins: NDArray[np.intp],
+    switching: tuple[Switches, NDArray[np.intp], NDArray[np.bool_]],
 ) -> tuple[list[Course], NDArray[np.intp]]:
     """Pieces that follow each other make a course; and the order in which switches are in them."""
+    switches, number, told = switching
     first_modes = [one.modes[0] for one in stays.estimate.segments.stays]
-    begins = np.flatnonzero(~pieces.follows)
     # a jump is seen at the samples beside it
     between = np.where(switches.jumped[:, None], switches.known, (-np.inf, np.inf))
     courses, order = [], []
@@ -153,20 +165,22 @@ def _courses(
 
 
 def _starts(
-    given: Given, stays: StayIdentification, pieces: Pieces, legs: Legs, after: Array
+    given: Given,
+    stays: StayIdentification,
+    pieces: Pieces,
+    begins: NDArray[np.intp],
+    known: tuple[Legs, Array],
 ) -> Array:
-    """States at the starts of legs: at their samples, or after their switches."""
+    """States at the starts of legs: at their samples, or those known after the switches."""
+    legs, after = known
     _, states = by_samples(given, stays, pieces)
-    begins = np.flatnonzero(~pieces.follows)
     starts = np.zeros((len(legs), after.shape[1]))
     for s, (number, begun, begin) in enumerate(
         zip(legs.course, legs.begun_by, legs.begin, strict=True)
     ):
-        if begun >= 0:
-            starts[s] = after[begun]
-        else:
-            k = pieces.recording[begins[number]]
-            starts[s] = states[k][np.searchsorted(given.records[k].t, begin)]
+        k = pieces.recording[begins[number]]
+        sampled = states[k][np.searchsorted(given.records[k].t, begin)] if begun < 0 else None
+        starts[s] = after[begun] if sampled is None else sampled
     return starts
 
 
@@ -188,7 +202,8 @@ def told_jointly(
 ) -> Told:
     """The same with laws, guards, resets, instants and states of the joint estimate."""
     done, legs = estimate.plainly_flown, estimate.legs
-    begins = np.flatnonzero(~pieces.follows)[legs.course]  # the first piece of each leg's course
+    # the first piece of each leg's course
+    begins = first_pieces(pieces, found, stays.reached.noise)[legs.course]
     modes, states = [own.copy() for own in parts.modes], [own.copy() for own in parts.states]
     for k, leg in zip(*np.nonzero(done.grid.sample >= 0), strict=True):
         recording = pieces.recording[begins[leg]]
@@ -212,5 +227,4 @@ def told_jointly(
         source, target = one.transition.source, one.transition.target
         times = estimate.instants[own]
         transitions.append(FoundTransition(source, target, recording[own], times, guard, reset))
-    left = np.sqrt(np.nanmean(np.square(done.grid.y - done.states), axis=(0, 1)))
-    return Told(estimate.laws.coef, transitions, modes, states, np.maximum(left, 0.0))
+    return Told(estimate.laws.coef, transitions, modes, states, estimate.left)

@@ -48,9 +48,8 @@ class AutomatonRefinement:
         if self.kept:
             return "The refined automaton is the answer; nothing to do."
         return (
-            "Rollouts of the recordings did not become better, and the automaton stays as it was "
-            "found part by part; a guard or a law may be of another kind: try a larger library or "
-            "guard_degree."
+            "Rollouts of the recordings became worse, and the automaton stays as it was found part "
+            "by part: try a larger library or guard_degree, or look for switches that were missed."
         )
 
     def __str__(self) -> str:

@@ -51,6 +51,21 @@ class JointEstimate:
         return self.n_shared + self.starts.size + len(self.instants)
 
     @property
+    def freedom(self) -> float:
+        """Part of the measured values that the unknowns of the rollouts do not take up."""
+        starts = len(self.legs.courses) * self.starts.shape[1]
+        taken = self.n_shared + starts + int((~self.legs.guarded).sum())
+        n_values = sum(int(np.isfinite(one.record.y).sum()) for one in self.legs.courses)
+        return max(SETTINGS.least_freedom, 1.0 - taken / max(1, n_values))
+
+    @property
+    def left(self) -> Array:
+        """Standard deviations of what the rollouts leave of the measurements, (n_states,)."""
+        done = self.plainly_flown
+        squares = np.square(done.grid.y - done.states)
+        return np.asarray(np.sqrt(np.nanmean(squares, axis=(0, 1)) / self.freedom))
+
+    @property
     def hold(self) -> Array:
         """What holds instants where they are: half a nat for an interval."""
         hold = np.zeros(self.n_unknowns)

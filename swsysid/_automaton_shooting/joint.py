@@ -39,10 +39,8 @@ class Joint:
     def errors(self) -> Errors:
         """Standard errors, the noise as large as the samples say."""
         estimate = self.after
-        starts = len(estimate.legs.courses) * estimate.starts.shape[1]
-        n_unknowns = estimate.n_shared + starts + int((~estimate.legs.guarded).sum())
-        n_samples = sum(int(np.isfinite(one.record.y).sum()) for one in estimate.legs.courses)
-        scale = 2.0 * self.value_after / max(1, n_samples - n_unknowns)
+        n_values = sum(int(np.isfinite(one.record.y).sum()) for one in estimate.legs.courses)
+        scale = 2.0 * self.value_after / max(1.0, n_values * estimate.freedom)
         variances = np.diag(self.objective.covariance(estimate))
         every = np.sqrt(scale * np.clip(variances, 0.0, np.inf))
         parts = estimate.laws.n_free, estimate.guards.n_free
@@ -64,21 +62,21 @@ def jointly(
     most = estimate.beyond(sources)
     stages = [
         (JointObjective(noise, tie, time * estimate.interval, sources, most), n_turns)
-        for tie, time, n_turns in (*SETTINGS.ties, *SETTINGS.tight_ties)
+        for tie, time, n_turns in SETTINGS.ties
     ]
-    known, value_before = _through(estimate.known(), stages, settings)
+    known = _through(estimate.known(), stages, settings)
     before = estimate.with_courses_of(known)
-    after, value_after = _through(before, stages, settings)
-    return Joint(before, after, stages[-1][0], value_before, value_after)
+    judge, _ = stages[SETTINGS.judged]
+    # loose ties lead further, and may lead to instants that are stuck at a sample
+    tried = [_through(before, stages[first:], settings) for first in (0, SETTINGS.judged)]
+    after = min(tried, key=judge.value)
+    return Joint(before, after, stages[-1][0], judge.value(before), judge.value(after))
 
 
 def _through(
     estimate: JointEstimate, stages: list[tuple[JointObjective, int]], settings: StaySettings
-) -> tuple[JointEstimate, float]:
-    """The estimate with ties tightened, and its value with those by which automata are judged."""
-    judged = np.inf
-    for number, (objective, n_turns) in enumerate(stages, start=1):
-        estimate, value = descended(estimate, objective, n_turns, settings)
-        if number == len(SETTINGS.ties):
-            judged = value
-    return estimate, judged
+) -> JointEstimate:
+    """The estimate with ties tightened."""
+    for objective, n_turns in stages:
+        estimate, _ = descended(estimate, objective, n_turns, settings)
+    return estimate

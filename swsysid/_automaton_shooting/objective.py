@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_shooting.estimate import Flown, JointEstimate
 from swsysid._results import Array
+from swsysid._stays.settings import LIMITS
 from swsysid._stays.shooting import add_blocks
 
 Numbers = NDArray[np.intp]
@@ -60,12 +61,18 @@ class JointObjective:
         return matrix[:-1, :-1], right[:-1], float(value)
 
     def covariance(self, estimate: JointEstimate) -> Array:
-        """Of the unknowns of the automaton; the others are eliminated."""
+        """Of the unknowns of the automaton; the others are eliminated.
+
+        Infinite where no sample and no switch says anything.
+        """
         matrix, _, _ = self.normal_equations(estimate)
-        unit = 1.0 / np.sqrt(np.where(np.diag(matrix) > 0.0, np.diag(matrix), 1.0))
-        inverse = np.linalg.pinv(matrix * unit[:, None] * unit, rcond=1e-14, hermitian=True)
-        n = estimate.n_shared
-        return np.asarray((inverse * unit[:, None] * unit)[:n, :n])
+        told = np.diag(matrix) > 0.0
+        unit = 1.0 / np.sqrt(np.where(told, np.diag(matrix), 1.0))
+        scaled, n = matrix * unit[:, None] * unit, estimate.n_shared
+        inverse = np.linalg.pinv(scaled, rcond=LIMITS.rounding, hermitian=True)
+        covariance = (inverse * unit[:, None] * unit)[:n, :n]
+        covariance[np.diag_indices(n)] = np.where(told[:n], np.diag(covariance), np.inf)
+        return np.asarray(covariance)
 
     # -- parts -------------------------------------------------------------------------------------
 
