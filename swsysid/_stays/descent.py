@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from swsysid._results import Array
-from swsysid._stays.settings import LIMITS, StaySettings
+from swsysid._stays.normal_equations import Inverse
+from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate, Objective
 
 
@@ -34,27 +34,9 @@ class Reached:
         return Reached(self.estimate, objective, objective.value(self.estimate))
 
     @cached_property
-    def covariance(self) -> Array:
-        """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix.
-
-        What the data do not tell has a variance that is very large, not none.
-        """
-        matrix, _, _ = self.objective.normal_equations(self.estimate)
-        scaled, unit = _in_units(matrix)
-        scaled[np.diag_indices_from(scaled)] += LIMITS.rounding
-        try:
-            factor = cho_factor(np.nan_to_num(scaled), check_finite=False)
-            inverse = cho_solve(factor, np.eye(len(scaled)), check_finite=False)
-        except LinAlgError:
-            inverse = np.linalg.pinv(np.nan_to_num(scaled), rcond=LIMITS.rounding, hermitian=True)
-        return np.asarray(inverse * unit[:, None] * unit, dtype=float)
-
-    @property
-    def covariance_of_guards(self) -> Array:
-        """Of the free coefficients of the surfaces alone."""
-        n_guards = 0 if self.estimate.guards is None else self.estimate.guards.n_free
-        first = len(self.covariance) - n_guards
-        return self.covariance[first:, first:]
+    def covariance(self) -> Inverse:
+        """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix."""
+        return self.objective.normal_equations(self.estimate).inverse()
 
 
 def most_likely(
@@ -103,10 +85,10 @@ def _descend(
     """Damping follows how well the step was predicted (Nielsen, IMM-REP-1999-05)."""
     damping, rise, value = settings.damping, 2.0, np.inf
     for _ in range(n_turns):
-        matrix, right, value = objective.normal_equations(estimate)
-        matrix += np.diag(_hold(estimate))
+        equations = objective.normal_equations(estimate).held(_hold(estimate))
+        value = equations.value
         for _ in range(settings.most_failures):
-            step = _damped_step(matrix, right, damping)
+            step = equations.step(damping)
             trial = estimate.moved(step)
             reached = objective.value(trial)
             if reached < value:
@@ -114,8 +96,7 @@ def _descend(
             damping, rise = damping * rise, 2.0 * rise
         else:
             return estimate, value
-        promised = float(step @ (right - 0.5 * matrix @ step))
-        kept = (value - reached) / max(promised, np.finfo(float).tiny)
+        kept = (value - reached) / max(equations.promised(step), np.finfo(float).tiny)
         damping, rise = damping * max(1.0 / 3.0, 1.0 - (2.0 * min(kept, 1.0) - 1.0) ** 3), 2.0
         estimate = trial
         if value - reached < settings.converged:
@@ -134,21 +115,3 @@ def _hold(estimate: Estimate) -> Array:
     interval = estimate.segments.recordings.interval
     hold[first : first + len(estimate.segments.instants)] = interval**-2.0
     return hold
-
-
-def _damped_step(matrix: Array, right: Array, damping: float) -> Array:
-    """The step of damped normal equations."""
-    scaled, unit = _in_units(matrix)
-    scaled[np.diag_indices_from(scaled)] += damping
-    try:
-        factor = cho_factor(scaled, overwrite_a=True, check_finite=False)
-    except LinAlgError:  # not positive by rounding, or not finite: no step, and more damping
-        return np.zeros(len(right))
-    return np.asarray(cho_solve(factor, right * unit, check_finite=False) * unit, dtype=float)
-
-
-def _in_units(matrix: Array) -> tuple[Array, Array]:
-    """The matrix of unknowns in units in which its diagonal is one, and these units."""
-    diagonal = np.diag(matrix)
-    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    return matrix * unit[:, None] * unit, unit

@@ -204,7 +204,7 @@ class Alternation:
         best, guards, settings = self.best, self.best.estimate.guards, self.settings
         if guards is None or not guards.n_free:
             return False
-        guards = without_weakest(guards, best.reached.covariance_of_guards)
+        guards = without_weakest(guards, best.reached.covariance.of_guards)
         estimate = replace(best.estimate, guards=guards)
         simpler = replace(best, reached=replace(best.reached, estimate=estimate))
         prior = prior_of_guards(guards, None, self._at(best), settings.trust[1], settings.blurred)
@@ -378,5 +378,5 @@ def _prior(
     guards = reached.estimate.guards
     if guards is None:
         return prior_of_model(model.switching_model, recordings, trust)
-    own = reached.covariance_of_guards
+    own = reached.covariance.of_guards
     return prior_of_guards(guards, own, recordings, trust, settings.blurred)

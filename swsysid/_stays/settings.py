@@ -18,6 +18,9 @@ class StaySettings:
     # settles
     piece: int = 100
     overlap: int = 15
+    # and samples that are smoothed side by side: a state is known by more of them than a mode
+    smoothed: int = 500
+    overlap_of_smoothed: int = 100
     # of a switch, in nats, in the first round and in later ones: once the surface is known a switch
     # follows from it
     prices: tuple[float, ...] = (4.0, 3.0, 2.0, 1.0)
@@ -121,6 +124,7 @@ class Limits:
     of_its_own: float = 1e-5
     # of the diagonal: what normal equations of double precision cannot tell
     rounding: float = 1e-12
+    more_rounding: float = 100.0  # by which it grows until they can be solved
 
 
 SETTINGS, LIMITS = StaySettings(), Limits()

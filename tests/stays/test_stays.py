@@ -70,7 +70,8 @@ def test_derivatives_by_all_unknowns_are_those_of_differences():
     starts = np.array(starts) + rng.normal(0, 0.01, (len(segments), 2))
     estimate = Estimate(laws, segments, starts)
     objective = Objective(NOISE * campaign.states.std(axis=0), 0.3)
-    matrix, right, _ = objective.normal_equations(estimate)
+    equations = objective.normal_equations(estimate)
+    matrix, right = equations.toarray(), equations.negative_gradient
     assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.linalg.eigvalsh(matrix).max()
     for unknown in rng.choice(len(right), 12, replace=False).tolist() + [len(right) - 1]:
         move = np.zeros(len(right))
