@@ -86,7 +86,8 @@ class NormalEquations:
         """
         self.matrix.add(places, slopes, shared)
         np.add.at(self.right, places, np.matmul(left[:, None, :], slopes)[:, 0])
-        self.right[self.layout.n_band :] += left.ravel() @ shared.reshape(left.size, -1)
+        rows = shared.reshape(left.size, self.layout.n_corner)
+        self.right[self.layout.n_band :] += left.ravel() @ rows
         return replace(self, value=self.value + 0.5 * float(np.square(left).sum()))
 
     def add_to_corner(self, first: int, matrix: Array, right: Array, value: float):

@@ -102,6 +102,9 @@ class Limits:
     steps_of_flows: int = 4
     shares: int = 5
     turns_of_shares: int = 6
+    # -- one more mode: of the largest singular value of the features of a segment, the least along
+    # which its slopes change a law
+    told_by_few: float = 0.1
     # -- Kalman's filter: variance of what was not measured, in units of the noise's; how well a
     # rough state is known, in spreads; what one sample may cost in squares: outliers are bounded;
     # log likelihood of a sample that has none, since its rollout diverges
