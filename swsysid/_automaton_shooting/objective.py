@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton_shooting.equations import JointEquations, add_blocks
 from swsysid._automaton_shooting.estimate import Flown, JointEstimate
 from swsysid._results import Array
 from swsysid._stays.settings import LIMITS
-from swsysid._stays.shooting import add_blocks
 
 Numbers = NDArray[np.intp]
 
@@ -38,8 +38,8 @@ class JointObjective:
         ]
         return float(0.5 * sum(squares))
 
-    def normal_equations(self, estimate: JointEstimate) -> tuple[Array, Array, float]:
-        """Gauss and Newton's matrix, the negative gradient, and the value."""
+    def normal_equations(self, estimate: JointEstimate) -> JointEquations:
+        """Gauss and Newton's equations."""
         done = estimate.flown()
         misfit, gaps, misses = self._residuals(estimate, done)
         # a last row and column take what belongs to no unknown
@@ -58,14 +58,14 @@ class JointObjective:
         self._add_ties(matrix, right, estimate, done, columns, gaps)
         self._add_guards(matrix, right, estimate, done, columns, misses)
         value = 0.5 * sum(np.square(part).sum() for part in (misfit, gaps, misses))
-        return matrix[:-1, :-1], right[:-1], float(value)
+        return JointEquations(matrix[:-1, :-1], right[:-1], float(value))
 
     def covariance(self, estimate: JointEstimate) -> Array:
         """Of the unknowns of the automaton; the others are eliminated.
 
         Infinite where no sample and no switch says anything.
         """
-        matrix, _, _ = self.normal_equations(estimate)
+        matrix = self.normal_equations(estimate).matrix
         told = np.diag(matrix) > 0.0
         unit = 1.0 / np.sqrt(np.where(told, np.diag(matrix), 1.0))
         scaled, n = matrix * unit[:, None] * unit, estimate.n_shared

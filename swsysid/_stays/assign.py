@@ -42,7 +42,7 @@ class Assigned:
         Recordings that did not change have the instants and starts of the estimate before.
         """
         modes = self.modes
-        states = smoothed_states(self.filter, recordings, modes)
+        states = self._states(recordings, settings)
         stays = [
             Stays.of_intervals(modes[: len(t) - 1, place], t)
             for place, t in enumerate(recordings.times)
@@ -54,6 +54,16 @@ class Assigned:
         segments = Segments(recordings, stays, settings.segment)
         starts = np.array([states[first, recording] for recording, first, _ in segments.places])
         return Estimate(laws, segments, starts)
+
+    def _states(self, recordings: Recordings, settings: StaySettings) -> Array:
+        """Smoothed states of all samples, padded like the recordings."""
+        pieces, places = recordings.cut(settings.smoothed, settings.overlap_of_smoothed)
+        found = smoothed_states(self.filter, pieces, pieces_of(self.modes, places))
+        states = recordings.guess.copy()
+        for place, piece in enumerate(places):
+            rows = slice(piece.first - piece.begin, piece.last - piece.begin + 1)
+            states[piece.first : piece.last + 1, piece.recording] = found[rows, place]
+        return states
 
 
 def assign(

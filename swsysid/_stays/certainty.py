@@ -30,14 +30,17 @@ def certainty(found: StayIdentification) -> Certainty:
     """
     estimate, laws = found.estimate, found.estimate.laws
     together = _correlation(found)
-    errors = np.sqrt(together * np.clip(np.diag(found.reached.covariance), 0.0, np.inf))
-    n_free, n_instants = laws.n_free, len(estimate.segments.instants)
-    first = n_free + estimate.starts.size
+    covariance = found.reached.covariance
     coef = np.zeros(laws.coef.shape)
-    coef[laws.places] = errors[:n_free]
+    coef[laws.places] = _errors(together * np.diag(covariance.of_laws))
     counts = [len(stays.instants) for stays in estimate.segments.stays]
-    instants = np.split(errors[first : first + n_instants], np.cumsum(counts)[:-1])
+    errors = _errors(together * covariance.variances_of_instants)
+    instants = np.split(errors, np.cumsum(counts)[:-1])
     return Certainty(coef, _of_surface(found, together), instants, together)
+
+
+def _errors(variances: Array) -> Array:
+    return np.sqrt(np.clip(variances, 0.0, np.inf))
 
 
 def _of_surface(found: StayIdentification, together: float) -> Array | None:
@@ -45,7 +48,7 @@ def _of_surface(found: StayIdentification, together: float) -> Array | None:
     guards, surface = found.estimate.guards, found.model.surface_
     if guards is None or not isinstance(surface, PolynomialSurfaceClassifier):
         return None
-    own = together * found.reached.covariance_of_guards
+    own = together * found.reached.covariance.of_guards
     other, start = deepcopy(surface), surface.coef_
     columns = []
     for place in zip(*np.nonzero(guards.free), strict=True):
@@ -55,7 +58,7 @@ def _of_surface(found: StayIdentification, together: float) -> Array | None:
         columns.append((other.coef_ - start).ravel())
     slopes = np.array(columns).reshape(guards.n_free, start.size)
     variance = np.einsum("ki,kl,li->i", slopes, own, slopes)
-    return np.sqrt(np.clip(variance, 0.0, np.inf)).reshape(start.shape)
+    return _errors(variance).reshape(start.shape)
 
 
 def _correlation(found: StayIdentification) -> float:

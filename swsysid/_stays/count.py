@@ -7,8 +7,8 @@ white where the laws are right, which residuals of derivatives never are.
 
 Where no surface says so, every switch has an instant of its own and enters any mode:
 :math:`n_{ij}` switches from mode i to mode j cost :math:`\log (n_i! / \prod_j n_{ij}!)` more, what
-it takes to say in which order. A mode that is split in two gets its own laws for that, not for
-nothing.
+it takes to say in which order, and so does the mode in which each recording begins. A mode that is
+split in two gets its own laws for that, not for nothing.
 """
 
 from __future__ import annotations
@@ -63,12 +63,16 @@ def criterion(n_modes: int, found: StayIdentification) -> CountCandidate:
 
 
 def order_of_switches(stays: Sequence[Stays]) -> float:
-    """Nats that say which mode every switch enters, given how often each follows each."""
-    pairs = np.hstack([np.array([one.modes[:-1], one.modes[1:]]) for one in stays])
-    n_modes = int(pairs.max(initial=0)) + 1
-    often = np.bincount(n_modes * pairs[0] + pairs[1], minlength=n_modes**2)
-    left = often.reshape(n_modes, n_modes).sum(axis=1)
-    return float(gammaln(left + 1.0).sum() - gammaln(often + 1.0).sum())
+    """Nats that say which mode every switch enters, given how often each follows each.
+
+    And in which one every recording begins, given in how many it does.
+    """
+    outside = 1 + max(int(one.modes.max()) for one in stays)
+    before = np.concatenate([np.append(outside, one.modes[:-1]) for one in stays])
+    pairs = np.stack([before, np.concatenate([one.modes for one in stays])])
+    often = np.zeros((outside + 1, outside + 1))
+    np.add.at(often, tuple(pairs), 1.0)
+    return float(gammaln(often.sum(axis=1) + 1.0).sum() - gammaln(often + 1.0).sum())
 
 
 def is_exact(found: StayIdentification) -> bool:
@@ -77,15 +81,19 @@ def is_exact(found: StayIdentification) -> bool:
 
 
 def fewest_modes(
-    identified: Callable[[int], StayIdentification], counts: Sequence[int]
+    identified: Callable[[int, StayIdentification | None], StayIdentification],
+    counts: Sequence[int],
 ) -> tuple[StayIdentification, list[CountCandidate]]:
-    """The number at which another mode no longer pays; one more is tried while one might."""
+    """The number at which another mode no longer pays; one more is tried while one might.
+
+    `identified` is given a number, and the answer of the number before.
+    """
     found: list[StayIdentification] = []
     candidates: list[CountCandidate] = []
     for n_modes in counts:
         if found and is_exact(found[-1]):
             break
-        found.append(identified(n_modes))
+        found.append(identified(n_modes, found[-1] if found else None))
         candidates.append(criterion(n_modes, found[-1]))
         if n_modes > 2 and candidates[-1].criterion > min(c.criterion for c in candidates[:-1]):
             break

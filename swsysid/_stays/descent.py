@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from swsysid._results import Array
-from swsysid._stays.settings import LIMITS, StaySettings
+from swsysid._stays.normal_equations import Inverse
+from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate, Objective
 
 
@@ -29,14 +29,31 @@ E = TypeVar("E", bound=Movable)
 E_contra = TypeVar("E_contra", bound=Movable, contravariant=True)
 
 
+class Equations(Protocol):
+    """Gauss and Newton's equations at an estimate, of unknowns in the order of its steps."""
+
+    @property
+    def value(self) -> float:
+        """Half the sum of squares."""
+
+    def held(self, hold: Array, /) -> Equations:
+        """The same, every unknown held by a spring of such a stiffness."""
+
+    def step(self, damping: float, /) -> Array:
+        """The step of damped equations."""
+
+    def promised(self, step: Array, /) -> float:
+        """By how much a step lowers the value, if the equations are right."""
+
+
 class Descended(Protocol[E_contra]):
     """A sum of squares of an estimate."""
 
     def value(self, estimate: E_contra, /) -> float:
         """Half the sum."""
 
-    def normal_equations(self, estimate: E_contra, /) -> tuple[Array, Array, float]:
-        """Gauss and Newton's matrix, the negative gradient, and the value."""
+    def normal_equations(self, estimate: E_contra, /) -> Equations:
+        """Gauss and Newton's equations."""
 
 
 @dataclass(frozen=True)
@@ -60,27 +77,9 @@ class Reached:
         return Reached(self.estimate, objective, objective.value(self.estimate))
 
     @cached_property
-    def covariance(self) -> Array:
-        """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix.
-
-        What the data do not tell has a variance that is very large, not none.
-        """
-        matrix, _, _ = self.objective.normal_equations(self.estimate)
-        scaled, unit = _in_units(matrix)
-        scaled[np.diag_indices_from(scaled)] += LIMITS.rounding
-        try:
-            factor = cho_factor(np.nan_to_num(scaled), check_finite=False)
-            inverse = cho_solve(factor, np.eye(len(scaled)), check_finite=False)
-        except LinAlgError:
-            inverse = np.linalg.pinv(np.nan_to_num(scaled), rcond=LIMITS.rounding, hermitian=True)
-        return np.asarray(inverse * unit[:, None] * unit, dtype=float)
-
-    @property
-    def covariance_of_guards(self) -> Array:
-        """Of the free coefficients of the surfaces alone."""
-        n_guards = 0 if self.estimate.guards is None else self.estimate.guards.n_free
-        first = len(self.covariance) - n_guards
-        return self.covariance[first:, first:]
+    def covariance(self) -> Inverse:
+        """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix."""
+        return self.objective.normal_equations(self.estimate).inverse()
 
 
 def most_likely(
@@ -129,10 +128,10 @@ def descended(
     """Damping follows how well the step was predicted (Nielsen, IMM-REP-1999-05)."""
     damping, rise, value = settings.damping, 2.0, np.inf
     for _ in range(n_turns):
-        matrix, right, value = objective.normal_equations(estimate)
-        matrix += np.diag(estimate.hold)
+        equations = objective.normal_equations(estimate).held(estimate.hold)
+        value = equations.value
         for _ in range(settings.most_failures):
-            step = _damped_step(matrix, right, damping)
+            step = equations.step(damping)
             trial = estimate.moved(step)
             reached = objective.value(trial)
             if reached < value:
@@ -140,29 +139,10 @@ def descended(
             damping, rise = damping * rise, 2.0 * rise
         else:
             return estimate, value
-        promised = float(step @ (right - 0.5 * matrix @ step))
-        kept = (value - reached) / max(promised, np.finfo(float).tiny)
+        kept = (value - reached) / max(equations.promised(step), np.finfo(float).tiny)
         damping, rise = damping * max(1.0 / 3.0, 1.0 - (2.0 * min(kept, 1.0) - 1.0) ** 3), 2.0
         estimate = trial
         if value - reached < settings.converged:
             return estimate, reached
         value = reached
     return estimate, value
-
-
-def _damped_step(matrix: Array, right: Array, damping: float) -> Array:
-    """The step of damped normal equations."""
-    scaled, unit = _in_units(matrix)
-    scaled[np.diag_indices_from(scaled)] += damping
-    try:
-        factor = cho_factor(scaled, overwrite_a=True, check_finite=False)
-    except LinAlgError:  # not positive by rounding, or not finite: no step, and more damping
-        return np.zeros(len(right))
-    return np.asarray(cho_solve(factor, right * unit, check_finite=False) * unit, dtype=float)
-
-
-def _in_units(matrix: Array) -> tuple[Array, Array]:
-    """The matrix of unknowns in units in which its diagonal is one, and these units."""
-    diagonal = np.diag(matrix)
-    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    return matrix * unit[:, None] * unit, unit

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from swsysid._data.matching import best_matching, contingency
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
+from swsysid._stays.affine import laws_of
 from swsysid._stays.assign import Assigned, assign, disturbances, prior_of_guards, prior_of_model
 from swsysid._stays.count import is_exact
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.identification import StayIdentification, StayRecord
-from swsysid._stays.laws import Laws
 from swsysid._stays.monomials import without_weakest
 from swsysid._stays.noise import noise_of
 from swsysid._stays.recordings import Recordings
@@ -70,7 +70,7 @@ class Alternation:
         spread = np.where(spread > 0.0, spread, 1.0)
         free = np.ones(start.coef_.shape, dtype=bool) if free is None else free
         system = start.switching_model
-        self.laws = Laws(start.coef_, system.feature_map.at_rows, spread, free)
+        self.laws = laws_of(start.coef_, system.feature_map, spread, free)
         recordings = in_exact_steps(recordings, self.laws, noise, settings)
         self.recordings = recordings
         self.disturbances = disturbances(self.laws, recordings, settings)
@@ -204,7 +204,7 @@ class Alternation:
         best, guards, settings = self.best, self.best.estimate.guards, self.settings
         if guards is None or not guards.n_free:
             return False
-        guards = without_weakest(guards, best.reached.covariance_of_guards)
+        guards = without_weakest(guards, best.reached.covariance.of_guards)
         estimate = replace(best.estimate, guards=guards)
         simpler = replace(best, reached=replace(best.reached, estimate=estimate))
         prior = prior_of_guards(guards, None, self._at(best), settings.trust[1], settings.blurred)
@@ -378,5 +378,5 @@ def _prior(
     guards = reached.estimate.guards
     if guards is None:
         return prior_of_model(model.switching_model, recordings, trust)
-    own = reached.covariance_of_guards
+    own = reached.covariance.of_guards
     return prior_of_guards(guards, own, recordings, trust, settings.blurred)

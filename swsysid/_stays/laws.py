@@ -75,7 +75,7 @@ class Laws:
 
     def step(self, modes: Modes, x: Array, u: Array, after: Array, duration: Array) -> Array:
         """States after steps with inputs that go from `u` to `after`."""
-        h, middle, slope = duration[:, None], 0.5 * (u + after), _slope(u, after, duration)
+        h, middle, slope = duration[:, None], 0.5 * (u + after), slope_of(u, after, duration)
         first = self.velocities(modes, x, u, slope)
         second = self.velocities(modes, x + h / 2 * first, middle, slope)
         third = self.velocities(modes, x + h / 2 * second, middle, slope)
@@ -95,7 +95,7 @@ class Laws:
 
         The first n_states unknowns are states at some start, the next are the free coefficients.
         """
-        h, middle, slope = duration[:, None], 0.5 * (u + after), _slope(u, after, duration)
+        h, middle, slope = duration[:, None], 0.5 * (u + after), slope_of(u, after, duration)
         hz = h[:, :, None]
         first, z_first = self.varied_velocities(modes, x, Z, u, slope)
         second, z_second = self.varied_velocities(
@@ -124,7 +124,7 @@ class Laws:
         return np.matmul(coef, features[:, :, None])[:, :, 0], rates
 
 
-def _slope(u: Array, after: Array, duration: Array) -> Array:
+def slope_of(u: Array, after: Array, duration: Array) -> Array:
     """Rates of the inputs in steps; zero in steps that last no time."""
     lasting = duration[:, None] > 0.0
     return np.divide(after - u, duration[:, None], out=np.zeros_like(u), where=lasting)

@@ -19,6 +19,7 @@ from swsysid._stays.certainty import Certainty
 from swsysid._stays.count import CountCandidate, fewest_modes
 from swsysid._stays.exact import ExactModes, exact_modes
 from swsysid._stays.given import Given, check_channels
+from swsysid._stays.grown import grown
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
 from swsysid._stays.independent import in_these, of_their_own
@@ -125,8 +126,13 @@ class Search:
         n_modes = self.estimator.n_modes
         return list(range(1, most + 1)) if n_modes == "auto" else [n_modes]
 
-    def _with_modes(self, n_modes: object) -> StayIdentification:
-        """The best of some starts after their first rounds, followed to the end."""
+    def _with_modes(
+        self, n_modes: object, fewer: StayIdentification | None = None
+    ) -> StayIdentification:
+        """The best of some starts after their first rounds, followed to the end.
+
+        One of them goes on from the answer with one mode fewer, where no surface separates modes.
+        """
         stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
         # there may be no shorter window than the automatic one
         bases = {one.rows.window: one for one in map(self._differentiated, stretches)}
@@ -134,6 +140,9 @@ class Search:
             self._alternation(*self._start(n_modes, one), self.base.recordings)
             for one in bases.values()
         ]
+        if fewer is not None and not self.surfaces:
+            more = grown(fewer, self.base.recordings)
+            starts.append(self._alternation(*more, self.base.recordings))
         n_jobs = min(effective_n_jobs(self.estimator.n_jobs), len(starts))
         workers = Parallel(n_jobs=n_jobs, return_as="generator")
         begun = []

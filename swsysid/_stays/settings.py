@@ -18,6 +18,9 @@ class StaySettings:
     # settles
     piece: int = 100
     overlap: int = 15
+    # and samples that are smoothed side by side: a state is known by more of them than a mode
+    smoothed: int = 500
+    overlap_of_smoothed: int = 100
     # of a switch, in nats, in the first round and in later ones: once the surface is known a switch
     # follows from it
     prices: tuple[float, ...] = (4.0, 3.0, 2.0, 1.0)
@@ -99,6 +102,9 @@ class Limits:
     steps_of_flows: int = 4
     shares: int = 5
     turns_of_shares: int = 6
+    # -- one more mode: of the largest singular value of the features of a segment, the least along
+    # which its slopes change a law
+    told_by_few: float = 0.1
     # -- Kalman's filter: variance of what was not measured, in units of the noise's; how well a
     # rough state is known, in spreads; what one sample may cost in squares: outliers are bounded;
     # log likelihood of a sample that has none, since its rollout diverges
@@ -121,6 +127,7 @@ class Limits:
     of_its_own: float = 1e-5
     # of the diagonal: what normal equations of double precision cannot tell
     rounding: float = 1e-12
+    more_rounding: float = 100.0  # by which it grows until they can be solved
 
 
 SETTINGS, LIMITS = StaySettings(), Limits()

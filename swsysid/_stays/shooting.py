@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._stays.guards import Crossings, Guards
 from swsysid._stays.laws import Laws
+from swsysid._stays.normal_equations import Layout, NormalEquations
 from swsysid._stays.rollouts import Rollouts, rollouts
 from swsysid._stays.segments import Segments
 from swsysid._stays.settings import LIMITS
@@ -158,44 +159,43 @@ class Objective:
             np.add.at(values, segments.recordings.groups, wrong)
         return values
 
-    def normal_equations(self, estimate: Estimate) -> tuple[Array, Array, float]:
-        """Gauss and Newton's matrix, the negative gradient, and the value."""
-        laws, segments, starts = estimate.laws, estimate.segments, estimate.starts
-        done = rollouts(estimate.motion, segments, starts)
+    def normal_equations(self, estimate: Estimate) -> NormalEquations:
+        """Gauss and Newton's equations."""
+        segments, starts, motion = estimate.segments, estimate.starts, estimate.motion
+        done = rollouts(motion, segments, starts)
         assert done.varied is not None
         misfit, defects = self._residuals(estimate, done)
         n, n_states = starts.shape
-        n_unknowns = estimate.n_unknowns
-        columns = self._columns(estimate)
-        # a last row and column take what belongs to no unknown
-        matrix, right = np.zeros((n_unknowns + 1, n_unknowns + 1)), np.zeros(n_unknowns + 1)
-        slopes = np.where(np.isfinite(segments.y)[..., None], done.varied, 0.0)
-        slopes = (
-            (slopes / self.noise[:, None]).transpose(1, 0, 2, 3).reshape(n, -1, columns.shape[1])
-        )
+        n_guards = 0 if estimate.guards is None else estimate.guards.n_free
+        layout = Layout.of(segments, n_states, estimate.laws.n_free, n_guards)
+        places = _own_places(layout, segments)
+        measured = np.isfinite(segments.y)[..., None]
+        slopes = np.where(measured, done.varied, 0.0) / self.noise[:, None]
+        slopes = slopes.transpose(1, 0, 2, 3).reshape(n, -1, done.varied.shape[3])
+        own, shared = _parted(slopes, n_states, motion.n_free, layout.n_corner)
         left = misfit.transpose(1, 0, 2).reshape(n, -1)
-        add_blocks(matrix, right, columns, slopes, left)
+        equations = NormalEquations.zeros(layout).add(places, own, shared, left)
         before = np.flatnonzero(segments.followed)
         ends = done.varied[segments.count[before], before]
+        own, shared = _parted(ends, n_states, motion.n_free, layout.n_corner)
         ahead = np.tile(-np.eye(n_states), (len(before), 1, 1))
-        following = laws.n_free + (before[:, None] + 1) * n_states + np.arange(n_states)
-        tied = np.concatenate([ends, ahead], axis=2) / (self.tie * self.noise)[:, None]
-        add_blocks(matrix, right, np.hstack([columns[before], following]), tied, defects)
-        value = float(0.5 * (np.square(misfit).sum() + np.square(defects).sum()))
-        if estimate.guards is not None:
-            value += self._add_guards(matrix, right, estimate, done.crossings, columns)
-        return matrix[:-1, :-1], right[:-1], value
+        unit = (self.tie * self.noise)[:, None]
+        following = np.hstack([places[before], layout.starts[before + 1]])
+        tied = np.concatenate([own, ahead], axis=2) / unit
+        equations = equations.add(following, tied, shared / unit, defects)
+        if estimate.guards is None:
+            return equations
+        return self._with_guards(equations, estimate, done.crossings, places)
 
-    def _add_guards(
+    def _with_guards(
         self,
-        matrix: Array,
-        right: Array,
+        equations: NormalEquations,
         estimate: Estimate,
         crossings: Crossings,
-        columns: NDArray[np.intp],
-    ) -> float:
-        """Add what crossings that miss their surface say; a far one counts less."""
-        guards, segments = estimate.guards, estimate.segments
+        places: NDArray[np.intp],
+    ) -> NormalEquations:
+        """With what crossings that miss their surface say; a far one counts less."""
+        guards, segments, layout = estimate.guards, estimate.segments, equations.layout
         assert guards is not None and crossings.varied is not None
         n_states = estimate.starts.shape[1]
         misses = guards.misses(crossings)
@@ -203,24 +203,21 @@ class Objective:
         varied = np.einsum(
             "kc,kcz->kz", misses.by_columns[:, :n_states], crossings.varied[misses.switches]
         )
-        n_used, n_guards = len(times), guards.n_free
-        by_coef = np.zeros((n_used, len(guards.coef), guards.coef.shape[1]))
-        by_coef[np.arange(n_used), misses.surfaces] = misses.by_coef
-        slopes = np.hstack([varied, misses.by_instants[:, None], by_coef[:, guards.free]])
-        first = len(matrix) - 1 - n_guards
-        instants = first - len(segments.instants) + misses.switches
-        places = np.hstack([
-            columns[segments.segment[misses.switches]],
-            instants[:, None],
-            np.tile(first + np.arange(n_guards), (n_used, 1)),
+        own, shared = _parted(varied, n_states, estimate.motion.n_free, layout.n_corner)
+        by_coef = np.zeros((len(times), *guards.coef.shape))
+        by_coef[np.arange(len(times)), misses.surfaces] = misses.by_coef
+        shared[:, layout.n_laws :] += by_coef[:, guards.free]
+        own = np.hstack([own, misses.by_instants[:, None]])
+        own_places = np.hstack([
+            places[segments.segment[misses.switches]], layout.instants[misses.switches, None]
         ])  # fmt: skip
         root = (1.0 + np.square(times / LIMITS.far_miss)) ** -0.25
-        slopes = slopes * (root / self.guard_time)[:, None]
-        add_blocks(matrix, right, places, slopes[:, None, :], -(root * times)[:, None])
-        own, own_right, of_sides = guards.side_equations()
-        matrix[first:-1, first:-1] += own
-        right[first:-1] += own_right
-        return of_sides + float(_far(times).sum())
+        weight = (root / self.guard_time)[:, None, None]
+        left = -(root * times)[:, None]
+        added = equations.add(own_places, weight * own[:, None], weight * shared[:, None], left)
+        matrix, right, of_sides = guards.side_equations()
+        value = equations.value - added.value + float(_far(times).sum()) + of_sides
+        return added.add_to_corner(layout.n_laws, matrix, right, value)
 
     def _residuals(self, estimate: Estimate, done: Rollouts) -> tuple[Array, Array]:
         """Misfits of the samples, and of the starts that follow a segment."""
@@ -230,21 +227,24 @@ class Objective:
         gap = starts[before + 1] - done.states[segments.count[before], before]
         return misfit, gap / (self.tie * self.noise)
 
-    @staticmethod
-    def _columns(estimate: Estimate) -> NDArray[np.intp]:
-        """Unknown of every column of the sensitivities, (n_segments, n_columns)."""
-        laws, segments, (n, n_states) = estimate.laws, estimate.segments, estimate.starts.shape
-        first_instant = laws.n_free + n * n_states
-        most = int(np.bincount(segments.segment, minlength=1).max())
-        own = laws.n_free + np.arange(n * n_states).reshape(n, n_states)
-        # coefficients of surfaces move what slides along them
-        n_guards = estimate.motion.n_free - laws.n_free
-        of_guards = estimate.n_unknowns - n_guards + np.arange(n_guards)
-        shared = np.tile(np.append(np.arange(laws.n_free), of_guards), (n, 1))
-        instants = np.full((n, most), -1)
-        numbers = np.arange(len(segments.instants))
-        instants[segments.segment, segments.within] = first_instant + numbers
-        return np.hstack([own, shared, instants])
+
+def _own_places(layout: Layout, segments: Segments) -> NDArray[np.intp]:
+    """Places of start and instants of every segment, (n_segments, n_columns).
+
+    Where a segment has fewer instants than another, nothing is added at that of its start.
+    """
+    most = int(np.bincount(segments.segment, minlength=1).max())
+    instants = np.tile(layout.starts[:, :1], (1, most))
+    instants[segments.segment, segments.within] = layout.instants
+    return np.hstack([layout.starts, instants])
+
+
+def _parted(varied: Array, n_states: int, n_free: int, n_corner: int) -> tuple[Array, Array]:
+    """Sensitivities to start and instants of a segment, and to all coefficients."""
+    start, coef, instants = np.split(varied, [n_states, n_states + n_free], axis=-1)
+    shared = np.zeros((*varied.shape[:-1], n_corner))
+    shared[..., :n_free] = coef
+    return np.concatenate([start, instants], axis=-1), shared
 
 
 def _far(times: Array) -> Array:
@@ -252,12 +252,3 @@ def _far(times: Array) -> Array:
     return np.asarray(
         LIMITS.far_miss**2 * (np.sqrt(1.0 + np.square(times / LIMITS.far_miss)) - 1.0), dtype=float
     )
-
-
-def add_blocks(
-    matrix: Array, right: Array, columns: NDArray[np.intp], slopes: Array, left: Array
-) -> None:
-    """Add the normal equations of some blocks of rows: slopes (n_blocks, n_rows, n_columns)."""
-    transposed = slopes.transpose(0, 2, 1)
-    np.add.at(matrix, (columns[:, :, None], columns[:, None, :]), transposed @ slopes)
-    np.add.at(right, columns, np.matmul(transposed, left[:, :, None])[:, :, 0])

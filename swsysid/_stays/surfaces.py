@@ -87,7 +87,7 @@ def with_few_monomials(
     )
     everything = replace(reached, estimate=estimate)
     price = 0.5 * np.log(max(2, np.isfinite(estimate.segments.recordings.y).sum()))
-    covariance = everything.covariance_of_guards
+    covariance = everything.covariance.of_guards
     few = needed_coefficients(full, covariance, price)
     found = _placed(few, everything, samples, settings, near=True)
     pruned, before = int((few.coef != 0.0).sum()), int((guards.coef != 0.0).sum())

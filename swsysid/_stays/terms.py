@@ -41,5 +41,5 @@ def _kept(found: StayIdentification, sparsity: object) -> NDArray[np.bool_]:
     if sparsity != "auto":
         return np.abs(values) >= float(str(sparsity))
     gain = 0.5 * np.log(max(2, np.isfinite(found.estimate.segments.recordings.y).sum()))
-    covariance = found.reached.covariance[: laws.n_free, : laws.n_free]
+    covariance = found.reached.covariance.of_laws
     return needed(values, covariance, gain)[0]

@@ -119,7 +119,8 @@ def moved(estimate, scale, seed=0):
 def test_the_gradient_is_that_of_finite_differences(plant, make, noise):
     estimate = moved(make(), 1e-3)
     objective = JointObjective(np.array(noise), 0.5, 0.3, sources(plant), 10**9)
-    matrix, right, value = objective.normal_equations(estimate)
+    equations = objective.normal_equations(estimate)
+    matrix, right, value = equations.matrix, equations.right, equations.value
     assert value == pytest.approx(objective.value(estimate), rel=1e-12)
     unit = 1.0 / np.sqrt(np.diag(matrix))
     for k in range(estimate.n_unknowns):
@@ -136,7 +137,7 @@ def test_instants_and_states_move_as_the_saltation_matrix_says():
     # starts and instants follow the parameters
     plant, estimate, state = BALL, ball(noise=0.0), np.array([2.0, 0.0])
     objective = JointObjective(np.ones(2), 1e-6, 1e-6, sources(plant), 10**9)
-    matrix, _, _ = objective.normal_equations(estimate)
+    matrix = objective.normal_equations(estimate).matrix
     shared, n_states = estimate.n_shared, 2
     firsts = np.flatnonzero(np.append(True, np.diff(estimate.legs.course) > 0))
     held = shared + (firsts[:, None] * n_states + np.arange(n_states)).ravel()

@@ -70,7 +70,8 @@ def test_derivatives_by_all_unknowns_are_those_of_differences():
     starts = np.array(starts) + rng.normal(0, 0.01, (len(segments), 2))
     estimate = Estimate(laws, segments, starts)
     objective = Objective(NOISE * campaign.states.std(axis=0), 0.3)
-    matrix, right, _ = objective.normal_equations(estimate)
+    equations = objective.normal_equations(estimate)
+    matrix, right = equations.toarray(), equations.negative_gradient
     assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.linalg.eigvalsh(matrix).max()
     for unknown in rng.choice(len(right), 12, replace=False).tolist() + [len(right) - 1]:
         move = np.zeros(len(right))
@@ -106,6 +107,9 @@ def test_the_order_of_switches_costs_what_it_takes_to_say_it():
     # mode 0 is left for 1 twice and for 2 once, in one of three orders
     mixed = Stays(np.array([0, 1, 0, 2, 0, 1]), np.arange(5.0))
     np.testing.assert_allclose(order_of_switches([mixed]), np.log(3.0), rtol=1e-12)
+    # of three recordings without a switch, one begins in another mode than the others
+    alone = [Stays(np.array([mode]), np.zeros(0)) for mode in (0, 1, 0)]
+    np.testing.assert_allclose(order_of_switches(alone), np.log(3.0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["contact", "linear oscillator"])

@@ -99,7 +99,7 @@ def test_recordings_share_the_value_between_them():
     shares = objective.by_recording(estimate)
     assert (shares > 1.0).all()
     # two sums of the same squares
-    assert shares.sum() == pytest.approx(objective.normal_equations(estimate)[2], rel=1e-10)
+    assert shares.sum() == pytest.approx(objective.normal_equations(estimate).value, rel=1e-10)
 
 
 def test_recordings_are_recombined_one_by_one():

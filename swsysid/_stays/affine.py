@@ -1,0 +1,105 @@
+r"""Laws that are affine in states and inputs: steps without evaluating a feature.
+
+Along :math:`\dot x = A_j x + B_j u + c_j` with inputs of the rate s the derivatives of the state
+are
+
+.. math:: v_1 = A_j x + B_j u + c_j, \qquad v_2 = A_j v_1 + B_j s, \qquad v_3 = A_j v_2, \qquad
+          v_4 = A_j v_3 ,
+
+and the step of the classical method of Runge and Kutta is their Taylor polynomial,
+:math:`x + h v_1 + h^2 v_2 / 2 + h^3 v_3 / 6 + h^4 v_4 / 24`. So is that of the sensitivities.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.features import FeatureMap
+from swsysid._results import Array
+from swsysid._stays.laws import Laws, Modes, slope_of
+
+
+def laws_of(coef: Array, feature_map: FeatureMap, spread: Array, free: NDArray[np.bool_]) -> Laws:
+    """Laws of a library, the sooner stepped ones where they are affine."""
+    powers = feature_map.powers
+    if powers is None or powers.sum(axis=1).max() > 1:
+        return Laws(coef, feature_map.at_rows, spread, free)
+    return AffineLaws(coef, feature_map.at_rows, spread, free, powers)
+
+
+@dataclass(frozen=True)
+class AffineLaws(Laws):
+    """Vector fields A_j x + B_j u + c_j of the modes."""
+
+    powers: NDArray[np.intp]  # (n_features, n_states + n_inputs), of ones and zeros
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Array, Array]:
+        """A, B and c of all modes."""
+        both, n_states = self.coef @ self.powers, self.coef.shape[1]
+        constant = self.coef @ (self.powers.sum(axis=1) == 0)
+        return both[:, :, :n_states], both[:, :, n_states:], constant
+
+    def velocities(self, modes: Modes, x: Array, u: Array, slope: Array | None = None) -> Array:
+        """Velocity of every row, each in a given mode; `slope`, of the inputs, is not asked."""
+        of_states, of_inputs, constant = self._parts
+        return _times(of_states[modes], x) + _times(of_inputs[modes], u) + constant[modes]
+
+    def step(self, modes: Modes, x: Array, u: Array, after: Array, duration: Array) -> Array:
+        """States after steps with inputs that go from `u` to `after`."""
+        derivatives = self._derivatives(modes, x, u, slope_of(u, after, duration))
+        return _taylor(x, derivatives, duration[:, None])
+
+    def varied_step(
+        self, modes: Modes, x: Array, Z: Array, u: Array, after: Array, duration: Array
+    ) -> tuple[Array, Array]:
+        """The same with sensitivities (n_rows, n_states, n_unknowns)."""
+        slope = slope_of(u, after, duration)
+        derivatives = self._derivatives(modes, x, u, slope)
+        of_states = self._parts[0][modes]
+        # what the features are made of, and its derivatives along the law
+        rest = np.zeros_like(u)
+        moving = zip((x, *derivatives[:-1]), (u, slope, rest, rest), strict=True)
+        varied, latest = [], Z
+        for order, (of_x, of_u) in enumerate(moving):
+            latest = np.matmul(of_states, latest)
+            self._add_features(latest, modes, np.concatenate([of_x, of_u], axis=1), order == 0)
+            varied.append(latest)
+        return _taylor(x, derivatives, duration[:, None]), _taylor(
+            Z, varied, duration[:, None, None]
+        )
+
+    def _derivatives(self, modes: Modes, x: Array, u: Array, slope: Array) -> list[Array]:
+        """Of the state along its law, the first four."""
+        of_states, of_inputs = self._parts[0][modes], self._parts[1][modes]
+        first = self.velocities(modes, x, u)
+        second = _times(of_states, first) + _times(of_inputs, slope)
+        third = _times(of_states, second)
+        return [first, second, third, _times(of_states, third)]
+
+    def _add_features(self, rates: Array, modes: Modes, columns: Array, constant: bool) -> None:
+        """What the free coefficients add to rates of sensitivities; constants have none."""
+        mode, state, feature = self.places
+        if not len(mode):
+            return
+        features = columns @ self.powers.T
+        if constant:
+            features[:, self.powers.sum(axis=1) == 0] = 1.0
+        unknowns = rates.shape[1] + np.arange(len(mode))
+        rates[:, state, unknowns] += features[:, feature] * (modes[:, None] == mode)
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    return np.matmul(matrices, vectors[:, :, None])[:, :, 0]
+
+
+def _taylor(value: Array, derivatives: list[Array], h: Array) -> Array:
+    """The value after h; its derivatives are in rising order."""
+    change = np.zeros_like(value)
+    for order in range(len(derivatives), 0, -1):
+        change = (derivatives[order - 1] + change) * (h / order)
+    return value + change
