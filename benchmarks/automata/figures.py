@@ -95,7 +95,8 @@ def distances_of_guards(
     """How far the state, inputs and clocks of each held-out crossing are from the guard found.
 
     The distance is |f| over the length of its gradient in ranges. A map tests its guards at whole
-    steps: one that does there what the true guard does is at no distance.
+    steps, and a mode may be entered where its guard has been passed: a guard that does there what
+    the true one does is at no distance.
     """
     crossings = [crossing for run in unseen.runs for crossing in run.crossings]
     if not crossings:
@@ -106,9 +107,15 @@ def distances_of_guards(
         edge = plant.edges[crossing.edge]
         guard = found.guard(int(order[edge.source]), int(order[edge.target]))
         if guard is not None:
-            judge = _missed_by if plant.is_map else _distance
+            at_rows = plant.is_map or _on_entry(crossing)
+            judge = _missed_by if at_rows else _distance
             distances.append(judge(guard, crossing, ranges))
     return np.array(distances)
+
+
+def _on_entry(crossing: Crossing) -> bool:
+    """Whether the guard had been passed where the mode was entered."""
+    return crossing.columns[-2] == 0.0
 
 
 def _ranges(plant: Plant, unseen: Campaign) -> Array:
@@ -126,7 +133,7 @@ def _distance(guard: Guard, crossing: Crossing, ranges: Array) -> float:
 
 
 def _missed_by(guard: Guard, crossing: Crossing, ranges: Array) -> float:
-    """Of a map: how far below zero at the step of the crossing, or above it one step earlier."""
+    """How far below zero at a row at which it was taken, or above it one step of a map earlier."""
     value, slope = _read(guard, crossing.columns, ranges)
     wrong = max(0.0, -value)
     if crossing.before is not None:
