@@ -27,8 +27,8 @@ class TransitionVerdict:
     support : int
         Switches of the recordings.
     explained : float
-        Part of them at which the guard is zero within two samples, of those that it is known at:
-        a clock is not where a recording begins.
+        Part of them at which the guard is zero within two samples, or three standard errors of
+        their instants, of those that it is known at: a clock is not where a recording begins.
     miss : float
         Root mean square of the time by which it is not, in the unit of time.
     """

@@ -1,14 +1,15 @@
 """From recordings to an automaton in continuous time: stays, what each switch does, guards.
 
 1. *Stays.* Recordings are cut where their states jump. Within the pieces the laws alone tell the
-   stays and the instants at which the mode changes (`_stays`, without surfaces).
+   stays and the instants at which the mode changes (`_stays`, without surfaces), and these where
+   else the states jump (`cutting`).
 2. *What each switch does.* The stays are taken apart, each with states of its own: across every
    switch the reset of least terms is found (`instants`, `resets`). Where the state goes on after
    all pieces are joined, where it jumps they are cut, and stays are told anew. Recordings without
    noise tell both at once, interval by interval.
 3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
-   zero at the samples of its mode (`guards`). Where one surface is crossed both ways laws and
-   surface are found together (`one_surface`).
+   zero at the samples of its mode (`guards`), unless another one forestalls it (`possible`). Where
+   one surface is crossed both ways laws and surface are found together (`one_surface`).
 4. *Jointly.* Laws, guards and resets are refined together (`refined`).
 """
 
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.apart import apart
 from swsysid._automaton_search.assembly import assembled, filled, switch_times_of, verdicts_of
+from swsysid._automaton_search.cutting import Cut, Cutting
 from swsysid._automaton_search.found import Told
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of, whole
@@ -32,16 +34,18 @@ from swsysid._automaton_search.one_surface import (
     may_be_one_surface,
     with_surface,
 )
+from swsysid._automaton_search.possible import possible, with_brief_stays
 from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.transitions import transitions_of
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._stays.count import CountCandidate
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.identify import Alternation
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.search import ExactStart, Search
+from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import StaySettings
 
 
@@ -62,10 +66,13 @@ def identified(
     search = _search(estimator, cut_at(given, jumps), settings, told)
     exact, known = _exact_start(estimator, given, search), None
     if exact is not None:
-        search.candidates, known = exact.candidates, exact.modes.of_samples
+        candidates, known = exact.candidates, exact.modes.of_samples
         pieces, stays = _exactly(search, exact, given)
     else:
-        pieces, stays = _in_rounds(estimator, given, jumps, search, degree)
+        given = without_clipped(given)
+        cutting = Cutting(estimator, given, settings, told)
+        cut = _in_rounds(cutting, jumps, degree)
+        pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
     together = exact is not None
     found = transitions_of(stays, pieces, degree)
     if may_be_one_surface(found, stays.estimate.segments.recordings.interval):
@@ -73,33 +80,32 @@ def identified(
         if explains(surfaced, stays):
             stays, together = surfaced, True
             found = transitions_of(stays, pieces, degree, guards_of(stays))
+    more = None if together else with_brief_stays(found, stays, settings)
+    if more is not None:
+        stays, found = more, transitions_of(more, pieces, degree)
+    found = possible(found, stays)
     if refine and found and not together:
         told()
         parts, refinement = refined(given, stays, pieces, found, settings)
     else:
         parts, refinement = told_by_parts(given, stays, pieces, found), None
-    return _answer(given, stays, parts, refinement, search, known)
+    return _answer(given, stays, parts, refinement, search, candidates, known)
 
 
-def _in_rounds(
-    estimator: SwitchingSystemRegressor,
-    given: Given,
-    jumps: list[NDArray[np.intp]],
-    search: Search,
-    degree: int,
-) -> tuple[Pieces, StayIdentification]:
+def _in_rounds(cutting: Cutting, jumps: list[NDArray[np.intp]], degree: int) -> Cut:
     """Stays, what each switch does, and stays again, until it jumps where it has jumped before."""
-    settings, told = search.settings, search.told
-    pieces, stays = cut_at(given, jumps), search.identified()
+    cut = cutting.identified(jumps)
     for _ in range(SETTINGS.most_rounds):
-        told()
-        before, alone = jumps, apart(given, stays, pieces, settings)
-        jumps = _jumps(transitions_of(*alone, degree), before, given)
-        if all(map(np.array_equal, jumps, before)):
+        cutting.told()
+        alone = apart(cutting.given, cut.stays, cut.pieces, cutting.settings)
+        jumps = _jumps(transitions_of(*alone, degree), cut.jumps, cutting.given)
+        if all(map(np.array_equal, jumps, cut.jumps)):
             break
-        pieces = cut_at(given, jumps)
-        stays = _again(_search(estimator, pieces, settings, told), stays, settings, told)
-    return pieces, stays
+        again = cutting.again(cut, jumps)
+        if again.excess > SETTINGS.most_excess * cut.excess:  # a jump was taken for none
+            break
+        cut = again
+    return cut
 
 
 def _answer(
@@ -108,6 +114,7 @@ def _answer(
     told: Told,
     refinement: AutomatonRefinement | None,
     search: Search,
+    candidates: list[CountCandidate],
     known: list[NDArray[np.intp]] | None = None,  # modes of samples that are in no piece
 ) -> IdentifiedAutomaton:
     if known is not None:
@@ -118,11 +125,11 @@ def _answer(
         found.automaton,
         [np.argsort(found.order)[filled(own)] for own in told.modes],
         told.states,
-        switch_times_of(told.real, len(given.records)),
+        switch_times_of(told.changes, len(given.records)),
         told.left,
         float(search.excess(stays).max()),
         verdicts_of(told.real, found.order, stays.estimate.segments.recordings.interval),
-        search.candidates,
+        candidates,
         refinement=refinement,
     )
 
@@ -159,19 +166,6 @@ def _search(
     told: Callable[[], object],
 ) -> Search:
     return Search(estimator, pieces.given, 1, None, settings, told, surfaces=False)
-
-
-def _again(
-    search: Search, stays: StayIdentification, settings: StaySettings, told: Callable[[], object]
-) -> StayIdentification:
-    """Stays told anew on other pieces, from the laws at hand."""
-    laws, base = stays.estimate.laws, search.base
-    alternation = Alternation(
-        stays.model, base.recordings, base.noise, settings,
-        free=laws.free, names=search.names, surfaces=False,
-    )  # fmt: skip
-    alternation.begin()
-    return alternation.finish(told)
 
 
 def _jumps(

@@ -21,6 +21,7 @@ class FoundGuard:
     cost: float  # half the squares of what is missed, in nats, and the price of its columns
     misses: Array  # (n_switches,): times by which the guard is missed, NaN where it is not defined
     some: NDArray[np.intp]  # columns that it may depend on
+    errors: Array | float = 0.0  # in which the instants of the switches are known, (n_switches,)
 
     @property
     def miss(self) -> float:
@@ -28,9 +29,13 @@ class FoundGuard:
         return float(np.sqrt(np.nanmean(np.square(self.misses))))
 
     def explained(self, interval: float) -> float:
-        """Part of the switches at which it is zero within two samples, of those it is known at."""
+        """Part of the switches at which it is zero within two samples, of those it is known at.
+
+        Or within three standard errors of their instants, where these are larger.
+        """
+        near = np.maximum(SETTINGS.near * interval, SETTINGS.far_miss * np.asarray(self.errors))
         known = np.isfinite(self.misses)
-        return float(np.mean(np.abs(self.misses[known]) <= SETTINGS.near * interval))
+        return float(np.mean((np.abs(self.misses) <= near)[known]))
 
     def tells(self, interval: float) -> bool:
         """True if it explains nearly all switches."""
@@ -67,6 +72,7 @@ class FoundTransition:
     times: Array  # (n_switches,)
     guard: FoundGuard | None
     reset: FoundReset | None
+    forestalled: bool = False  # by another one, always
 
     def __len__(self) -> int:
         return len(self.times)
@@ -94,5 +100,10 @@ class Told:
 
     @property
     def real(self) -> list[FoundTransition]:
-        """Transitions at which something changes."""
+        """Transitions at which something changes, and that can be taken."""
+        return [one for one in self.changes if not one.forestalled]
+
+    @property
+    def changes(self) -> list[FoundTransition]:
+        """All at which something changes."""
         return [one for one in self.transitions if one.is_one]

@@ -98,9 +98,21 @@ def stated_guard(crossed: Crossed, guard: PolynomialGuard) -> FoundGuard:
 
 def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
     """Times by which a guard is missed at some columns, which change at some rates."""
+    return np.asarray(guard.values(columns) / _rises(guard, columns, rates)[1])
+
+
+def blurred_by(guard: PolynomialGuard, columns: Array, rates: Array, errors: Array) -> Array:
+    """Times by which a guard is missed since states are off by some errors."""
+    gradients, rises = _rises(guard, columns, rates)
+    off = gradients[:, : len(errors)] * errors
+    return np.asarray(np.sqrt(np.square(off).sum(axis=1)) / rises)
+
+
+def _rises(guard: PolynomialGuard, columns: Array, rates: Array) -> tuple[Array, Array]:
+    """Gradients of a guard, and how fast it changes; infinitely fast where it does not."""
     gradients = np.array([guard.gradient(row) for row in columns])
-    rises = np.einsum("kc,kc->k", gradients, rates)
-    return np.asarray(guard.values(columns) / np.where(rises != 0.0, np.abs(rises), np.inf))
+    rises = np.abs(np.einsum("kc,kc->k", gradients, rates))
+    return gradients, np.where(rises != 0.0, rises, np.inf)
 
 
 def surface_both_ways(

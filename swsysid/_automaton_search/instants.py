@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransition
-from swsysid._automaton_search.guards import Crossed, best_guard, stated_guard
+from swsysid._automaton_search.guards import Crossed, best_guard, blurred_by, stated_guard
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
@@ -67,13 +67,20 @@ class Settled:
     reset: FoundReset | None
     cost: float = 0.0
     shared: FoundGuard | None = None  # the best one that is also the surface of the way back
+    forestalled: bool = False  # by another one, always
+
+    @property
+    def pair(self) -> tuple[int, int]:
+        """Source and target."""
+        return int(self.switches.source[0]), int(self.switches.target[0])
 
     @property
     def transition(self) -> FoundTransition:
         """The transition."""
         own = self.switches
-        source, target = int(own.source[0]), int(own.target[0])
-        return FoundTransition(source, target, own.recording, own.times, self.guard, self.reset)
+        return FoundTransition(
+            *self.pair, own.recording, own.times, self.guard, self.reset, self.forestalled
+        )
 
 
 def settled(switches: Switches, known: Known) -> Settled:
@@ -174,7 +181,7 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
         columns, _ = switches.before(laws)
         reset = best_reset(columns[:, :n_states], switches.after(laws), known.errors, held)
         guard = known.guard(switches, some)
-        cost = reset.cost + (0.0 if guard is None else _cost_of(guard, known))
+        cost = reset.cost + (0.0 if guard is None else _cost_of(guard, switches, known))
         trial = Settled(switches, guard, reset, cost)
         if cost < found.cost:
             found = trial
@@ -189,7 +196,8 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
     return found
 
 
-def _cost_of(guard: FoundGuard, known: Known) -> float:
-    """The logarithm of what the instants miss the guard by."""
-    missed = max(guard.usual_miss / known.interval, SETTINGS.missed)
-    return float(np.isfinite(guard.misses).sum() * np.log(missed))
+def _cost_of(guard: FoundGuard, switches: Switches, known: Known) -> float:
+    """The logarithm of what the instants miss the guard by, no less than by errors of states."""
+    blurred = np.nanmedian(blurred_by(guard.guard, *switches.before(known.laws), known.errors))
+    missed = max(guard.usual_miss, float(blurred), SETTINGS.missed * known.interval)
+    return float(np.isfinite(guard.misses).sum() * np.log(missed / known.interval))

@@ -219,12 +219,13 @@ def told_jointly(
             # judged at the switches that the laws alone tell
             columns, rates = one.switches.before(stays.estimate.laws)
             misses = missed_by(own_guard, columns, rates)
-            guard = replace(guard, guard=own_guard, misses=misses)
+            guard = replace(guard, guard=own_guard, misses=misses, errors=one.switches.errors)
         if reset is not None and one.transition.jumps:
             own_reset = estimate.resets.reset(number)
             assert own_reset is not None, "what jumps has unknowns"
             reset = replace(reset, reset=own_reset)
-        source, target = one.transition.source, one.transition.target
         times = estimate.instants[own]
-        transitions.append(FoundTransition(source, target, recording[own], times, guard, reset))
+        transitions.append(
+            FoundTransition(*one.pair, recording[own], times, guard, reset, one.forestalled)
+        )
     return Told(estimate.laws.coef, transitions, modes, states, estimate.left)

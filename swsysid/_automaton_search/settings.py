@@ -20,6 +20,13 @@ class AutomatonSettings:
     beyond_noise: float = 6.0
     beyond_curvature: float = 12.0
     least_noise: float = 1e-6
+    # -- jumps that laws show: what most recordings may leave, in units of the noise, where laws are
+    # believed, and all of them where nothing is missing
+    most_usual_excess: float = 2.0
+    nothing_but_noise: float = 1.1
+    # -- between which samples it jumps: how many a cut moves at most; squares of one that is lost
+    farthest_place: int = 10
+    lost: float = 1e4
     # -- pieces: rounds in which they are cut and joined; samples by which a stay tells its own
     # states; steps of the integration between two samples
     most_rounds: int = 4
@@ -63,6 +70,10 @@ class AutomatonSettings:
     closer: tuple[float, ...] = (0.1, 0.01)
     nearby: float = 0.5
     missed: float = 0.01
+    # -- transitions that are forestalled: how often the other one is taken for each of theirs, and
+    # intervals before which its guard is about to be passed
+    more_often: float = 3.0
+    about_to: float = 0.5
     # -- one surface for both ways: deviations by which what is missing may exceed its mean
     sure: float = 3.0
     # -- verdict: samples within which a guard explains a switch, and the part that it must explain;

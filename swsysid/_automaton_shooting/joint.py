@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -70,7 +70,27 @@ def jointly(
     # loose ties lead further, and may lead to instants that are stuck at a sample
     tried = [_through(before, stages[first:], settings) for first in (0, SETTINGS.judged)]
     after = min(tried, key=judge.value)
-    return Joint(before, after, stages[-1][0], judge.value(before), judge.value(after))
+    joint = Joint(before, after, stages[-1][0], judge.value(before), judge.value(after))
+    return _with_equal_guards(joint, stages[SETTINGS.judged :], settings)
+
+
+def _with_equal_guards(
+    joint: Joint, stages: list[tuple[JointObjective, int]], settings: StaySettings
+) -> Joint:
+    """The same with guards that the data cannot tell from each other as one.
+
+    A mode that is entered and left at one surface would else be left again where it is entered.
+    """
+    guards, most = joint.after.guards, SETTINGS.equal_guards
+    equal = guards.with_equal_ones(joint.errors.guards, most)
+    fewer = guards.n_free - equal.n_free
+    if not fewer:
+        return joint
+    after = _through(replace(joint.after, guards=equal), stages, settings)
+    value = stages[0][0].value(after)
+    if value > joint.value_after + 0.5 * most**2 * fewer:
+        return joint
+    return replace(joint, after=after, value_after=value)
 
 
 def _through(

@@ -84,6 +84,29 @@ class GuardUnknowns:
             guards.append(replace(guard, coef=coef))
         return replace(self, guards=tuple(guards))
 
+    def with_equal_ones(self, errors: Sequence[Array | None], most: float) -> GuardUnknowns:
+        """Guards that differ by at most so many standard errors are one, up to their signs.
+
+        `errors` are those of the coefficients of each transition's guard. What two have in common
+        is the mean of both, each coefficient weighted by the inverse of its variance.
+        """
+        of_number = dict(zip(self.which.tolist(), errors, strict=True))
+        kept: list[_Known] = []
+        places, signs = np.full(len(self.guards), -1), np.ones(len(self.guards))
+        for number, (guard, free) in enumerate(zip(self.guards, self.free, strict=True)):
+            own = _Known.of(guard, free, of_number[number])
+            place = next((k for k, one in enumerate(kept) if one.equals(own, most)), len(kept))
+            kept[place:] = (
+                [own] if place == len(kept) else [kept[place].with_other(own), *kept[place + 1 :]]
+            )
+            places[number], signs[number] = place, np.sign(own.scale * kept[place].scale)
+        told = self.which >= 0
+        which, new_signs = self.which.copy(), self.signs.copy()
+        which[told], new_signs[told] = places[which[told]], new_signs[told] * signs[which[told]]
+        return GuardUnknowns(
+            tuple(one.guard for one in kept), which, new_signs, tuple(one.free for one in kept)
+        )
+
     def values(self, transitions: Numbers, columns: Array) -> tuple[Array, Array, Array]:
         """Values at rows, each of its transition, and derivatives by columns and unknowns."""
         n = len(transitions)
@@ -100,6 +123,46 @@ class GuardUnknowns:
             first = self.first(number)
             by_unknowns[rows, first : first + own.shape[1]] = sign[:, None] * own
         return values, by_columns, by_unknowns
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A guard in units of the coefficient that sets its scale."""
+
+    powers: NDArray[np.intp]
+    free: NDArray[np.bool_]
+    scale: float
+    coef: Array
+    errors: Array
+
+    @classmethod
+    def of(cls, guard: PolynomialGuard, free: NDArray[np.bool_], errors: Array | None) -> _Known:
+        """A guard with the standard errors of its free coefficients."""
+        assert errors is not None, "a guard has errors"
+        scale = float(guard.coef[np.abs(np.where(free, 0.0, guard.coef)).argmax()])
+        return cls(guard.powers, free, scale, guard.coef / scale, errors / abs(scale))
+
+    def equals(self, other: _Known, most: float) -> bool:
+        """True if both may be one guard, up to scale and sign."""
+        if not np.array_equal(self.powers, other.powers):
+            return False
+        sure = np.hypot(self.errors, other.errors)
+        apart = np.abs(self.coef - other.coef)
+        return np.array_equal(self.free, other.free) and bool((apart <= most * sure).all())
+
+    def with_other(self, other: _Known) -> _Known:
+        """The mean of both."""
+        coef, errors = self.coef.copy(), self.errors.copy()
+        own, beside = (np.square(one.errors[self.free]) for one in (self, other))
+        both = np.maximum(own + beside, np.finfo(float).tiny)
+        coef[self.free] += own / both * (other.coef - self.coef)[self.free]
+        errors[self.free] = np.sqrt(own * beside / both)
+        return replace(self, coef=coef, errors=errors)
+
+    @property
+    def guard(self) -> PolynomialGuard:
+        """The guard on its own scale."""
+        return PolynomialGuard(self.scale * self.coef, self.powers)
 
 
 def monomials(guard: PolynomialGuard, columns: Array) -> Array:

@@ -23,8 +23,10 @@ class Settings:
     judged: int = 1  # the number of those
     # part of the measured values that says something about the noise, at least
     least_freedom: float = 0.1
+    # standard errors by which guards differ at most that are one
+    equal_guards: float = 3.0
     # part by which rollouts of the recordings may be worse by chance
-    worse: float = 0.01
+    worse: float = 0.05
     # intervals by which a guard may have risen already at a sample of its mode
     beyond: float = 0.1
 

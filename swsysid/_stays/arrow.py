@@ -50,7 +50,7 @@ class Arrow:
         column = np.broadcast_to(places[:, None, :], below.shape)
         np.add.at(self.band, (below[lower], column[lower]), (transposed @ slopes)[lower])
         np.add.at(self.border, places, transposed @ shared)
-        rows = shared.reshape(-1, shared.shape[2])
+        rows = shared.reshape(shared.shape[0] * shared.shape[1], shared.shape[2])
         self.corner[:] += rows.T @ rows
 
     @property

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
+from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import misfits
 from swsysid._stays.settings import LIMITS
@@ -36,7 +37,7 @@ class CountCandidate:
     criterion : float
         The least is chosen.
     n_coefficients : int
-        Of laws and surfaces.
+        Of laws and surfaces, and states in which recordings begin.
     n_switches : int
     """
 
@@ -56,6 +57,7 @@ def criterion(n_modes: int, found: StayIdentification) -> CountCandidate:
     n_switches = len(estimate.segments.instants)
     n_guards = n_switches if estimate.guards is None else estimate.guards.n_free
     k = estimate.laws.n_free + (n_guards if len(estimate.laws.coef) > 1 else 0)
+    k += left.shape[1] * left.shape[2]  # where recordings begin
     value = misfit + 0.5 * k * float(np.log(max(2, count.sum())))
     if estimate.guards is None:
         value += order_of_switches(estimate.segments.stays)
@@ -75,6 +77,18 @@ def order_of_switches(stays: Sequence[Stays]) -> float:
     return float(gammaln(often.sum(axis=1) + 1.0).sum() - gammaln(often + 1.0).sum())
 
 
+def surprise_of_switches(stays: Sequence[Stays]) -> Array:
+    """Nats that say which mode a switch enters, (n_modes, n_modes): rare ones cost more.
+
+    Half a switch of each kind is taken to have been seen before.
+    """
+    n_modes = 1 + max(int(one.modes.max()) for one in stays)
+    often = np.full((n_modes, n_modes), 0.5)
+    for one in stays:
+        np.add.at(often, (one.modes[:-1], one.modes[1:]), 1.0)
+    return np.asarray(np.log(often.sum(axis=1, keepdims=True) / often))
+
+
 def is_exact(found: StayIdentification) -> bool:
     """True if the rollouts leave nothing that another mode could explain."""
     return bool((found.left <= LIMITS.nearly_exactly * found.estimate.laws.spread).all())
@@ -82,11 +96,14 @@ def is_exact(found: StayIdentification) -> bool:
 
 def fewest_modes(
     identified: Callable[[int, StayIdentification | None], StayIdentification],
+    merged: Callable[[StayIdentification], StayIdentification | None],
     counts: Sequence[int],
 ) -> tuple[StayIdentification, list[CountCandidate]]:
-    """The number at which another mode no longer pays; one more is tried while one might.
+    """The number at which another mode no longer pays, and one fewer does not either.
 
-    `identified` is given a number, and the answer of the number before.
+    One more is tried while one might pay; then two modes become one as long as that is better: the
+    answer with too many may have parted what one with fewer has not found. `identified` is given a
+    number and the answer of the number before, `merged` an answer.
     """
     found: list[StayIdentification] = []
     candidates: list[CountCandidate] = []
@@ -95,7 +112,20 @@ def fewest_modes(
             break
         found.append(identified(n_modes, found[-1] if found else None))
         candidates.append(criterion(n_modes, found[-1]))
-        if n_modes > 2 and candidates[-1].criterion > min(c.criterion for c in candidates[:-1]):
+        gone = len(found[-1].estimate.laws.coef) < n_modes
+        worse = candidates[-1].criterion > min(
+            (c.criterion for c in candidates[:-1]), default=np.inf
+        )
+        if n_modes > 2 and (gone or worse):
             break
-    best = int(np.argmin([one.criterion for one in candidates]))
-    return found[best], candidates
+    while True:
+        best = int(np.argmin([one.criterion for one in candidates]))
+        n_modes = len(found[best].estimate.laws.coef)
+        fewer = merged(found[best]) if n_modes > 2 and not is_exact(found[best]) else None
+        if fewer is None:
+            return found[best], candidates
+        one = criterion(n_modes - 1, fewer)
+        found.append(fewer)
+        candidates.append(one)
+        if one.criterion > candidates[best].criterion:
+            return found[best], candidates

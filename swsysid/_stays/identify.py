@@ -23,12 +23,13 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.affine import laws_of
 from swsysid._stays.assign import Assigned, assign, disturbances, prior_of_guards, prior_of_model
-from swsysid._stays.count import is_exact
+from swsysid._stays.count import is_exact, order_of_switches, surprise_of_switches
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.identification import StayIdentification, StayRecord
 from swsysid._stays.monomials import without_weakest
 from swsysid._stays.noise import noise_of
 from swsysid._stays.recordings import Recordings
+from swsysid._stays.retold import retold
 from swsysid._stays.samples import intervals_of, misfits, states_of
 from swsysid._stays.segments import Segments
 from swsysid._stays.settings import StaySettings
@@ -143,7 +144,7 @@ class Alternation:
         """Try brief visits beyond a surface, with and without; true if that is better."""
         best, settings = self.best, self.settings
         if best.estimate.guards is None:
-            return False
+            return self._retold()
         noise = noise_of(best.reached, best.reached.noise)
         turns = Turns(best.estimate, noise, settings.beyond_slide)
         for changed, visits in (
@@ -157,6 +158,18 @@ class Alternation:
                 if reached > best.criterion + settings.hopeless:
                     break
         return False
+
+    def _retold(self) -> bool:
+        """Try brief stays in other modes, where no surface tells; true if that is better."""
+        best, last = self.best, len(self.settings.prices) - 1
+        noise, stays = noise_of(best.reached, self.first_noise), best.estimate.segments.stays
+        prices = _price_at_random(best.estimate) + surprise_of_switches(stays)
+        other = retold(best.estimate, noise, self.settings, prices)
+        if other is None:
+            return False
+        self._go_on_from(best, None)
+        self._keep(*self._estimated(other, last), 0, last)
+        return self.found[-1].criterion < best.criterion - self.settings.nearly_converged
 
     def _tried(self, best: StayIdentification, first: Estimate) -> float:
         """The criterion of an estimate with other stays than the best one's."""
@@ -338,7 +351,8 @@ def _criterion(reached: Reached, noise: Array, settings: StaySettings) -> float:
     own, first = (0.5 * (squares / one**2).sum() for one in (reached.noise, noise))
     if estimate.guards is None:
         price = max(settings.prices[-1], _price_at_random(estimate))
-        paid = price * len(estimate.segments.instants)
+        stays = estimate.segments.stays
+        paid = price * len(estimate.segments.instants) + order_of_switches(stays)
     else:
         n_values = np.isfinite(estimate.segments.recordings.y).sum()
         paid = 0.5 * np.log(max(2, n_values)) * (estimate.guards.coef != 0.0).sum()

@@ -101,14 +101,17 @@ class Recordings:
             for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
                 begin, end = max(0, first - overlap), min(n_steps, last + overlap)
                 pieces.append(Piece(k, begin, end, first, last))
+        return self.parted(pieces), pieces
+
+    def parted(self, pieces: Sequence[Piece]) -> Recordings:
+        """Some pieces as recordings of their own; they may overlap."""
         times = tuple(self.times[p.recording][p.begin : p.end + 1] for p in pieces)
         y = pieces_of(self.y, pieces, further=1)
         y[np.arange(len(y))[:, None] >= [len(t) for t in times]] = np.nan
         u, guess = (pieces_of(part, pieces, further=1) for part in (self.u, self.guess))
         sampled = tuple(np.arange(len(t)) for t in times)
         steps = pieces_of(self.steps, pieces)
-        cut = replace(self, times=times, sampled=sampled, steps=steps, y=y, u=u, guess=guess)
-        return cut, pieces
+        return replace(self, times=times, sampled=sampled, steps=steps, y=y, u=u, guess=guess)
 
     def with_long_steps(self) -> Recordings:
         """The same, every step integrated at once."""

@@ -25,8 +25,10 @@ from swsysid._stays.identify import Alternation
 from swsysid._stays.independent import in_these, of_their_own
 from swsysid._stays.intervals import Intervals, along_flows, laws_of, without_equal
 from swsysid._stays.laws import Laws
+from swsysid._stays.merged import merged
 from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
 from swsysid._stays.recordings import Recordings
+from swsysid._stays.samples import misfits
 from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.start import Differentiated, differentiated, start_from
@@ -94,11 +96,24 @@ class Search:
         if clipped_missing is not self.given:
             self.given = clipped_missing
             self._by_stretch.clear()
-        with _quietly():
+        with self.quietly():
             if self.estimator.n_modes == "auto":
-                found, self.candidates = fewest_modes(self._with_modes, self._counts)
+                found, self.candidates = fewest_modes(
+                    self.with_modes, self.with_one_fewer, self.counts
+                )
                 return found
-            return self._with_modes(self.estimator.n_modes)
+            return self.with_modes(self.estimator.n_modes)
+
+    @staticmethod
+    @contextmanager
+    def quietly() -> Iterator[None]:
+        """What fits in between warn of is mended, or said of the answer.
+
+        A trial step that diverges is not taken.
+        """
+        with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
+            warnings.simplefilter("ignore", UserWarning)
+            yield
 
     @property
     def base(self) -> Differentiated:
@@ -108,7 +123,7 @@ class Search:
     @property
     def is_exact(self) -> bool:
         """True if every state is measured, and without noise."""
-        with _quietly():
+        with self.quietly():
             base = self.base
         spread = base.recordings.joined(base.recordings.guess).std(axis=0)
         noiseless = (base.noise <= LIMITS.nearly_exactly * spread).all()
@@ -120,13 +135,13 @@ class Search:
         return self.base.names(self.given)
 
     @property
-    def _counts(self) -> list:
+    def counts(self) -> list:
         """Numbers of modes that are tried."""
         most = whole("max_modes", self.estimator.max_modes)
         n_modes = self.estimator.n_modes
         return list(range(1, most + 1)) if n_modes == "auto" else [n_modes]
 
-    def _with_modes(
+    def with_modes(
         self, n_modes: object, fewer: StayIdentification | None = None
     ) -> StayIdentification:
         """The best of some starts after their first rounds, followed to the end.
@@ -151,16 +166,25 @@ class Search:
             self.told()
         return self._finished(min(begun, key=lambda one: one.best.criterion))
 
+    def with_one_fewer(self, more: StayIdentification) -> StayIdentification | None:
+        """The answer in which the two closest laws are one, where no surface separates modes."""
+        fewer = None if self.surfaces else merged(more, self.settings.most_merged)
+        if fewer is None:
+            return None
+        alternation = self._alternation(*fewer, self.base.recordings)
+        alternation.begin()
+        return self._finished(alternation)
+
     def _finished(self, begun: Alternation) -> StayIdentification:
         """The other rounds, and the terms that are needed."""
         return with_few_terms(begun.finish(self.told), self.estimator.sparsity, self.settings)
 
     def by_intervals(self) -> ExactStart | None:
         """The fewest laws that explain the intervals of recordings without noise, if any do."""
-        with _quietly():
+        with self.quietly():
             intervals, candidates = Intervals.of(self.base.recordings), []
             rows, turns = intervals.differentiated(self.base), self.settings.turns_of_intervals
-            for n_modes in self._counts:
+            for n_modes in self.counts:
                 start, free = self._start(n_modes, rows)
                 features = start.switching_model.feature_map.at_rows
                 found = laws_of(start.coef_, free, features, intervals, turns)
@@ -179,7 +203,7 @@ class Search:
         self, exact: ExactStart, recordings: Recordings, stays: Sequence[Stays]
     ) -> StayIdentification:
         """The most likely laws and modes from known stays of recordings."""
-        with _quietly():
+        with self.quietly():
             begun = self._alternation(exact.start, exact.laws.free, recordings)
             begun.begin_at(stays)
             return self._finished(begun)
@@ -263,22 +287,17 @@ class Search:
             advice=advice_of(self.excess(found), channels, sure.samples_that_count_as_one),
         )
 
+    def usual_excess(self, found: StayIdentification) -> float:
+        """The same of most recordings, where some may have been told wrongly."""
+        left = np.square(misfits(found.estimate) / self.base.noise)
+        seen = np.isfinite(left).any(axis=(0, 2))
+        return float(np.sqrt(np.median(np.nanmean(left[:, seen], axis=0), axis=0).max()))
+
     def excess(self, found: StayIdentification) -> Array:
         """What the rollouts leave, relative to the noise that differences show, (n_channels,)."""
         n_channels = self.given.n_channels
         least = LIMITS.exactly * found.estimate.laws.spread
         return found.left[:n_channels] / np.maximum(self.base.noise, least)[:n_channels]
-
-
-@contextmanager
-def _quietly() -> Iterator[None]:
-    """What fits in between warn of is mended, or said of the answer.
-
-    A trial step that diverges is not taken.
-    """
-    with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
-        warnings.simplefilter("ignore", UserWarning)
-        yield
 
 
 def _begun(start: Alternation) -> Alternation:

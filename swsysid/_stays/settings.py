@@ -41,6 +41,9 @@ class StaySettings:
     rounds_of_simplified: int = 2
     hopeless: float = 100.0
     segment: int = 30  # samples of a segment
+    # samples of the longest stay that is tried in other modes, and of what is around it
+    brief: int = 60
+    around_brief: int = 10
     # most error of the longest rollout, in units of the noise, by steps of the integration that are
     # too long, and most pairs of steps between two samples
     exact: float = 0.1
@@ -61,6 +64,8 @@ class StaySettings:
     # -- starts: windows of differentiation, relative to the automatic one. A shorter one leaves
     # more noise and blurs switches less.
     stretches: tuple[float, ...] = (1.0, 0.5)
+    # nats that it may cost to make two laws one, before stays are told again
+    most_merged: float = 1000.0
     turns_of_intervals: int = 60  # of weights, where single intervals tell the laws
 
     def roughly(self) -> StaySettings:

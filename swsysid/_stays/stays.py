@@ -42,6 +42,18 @@ class Stays:
             return Stays(np.zeros(1, dtype=np.intp), np.zeros(0))
         return Stays(names[new], begins[new][1:])
 
+    def told(self, stay: int, mode: int) -> Stays:
+        """The same with one of the stays in another mode; in that of a neighbour they are one."""
+        modes = self.modes.copy()
+        modes[stay] = mode
+        new = np.append(True, np.diff(modes) != 0)
+        return Stays(modes[new], self.instants[new[1:]])
+
+    def inside(self, t: Array) -> Stays:
+        """Those from the first to the last of some times."""
+        first, last = np.searchsorted(self.instants, t[[0, -1]])
+        return Stays(self.modes[first : last + 1], self.instants[first:last])
+
     def within(self, t: Array) -> Stays:
         """The same stays, at most one switch between two of the times."""
         return self.moved(self.instants, t)
