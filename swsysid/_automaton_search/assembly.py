@@ -27,8 +27,9 @@ class TransitionVerdict:
     support : int
         Switches of the recordings.
     explained : float
-        Part of them at which the guard is zero within two samples, or three standard errors of
-        their instants, of those that it is known at: a clock is not where a recording begins.
+        Part of them at which the guard is zero within two samples, of those that it is known at:
+        a clock is not where a recording begins. After a joint refinement, the part that free
+        rollouts take within two samples, where that is more.
     miss : float
         Root mean square of the time by which it is not, in the unit of time.
     """

@@ -21,7 +21,6 @@ class FoundGuard:
     cost: float  # half the squares of what is missed, in nats, and the price of its columns
     misses: Array  # (n_switches,): times by which the guard is missed, NaN where it is not defined
     some: NDArray[np.intp]  # columns that it may depend on
-    errors: Array | float = 0.0  # in which the instants of the switches are known, (n_switches,)
 
     @property
     def miss(self) -> float:
@@ -29,13 +28,9 @@ class FoundGuard:
         return float(np.sqrt(np.nanmean(np.square(self.misses))))
 
     def explained(self, interval: float) -> float:
-        """Part of the switches at which it is zero within two samples, of those it is known at.
-
-        Or within three standard errors of their instants, where these are larger.
-        """
-        near = np.maximum(SETTINGS.near * interval, SETTINGS.far_miss * np.asarray(self.errors))
-        known = np.isfinite(self.misses)
-        return float(np.mean((np.abs(self.misses) <= near)[known]))
+        """Part of the switches at which it is zero within two samples, of those it is known at."""
+        known = ~np.isnan(self.misses)
+        return float(np.mean(np.abs(self.misses[known]) <= SETTINGS.near * interval))
 
     def tells(self, interval: float) -> bool:
         """True if it explains nearly all switches."""

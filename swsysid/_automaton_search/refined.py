@@ -13,7 +13,7 @@ from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import missed_by
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.jumps import Pieces
-from swsysid._automaton_search.refinement import AutomatonRefinement, rollout_misfit
+from swsysid._automaton_search.refinement import AutomatonRefinement, FreeRollouts
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches
 from swsysid._automaton_shooting.courses import Course, Legs
@@ -43,10 +43,12 @@ def refined(
     told = told_jointly(joint.after, parts, stays, pieces, found)
     feature_map = stays.model.switching_model.feature_map
     before, after = (assembled(one, feature_map) for one in (parts, told))
-    rolled_before = rollout_misfit(before, joint.before, noise)
-    rolled_after = rollout_misfit(after, joint.after, noise)
+    free = FreeRollouts.of(after, joint.after)
+    rolled_before = FreeRollouts.of(before, joint.before).misfit(noise)
+    rolled_after = free.misfit(noise)
     likely = joint.value_after <= joint.value_before + settings.converged
     kept = likely and rolled_after <= (1.0 + SHOOTING.worse) * rolled_before
+    told = _judged_by_rollouts(told, free, joint, stays.estimate.segments.recordings.interval)
     return (told if kept else parts), AutomatonRefinement(
         kept,
         joint.value_before,
@@ -55,6 +57,23 @@ def refined(
         rolled_after,
         *_errors(joint, after, found),
     )
+
+
+def _judged_by_rollouts(told: Told, free: FreeRollouts, joint: Joint, interval: float) -> Told:
+    """The same with guards judged by free rollouts where these explain more of their switches.
+
+    The instants that laws alone tell are off where laws are alike.
+    """
+    missed = free.missed([(one.source, one.target) for one in told.transitions])
+    judged = []
+    for number, one in enumerate(told.transitions):
+        own = missed[joint.after.legs.transitions == number]
+        if one.guard is not None and len(own):
+            rolled = replace(one.guard, misses=own)
+            if rolled.explained(interval) > one.guard.explained(interval):
+                one = replace(one, guard=rolled)
+        judged.append(one)
+    return replace(told, transitions=judged)
 
 
 def _errors(
@@ -219,7 +238,7 @@ def told_jointly(
             # judged at the switches that the laws alone tell
             columns, rates = one.switches.before(stays.estimate.laws)
             misses = missed_by(own_guard, columns, rates)
-            guard = replace(guard, guard=own_guard, misses=misses, errors=one.switches.errors)
+            guard = replace(guard, guard=own_guard, misses=misses)
         if reset is not None and one.transition.jumps:
             own_reset = estimate.resets.reset(number)
             assert own_reset is not None, "what jumps has unknowns"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._automaton_search.assembly import Assembled
 from swsysid._automaton_shooting.estimate import JointEstimate
-from swsysid._results import Array
+from swsysid._results import Array, Trajectory
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,24 +63,57 @@ class AutomatonRefinement:
     __repr__ = __str__
 
 
-def rollout_misfit(assembled: Assembled, estimate: JointEstimate, noise: Array) -> float:
-    """Mean deviation of free rollouts from the samples, in units of the noise.
+@dataclass(frozen=True)
+class FreeRollouts:
+    """Rollouts of an automaton that begin where the courses of an estimate do."""
 
-    They begin where the courses of an estimate do. One that ends early, or is far off, counts as
-    one that stays at the mean.
-    """
-    legs, names = estimate.legs, np.argsort(assembled.order)
-    total, count = 0.0, 0
-    firsts = np.flatnonzero(np.append(True, np.diff(legs.course) > 0))
-    for course, first in zip(legs.courses, firsts, strict=True):
-        record = course.record
-        inputs = record.u if record.u.shape[1] else None
-        mode = int(names[legs.modes[first]])
-        run = assembled.automaton.simulate(
-            estimate.starts[first], record.t, inputs, mode=mode, input_hold="linear"
-        )
-        rolled = np.full(record.y.shape, np.inf)
-        rolled[: len(run.x)] = run.x
-        off = np.minimum(np.abs(record.y - rolled), np.nanstd(record.y, axis=0)) / noise
-        total, count = total + float(np.nansum(off)), count + int(np.isfinite(record.y).sum())
-    return total / max(1, count)
+    estimate: JointEstimate
+    runs: list[Trajectory]
+    names: NDArray[np.intp]  # in the automaton, of each mode that was found
+
+    @classmethod
+    def of(cls, assembled: Assembled, estimate: JointEstimate) -> FreeRollouts:
+        """Those of an automaton, one for each course."""
+        legs, names, runs = estimate.legs, np.argsort(assembled.order), []
+        firsts = np.flatnonzero(np.append(True, np.diff(legs.course) > 0))
+        for course, first in zip(legs.courses, firsts, strict=True):
+            record = course.record
+            inputs = record.u if record.u.shape[1] else None
+            mode = int(names[legs.modes[first]])
+            runs.append(
+                assembled.automaton.simulate(
+                    estimate.starts[first], record.t, inputs, mode=mode, input_hold="linear"
+                )
+            )
+        return cls(estimate, runs, names)
+
+    def misfit(self, noise: Array) -> float:
+        """Mean deviation from the samples, in units of the noise.
+
+        A rollout that ends early, or is far off, counts as one that stays at the mean.
+        """
+        total, count = 0.0, 0
+        for course, run in zip(self.estimate.legs.courses, self.runs, strict=True):
+            y = course.record.y
+            rolled = np.full(y.shape, np.inf)
+            rolled[: len(run.x)] = run.x
+            off = np.minimum(np.abs(y - rolled), np.nanstd(y, axis=0)) / noise
+            total, count = total + float(np.nansum(off)), count + int(np.isfinite(y).sum())
+        return total / max(1, count)
+
+    def missed(self, pairs: Sequence[tuple[int, int]]) -> Array:
+        """Times by which they miss the switches of the courses, (n_switches,); inf where none is.
+
+        `pairs` are the modes that each transition leads from and to.
+        """
+        legs, missed = self.estimate.legs, []
+        parts = np.cumsum([len(course.instants) for course in legs.courses])[:-1]
+        instants = np.split(self.estimate.instants, parts)
+        for own, course, run in zip(instants, legs.courses, self.runs, strict=True):
+            for instant, number in zip(own, course.transitions, strict=True):
+                source, target = self.names[list(pairs[number])]
+                seen = [
+                    one.time for one in run.events if (one.before, one.after) == (source, target)
+                ]
+                missed.append(np.abs(np.array(seen) - instant).min(initial=np.inf))
+        return np.array(missed)
