@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton
+from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_shooting.courses import Course, Legs
 from swsysid._automaton_shooting.estimate import JointEstimate
 from swsysid._automaton_shooting.joint import jointly
@@ -249,3 +250,31 @@ def test_units_of_states_and_of_time_change_units_alone():
     np.testing.assert_allclose(scaled.instants, clock * own.instants, rtol=1e-6)
     np.testing.assert_allclose(scaled.starts, units * own.starts, rtol=1e-5, atol=1e-5)
     assert scaled_level == pytest.approx(100.0 * level, rel=1e-5)
+
+
+# -- guards that are one -----------------------------------------------------------------------
+
+
+def thresholds(first, second):
+    """The guards x >= first and x <= second of two transitions."""
+    powers = np.array([[1, 0, 0], [0, 0, 0]])
+    guards = [
+        PolynomialGuard(np.array([2.0, -2.0 * first]), powers),
+        PolynomialGuard(np.array([-1.0, second]), powers),
+    ]
+    at, rates = np.array([[1.0, 0.0, 0.0]]), np.array([[1.0, 1.0, 1.0]])
+    return GuardUnknowns.of(guards, [at, at], [rates, -rates])
+
+
+def test_guards_that_the_data_cannot_tell_apart_are_one():
+    unknowns = thresholds(1.0, 1.03)
+    assert unknowns.n_free == 2
+    errors = [np.array([0.0, 0.04]), np.array([0.0, 0.01])]  # of thresholds: .02 and .01
+    equal = unknowns.with_equal_ones(errors, most=3.0)
+    assert equal.n_free == 1
+    up, down = (equal.guard(k) for k in range(2))
+    # four parts of the second, one of the first
+    assert -up.coef[1] / up.coef[0] == pytest.approx(1.024, abs=1e-12)
+    np.testing.assert_allclose(down.coef / down.coef[0], up.coef / up.coef[0], rtol=1e-12)
+    assert up.coef[0] > 0.0 > down.coef[0]  # each rises the way it did
+    assert unknowns.with_equal_ones(errors, most=1.0).n_free == 2

@@ -69,3 +69,15 @@ def test_a_matrix_that_is_not_positive_has_no_factor(arrow):
     corner = np.append(np.zeros(N_BAND), arrow.diagonal[N_BAND:])
     with pytest.raises(LinAlgError):
         arrow.with_diagonal(-corner).factor()
+
+
+def test_a_band_alone_has_no_corner(blocks):
+    places, slopes, shared = blocks
+    found = Arrow.zeros(N_BAND, 0, WIDTH)
+    found.add(places, slopes, shared[:, :, :0])
+    right = np.random.default_rng(1).standard_normal(N_BAND)
+    matrix = dense(blocks)[:N_BAND, :N_BAND]
+    np.testing.assert_allclose(found.toarray(), matrix, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        found.factor().solve(right), np.linalg.solve(matrix, right), rtol=1e-8
+    )
