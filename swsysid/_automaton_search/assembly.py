@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import Transition
+from swsysid._automaton_search.certificates import Certificate
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.features import FeatureMap
@@ -32,6 +33,12 @@ class TransitionVerdict:
         rollouts take within two samples, where that is more.
     miss : float
         Root mean square of the time by which it is not, in the unit of time.
+    margin : float
+        By how much the guard is below zero at every sample of its mode and above it where the old
+        law takes the last sample before each switch, in units of its mean rise from there: at most
+        a half, and negative where a sample is on the wrong side.
+    largest_margin : float
+        Of any guard of the same monomials: the optimum of the paper's margin program.
     """
 
     source: int
@@ -39,6 +46,8 @@ class TransitionVerdict:
     support: int
     explained: float
     miss: float
+    margin: float = np.nan
+    largest_margin: float = np.nan
 
     @property
     def is_told(self) -> bool:
@@ -131,15 +140,20 @@ def switch_times_of(found: Sequence[FoundTransition], n_recordings: int) -> list
 
 
 def verdicts_of(
-    found: Sequence[FoundTransition], order: NDArray[np.intp], interval: float
+    found: Sequence[FoundTransition],
+    certificates: Sequence[Certificate],
+    order: NDArray[np.intp],
+    interval: float,
 ) -> list[TransitionVerdict]:
     """One verdict for each transition, in the names of the answer."""
     names, verdicts = np.argsort(order), []
-    for one in found:
+    for one, margins in zip(found, certificates, strict=True):
         near, miss = 0.0, np.inf
         if one.guard is not None:
             near, miss = one.guard.explained(interval), one.guard.miss
         verdicts.append(
-            TransitionVerdict(int(names[one.source]), int(names[one.target]), len(one), near, miss)
+            TransitionVerdict(
+                int(names[one.source]), int(names[one.target]), len(one), near, miss, *margins
+            )
         )
     return sorted(verdicts, key=lambda one: (one.source, one.target))

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.apart import apart
 from swsysid._automaton_search.assembly import assembled, filled, switch_times_of, verdicts_of
+from swsysid._automaton_search.certificates import certificates
 from swsysid._automaton_search.cutting import Cut, Cutting
 from swsysid._automaton_search.found import Told
 from swsysid._automaton_search.instants import Settled
@@ -121,6 +122,8 @@ def _answer(
         modes = [np.where(own < 0, by, own) for own, by in zip(told.modes, known, strict=True)]
         told = replace(told, modes=modes)
     found = assembled(told, stays.model.switching_model.feature_map)
+    laws = replace(stays.estimate.laws, coef=told.coef)
+    interval = stays.estimate.segments.recordings.interval
     return IdentifiedAutomaton(
         found.automaton,
         [np.argsort(found.order)[filled(own)] for own in told.modes],
@@ -128,7 +131,7 @@ def _answer(
         switch_times_of(told.changes, len(given.records)),
         told.left,
         float(search.excess(stays).max()),
-        verdicts_of(told.real, found.order, stays.estimate.segments.recordings.interval),
+        verdicts_of(told.real, certificates(told, given, laws), found.order, interval),
         candidates,
         refinement=refinement,
     )

@@ -101,6 +101,12 @@ def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
     return np.asarray(guard.values(columns) / _rises(guard, columns, rates)[1])
 
 
+def known_rows(guard: PolynomialGuard, columns: Array) -> Array:
+    """Rows at which the columns of a guard are known, in every set that stands side by side."""
+    used = np.tile(guard.powers.any(axis=0), columns.shape[1] // guard.powers.shape[1])
+    return columns[known(columns, np.flatnonzero(used))]
+
+
 def blurred_by(guard: PolynomialGuard, columns: Array, rates: Array, errors: Array) -> Array:
     """Times by which a guard is missed since states are off by some errors."""
     gradients, rises = _rises(guard, columns, rates)

@@ -18,6 +18,7 @@ from swsysid._automaton_search.assembly import (
     switch_times_of,
     verdicts_of,
 )
+from swsysid._automaton_search.certificates import UNKNOWN, Certificate, certificate
 from swsysid._automaton_search.found import FoundReset, FoundTransition
 from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_with_margin
 from swsysid._automaton_search.mode_rows import ModeRows, Taken
@@ -68,7 +69,7 @@ def identified(
         switch_times_of(found, len(given.records)),
         stays.noise,
         None,
-        verdicts_of(found, order, 1.0),
+        verdicts_of(found, [_certificate(one, rows) for one in found], order, 1.0),
         stays.candidates,
         (stays.straddling.sum() - jumps) / len(stays.rows),
     )
@@ -113,6 +114,15 @@ def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
             both = found[i, j], found[j, i]
             found[i, j], found[j, i] = _of_one_surface(rows, taken, both, degree)
     return [one for one in found.values() if one.is_one]
+
+
+def _certificate(one: FoundTransition, rows: ModeRows) -> Certificate:
+    """How far the guard is from the rows on both sides, and how far any could be."""
+    if one.guard is None:
+        return UNKNOWN
+    taken = rows.taken
+    own = taken.take((_pairs_of(taken) == (one.source, one.target)).all(axis=1))
+    return certificate(one.guard.guard, rows.inside(one.source), own.last, own.given)
 
 
 def _pairs_of(taken: Taken) -> NDArray[np.intp]:
