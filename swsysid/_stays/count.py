@@ -2,8 +2,9 @@ r"""How many modes: the least Bayesian information criterion in the domain of th
 
 .. math:: \sum_c n_c \log \hat\sigma_c + \tfrac12 k \log n
 
-with the misfit of every channel and k coefficients of laws and surfaces. Noise on the samples is
-white where the laws are right, which residuals of derivatives never are.
+with the misfit of every channel, and k coefficients of laws and surfaces and states in which
+recordings begin. Noise on the samples is white where the laws are right, which residuals of
+derivatives never are.
 
 Where no surface says so, every switch has an instant of its own and enters any mode:
 :math:`n_{ij}` switches from mode i to mode j cost :math:`\log (n_i! / \prod_j n_{ij}!)` more, what
