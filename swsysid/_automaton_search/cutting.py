@@ -2,8 +2,8 @@
 
 Before any law is known only large jumps are seen. With the laws of an answer smaller ones are, and
 recordings that are cut there are told anew; that pays for the states in which the pieces begin.
-Answers with more modes go on with the cut recordings where nothing but noise is left in them: where
-modes are missing, what looks like a jump may be one of these.
+Answers with more modes begin with the recordings as they were: where modes are missing, what looks
+like a jump may be one of these.
 """
 
 from __future__ import annotations
@@ -59,18 +59,18 @@ class Cutting:
         told: Callable[[], object],
     ):
         self.estimator, self.given, self.settings, self.told = estimator, given, settings, told
-        self.now: Pieced  # as it is cut by now
+        self.first: Pieced  # cut where everybody sees that it jumps
         self.fewer: StayIdentification | None = None  # the last answer on that
         self.answers: list[Cut] = []
         self.candidates: list[CountCandidate] = []
 
     def identified(self, jumps: list[NDArray[np.intp]]) -> Cut:
         """The most likely laws and modes, from jumps that are known to further ones."""
-        self.now = self._at(jumps)
+        self.first = self._at(jumps)
         with Search.quietly():
             if self.estimator.n_modes != "auto":
                 return self._of(self._with_modes(self.estimator.n_modes))
-            counts = self.now.search.counts
+            counts = self.first.search.counts
             found, self.candidates = fewest_modes(self._with_modes, self._merged, counts)
             return self._of(found)
 
@@ -86,11 +86,8 @@ class Cutting:
             return told
 
     def _with_modes(self, n_modes: object, _: object = None) -> StayIdentification:
-        self.fewer = self.now.search.with_modes(n_modes, self.fewer)
-        cut = self._jumping(self.now, self.fewer)
-        if cut.excess < SETTINGS.nothing_but_noise:
-            self.now, self.fewer = cut, cut.stays
-        return cut.stays
+        self.fewer = self.first.search.with_modes(n_modes, self.fewer)
+        return self._jumping(self.first, self.fewer).stays
 
     def _merged(self, more: StayIdentification) -> StayIdentification | None:
         cut = self._of(more)

@@ -17,6 +17,7 @@ from swsysid._results import Array
 from swsysid._stays.assign import disturbances
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Belief, Filter, Prediction
+from swsysid._stays.given import FEWEST_SAMPLES
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Modes
 from swsysid._stays.samples import states_of
@@ -59,4 +60,15 @@ def hidden_jumps(
         after = np.searchsorted(sampled, jumped, side="right") - 1
         first = pieces.first[piece.recording]
         jumps[int(pieces.recording[piece.recording])].extend((first + after).tolist())
-    return [np.unique(np.array(own, dtype=np.intp)) for own in jumps]
+    return [_apart(np.unique(np.array(own, dtype=np.intp))) for own in jumps]
+
+
+def _apart(jumps: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Jumps with samples enough between them.
+
+    A sample between two is that of one jump. What is longer, and too short to be told, is no jump
+    but a mode of its own.
+    """
+    kept = jumps[np.append(True, np.diff(jumps) > 1)[: len(jumps)]]
+    near = np.diff(kept) < FEWEST_SAMPLES
+    return kept[~(np.append(near, False) | np.append(False, near))[: len(kept)]]

@@ -21,9 +21,8 @@ class AutomatonSettings:
     beyond_curvature: float = 12.0
     least_noise: float = 1e-6
     # -- jumps that laws show: what most recordings may leave, in units of the noise, where laws are
-    # believed, and all of them where nothing is missing
+    # believed
     most_usual_excess: float = 2.0
-    nothing_but_noise: float = 1.1
     # -- between which samples it jumps: how many a cut moves at most; squares of one that is lost
     farthest_place: int = 10
     lost: float = 1e4

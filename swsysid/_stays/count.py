@@ -2,9 +2,9 @@ r"""How many modes: the least Bayesian information criterion in the domain of th
 
 .. math:: \sum_c n_c \log \hat\sigma_c + \tfrac12 k \log n
 
-with the misfit of every channel, and k coefficients of laws and surfaces and states in which
-recordings begin. Noise on the samples is white where the laws are right, which residuals of
-derivatives never are.
+with the misfit of every channel, and k coefficients of laws and surfaces, states in which
+recordings begin, and times at which they do. Noise on the samples is white where the laws are
+right, which residuals of derivatives never are.
 
 Where no surface says so, every switch has an instant of its own and enters any mode:
 :math:`n_{ij}` switches from mode i to mode j cost :math:`\log (n_i! / \prod_j n_{ij}!)` more, what
@@ -38,7 +38,7 @@ class CountCandidate:
     criterion : float
         The least is chosen.
     n_coefficients : int
-        Of laws and surfaces, and states in which recordings begin.
+        Of laws and surfaces, and what says where and when recordings begin.
     n_switches : int
     """
 
@@ -58,7 +58,7 @@ def criterion(n_modes: int, found: StayIdentification) -> CountCandidate:
     n_switches = len(estimate.segments.instants)
     n_guards = n_switches if estimate.guards is None else estimate.guards.n_free
     k = estimate.laws.n_free + (n_guards if len(estimate.laws.coef) > 1 else 0)
-    k += left.shape[1] * left.shape[2]  # where recordings begin
+    k += left.shape[1] * (left.shape[2] + 1)  # where and when recordings begin
     value = misfit + 0.5 * k * float(np.log(max(2, count.sum())))
     if estimate.guards is None:
         value += order_of_switches(estimate.segments.stays)
