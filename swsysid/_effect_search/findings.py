@@ -14,7 +14,7 @@ from swsysid._effect_search.contributions import parameter_intervals
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
-from swsysid.effects import FoundEffect, PlacedEffect, Rival, StructureEffect
+from swsysid.effects import FoundEffect, PlacedEffect, Rival, StructureEffect, UnmeasuredDisturbance
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,8 @@ def describe_findings(
         # the equation an effect acts in; of a sensor, a guard or a mode that which gains most
         exact = ladder.context.data.exact
         gained = int(np.argmin(np.maximum(after, exact) / np.maximum(before, exact)))
-        gaining = term.target if term.effect.terms else gained
+        own = term.effect.terms or isinstance(term.effect, UnmeasuredDisturbance)
+        gaining = term.target if own else gained
         found.append(
             FoundEffect(
                 kind=term.effect.kind,

@@ -25,8 +25,10 @@ from swsysid._effect_search.acceptance import (
     simplest,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.scan import proposals
 from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
 from swsysid.effects import (
     GuardEffect,
@@ -71,21 +73,28 @@ class Search:
             other, other_rounds = only_named.climb()
             if other.price < structure.price:
                 structure, rounds = other, other_rounds
-        if len(rounds) == 1 and rounds[0].structure is structure:
-            return structure, (rounds[0].finding,), rounds
-        return *confirmed(self.context, structure), rounds
+        single = len(rounds) == 1 and rounds[0].structure is structure
+        known = (structure, (rounds[0].finding,)) if single else confirmed(self.context, structure)
+        n_candidates = max((one.n_candidates for one in rounds), default=1)
+        return *with_disturbances(self.context, *known, n_candidates), rounds
 
     def climb(self) -> tuple[Structure, list[Round]]:
         """Add effects until nothing significant is left."""
         structure, rounds = self.context.priced(self.context.declared), []
+        unknowns = Unknowns.of(self.context)
         with progress(self.max_effects, "rounds of the search", bool(self.verbose)) as bar:
             while len(structure.terms) < self.max_effects:
-                step = self._addition(structure)
+                step = self._addition(structure) or _unknown(unknowns, structure)
                 bar.update()
                 if step is None:
                     break
                 structure = self._questioned(step.structure)
+                # One effect with a name may be the first of two that act together.
+                if unknowns is not None and len(structure.terms) > 1:
+                    structure = unknowns.replaced(structure)
                 rounds.append(replace(step, structure=structure))
+        if unknowns is not None:
+            structure = unknowns.replaced(structure)
         return structure, rounds
 
     # -- one addition ----------------------------------------------------------------------------
@@ -291,3 +300,9 @@ class Search:
         if tried.price < best.price - self.context.settings.tie:
             return tried, True
         return best, False
+
+
+def _unknown(unknowns: Unknowns | None, structure: Structure) -> Round | None:
+    """A function without a name where no effect with one explains what is left."""
+    found = None if unknowns is None else unknowns.added(structure)
+    return None if found is None else Round(*found)

@@ -54,7 +54,11 @@ class SearchSettings:
     share: float = 0.01  # of the squares that the declared model leaves over
     # One more mode bends to anything and explains whatever the first named effect leaves over.
     share_of_a_mode: float = 0.1
+    share_of_a_disturbance: float = 0.05  # what effects leave over a little is no force
+    gap_steps: float = 1.5  # steps of the record: samples farther apart are no neighbours
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
+
+    n_nearest: int = 3  # effects with a name that are told beside a function without one
 
     # -- what is said of the result --------------------------------------------------------------
     level: float = 0.95  # of confidence intervals and bands

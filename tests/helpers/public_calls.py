@@ -40,7 +40,7 @@ KINDS = {
     for kind, names in {
         "choice": "relaxation loss init solver format input_hold method mode_book variant system "
         "noise_kind clipped rest",
-        "choice?": "state equation",
+        "choice?": "state equation unlisted",
         "coefficients": "coef candidates",
         "column": "values residual against",
         "column?": "sample_weight relevance",
