@@ -12,6 +12,7 @@ from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.acceptance import Finding
 from swsysid._effect_search.contributions import parameter_intervals
 from swsysid._effect_search.folds import Split
+from swsysid._effect_search.sampled import table_of
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
 from swsysid.effects import FoundEffect, PlacedEffect, Rival, StructureEffect, UnmeasuredDisturbance
@@ -104,6 +105,7 @@ def describe_findings(
                 meaning=term.effect.describe(label, records.names[term.target]),
                 formula=term.effect.formula(label, parameters),
                 placed=term,
+                table=table_of(final, place, covariances[place], records, ladder.targets),
             )
         )
     return found

@@ -76,7 +76,11 @@ class Search:
         single = len(rounds) == 1 and rounds[0].structure is structure
         known = (structure, (rounds[0].finding,)) if single else confirmed(self.context, structure)
         n_candidates = max((one.n_candidates for one in rounds), default=1)
-        return *with_disturbances(self.context, *known, n_candidates), rounds
+        structure, findings = with_disturbances(self.context, *known, n_candidates)
+        unknowns = Unknowns.of(self.context)
+        if unknowns is not None:
+            findings = unknowns.as_rivals(structure, findings)
+        return structure, findings, rounds
 
     def climb(self) -> tuple[Structure, list[Round]]:
         """Add effects until nothing significant is left."""

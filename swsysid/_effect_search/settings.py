@@ -62,6 +62,7 @@ class SearchSettings:
 
     # -- what is said of the result --------------------------------------------------------------
     level: float = 0.95  # of confidence intervals and bands
+    spanned: float = 1e-6  # of the size of a shape: less of it is left by the library
     step: float = 0.05  # of a derivative, as a share of the distance between values of the scan
     apart: float = 0.05  # share of the samples on which two rivals differ most
 
@@ -87,6 +88,7 @@ class ReportSettings:
     # -- pictures -----------------------------------------------------------------------------
     most_dots: int = 3000
     most_bars: int = 24  # whose names can be read
+    points: int = 101  # of the curve of a function without a name
     longest_label: int = 34  # letters on one line
     decades: float = 30.0  # errors that differ by a larger factor stand on a logarithmic axis
     jump: float = 0.02  # neighbours of a function differ by less than this share of its range

@@ -83,6 +83,21 @@ class Unknowns:
             return None
         return Finding.of(tried.terms[-1], p_value, ()), tried, n_candidates
 
+    def as_rivals(self, structure: Structure, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+        """Findings with the shape among the rivals of a term where it predicts no worse."""
+        return tuple(
+            self._with_shape(structure, place, finding) for place, finding in enumerate(findings)
+        )
+
+    def _with_shape(self, structure: Structure, place: int, finding: Finding) -> Finding:
+        effect = structure.terms[place].effect
+        if not effect.terms or isinstance(effect, UnknownFunction):
+            return finding
+        option = self._instead(structure, [place])
+        if option is structure or option.cost > structure.cost:
+            return finding
+        return replace(finding, rivals=(*finding.rivals, option.terms[-1]))
+
     def _instead(self, structure: Structure, group: list[int]) -> Structure:
         """The structure with the best shape in the place of some terms."""
         fewer = structure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,6 +189,10 @@ class FoundEffect:
         The term with its numbers.
     placed : PlacedEffect
         The effect as `EffectRegressor` takes it.
+    table : dict of str to ndarray
+        What has no formula: of an `unknown_function` its arguments, its ``contribution`` beyond
+        what the law itself can take, and the ``half_width`` of its 95 % band; of an
+        `unmeasured_disturbance` these at every ``t`` of every ``trajectory``. Empty otherwise.
     """
 
     kind: str
@@ -204,6 +208,7 @@ class FoundEffect:
     meaning: str
     formula: str
     placed: PlacedEffect
+    table: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def channel(self) -> int | None:
@@ -214,6 +219,7 @@ class FoundEffect:
         """Everything but the object itself, ready for JSON."""
         listed = {name: v for name, v in vars(self).items() if name not in ("placed", "rivals")}
         listed["intervals"] = {name: list(pair) for name, pair in self.intervals.items()}
+        listed["table"] = {name: column.tolist() for name, column in self.table.items()}
         return listed | {"rivals": [dict(rival.__dict__) for rival in self.rivals]}
 
 
