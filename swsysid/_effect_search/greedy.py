@@ -10,6 +10,7 @@ rows that their regressions have not seen.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
@@ -59,6 +60,11 @@ class Search:
     n_jobs: int | None = None
     verbose: int = 0
 
+    @cached_property
+    def unknowns(self) -> Unknowns | None:
+        """Functions without a name, if they are looked for."""
+        return Unknowns.of(self.context)
+
     def run(self) -> tuple[Structure, tuple[Finding, ...], list[Round]]:
         """Add effects until nothing significant is left, and keep those that remain significant."""
         # One more mode bends to whatever the first named effect leaves over. Where it was not the
@@ -77,15 +83,14 @@ class Search:
         known = (structure, (rounds[0].finding,)) if single else confirmed(self.context, structure)
         n_candidates = max((one.n_candidates for one in rounds), default=1)
         structure, findings = with_disturbances(self.context, *known, n_candidates)
-        unknowns = Unknowns.of(self.context)
-        if unknowns is not None:
-            findings = unknowns.as_rivals(structure, findings)
+        if self.unknowns is not None:
+            findings = self.unknowns.as_rivals(structure, findings)
         return structure, findings, rounds
 
     def climb(self) -> tuple[Structure, list[Round]]:
         """Add effects until nothing significant is left."""
         structure, rounds = self.context.priced(self.context.declared), []
-        unknowns = Unknowns.of(self.context)
+        unknowns = self.unknowns
         with progress(self.max_effects, "rounds of the search", bool(self.verbose)) as bar:
             while len(structure.terms) < self.max_effects:
                 step = self._addition(structure) or _unknown(unknowns, structure)

@@ -8,7 +8,7 @@ is left follows a channel and no effect with a name says how.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from swsysid._effect_search.acceptance import Finding, is_promising
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid.effects import PlacedEffect, UnknownFunction
-from swsysid.effects._shapes import shapes
+from swsysid.effects._shapes import finer, shapes
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,9 @@ class Unknowns:
 
     named: SearchContext
     shapes: SearchContext  # the same data, with smooth functions in the place of the effects
+    _tried: dict[tuple[int, ...], tuple[Structure, Structure]] = field(
+        default_factory=dict, repr=False
+    )  # by a structure's identity and places of its terms: the structure and `_instead` of them
 
     @classmethod
     def of(cls, context: SearchContext) -> Unknowns | None:
@@ -100,6 +103,12 @@ class Unknowns:
 
     def _instead(self, structure: Structure, group: list[int]) -> Structure:
         """The structure with the best shape in the place of some terms."""
+        key = (id(structure), *group)
+        if key not in self._tried:
+            self._tried[key] = structure, self._with_best(structure, group)
+        return self._tried[key][1]
+
+    def _with_best(self, structure: Structure, group: list[int]) -> Structure:
         fewer = structure
         for place in sorted(group, reverse=True):
             fewer = self.named.without(fewer, place)
@@ -113,14 +122,26 @@ class Unknowns:
         top, n_candidates = self.shapes.scanned(beside)
         if not top:
             return None, n_candidates
-        level = beside.level_with(top[0], top)
+        best = _simplest(beside, top)
+        shape = best.candidate.effect
+        assert isinstance(shape, UnknownFunction)
+        if len(shape.channels) > 1 and not shape.of_product:
+            more = replace(self.shapes, effects=finer(shape, self.named.data.records), kept={})
+            others, n_more = more.scanned(replace(beside, kept={}))
+            best, n_candidates = _simplest(beside, [best, *others]), n_candidates + n_more
+        return best, n_candidates
 
-        def simplicity(place: int) -> tuple[int, bool, int]:
-            effect = top[place].candidate.effect
-            assert isinstance(effect, UnknownFunction)
-            return len(effect.channels), not effect.of_product, len(effect.knots)
 
-        return top[min(level, key=simplicity)], n_candidates
+def _simplest(beside: CandidateContext, trials: list[Trial]) -> Trial:
+    """Of those within a standard error of the best that of fewest channels and knots."""
+    best = trials[int(np.argmax(beside.gains(trials).sum(axis=1)))]
+
+    def simplicity(place: int) -> tuple[int, bool, int]:
+        effect = trials[place].candidate.effect
+        assert isinstance(effect, UnknownFunction)
+        return len(effect.channels), not effect.of_product, len(effect.knots)
+
+    return trials[min(beside.level_with(best, trials), key=simplicity)]
 
 
 def _groups(structure: Structure) -> list[list[int]]:

@@ -121,20 +121,36 @@ def _cardinal(knots: tuple[tuple[float, ...], ...]) -> RBFInterpolator:
 
 
 def shapes(records: Records) -> list[UnknownFunction]:
-    """Smooth functions of channels, of products and of pairs of them, the smoothest first."""
+    """Smooth functions of channels, of products and of pairs of them, the smoothest first.
+
+    Those of pairs have few knots; `finer` has more of them.
+    """
     channels = [*records.states, *records.inputs]
     pairs = list(combinations(channels, 2))
     sized: list[tuple[tuple[int, ...], bool, tuple[int, ...]]]
     sized = [((channel,), False, SETTINGS.knots) for channel in channels]
     sized += [(pair, True, SETTINGS.knots) for pair in pairs]
-    sized += [(pair, False, SETTINGS.knots_of_two) for pair in pairs]
-    listed = []
-    for place, of_product, counts in sized:
-        points = np.unique(_points(records, place, of_product), axis=0)
-        for count in counts:
-            if len(points) > SETTINGS.samples_a_knot * count and np.ptp(points, axis=0).all():
-                listed.append(UnknownFunction(place, _knots(points, count), of_product))
-    return listed
+    sized += [(pair, False, SETTINGS.knots_of_two[:1]) for pair in pairs]
+    return [shape for each in sized for shape in _sized(records, *each)]
+
+
+def finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction]:
+    """Functions of the same pair of channels with more knots."""
+    return _sized(records, shape.channels, False, SETTINGS.knots_of_two[1:])
+
+
+def _sized(
+    records: Records, place: tuple[int, ...], of_product: bool, counts: Sequence[int]
+) -> list[UnknownFunction]:
+    """Shapes with so many knots, where the samples bear them."""
+    points = np.unique(_points(records, place, of_product), axis=0)
+    if not np.ptp(points, axis=0).all():
+        return []
+    return [
+        UnknownFunction(place, _knots(points, count), of_product)
+        for count in counts
+        if len(points) > SETTINGS.samples_a_knot * count
+    ]
 
 
 def _points(records: Records, channels: Sequence[int], of_product: bool) -> Array:
