@@ -88,6 +88,7 @@ class ReportSettings:
     # -- pictures -----------------------------------------------------------------------------
     most_dots: int = 3000
     most_bars: int = 24  # whose names can be read
+    formulas: int = 3  # lines of a terminal
     points: int = 101  # of the curve of a function without a name
     longest_label: int = 34  # letters on one line
     decades: float = 30.0  # errors that differ by a larger factor stand on a logarithmic axis

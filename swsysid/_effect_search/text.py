@@ -176,10 +176,13 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
     for name, value in effect.parameters.items():
         sure = interval(effect, name)
         yield f"   {name} {value:.5g}" + (f"  (95 %: {sure})" if sure else "")
+    for formula in effect.formulas[: REPORT.formulas]:
+        verdict = "predicts as well" if formula.ties else "predicts worse"
+        yield f"   formula: {formula.text}, {verdict}: {formula.error:.3g} of the error"
     for rival in effect.rivals:
         told = f"{effect_title(rival, report)}, error {rival.error:.4g}"
         if effect.kind == UnknownFunction.kind:
-            yield f"   nearest effect with a name: {told}; the two differ most with {rival.advice}"
+            yield f"   near effect with a name: {told}, where the shape has {effect.error_after:.4g}"
         else:
             yield f"   rival, as good on these data: {told}; to tell them apart: {rival.advice}"
 

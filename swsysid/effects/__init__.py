@@ -16,7 +16,7 @@ from swsysid.effects._characteristics import (
 from swsysid.effects._disturbance import UnmeasuredDisturbance
 from swsysid.effects._guards import GuardHysteresis
 from swsysid.effects._memory import Backlash, Delay, Lag
-from swsysid.effects._placed import FoundEffect, PlacedEffect, Rival
+from swsysid.effects._placed import Formula, FoundEffect, PlacedEffect, Rival
 from swsysid.effects._sensors import ClockLag, SensorOffset
 from swsysid.effects._shapes import UnknownFunction
 from swsysid.effects._switching import ExtraMode, Reset
@@ -73,6 +73,7 @@ __all__ = [
     "Drift",
     "Effect",
     "ExtraMode",
+    "Formula",
     "GainChange",
     "GuardEffect",
     "GuardHysteresis",

@@ -98,7 +98,7 @@ def test_a_shape_without_a_name_is_called_unknown(rational):
     assert found.p_value < 1e-6 and found.rivals
     # each effect with a name misses by more than the error of the shape
     assert all(rival.error > 1.05 * found.error_after for rival in found.rivals)
-    assert "nearest effect with a name" in str(rational.report_)
+    assert "near effect with a name" in str(rational.report_)
     assert "f(x0)" in rational.equations()[0]
 
 
@@ -124,6 +124,15 @@ def test_the_curve_is_a_table_with_a_band(rational):
     apart -= basis[seen] @ np.linalg.lstsq(basis[seen], apart, rcond=None)[0]
     assert np.abs(apart).max() < 0.05  # of a curve of size 0.7
     assert 0.0 < np.median(table["half_width"]) < 0.1
+
+
+def test_the_formula_that_was_planted_ties_with_the_shape(rational):
+    best, *others = rational.effects_[0].formulas
+    assert best.ties and best.text.startswith("x0^2 / (x0^2 + ")
+    assert best.parameters["width"] == pytest.approx(1.0, rel=0.05)  # noise of 5 %, 700 rows
+    assert best.error == pytest.approx(1.0, abs=0.02)
+    assert not all(other.ties for other in others)
+    assert f"formula: {best.text}, predicts as well" in str(rational.report_)
 
 
 def test_a_model_with_a_shape_simulates_and_is_saved(rational, tmp_path):
