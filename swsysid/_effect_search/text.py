@@ -182,7 +182,7 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
     for rival in effect.rivals:
         told = f"{effect_title(rival, report)}, error {rival.error:.4g}"
         if effect.kind == UnknownFunction.kind:
-            yield f"   near effect with a name: {told}, where the shape has {effect.error_after:.4g}"
+            yield f"   near effect with a name: {told} instead of {effect.error_after:.4g}"
         else:
             yield f"   rival, as good on these data: {told}; to tell them apart: {rival.advice}"
 

@@ -170,7 +170,7 @@ class Formula:
     error : float
         Root mean square error on held-out folds of the search, over that of the shape.
     ties : bool
-        True if that is no larger, or within a standard error: only then it is claimed to be the function.
+        True if that is no larger, or within a standard error: only then it is claimed.
     """
 
     text: str
