@@ -8,13 +8,14 @@ chance over all candidates would give *and* worth its terms.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.scan import scan
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect
+from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
 
 
 @dataclass(frozen=True)
@@ -52,12 +53,28 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
         return Finding.of(
             term, n_structural * _chance(context, structure, place, beside, fewer), known
         )
+    if isinstance(term.effect, UnknownFunction):
+        return _of_a_shape(context, term, beside)
     top, n_candidates = context.scanned(beside, term.signature)
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
     if own is None:
         return Finding.of(term, 1.0, known)
     level = [top[number].candidate for number in beside.level_with(own, top)]
     return Finding.of(term, n_candidates * beside.p_value(own), [*level, *known])
+
+
+def _of_a_shape(context: SearchContext, term: PlacedEffect, beside: CandidateContext) -> Finding:
+    """p-value of a function without a name, and the effects with one that come nearest to it."""
+    top, n_candidates = context.scanned(beside)
+    trials = scan(replace(beside, kept={}), term.effect)
+    own = next((trial for trial in trials if trial.candidate.signature == term.signature), None)
+    if own is None:
+        return Finding.of(term, 1.0, ())
+    nearest: dict[str, PlacedEffect] = {}
+    for trial in top:
+        nearest.setdefault(trial.candidate.effect.kind, trial.candidate)
+    rivals = list(nearest.values())[: context.settings.n_nearest]
+    return Finding.of(term, n_candidates * beside.p_value(own), rivals)
 
 
 def _chance(

@@ -28,7 +28,7 @@ from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._noise import STUDENT
 from swsysid._results import Array
-from swsysid.effects import PlacedEffect, ResetEffect
+from swsysid.effects import PlacedEffect, ResetEffect, UnknownFunction
 from swsysid.effects._placed import corrected
 
 
@@ -224,6 +224,9 @@ def _axis(term: PlacedEffect, records: Records) -> tuple[str, Array, NDArray[np.
     in_time = "time" in term.effect.needs and term.effect.terms
     if isinstance(term.place, (int, np.integer)) and not in_time:
         return records.names[term.place], records.channel(int(term.place)), everything
+    if isinstance(term.effect, UnknownFunction):
+        name = term.label(records.names).split(", ")[0]
+        return name, term.effect.points(records)[:, 0], everything
     if isinstance(term.place, tuple) and not in_time and term.effect.terms:
         channels = sorted(set(term.place))
         if len(channels) == 1:

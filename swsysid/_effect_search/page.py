@@ -26,7 +26,7 @@ from swsysid._rendering.markup import (
     table,
 )
 from swsysid._residual_report.display import ResidualReportDisplay
-from swsysid.effects import FoundEffect
+from swsysid.effects import FoundEffect, UnknownFunction
 
 Units = Mapping[str, str] | None
 
@@ -153,8 +153,13 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
     if not effect.rivals:
         yield paragraph("No other effect of the library explains these data as well.", "note")
         return
-    yield paragraph("As good on these data:")
-    head = ["rival", f"held-out error of {target}", "what would tell the two apart"]
+    unknown = effect.kind == UnknownFunction.kind
+    yield paragraph("The nearest with a name:" if unknown else "As good on these data:")
+    head = [
+        "effect" if unknown else "rival",
+        f"held-out error of {target}",
+        "what would tell the two apart",
+    ]
     rows = [
         [text.effect_title(rival, told.report), f"{rival.error:.4g}", rival.advice]
         for rival in effect.rivals

@@ -54,10 +54,15 @@ class SearchSettings:
     share: float = 0.01  # of the squares that the declared model leaves over
     # One more mode bends to anything and explains whatever the first named effect leaves over.
     share_of_a_mode: float = 0.1
+    share_of_a_disturbance: float = 0.05  # what effects leave over a little is no force
+    gap_steps: float = 1.5  # steps of the record: samples farther apart are no neighbours
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
+
+    n_nearest: int = 3  # effects with a name that are told beside a function without one
 
     # -- what is said of the result --------------------------------------------------------------
     level: float = 0.95  # of confidence intervals and bands
+    spanned: float = 1e-6  # of the size of a shape: less of it is left by the library
     step: float = 0.05  # of a derivative, as a share of the distance between values of the scan
     apart: float = 0.05  # share of the samples on which two rivals differ most
 
@@ -83,6 +88,8 @@ class ReportSettings:
     # -- pictures -----------------------------------------------------------------------------
     most_dots: int = 3000
     most_bars: int = 24  # whose names can be read
+    formulas: int = 3  # lines of a terminal
+    points: int = 101  # of the curve of a function without a name
     longest_label: int = 34  # letters on one line
     decades: float = 30.0  # errors that differ by a larger factor stand on a logarithmic axis
     jump: float = 0.02  # neighbours of a function differ by less than this share of its range

@@ -10,7 +10,7 @@ from swsysid._effect_search.contents import EffectContents, Rollout
 from swsysid._effect_search.settings import REPORT
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
-from swsysid.effects import FoundEffect, Rival, StructureEffect
+from swsysid.effects import FoundEffect, Rival, StructureEffect, UnknownFunction
 from swsysid.effects._base import NOWHERE
 
 NOT_LOOKED_FOR = "Not looked for"
@@ -176,11 +176,15 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
     for name, value in effect.parameters.items():
         sure = interval(effect, name)
         yield f"   {name} {value:.5g}" + (f"  (95 %: {sure})" if sure else "")
+    for formula in effect.formulas[: REPORT.formulas]:
+        verdict = "predicts as well" if formula.ties else "predicts worse"
+        yield f"   formula: {formula.text}, {verdict}: {formula.error:.3g} of the error"
     for rival in effect.rivals:
-        yield (
-            f"   rival, as good on these data: {effect_title(rival, report)}, error "
-            f"{rival.error:.4g}; to tell them apart: {rival.advice}"
-        )
+        told = f"{effect_title(rival, report)}, error {rival.error:.4g}"
+        if effect.kind == UnknownFunction.kind:
+            yield f"   near effect with a name: {told} instead of {effect.error_after:.4g}"
+        else:
+            yield f"   rival, as good on these data: {told}; to tell them apart: {rival.advice}"
 
 
 def _rollouts(report: EffectContents) -> Iterator[str]:

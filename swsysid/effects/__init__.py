@@ -13,10 +13,12 @@ from swsysid.effects._characteristics import (
     Saturation,
     StribeckFriction,
 )
+from swsysid.effects._disturbance import UnmeasuredDisturbance
 from swsysid.effects._guards import GuardHysteresis
 from swsysid.effects._memory import Backlash, Delay, Lag
-from swsysid.effects._placed import FoundEffect, PlacedEffect, Rival
+from swsysid.effects._placed import Formula, FoundEffect, PlacedEffect, Rival
 from swsysid.effects._sensors import ClockLag, SensorOffset
+from swsysid.effects._shapes import UnknownFunction
 from swsysid.effects._switching import ExtraMode, Reset
 from swsysid.effects._terms import (
     Bias,
@@ -55,6 +57,8 @@ def all_effects() -> list[Effect]:
         GuardHysteresis(),
         Reset(),
         ExtraMode(),
+        UnknownFunction(),
+        UnmeasuredDisturbance(),
     ]
 
 
@@ -69,6 +73,7 @@ __all__ = [
     "Drift",
     "Effect",
     "ExtraMode",
+    "Formula",
     "GainChange",
     "GuardEffect",
     "GuardHysteresis",
@@ -92,5 +97,7 @@ __all__ = [
     "StribeckFriction",
     "StructureEffect",
     "Trigonometric",
+    "UnknownFunction",
+    "UnmeasuredDisturbance",
     "all_effects",
 ]

@@ -159,6 +159,11 @@ class Effect(BaseEstimator):
             f"{self.kind if single else f'{self.kind}_{term}'}({arguments})" for term in self.terms
         )
 
+    def written(self, label: str, theta: Sequence[float], coef: Array) -> list[tuple[float, str]]:
+        """Coefficients and columns as an equation shows them, for those of one mode."""
+        columns = self.column_names(label, *theta)
+        return list(zip(coef.tolist(), columns, strict=False))
+
     def formula(self, label: str, parameters: Mapping[str, float]) -> str:
         """The effect's term as text."""
         listed = ", ".join(f"{name} {value:.4g}" for name, value in parameters.items())

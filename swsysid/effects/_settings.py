@@ -15,6 +15,12 @@ class EffectSettings:
     rare_sign: float = 0.03  # share of the samples: a velocity with fewer of one sign has one sign
     most_monomials: int = 60  # in several channels
 
+    # -- shapes without a name -------------------------------------------------------------------
+    knots: tuple[int, ...] = (6, 12, 24)  # of a function of one channel
+    knots_of_two: tuple[int, ...] = (20, 50, 100)  # of a function of two
+    outer: float = 0.01  # share of the samples beyond each outermost knot
+    samples_a_knot: int = 4
+
     # -- time and memory -------------------------------------------------------------------------
     most_frequencies: int = 4000
     frequencies_a_peak: float = 2.5  # scanned in the width of a peak, one over the duration
