@@ -110,7 +110,15 @@ class Effect(BaseEstimator):
         return np.empty((len(records), 0))
 
     def plausible(self, coef: Array) -> bool:
-        """False for coefficients of the columns that make no physical sense."""
+        """False for coefficients of the columns that make no physical sense.
+
+        Those of an equation that gives a rate; where that is not known, as in a law of a force in
+        terms of motions, they may all have the other sign.
+        """
+        return True
+
+    def acts_in(self, records: Records, place: Place, target: int) -> bool:
+        """False for a state equation in which the effect makes no physical sense at a place."""
         return True
 
     def missing(self, records: Records) -> str | None:

@@ -14,6 +14,7 @@ class EffectSettings:
     narrow: float = 0.03  # of a channel's range: narrower than that, a dead zone is friction
     rare_sign: float = 0.03  # share of the samples: a velocity with fewer of one sign has one sign
     most_monomials: int = 60  # in several channels
+    kinematic: float = 0.05  # of the squares of a rate, left by what it is: x' = v, or a difference
 
     # -- time and memory -------------------------------------------------------------------------
     most_frequencies: int = 4000
