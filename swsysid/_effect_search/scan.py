@@ -261,7 +261,9 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
         best = int(np.argmin(losses))
         if losses[best] > misfit(0.0) - settings.correction:
             continue
-        value, _ = _least_near(misfit, parameter.values, parameter.values[best], settings.fine)
+        value = float(parameter.values[best])
+        if not parameter.exact:
+            value, _ = _least_near(misfit, parameter.values, value, settings.fine)
         yield PlacedEffect(effect, place, place, theta=(value,))
 
 

@@ -28,11 +28,14 @@ class Parameter:
         Increasing values that are scanned; the best is then refined between its neighbours.
     unit : str
         With ``{channel}``, ``{time}`` as placeholders for the user's units.
+    exact : bool
+        True for values that the record shows exactly: there is nothing between them to refine.
     """
 
     name: str
     values: Array
     unit: str = ""
+    exact: bool = False
 
 
 class Effect(BaseEstimator):
@@ -130,6 +133,10 @@ class Effect(BaseEstimator):
         if "signals" in self.needs and not records.signals.shape[1]:
             return "needs logged signals: give signals"
         return None
+
+    def place_parameters(self, place: Place) -> int:
+        """How many choices and numbers are made in the place itself, beside that of a channel."""
+        return 0
 
     # -- what a simulation asks ------------------------------------------------------------------
 

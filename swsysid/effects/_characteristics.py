@@ -32,7 +32,7 @@ class OfAChannel(Effect):
 # -- friction and drag: forces that oppose a velocity ----------------------------------------------
 
 
-class OfAVelocity(OfAChannel):
+class OfAVelocity(Effect):
     """A force that takes power from a motion: against a velocity, in that velocity's own equation.
 
     Parameters
@@ -65,7 +65,7 @@ class OfAVelocity(OfAChannel):
         return bool((coef > 0.0).all())
 
 
-class _Dry(OfAVelocity):
+class _Dry(OfAVelocity, OfAChannel):
     def breaks(self, place: Place, *theta: float) -> tuple[tuple[int, float], ...]:
         return ((place, 0.0),)
 
@@ -121,7 +121,7 @@ class AsymmetricFriction(_Dry):
         return [-1.0 * (x > 0), 1.0 * (x < 0), -np.maximum(x, 0.0)]
 
 
-class QuadraticDrag(OfAVelocity):
+class QuadraticDrag(OfAVelocity, OfAChannel):
     """``-drag * v * |v|``: turbulent drag."""
 
     kind = "quadratic_drag"
