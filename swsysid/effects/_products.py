@@ -85,7 +85,7 @@ class InputGain(_OfTwoChannels):
     terms = ("change",)
 
     def places(self, records: Records) -> Sequence[Place]:
-        """A channel and an input; of the input itself, u |u| is its own changing gain."""
+        """A channel and an input, which may be the channel itself."""
         return list(product([*records.states, *records.inputs], records.inputs))
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
