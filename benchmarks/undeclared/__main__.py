@@ -14,6 +14,9 @@ kept in FOLDER/undeclared.json; with ``--docs`` in benchmarks/results, and the p
 With ``--draw`` only so many of the cells with effects are run, drawn by chance, each with the same
 probability.
 
+Kinds that a search looks for only where they are asked for (`special_effects`) are planted where
+``--kinds`` names them; the search is then asked for them beside all others.
+
 With ``--recordings`` the search is given no velocities but the states with white noise of one per
 cent of their spread. The shares of first effects that are right, wrong or missed, and of clean
 systems in which something was found, are printed and kept in FOLDER/recordings.json.
@@ -44,6 +47,7 @@ from benchmarks.undeclared.unlisted import (
     unlisted_tables,
 )
 from swsysid.datasets import undeclared_kinds, unlisted_kinds
+from swsysid.effects import all_effects
 
 SYSTEMS = ["oscillator", "quartic", "two_mass", "pendulum", "tanks", "discrete"]
 FAST_KINDS = ["coulomb_friction", "dead_zone", "guard_hysteresis"]
@@ -111,7 +115,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--systems", nargs="+", choices=SYSTEMS, default=SYSTEMS)
-    parser.add_argument("--kinds", nargs="+", help="all that a system supports by default")
+    parser.add_argument("--kinds", nargs="+", help="by default all that every search looks for")
     parser.add_argument("--pairs", type=int, default=3, help="pairs of kinds a system and seed")
     parser.add_argument("--clean", type=int, default=5, help="clean records a system and noise")
     parser.add_argument("--draw", type=int, help="cells with effects, all of them by default")
@@ -131,13 +135,10 @@ def wanted(options: argparse.Namespace) -> list[Cell]:
     """Single effects, pairs of effects, and clean systems."""
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     first, *others = ("states",) if options.recordings else ("gaussian", "student")
+    asked = options.kinds or [effect.kind for effect in all_effects()]
     cells = []
     for system in options.systems:
-        kinds = [
-            kind
-            for kind in undeclared_kinds(system)
-            if options.kinds is None or kind in options.kinds
-        ]
+        kinds = [kind for kind in undeclared_kinds(system) if kind in asked]
         for seed in seeds:
             cells += [Cell(system, (kind,), first, seed) for kind in kinds]
             cells += [Cell(system, pair, first, seed) for pair in pairs(kinds, options, seed)]

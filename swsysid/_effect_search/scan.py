@@ -52,7 +52,8 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
             target
             for target in range(problem.targets.shape[1])
             for linear in [problem.has(target, feature)]
-            if {"replaces": not linear, "beside": linear, "instead": False}.get(role, True)
+            if effect.acts_in(records, place, target)
+            and {"replaces": not linear, "beside": linear, "instead": False}.get(role, True)
         ]
         if added:
             yield from _scan(context, effect, place, grid, columns, one_by_one, added)
@@ -61,7 +62,9 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
             theirs = [
                 target
                 for target in range(problem.targets.shape[1])
-                if problem.has(target, feature) and (target, feature) not in context.replaced
+                if problem.has(target, feature)
+                and (target, feature) not in context.replaced
+                and effect.acts_in(records, place, target)
             ]
             yield from _scan(context, effect, place, grid, columns, each, theirs, feature)
 
@@ -101,8 +104,11 @@ def _scan(
             # `solved`, `gains` and `best` are now those of all rows
             value = best[group][target]
             coef = solved[group[0]].coef[value, :, target]
-            if np.asarray(gains[group])[value, target] <= 0.0 or not effect.plausible(coef):
-                continue  # the library can do all this by itself, or physics cannot
+            if np.asarray(gains[group])[value, target] <= 0.0:
+                continue  # the library can do all this by itself
+            signs = (1.0,) if target in context.records.rates else (1.0, -1.0)
+            if not any(effect.plausible(sign * coef) for sign in signs):
+                continue  # physics cannot
         by_fold = tuple(int(fold[target]) for fold in chosen[group])
         theta = tuple(grid[by_fold[-1]].tolist())
         mode = group[0] if replaced is None else None
@@ -255,7 +261,9 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
         best = int(np.argmin(losses))
         if losses[best] > misfit(0.0) - settings.correction:
             continue
-        value, _ = _least_near(misfit, parameter.values, parameter.values[best], settings.fine)
+        value = float(parameter.values[best])
+        if not parameter.exact:
+            value, _ = _least_near(misfit, parameter.values, value, settings.fine)
         yield PlacedEffect(effect, place, place, theta=(value,))
 
 

@@ -33,6 +33,7 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array, IdentificationWarning
 from swsysid.effects import Effect, all_effects
+from swsysid.effects._kinematics import with_kinematics
 
 Answer = TypeVar("Answer")
 
@@ -299,10 +300,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         records, targets, rows = measured.records, measured.targets, split.search
         folds = self._folds(records.take(rows), targets[rows], rng)
         first = measured.fitted(self._declared, rows)
+        known = with_kinematics(records, rows, targets[rows], self._declared.discrete_time)
         context = SearchContext(
             model=self._declared.with_modes(first.n_modes),
             effects=all_effects() if isinstance(self.effects, str) else list(self.effects),
-            data=SearchData(records.told_on(parts.search), rows, targets[rows], folds),
+            data=SearchData(known.told_on(parts.search), rows, targets[rows], folds),
             declared=first,
             significance=self.significance,
         )

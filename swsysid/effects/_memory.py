@@ -131,10 +131,15 @@ def _first_order(t: Array, values: Array, time_constant: float) -> Array:
     if len(steps) and np.ptp(steps) < 1e-6 * steps.mean():
         later = lfilter([1.0], [1.0, -kept[0]], taken, zi=[kept[0] * values[0]])[0]
         return np.concatenate([values[:1], later])
-    response = [float(values[0])]
+    return followed_from(float(values[0]), kept, taken)
+
+
+def followed_from(start: float, kept: Array, taken: Array) -> Array:
+    """States of a memory that keeps a share of itself over each step and takes something in."""
+    states = [start]
     for share, driven in zip(kept.tolist(), taken.tolist(), strict=True):
-        response.append(share * response[-1] + driven)
-    return np.array(response)
+        states.append(share * states[-1] + driven)
+    return np.array(states)
 
 
 def _play(values: Array, half_width: float) -> Array:

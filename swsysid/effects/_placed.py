@@ -45,9 +45,7 @@ class PlacedEffect:
     def n_parameters(self) -> int:
         """Parameters beyond those of the declared model."""
         own = len(self.effect.terms) - (self.replaced is not None) + len(self.theta)
-        if isinstance(self.effect, GuardEffect):
-            own += self.effect.place_parameters(self.place)
-        return own
+        return own + self.effect.place_parameters(self.place)
 
     @property
     def signature(self) -> tuple[Hashable, ...]:
