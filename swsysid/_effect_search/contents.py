@@ -13,6 +13,7 @@ from swsysid._data.records import Records
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import Shape, effect_shape
 from swsysid._effect_search.settings import REPORT
+from swsysid._noise import exact_below
 from swsysid._rendering.parts import Parts, entries_of
 from swsysid._residual_report.report import ResidualReport
 from swsysid._results import Array, Trajectory
@@ -247,8 +248,9 @@ class EffectData:
         """State whose error the effects lower most; without effects the one furthest off."""
         before, after = self.errors
         spread = np.std(self.measured, axis=0)
-        # an equation that is exact, such as q' = v, changes by rounding
-        change = np.abs(before - after) / np.where(before > REPORT.exact * spread, before, np.inf)
+        # an equation that is exact, such as q' = v, changes by rounding only
+        told = before > exact_below(self.measured)
+        change = np.abs(before - after) / np.where(told, before, np.inf)
         size = before / np.where(spread > 0, spread, np.inf)
         return int(np.argmax(change if self.covariances else size))
 
@@ -275,6 +277,15 @@ class Round(TypedDict):
     effects: list[str]
 
 
+class TriedEffect(TypedDict):
+    """An effect that chance does not explain and that did not lower the held-out error."""
+
+    effect: str
+    p_value: float
+    before: list[float]
+    after: list[float]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class EffectContents(Parts):
     """Fields of an `EffectReport`, which are described there, and what follows from them."""
@@ -293,6 +304,9 @@ class EffectContents(Parts):
     guard_moved: float = 0.0
     history: tuple[Round, ...] = ()
     dropped: tuple[str, ...] = ()
+    tried: tuple[TriedEffect, ...] = ()
+    exact: tuple[str, ...] = ()
+    alarms: tuple[str, ...] = ()
     discrete: bool = False
     data: EffectData | None = None
 

@@ -126,9 +126,7 @@ class Search:
                 if candidate.signature in found:
                     continue
                 if isinstance(effect, ResetEffect):
-                    gain, _ = effect.gain(
-                        beside.records, beside.velocities, beside.switched_modes, candidate.target
-                    )
+                    gain, _ = effect.gain(*beside.jumping, candidate.target)
                     options.append(context.with_reset(current, candidate, gain))
                     continue
                 terms = (*current.terms, candidate)

@@ -18,6 +18,7 @@ from swsysid._effect_search.findings import Ladder
 from swsysid._effect_search.greedy import Round
 from swsysid._effect_search.page import effect_page
 from swsysid._effect_search.text import named, report_lines, summary, title
+from swsysid._effect_search.untouched import Tried
 from swsysid._rendering.parts import entries_of
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
@@ -61,6 +62,14 @@ class EffectReport(EffectContents):
     dropped : tuple of str
         Effects after the last round that did not stay significant beside the others, and are
         not among `effects`.
+    tried : tuple of dict
+        Effects that chance does not explain and that are not kept, since the held-out error does
+        not fall by more than its standard error: ``effect``, ``p_value``, and the held-out errors
+        of each equation ``before`` and ``after``.
+    exact : tuple of str
+        States whose declared equation leaves rounding only, such as q' = v. They take no part.
+    alarms : tuple of str
+        What is wrong with the declared model before anything is looked for.
     discrete : bool
         True if the targets are the next states.
     data : EffectData or None
@@ -90,6 +99,8 @@ class EffectReport(EffectContents):
         models: Sequence[EffectRegressor],
         covariances: Sequence[Array],
         trajectory_names: NDArray | None,
+        tried: Sequence[Tried] = (),
+        alarms: Sequence[str] = (),
     ) -> EffectReport:
         """Everything a search has found.
 
@@ -132,6 +143,17 @@ class EffectReport(EffectContents):
                 for one in rounds
             ),
             dropped=dropped(rounds, last.terms, records),
+            tried=tuple(
+                {
+                    "effect": _in_words(one.candidate, records),
+                    "p_value": one.p_value,
+                    "before": one.before.tolist(),
+                    "after": one.after.tolist(),
+                }
+                for one in tried
+            ),
+            exact=tuple(records.names[state] for state in sorted(ladder.context.data.exact_states)),
+            alarms=tuple(alarms),
             discrete=bool(first.laws.discrete_time),
             data=EffectData(
                 records=records,

@@ -34,11 +34,12 @@ Solutions = dict[Mode, Solution]
 
 def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
     """Trials of an effect: every place and target, all modes or one, added or in place."""
-    records, n_modes = context.records, context.regression.n_modes
+    n_modes = context.regression.n_modes
     one_by_one: list[tuple[Mode, ...]] = [(None,)]
     one_by_one += [(mode,) for mode in range(n_modes) if n_modes > 1]
-    for place in effect.places(records) if effect.terms else ():
-        ranges = effect.parameters(records, place)
+    searched = context.searched
+    for place in effect.places(searched) if effect.terms and context.targets else ():
+        ranges = effect.parameters(searched, place)
         grid = np.array(list(product(*(parameter.values for parameter in ranges))), dtype=float)
         if not len(grid):
             continue
@@ -46,11 +47,11 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
         if not np.isfinite(columns).all():
             continue
         feature = context.linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
-        role = effect.role_at(records, place)
+        role = effect.role_at(searched, place)
         problem = context.regression
         added = [
             target
-            for target in range(problem.targets.shape[1])
+            for target in context.targets
             for linear in [problem.has(target, feature)]
             if {"replaces": not linear, "beside": linear, "instead": False}.get(role, True)
         ]
@@ -60,7 +61,7 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
             each: list[tuple[Mode, ...]] = [tuple(range(n_modes))]
             theirs = [
                 target
-                for target in range(problem.targets.shape[1])
+                for target in context.targets
                 if problem.has(target, feature) and (target, feature) not in context.replaced
             ]
             yield from _scan(context, effect, place, grid, columns, each, theirs, feature)
@@ -242,11 +243,11 @@ def proposals(effect: Effect, context: CandidateContext) -> Iterator[PlacedEffec
 def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """The correction of each sensor that lets the declared laws fit best."""
     records, settings = context.records, context.data.settings
-    discrete = bool(context.fit.laws.discrete_time)
-    for place in effect.places(records):
-        if not effect.is_possible(records, place, context.velocities, discrete):
+    (along, velocities, _), discrete = context.jumping, bool(context.fit.laws.discrete_time)
+    for place in effect.places(along) if context.targets else ():
+        if not effect.is_possible(along, place, velocities, discrete):
             continue
-        (parameter,) = effect.parameters(records, place)
+        (parameter,) = effect.parameters(context.searched, place)
 
         def misfit(value: float, place: int = place) -> float:
             return context.misfit(effect.corrected(records, place, value))
@@ -273,9 +274,7 @@ def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     if context.fit.laws.discrete_time:
         return  # the targets are the next states, jumps included
     for target in context.records.states:
-        found = effect.candidate(
-            context.records, context.velocities, context.switched_modes, target
-        )
+        found = effect.candidate(*context.jumping, target)
         if found is not None and found[0] not in context.fit.laws.resets:
             crossing, theta = found
             yield PlacedEffect(effect, crossing, target, theta=theta)
@@ -284,5 +283,5 @@ def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
 @proposals.register
 def _(effect: StructureEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """The one other model."""
-    for place in effect.places(context.records):
+    for place in effect.places(context.searched) if context.targets else ():
         yield PlacedEffect(effect, place, 0)

@@ -1,0 +1,98 @@
+"""What the search for effects finds where nothing is missing, and its p-values there.
+
+    python -m benchmarks.calibration [--output FOLDER] [--seeds 12] [--first-seed 10]
+                                     [--nulls "ar 0.9" ...] [--jobs 1] [--docs docs]
+
+Every cell (residuals, seed) is one line of FOLDER/calibration.jsonl; a cell that is there is not
+run again. The systems are declared completely, the search has its whole library, and whatever it
+finds at ``significance=0.01`` is a false alarm. Of every candidate of its first scan the p-value
+before the correction for their number is kept too: where nothing is missing, one in a hundred is
+below 0.01.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+from joblib import delayed
+
+from benchmarks.calibration.nulls import NULLS, null_record
+from benchmarks.calibration.tables import condensed, tables
+from benchmarks.records import read, run_and_append
+from benchmarks.results import add_docs_options, keep, measured_here, place
+from swsysid import EffectSearchCV
+from swsysid._effect_search.scan import scan
+
+# The p-values of which the shares are kept.
+LEVELS = (0.5, 0.1, 0.01, 0.001, 0.0001)
+
+
+class Watched(EffectSearchCV):
+    """A search that remembers what its rounds were made beside."""
+
+    def _search(self, *args, **options):
+        self.outcome_ = super()._search(*args, **options)
+        return self.outcome_
+
+
+def run_cell(null: str, seed: int) -> list[dict]:
+    """The record of one search where nothing is missing."""
+    data = null_record(null, seed)
+    start = time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        search = Watched(data.estimator).fit(data.X, data.Xdot, t=data.t, groups=data.groups)
+    seconds = time.process_time() - start
+    context = search.outcome_.context
+    beside = context.candidates(context.declared)
+    trials = [trial for effect in context.usable for trial in scan(beside, effect)]
+    p_values = np.array([beside.p_value(trial) for trial in trials])
+    return [
+        {
+            "cell": [null, seed],
+            "rows": len(data.X),
+            "found": [f"{effect.kind} of {effect.place}" for effect in search.effects_],
+            "p_values": [effect.p_value for effect in search.effects_],
+            "below": [int(np.sum(p_values <= level)) for level in LEVELS],
+            "candidates": len(p_values),
+            "smallest": float(p_values.min(initial=1.0)),
+            "seconds": seconds,
+        }
+    ]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the missing cells and print the tables."""
+    options = parse(arguments)
+    file = Path(options.output, "calibration.jsonl")
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    cells = [(null, seed) for seed in seeds for null in options.nulls]
+    known = {tuple(record["cell"]) for record in read(file)}
+    missing = [cell for cell in cells if cell not in known]
+    runs = run_and_append(file, (delayed(run_cell)(*cell) for cell in missing), options.jobs)
+    for count, [record] in enumerate(runs, start=1):
+        print(f"{count}/{len(missing)} {record['cell']} -> {record['found']}", flush=True)
+    asked = [record for record in read(file) if tuple(record["cell"]) in set(cells)]
+    parts = {"searches": {"origin": measured_here(), **condensed(asked, LEVELS)}}
+    keep("calibration", parts, place(options))
+    print(tables(parts))
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", default="output/calibration", help="folder of the results")
+    parser.add_argument("--seeds", type=int, default=12)
+    parser.add_argument("--first-seed", type=int, default=10)
+    parser.add_argument("--nulls", nargs="+", choices=list(NULLS), default=list(NULLS))
+    parser.add_argument("--jobs", type=int, default=1)
+    add_docs_options(parser)
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    main()
