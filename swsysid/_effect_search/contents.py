@@ -286,6 +286,19 @@ class TriedEffect(TypedDict):
     after: list[float]
 
 
+class RowsSetAside(TypedDict):
+    """Rows with gross errors, and whether they lie together."""
+
+    n_rows: int
+    n_together: int
+    n_trajectories: int
+    p_value: float
+    channel: str
+    interval: tuple[float, float]
+    others: float
+    is_finding: bool
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class EffectContents(Parts):
     """Fields of an `EffectReport`, which are described there, and what follows from them."""
@@ -307,13 +320,19 @@ class EffectContents(Parts):
     tried: tuple[TriedEffect, ...] = ()
     exact: tuple[str, ...] = ()
     alarms: tuple[str, ...] = ()
+    set_aside: RowsSetAside | None = None
     discrete: bool = False
     data: EffectData | None = None
 
     @property
     def clean(self) -> bool:
-        """True if no effect was found."""
-        return not self.effects
+        """True if no effect was found, and no law that acts rarely."""
+        return not self.effects and not self.acts_rarely
+
+    @property
+    def acts_rarely(self) -> bool:
+        """True if rows that are set aside lie together, so that another law acts there."""
+        return self.set_aside is not None and self.set_aside["is_finding"]
 
     @property
     def by_trajectory(self) -> list[dict[str, object]]:

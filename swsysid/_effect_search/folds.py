@@ -51,7 +51,10 @@ class Folds:
 
     def independent_sums(self, values: Array, like: Array | None = None) -> Array:
         """As `block_sums`, over blocks that are longer than the values, or others, remember."""
-        remembered = memory(values if like is None else like, self.series)
+        return self.sums_over(values, memory(values if like is None else like, self.series))
+
+    def sums_over(self, values: Array, remembered: float) -> Array:
+        """As `block_sums`, over blocks that are longer than so many rows are remembered."""
         return _sums(independent_blocks(self.blocks, self.series, remembered), values)
 
 

@@ -253,6 +253,8 @@ def _search(told: _Told) -> Iterable[str]:
         yield paragraph(f"Dropped at the end, since chance explains it as well: {dropped}.", "note")
     if report.effects:
         yield paragraph(text.moved(report))
+    if text.aside(report):
+        yield paragraph(text.aside(report))
     if report.tried:
         yield paragraph(f"{text.NOT_KEPT}:")
         yield listing(text.not_kept(report))

@@ -37,8 +37,9 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
     n_modes = context.regression.n_modes
     one_by_one: list[tuple[Mode, ...]] = [(None,)]
     one_by_one += [(mode,) for mode in range(n_modes) if n_modes > 1]
-    searched = context.searched
-    for place in effect.places(searched) if effect.terms and context.targets else ():
+    # What a channel does at all, such as to change its sign, is asked of the whole record.
+    records, searched = context.records, context.searched
+    for place in effect.places(records) if effect.terms and context.targets else ():
         ranges = effect.parameters(searched, place)
         grid = np.array(list(product(*(parameter.values for parameter in ranges))), dtype=float)
         if not len(grid):
@@ -47,7 +48,7 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
         if not np.isfinite(columns).all():
             continue
         feature = context.linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
-        role = effect.role_at(searched, place)
+        role = effect.role_at(records, place)
         problem = context.regression
         added = [
             target

@@ -68,6 +68,8 @@ def summary(report: EffectContents) -> str:
 def _outcome(report: EffectContents) -> str:
     if not report.n_held_out:
         return "Nothing was searched: the record is too short to hold any of it out."
+    if not report.effects and report.acts_rarely:
+        return f"No effect that was looked for is missing, but a law acts rarely. {aside(report)}"
     if not report.effects and not report.alarms and _leaves_noise(report):
         return "No effect is missing as far as these data show."
     if not report.effects:
@@ -150,6 +152,30 @@ def not_kept(report: EffectContents) -> list[str]:
     ]
 
 
+def aside(report: EffectContents) -> str:
+    """How many rows are set aside and where they are, in a sentence; "" if there are none."""
+    one = report.set_aside
+    if one is None or not one["n_rows"]:
+        return ""
+    share = one["n_rows"] / (report.n_search + report.n_held_out)
+    told = f"{one['n_rows']} rows ({share:.1%}) have gross errors and are set aside"
+    if not one["n_together"]:
+        return f"{told}; no two of them follow each other."
+    low, high = one["interval"]
+    place = (
+        f"{one['n_together']} of them lie together in {one['n_trajectories']} "
+        f"{'trajectory' if one['n_trajectories'] == 1 else 'trajectories'}, "
+        f"{one['channel']} between {low:.4g} and {high:.4g} "
+        f"(where {one['others']:.1%} of the others are)"
+    )
+    if not one["is_finding"]:
+        return f"{told}; {place}."
+    return (
+        f"{told}; {place}: another law acts there, one more mode, a stop or a collision "
+        f"({probability(one['p_value'])})."
+    )
+
+
 def first_of(entries: Sequence[str], most: int) -> list[str]:
     """The first entries, and how many more there are."""
     rest = len(entries) - most
@@ -176,6 +202,8 @@ def report_lines(report: EffectContents) -> Iterator[str]:
         yield ""
     if report.effects:
         yield f"Modes: {moved(report)}"
+    if aside(report) and (report.effects or not report.acts_rarely):
+        yield f"Set aside: {aside(report)}"
     when = [" without the effects", " with the effects"] if report.effects else [""]
     for told, (_, leftover) in zip(when, leftovers(report), strict=False):
         for name, said in verdicts(leftover, report):
