@@ -1,6 +1,6 @@
 """What the search for effects finds where nothing is missing, and its p-values there.
 
-    python -m benchmarks.calibration [--output FOLDER] [--seeds 12] [--first-seed 10]
+    python -m benchmarks.calibration [--output FOLDER] [--seeds 3] [--rare 10] [--first-seed 10]
                                      [--kinds "ar 0.9" ...] [--jobs 1] [--docs docs]
 
 Every cell (residuals, seed) is one line of FOLDER/calibration.jsonl; a cell that is there is not
@@ -93,8 +93,13 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the missing cells and print the tables."""
     options = parse(arguments)
     file = Path(options.output, "calibration.jsonl")
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    cells = [(kind, seed) for seed in seeds for kind in options.kinds]
+    many = {kind: options.rare if kind == RARE else options.seeds for kind in options.kinds}
+    cells = [
+        (kind, options.first_seed + number)
+        for number in range(max(many.values()))
+        for kind in options.kinds
+        if number < many[kind]
+    ]
     known = {tuple(record["cell"]) for record in read(file)}
     missing = [cell for cell in cells if cell not in known]
     runs = run_and_append(file, (delayed(run_cell)(*cell) for cell in missing), options.jobs)
@@ -113,7 +118,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--output", default="output/calibration", help="folder of the results")
-    parser.add_argument("--seeds", type=int, default=12)
+    parser.add_argument("--seeds", type=int, default=3, help="where nothing is missing")
+    parser.add_argument("--rare", type=int, default=10, help="seeds where a law acts rarely")
     parser.add_argument("--first-seed", type=int, default=10)
     kinds = [*NULLS, RARE]
     parser.add_argument("--kinds", nargs="+", choices=kinds, default=kinds)

@@ -7,7 +7,7 @@ import pytest
 
 from swsysid import EffectSearchCV
 from swsysid._data.records import make_records
-from swsysid._effect_search.folds import split_records
+from swsysid._effect_search.folds import SearchData, make_folds, split_records
 from swsysid.datasets import make_undeclared
 from swsysid.effects import all_effects
 
@@ -55,6 +55,34 @@ def held_out_rows(data):
         data.X, data.Xdot.shape[1], t=data.t, groups=data.groups, names=("x0", "x1", "x2")
     )
     return split_records(records, np.random.RandomState(0)).held_out
+
+
+def test_samples_that_are_held_out_divide_a_trajectory():
+    t, groups = np.arange(20.0), np.repeat([0, 1], 10)
+    records = make_records(t[:, None], 1, t=t, groups=groups, names=("x0",))
+    part = np.concatenate([np.arange(4), np.arange(7, 10), np.arange(10, 20)])
+    folds = make_folds(records.take(part), 2, np.random.RandomState(0))
+    data = SearchData(records, part, t[part, None], folds, part)
+    seen = data.without_gaps(records)
+    # a jump between samples 3 and 7 would be one of the held-out samples between them
+    assert [seen.t[rows].tolist() for rows in seen.trajectories] == [
+        [0.0, 1.0, 2.0, 3.0],
+        [7.0, 8.0, 9.0],
+        list(np.arange(10.0, 20.0)),
+    ]
+
+
+def test_rows_that_remember_a_fold_are_not_trained_on():
+    # one trajectory of 1000 rows and five folds: with a memory of 20 rows parts are 80 rows or more
+    t = np.arange(1000.0)
+    records = make_records(t[:, None], 1, t=t, names=("x0",))
+    rng = np.random.RandomState(0)
+    for train, test in make_folds(records, 5, rng, remembered=20.0).parts:
+        assert np.min(np.abs(train[:, None] - test)) > 20
+        assert len(train) > 400
+    # white residuals leave no gap: every row is either trained on or tested
+    for train, test in make_folds(records, 5, rng).parts:
+        assert len(train) + len(test) == 1000
 
 
 def test_the_rows_held_out_are_those_of_the_search():
