@@ -11,10 +11,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit, known_modes
+from swsysid._effect_search.chance import chance_of_slope
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Background, Regression
 from swsysid._noise import STUDENT, robust_weights
@@ -128,6 +128,24 @@ class CandidateContext:
         known = self.known_modes
         return self.surface_modes if self.records.told is None else known
 
+    @cached_property
+    def jumping(self) -> tuple[Records, Array, NDArray[np.intp]]:
+        """What jumps are looked for in: samples of the search, their velocities and modes."""
+        records = self.data.without_gaps(self.records)
+        part = slice(None) if self.data.part is None else self.data.part
+        return records, self.velocities[part], self.switched_modes[part]
+
+    @cached_property
+    def searched(self) -> Records:
+        """The samples that a search may look at."""
+        return self.data.searched(self.records)
+
+    @property
+    def targets(self) -> list[int]:
+        """States whose equations may lack something."""
+        every = range(self.regression.targets.shape[1])
+        return [target for target in every if target not in self.data.exact_states]
+
     @property
     def most_switched_state(self) -> int:
         """State whose laws differ most between the modes."""
@@ -176,19 +194,14 @@ class CandidateContext:
     def p_value(self, trial: Trial) -> float:
         """Probability of so good a prediction of the residual if there were no effect."""
         # A one-sided test of the slope of the held-out residuals on the predicted change, its error
-        # robust to whatever happens inside a block.
-        residual = self.held_out[:, trial.candidate.target]
-        products = np.column_stack([residual * trial.change, trial.change**2])
-        moment, square = self.regression.block_sums(products).T
-        size, n_blocks = square.sum(), len(square)
-        if size <= 0.0:
+        # robust to whatever happens inside a block that is longer than the memory of its terms.
+        residual, weight = self.held_out[:, trial.candidate.target], self.regression.weight
+        moment, square = weight * residual * trial.change, weight * trial.change**2
+        if square.sum() <= 0.0:
             return 1.0
-        slope = moment.sum() / size
-        scatter = float(np.sum((moment - slope * square) ** 2))
-        error = np.sqrt(scatter * n_blocks / max(n_blocks - 1, 1)) / size
-        if error == 0.0:
-            return 0.0 if slope > 0 else 1.0
-        return float(stats.t.sf(slope / error, n_blocks - 1))
+        scatter = moment - moment.sum() / square.sum() * square
+        both = np.column_stack([moment, square])
+        return chance_of_slope(*self.regression.folds.independent_sums(both, scatter).T)
 
 
 def candidate_context(

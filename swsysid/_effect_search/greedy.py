@@ -81,11 +81,17 @@ class Search:
                 structure, rounds = other, other_rounds
         single = len(rounds) == 1 and rounds[0].structure is structure
         known = (structure, (rounds[0].finding,)) if single else confirmed(self.context, structure)
+        return *known, rounds
+
+    def beside_the_unknown(
+        self, structure: Structure, findings: tuple[Finding, ...], rounds: list[Round]
+    ) -> tuple[Structure, tuple[Finding, ...]]:
+        """With disturbances in the place of what they explain as well, and shapes as rivals."""
         n_candidates = max((one.n_candidates for one in rounds), default=1)
-        structure, findings = with_disturbances(self.context, *known, n_candidates)
+        structure, findings = with_disturbances(self.context, structure, findings, n_candidates)
         if self.unknowns is not None:
             findings = self.unknowns.as_rivals(structure, findings)
-        return structure, findings, rounds
+        return structure, findings
 
     def climb(self) -> tuple[Structure, list[Round]]:
         """Add effects until nothing significant is left."""
@@ -144,9 +150,7 @@ class Search:
                 if candidate.signature in found:
                     continue
                 if isinstance(effect, ResetEffect):
-                    gain, _ = effect.gain(
-                        beside.records, beside.velocities, beside.switched_modes, candidate.target
-                    )
+                    gain, _ = effect.gain(*beside.jumping, candidate.target)
                     options.append(context.with_reset(current, candidate, gain))
                     continue
                 terms = (*current.terms, candidate)

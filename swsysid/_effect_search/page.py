@@ -111,7 +111,7 @@ def _errors(told: _Told) -> Iterable[str]:
     rows = [[row["model"], *row["held_out"]] for row in report.errors]
     yield table(["model", *told.rates], rows, kind="ladder")
     first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
-    known = first > REPORT.exact * told.data.measured.std(axis=0)
+    known = np.array([name not in report.exact for name in report.targets])
     shares = 1.0 - np.divide(last, first, out=np.ones_like(first), where=known)
     lower = [
         f"{told.rate(state)}: {shares[state]:.0%} lower"
@@ -258,6 +258,11 @@ def _search(told: _Told) -> Iterable[str]:
         yield paragraph(f"Dropped at the end, since chance explains it as well: {dropped}.", "note")
     if report.effects:
         yield paragraph(text.moved(report))
+    if text.aside(report):
+        yield paragraph(text.aside(report))
+    if report.tried:
+        yield paragraph(f"{text.NOT_KEPT}:")
+        yield listing(text.not_kept(report))
     if report.skipped:
         yield paragraph(f"{text.NOT_LOOKED_FOR}:")
         yield listing(text.skipped(report))

@@ -34,11 +34,13 @@ Solutions = dict[Mode, Solution]
 
 def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
     """Trials of an effect: every place and target, all modes or one, added or in place."""
-    records, n_modes = context.records, context.regression.n_modes
+    n_modes = context.regression.n_modes
     one_by_one: list[tuple[Mode, ...]] = [(None,)]
     one_by_one += [(mode,) for mode in range(n_modes) if n_modes > 1]
-    for place in effect.places(records) if effect.terms else ():
-        ranges = effect.parameters(records, place)
+    # What a channel does at all, such as to change its sign, is asked of the whole record.
+    records, searched = context.records, context.searched
+    for place in effect.places(records) if effect.terms and context.targets else ():
+        ranges = effect.parameters(searched, place)
         grid = np.array(list(product(*(parameter.values for parameter in ranges))), dtype=float)
         if not len(grid):
             continue
@@ -50,7 +52,7 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
         problem = context.regression
         added = [
             target
-            for target in range(problem.targets.shape[1])
+            for target in context.targets
             for linear in [problem.has(target, feature)]
             if effect.acts_in(records, place, target)
             and {"replaces": not linear, "beside": linear, "instead": False}.get(role, True)
@@ -61,7 +63,7 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
             each: list[tuple[Mode, ...]] = [tuple(range(n_modes))]
             theirs = [
                 target
-                for target in range(problem.targets.shape[1])
+                for target in context.targets
                 if problem.has(target, feature)
                 and (target, feature) not in context.replaced
                 and effect.acts_in(records, place, target)
@@ -248,11 +250,11 @@ def proposals(effect: Effect, context: CandidateContext) -> Iterator[PlacedEffec
 def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """The correction of each sensor that lets the declared laws fit best."""
     records, settings = context.records, context.data.settings
-    discrete = bool(context.fit.laws.discrete_time)
-    for place in effect.places(records):
-        if not effect.is_possible(records, place, context.velocities, discrete):
+    (along, velocities, _), discrete = context.jumping, bool(context.fit.laws.discrete_time)
+    for place in effect.places(along) if context.targets else ():
+        if not effect.is_possible(along, place, velocities, discrete):
             continue
-        (parameter,) = effect.parameters(records, place)
+        (parameter,) = effect.parameters(context.searched, place)
 
         def misfit(value: float, place: int = place) -> float:
             return context.misfit(effect.corrected(records, place, value))
@@ -281,9 +283,7 @@ def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     if context.fit.laws.discrete_time:
         return  # the targets are the next states, jumps included
     for target in context.records.states:
-        found = effect.candidate(
-            context.records, context.velocities, context.switched_modes, target
-        )
+        found = effect.candidate(*context.jumping, target)
         if found is not None and found[0] not in context.fit.laws.resets:
             crossing, theta = found
             yield PlacedEffect(effect, crossing, target, theta=theta)
@@ -292,5 +292,5 @@ def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
 @proposals.register
 def _(effect: StructureEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """The one other model."""
-    for place in effect.places(context.records):
+    for place in effect.places(context.searched) if context.targets else ():
         yield PlacedEffect(effect, place, 0)

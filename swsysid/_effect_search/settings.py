@@ -18,6 +18,9 @@ class SearchSettings:
     n_blocks: int = 32  # of a t-test: its quantiles are those of the normal law to a few per cent
     fewest_trajectories: int = 6  # with fewer, stretches are held out instead of whole ones
     n_stretches: int = 16
+    memories: float = 4.0  # of a block: its sum has nine tenths of the variance of a long one's
+    settled: float = 5.0  # correlation times: a sum of correlations up to there is complete
+    forgotten: float = 2.0  # rows: what remembers no more than the next one leaves no gap
     gap: float = 0.01  # of a trajectory, between a held-out stretch and its neighbours
     rows_a_column: int = 8  # fewer rows than that are too short to hold any out
     fewest_rows: int = 40
@@ -47,6 +50,9 @@ class SearchSettings:
     n_restarts: int = 10  # kinds with which the modes are sought anew
     n_questions: int = 3  # times that a term is scanned again at the modes found with it
 
+    # -- before a search -------------------------------------------------------------------------
+    explains_nothing: float = 0.1  # of a velocity's variance: a declared model with less is none
+
     # -- what may enter --------------------------------------------------------------------------
     # Every record has an endless rest that is significant and small: 0.05 a row is an error
     # smaller by five per cent.
@@ -74,7 +80,6 @@ class ReportSettings:
     # -- what is worth telling ----------------------------------------------------------------
     worth_telling: float = 0.01  # share by which an error is lowered
     smallest_p_value: float = 1e-16  # smaller ones are rounding
-    exact: float = 1e-9  # of the spread of a velocity: a smaller error is rounding
 
     # -- lists --------------------------------------------------------------------------------
     names_in_text: int = 12  # lines of a terminal

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit, fit_jointly
@@ -18,7 +18,8 @@ from swsysid._effect_search.candidates import (
     Trial,
     candidate_context,
 )
-from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.chance import BlockSum
+from swsysid._effect_search.folds import SearchData, memory_of
 from swsysid._effect_search.held_out import held_out_cost, unseen_cost
 from swsysid._effect_search.scan import proposals, refined, scan
 from swsysid._effect_search.settings import SearchSettings
@@ -169,15 +170,32 @@ class SearchContext:
         return np.maximum(self.squared_errors(self.declared), self.data.exact**2)
 
     def structural_chance(self, before: Structure, after: Structure) -> float:
-        """Of so large a gain in each block of rows by chance, for effects without columns."""
-        # One more surface is fitted to all rows and bends to those that are to be predicted; it is
-        # judged by fits that have not seen them. A one-sided t-test of the mean gain of a block.
+        """Of predictions that are so much better in each block of rows by chance."""
+        # Modes, a surface and weights that were fitted to all rows bend to those that are to be
+        # predicted; where there are several modes fits that have not seen the rows are judge.
         gains = before.rows - after.rows
-        if after.fit.n_modes > before.fit.n_modes:
+        if after.fit.n_modes > 1 and after.fit.guard is None:
             gains = self._unseen_cost(before) - self._unseen_cost(after)
-        sums = self.data.folds.block_sums(gains)
-        error = sums.std(ddof=1) / np.sqrt(len(sums))
-        return float(stats.t.sf(sums.mean() / max(error, 1e-300), len(sums) - 1))
+        # With likelihoods p of a row before and q after, (q - p) / (q + p) has no positive mean
+        # where p is true, whatever q is, for it is concave in q / p. Unlike the logarithm, of which
+        # a few rows hold most, it is bounded.
+        # What it remembers by chance is what the residuals do.
+        data = self.data
+        left = after.fit.residuals(data.records, data.rows, data.targets)
+        counted = [state for state in range(left.shape[1]) if state not in data.exact_states]
+        remembered = memory_of(data.records.take(data.rows), left[:, counted])
+        return BlockSum.of(data.folds.sums_over(np.tanh(0.5 * gains), remembered)).chance
+
+    def n_hypotheses(self, beside: CandidateContext, n_trials: int) -> int:
+        """So many candidates could have won, those of later scans and of restarts included."""
+        records, count = beside.searched, n_trials
+        for effect in self.usable:
+            for place in effect.places(records) if not effect.terms else ():
+                values = (len(one.values) for one in effect.parameters(records, place))
+                count += prod(values)
+        if beside.regression.n_modes == 1:
+            return count  # a scan once more is of the same candidates
+        return count * (1 + self.settings.n_questions) + self.settings.n_restarts
 
     def _unseen_cost(self, structure: Structure) -> Array:
         """Cost of every row, from a fit of the structure to the other folds."""
