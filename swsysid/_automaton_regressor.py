@@ -45,6 +45,8 @@ class HybridAutomatonRegressor(BaseEstimator):
        the first sum over its switches, where it is zero, the second over the samples of mode i,
        where it is below zero: the side information of the paper's margin program (section IV),
        measured as time.
+    4. *Together.* Laws, guards, resets and starts of highest likelihood, by multiple shooting
+       through events and jumps: the instants are those of the automaton's own guards.
 
     Parameters
     ----------
@@ -66,6 +68,10 @@ class HybridAutomatonRegressor(BaseEstimator):
     max_modes : int, default=6
     n_jobs : int, default=None
         Starts that run side by side; the answer is the same for any.
+    refine : bool, default=True
+        In continuous time with noise: refine laws, guards and resets together at last, by multiple
+        shooting through events and jumps. It is left out where rollouts of the recordings become
+        worse.
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
         1 shows the rounds on standard error.
@@ -91,6 +97,10 @@ class HybridAutomatonRegressor(BaseEstimator):
         How well each guard tells its switches.
     mode_selection_ : list
         The candidates of ``n_modes="auto"``.
+    refinement_ : AutomatonRefinement or None
+        What `refine` gained, and standard errors of laws, guards and resets; None where there was
+        nothing to refine: no noise, no transition, or one surface whose coefficients were found
+        together with the laws.
     report_ : AutomatonReport
 
     See Also
@@ -133,6 +143,7 @@ class HybridAutomatonRegressor(BaseEstimator):
         sparsity=None,
         max_modes=6,
         n_jobs=None,
+        refine=True,
         random_state=None,
         verbose=0,
     ):
@@ -144,6 +155,7 @@ class HybridAutomatonRegressor(BaseEstimator):
         self.sparsity = sparsity
         self.max_modes = max_modes
         self.n_jobs = n_jobs
+        self.refine = refine
         self.random_state = random_state
         self.verbose = verbose
 
@@ -178,6 +190,7 @@ class HybridAutomatonRegressor(BaseEstimator):
         """
         degree = whole("guard_degree", self.guard_degree)
         discrete = flag("discrete_time", self.discrete_time)
+        refine = flag("refine", self.refine)
         self._check_lags(discrete)
         if discrete and t is None and not isinstance(x, (list, dict)):
             t = np.arange(len(x)) if groups is None else places_along(groups)
@@ -194,7 +207,7 @@ class HybridAutomatonRegressor(BaseEstimator):
                 )
             else:
                 found = continuous.identified(
-                    self._estimator(), given, degree, self.settings, bar.update
+                    self._estimator(), given, degree, self.settings, bar.update, refine=refine
                 )
         self._store(found, given)
         return self
@@ -278,6 +291,7 @@ class HybridAutomatonRegressor(BaseEstimator):
         self.noise_ = found.noise
         self.verdicts_ = found.verdicts
         self.mode_selection_ = list(found.candidates)
+        self.refinement_ = found.refinement
         self.report_ = AutomatonReport.of(found)
         for verdict in found.verdicts:
             if not verdict.is_told:

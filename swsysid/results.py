@@ -12,6 +12,7 @@ from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._automaton_search.answer import AutomatonReport
 from swsysid._automaton_search.assembly import TransitionVerdict
+from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._results import (
@@ -31,6 +32,7 @@ from swsysid.relaxations._mixed_integer import MipResult
 __all__ = [
     "AffineReset",
     "Assignment",
+    "AutomatonRefinement",
     "AutomatonReport",
     "CountCandidate",
     "FirstModes",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search.assembly import TransitionVerdict
+from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
@@ -27,6 +28,7 @@ class IdentifiedAutomaton:
     verdicts: list[TransitionVerdict]
     candidates: Sequence[object]  # of the number of modes
     unexplained: float = 0.0  # part of the samples that no law explains
+    refinement: AutomatonRefinement | None = None  # None where there was nothing to refine
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,6 +45,8 @@ class AutomatonReport:
         What the laws leave of the samples.
     states : tuple of str
         Their names.
+    refinement : AutomatonRefinement or None
+        What was gained by refining all of it together.
     advice : str
     """
 
@@ -51,6 +55,7 @@ class AutomatonReport:
     verdicts: tuple[TransitionVerdict, ...]
     noise: Array
     states: tuple[str, ...]
+    refinement: AutomatonRefinement | None
     advice: str
 
     @classmethod
@@ -77,7 +82,8 @@ class AutomatonReport:
         advice = " ".join(untold) or fine
         equations = tuple(found.automaton.equations())
         names = tuple(found.automaton.state_names)
-        return cls(equations, shares, tuple(found.verdicts), found.noise, names, advice)
+        verdicts, refinement = tuple(found.verdicts), found.refinement
+        return cls(equations, shares, verdicts, found.noise, names, refinement, advice)
 
     def __str__(self) -> str:
         lived = ", ".join(f"mode {k} {share:.0%}" for k, share in enumerate(self.shares))
@@ -90,6 +96,9 @@ class AutomatonReport:
         left = ", ".join(
             f"{name} {size:.3g}" for name, size in zip(self.states, self.noise, strict=True)
         )
-        return "\n".join([*lines, f"The laws leave: {left}.", self.advice])
+        lines.append(f"The laws leave: {left}.")
+        if self.refinement is not None:
+            lines.append(str(self.refinement))
+        return "\n".join([*lines, self.advice])
 
     __repr__ = __str__

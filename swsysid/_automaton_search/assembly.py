@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import Transition
-from swsysid._automaton_search.found import FoundTransition
+from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
@@ -86,6 +86,31 @@ def automaton_of(
     transitions.sort(key=lambda one: (one.source, one.target))
     named = FirstModes(first_modes.states, names[first_modes.modes])
     return HybridAutomaton(coef[order], feature_map, tuple(transitions), discrete_time, lags, named)
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """An automaton, and the mode that was found as each of its modes."""
+
+    automaton: HybridAutomaton
+    order: NDArray[np.intp]
+
+
+def assembled(told: Told, feature_map: FeatureMap) -> Assembled:
+    """The automaton in continuous time of what is told."""
+    modes = [filled(own) for own in told.modes]
+    order = order_of_modes(modes, len(told.coef))
+    first_modes = first_modes_of(told.states, modes)
+    return Assembled(automaton_of(told.coef, feature_map, told.real, first_modes, order), order)
+
+
+def filled(modes: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Modes of all samples: those in no piece have that of the nearest before, or after."""
+    known = np.flatnonzero(modes >= 0)
+    if not len(known):
+        return np.zeros_like(modes)
+    last = np.maximum(np.searchsorted(known, np.arange(len(modes)), side="right") - 1, 0)
+    return modes[known[last]]
 
 
 def first_modes_of(states: Sequence[Array], modes: Sequence[NDArray[np.intp]]) -> FirstModes:

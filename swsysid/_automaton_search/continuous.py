@@ -9,24 +9,21 @@
 3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
    zero at the samples of its mode (`guards`). Where one surface is crossed both ways laws and
    surface are found together (`one_surface`).
+4. *Jointly.* Laws, guards and resets are refined together (`refined`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.answer import IdentifiedAutomaton
-from swsysid._automaton_search.apart import apart, by_samples
-from swsysid._automaton_search.assembly import (
-    automaton_of,
-    first_modes_of,
-    order_of_modes,
-    switch_times_of,
-    verdicts_of,
-)
+from swsysid._automaton_search.apart import apart
+from swsysid._automaton_search.assembly import assembled, filled, switch_times_of, verdicts_of
+from swsysid._automaton_search.found import Told
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of, whole
 from swsysid._automaton_search.one_surface import (
@@ -35,6 +32,8 @@ from swsysid._automaton_search.one_surface import (
     may_be_one_surface,
     with_surface,
 )
+from swsysid._automaton_search.refined import refined, told_by_parts
+from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.transitions import transitions_of
 from swsysid._regressor import SwitchingSystemRegressor
@@ -52,8 +51,13 @@ def identified(
     degree: int,
     settings: StaySettings,
     told: Callable[[], object],
+    *,
+    refine: bool = True,
 ) -> IdentifiedAutomaton:
-    """The automaton of some recordings; `degree` is that of the guards."""
+    """The automaton of some recordings; `degree` is that of the guards.
+
+    It is refined unless the recordings have no noise, or laws and surface were found together.
+    """
     jumps = jumps_of(given)
     search = _search(estimator, cut_at(given, jumps), settings, told)
     exact, known = _exact_start(estimator, given, search), None
@@ -62,13 +66,19 @@ def identified(
         pieces, stays = _exactly(search, exact, given)
     else:
         pieces, stays = _in_rounds(estimator, given, jumps, search, degree)
+    together = exact is not None
     found = transitions_of(stays, pieces, degree)
     if may_be_one_surface(found, stays.estimate.segments.recordings.interval):
         surfaced = with_surface(estimator, pieces.given, degree, settings, told)
         if explains(surfaced, stays):
-            stays = surfaced
+            stays, together = surfaced, True
             found = transitions_of(stays, pieces, degree, guards_of(stays))
-    return _answer(given, stays, pieces, found, search, known)
+    if refine and found and not together:
+        told()
+        parts, refinement = refined(given, stays, pieces, found, settings)
+    else:
+        parts, refinement = told_by_parts(given, stays, pieces, found), None
+    return _answer(given, stays, parts, refinement, search, known)
 
 
 def _in_rounds(
@@ -95,34 +105,25 @@ def _in_rounds(
 def _answer(
     given: Given,
     stays: StayIdentification,
-    pieces: Pieces,
-    switches: list[Settled],
+    told: Told,
+    refinement: AutomatonRefinement | None,
     search: Search,
     known: list[NDArray[np.intp]] | None = None,  # modes of samples that are in no piece
 ) -> IdentifiedAutomaton:
-    laws, transitions = stays.estimate.laws, [one.transition for one in switches]
-    transitions = [one for one in transitions if one.is_one]
-    modes, states = by_samples(given, stays, pieces)
     if known is not None:
-        modes = [np.where(own < 0, told, own) for own, told in zip(modes, known, strict=True)]
-    modes = [_filled(own) for own in modes]
-    order = order_of_modes(modes, len(laws.coef))
-    automaton = automaton_of(
-        laws.coef,
-        stays.model.switching_model.feature_map,
-        transitions,
-        first_modes_of(states, modes),
-        order,
-    )
+        modes = [np.where(own < 0, by, own) for own, by in zip(told.modes, known, strict=True)]
+        told = replace(told, modes=modes)
+    found = assembled(told, stays.model.switching_model.feature_map)
     return IdentifiedAutomaton(
-        automaton,
-        [np.argsort(order)[own] for own in modes],
-        states,
-        switch_times_of(transitions, len(given.records)),
-        stays.left,
+        found.automaton,
+        [np.argsort(found.order)[filled(own)] for own in told.modes],
+        told.states,
+        switch_times_of(told.real, len(given.records)),
+        told.left,
         float(search.excess(stays).max()),
-        verdicts_of(transitions, order, stays.estimate.segments.recordings.interval),
+        verdicts_of(told.real, found.order, stays.estimate.segments.recordings.interval),
         search.candidates,
+        refinement=refinement,
     )
 
 
@@ -191,12 +192,3 @@ def _jumps(
         unjudged = np.setdiff1d(before[k], np.concatenate([[], *(at for _, at in judged)]))
         jumps.append(np.unique(np.concatenate([unjudged, *jumped])).astype(np.intp))
     return jumps
-
-
-def _filled(modes: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Modes of all samples: those in no piece have that of the nearest before, or after."""
-    known = np.flatnonzero(modes >= 0)
-    if not len(known):
-        return np.zeros_like(modes)
-    last = np.maximum(np.searchsorted(known, np.arange(len(modes)), side="right") - 1, 0)
-    return modes[known[last]]

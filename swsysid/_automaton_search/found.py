@@ -80,3 +80,19 @@ class FoundTransition:
     def jumps(self) -> bool:
         """True if the state does not go on."""
         return self.reset is not None and bool(self.reset.changed.any())
+
+
+@dataclass(frozen=True)
+class Told:
+    """What an automaton in continuous time is made of, in the numbers of its stays."""
+
+    coef: Array
+    transitions: list[FoundTransition]
+    modes: list[NDArray[np.intp]]  # of the samples of each recording, -1 where nothing tells
+    states: list[Array]
+    left: Array  # (n_states,): what the laws leave of the samples
+
+    @property
+    def real(self) -> list[FoundTransition]:
+        """Transitions at which something changes."""
+        return [one for one in self.transitions if one.is_one]

@@ -92,10 +92,15 @@ def best_guard(
 
 def stated_guard(crossed: Crossed, guard: PolynomialGuard) -> FoundGuard:
     """A guard that is known."""
-    gradients = np.array([guard.gradient(row) for row in crossed.columns])
-    rates = np.einsum("kc,kc->k", gradients, crossed.rates)
-    misses = guard.values(crossed.columns) / np.where(rates != 0.0, np.abs(rates), np.inf)
+    misses = missed_by(guard, crossed.columns, crossed.rates)
     return FoundGuard(guard, 0.0, misses, np.flatnonzero(guard.powers.any(axis=0)))
+
+
+def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
+    """Times by which a guard is missed at some columns, which change at some rates."""
+    gradients = np.array([guard.gradient(row) for row in columns])
+    rises = np.einsum("kc,kc->k", gradients, rates)
+    return np.asarray(guard.values(columns) / np.where(rises != 0.0, np.abs(rises), np.inf))
 
 
 def surface_both_ways(

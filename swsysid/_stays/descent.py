@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -11,6 +12,48 @@ from swsysid._results import Array
 from swsysid._stays.normal_equations import Inverse
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.shooting import Estimate, Objective
+
+
+class Movable(Protocol):
+    """An estimate that can be moved by a step of its unknowns."""
+
+    @property
+    def hold(self) -> Array:
+        """What holds unknowns where they are, added to the diagonal."""
+
+    def moved(self: E, step: Array) -> E:
+        """The estimate some way off."""
+
+
+E = TypeVar("E", bound=Movable)
+E_contra = TypeVar("E_contra", bound=Movable, contravariant=True)
+
+
+class Equations(Protocol):
+    """Gauss and Newton's equations at an estimate, of unknowns in the order of its steps."""
+
+    @property
+    def value(self) -> float:
+        """Half the sum of squares."""
+
+    def held(self, hold: Array, /) -> Equations:
+        """The same, every unknown held by a spring of such a stiffness."""
+
+    def step(self, damping: float, /) -> Array:
+        """The step of damped equations."""
+
+    def promised(self, step: Array, /) -> float:
+        """By how much a step lowers the value, if the equations are right."""
+
+
+class Descended(Protocol[E_contra]):
+    """A sum of squares of an estimate."""
+
+    def value(self, estimate: E_contra, /) -> float:
+        """Half the sum."""
+
+    def normal_equations(self, estimate: E_contra, /) -> Equations:
+        """Gauss and Newton's equations."""
 
 
 @dataclass(frozen=True)
@@ -75,17 +118,17 @@ def _through(
     for objective, n_turns in stages:
         if estimate.guards is not None:
             estimate = replace(estimate, guards=estimate.guards.pivoted())
-        estimate, value = _descend(estimate, objective, n_turns, settings)
+        estimate, value = descended(estimate, objective, n_turns, settings)
     return Reached(estimate, objective, value)
 
 
-def _descend(
-    estimate: Estimate, objective: Objective, n_turns: int, settings: StaySettings
-) -> tuple[Estimate, float]:
+def descended(
+    estimate: E, objective: Descended[E], n_turns: int, settings: StaySettings
+) -> tuple[E, float]:
     """Damping follows how well the step was predicted (Nielsen, IMM-REP-1999-05)."""
     damping, rise, value = settings.damping, 2.0, np.inf
     for _ in range(n_turns):
-        equations = objective.normal_equations(estimate).held(_hold(estimate))
+        equations = objective.normal_equations(estimate).held(estimate.hold)
         value = equations.value
         for _ in range(settings.most_failures):
             step = equations.step(damping)
@@ -103,15 +146,3 @@ def _descend(
             return estimate, reached
         value = reached
     return estimate, value
-
-
-def _hold(estimate: Estimate) -> Array:
-    """What holds instants where they are: half a nat for an interval.
-
-    Where the velocity is the same on both sides the data do not say when a recording switches.
-    """
-    hold = np.zeros(estimate.n_unknowns)
-    first = estimate.laws.n_free + estimate.starts.size
-    interval = estimate.segments.recordings.interval
-    hold[first : first + len(estimate.segments.instants)] = interval**-2.0
-    return hold

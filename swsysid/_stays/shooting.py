@@ -56,6 +56,18 @@ class Estimate:
         guards = 0 if self.guards is None else self.guards.n_free
         return self.laws.n_free + self.starts.size + len(self.segments.instants) + guards
 
+    @property
+    def hold(self) -> Array:
+        """What holds instants where they are: half a nat for an interval.
+
+        Where the velocity is the same on both sides the data do not say when a recording switches.
+        """
+        hold = np.zeros(self.n_unknowns)
+        first = self.laws.n_free + self.starts.size
+        interval = self.segments.recordings.interval
+        hold[first : first + len(self.segments.instants)] = interval**-2.0
+        return hold
+
     def renamed(self, order: NDArray[np.intp]) -> Estimate:
         """The same with mode ``order[k]`` called k."""
         names = with_slides(np.argsort(order))

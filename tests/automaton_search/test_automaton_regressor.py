@@ -84,6 +84,30 @@ def test_a_ball_has_one_mode_and_jumps_within_it(noise, tolerance):
     assert abs(at(one, 0.0, -10.0, 0.0, 0.0)) < max(tolerance, 1e-6)
     # an impact one sample late costs .003
     assert found.score(data) > (0.97 if noise else 0.999)
+    assert (found.refinement_ is not None) == bool(noise)
+    if noise:
+        refinement, [guard], [reset] = (
+            found.refinement_,
+            found.refinement_.guard_standard_errors,
+            found.refinement_.reset_standard_errors,
+        )
+        assert refinement.kept
+        assert refinement.objective_after < refinement.objective_before
+        # one of the two coefficients of the guard sets its scale; none is four deviations off
+        assert abs(one.guard.coef[guard > 0.0]) < 4.0 * guard.max()
+        assert abs(one.reset.matrix[1, 1] + 0.8) < 4.0 * reset[1, 2]
+
+
+def test_without_noise_nothing_is_refined():
+    data, _ = recorded(THERMOSTAT, [([15.0], 0), ([16.0], 0)], np.arange(0.0, 30.0, 0.1), 0.0)
+    plain, refined = (
+        HybridAutomatonRegressor(random_state=0, refine=one).fit(data) for one in (False, True)
+    )
+    assert refined.refinement_ is None
+    # digits included
+    np.testing.assert_array_equal(refined.coef_, plain.coef_)
+    for one, other in zip(refined.transitions_, plain.transitions_, strict=True):
+        np.testing.assert_array_equal(one.guard.coef, other.guard.coef)
 
 
 def test_one_surface_comes_out_as_the_regressor_gives_it():

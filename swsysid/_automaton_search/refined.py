@@ -1,0 +1,230 @@
+"""The automaton of highest likelihood: laws, guards and resets refined together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton_search.apart import by_samples
+from swsysid._automaton_search.assembly import Assembled, assembled
+from swsysid._automaton_search.found import FoundTransition, Told
+from swsysid._automaton_search.guards import missed_by
+from swsysid._automaton_search.instants import Settled
+from swsysid._automaton_search.jumps import Pieces
+from swsysid._automaton_search.refinement import AutomatonRefinement, rollout_misfit
+from swsysid._automaton_search.settings import SETTINGS
+from swsysid._automaton_search.switches import Switches
+from swsysid._automaton_shooting.courses import Course, Legs
+from swsysid._automaton_shooting.estimate import JointEstimate
+from swsysid._automaton_shooting.joint import Joint, jointly
+from swsysid._automaton_shooting.parameters import GuardUnknowns, ResetUnknowns
+from swsysid._automaton_shooting.settings import SETTINGS as SHOOTING
+from swsysid._results import Array
+from swsysid._stays.given import Given
+from swsysid._stays.identification import StayIdentification
+from swsysid._stays.settings import StaySettings
+from swsysid.refinement._trajectories import Record
+
+
+def refined(
+    given: Given,
+    stays: StayIdentification,
+    pieces: Pieces,
+    found: list[Settled],
+    settings: StaySettings,
+) -> tuple[Told, AutomatonRefinement]:
+    """The automaton refined, or as it was found where rollouts of the recordings became worse."""
+    parts = told_by_parts(given, stays, pieces, found)
+    start, noise = joint_estimate(given, stays, pieces, found), stays.reached.noise
+    sources = np.array([one.transition.source for one in found])
+    joint = jointly(start, noise, sources, settings)
+    told = told_jointly(joint.after, parts, stays, pieces, found)
+    feature_map = stays.model.switching_model.feature_map
+    before, after = (assembled(one, feature_map) for one in (parts, told))
+    rolled_before = rollout_misfit(before, joint.before, noise)
+    rolled_after = rollout_misfit(after, joint.after, noise)
+    likely = joint.value_after <= joint.value_before + settings.converged
+    kept = likely and rolled_after <= (1.0 + SHOOTING.worse) * rolled_before
+    return (told if kept else parts), AutomatonRefinement(
+        kept,
+        joint.value_before,
+        joint.value_after,
+        rolled_before,
+        rolled_after,
+        *_errors(joint, after, found),
+    )
+
+
+def _errors(
+    joint: Joint, after: Assembled, found: list[Settled]
+) -> tuple[Array, tuple[Array, ...], tuple[Array | None, ...]]:
+    """Standard errors in the order of the automaton's modes and transitions."""
+    errors, order = joint.errors, after.order
+    places = {(one.transition.source, one.transition.target): k for k, one in enumerate(found)}
+    guards, resets = [], []
+    for one in after.automaton.transitions:
+        place = places[int(order[one.source]), int(order[one.target])]
+        guard = errors.guards[place]
+        assert guard is not None, "a transition of the automaton has a guard"
+        guards.append(guard)
+        resets.append(None if one.reset is None else errors.resets[place])
+    return errors.coef[order], tuple(guards), tuple(resets)
+
+
+def joint_estimate(
+    given: Given, stays: StayIdentification, pieces: Pieces, found: list[Settled]
+) -> JointEstimate:
+    """What was found part by part, as the start of the joint estimate."""
+    laws, recordings = stays.estimate.laws, stays.estimate.segments.recordings
+    switches, number, told = _all_switches(found, recordings.interval)
+    begins = first_pieces(pieces, found, stays.reached.noise)
+    courses, order = _courses(given, stays, pieces, begins, (switches, number, told))
+    switches, number = switches.take(order), number[order]
+    legs = Legs.of(courses, SHOOTING.leg)
+    columns, rates = switches.before(laws)
+    kinds = range(len(found))
+    guards = GuardUnknowns.of(
+        [None if one.guard is None else one.guard.guard for one in found],
+        [columns[number == k] for k in kinds],
+        [rates[number == k] for k in kinds],
+    )
+    resets = ResetUnknowns.of(
+        [
+            one.reset.reset if one.reset is not None and one.transition.jumps else None
+            for one in found
+        ],
+        len(laws.spread),
+    )
+    substeps = round(recordings.per_sample / recordings.first_step)
+    starts = _starts(given, stays, pieces, begins, (legs, switches.after(laws)))
+    return JointEstimate(
+        laws, guards, resets, legs, starts, legs.instants, recordings.interval, substeps
+    )
+
+
+def _all_switches(
+    found: list[Settled], interval: float
+) -> tuple[Switches, NDArray[np.intp], NDArray[np.bool_]]:
+    """The switches of all transitions, the number of each one's, and whether a guard tells it."""
+    parts = zip(*(vars(one.switches).values() for one in found), strict=True)
+    switches = Switches(*(np.concatenate(part) for part in parts))
+    number = np.repeat(np.arange(len(found)), [len(one.switches) for one in found])
+    return switches, number, np.concatenate([_told(one, interval) for one in found])
+
+
+def _told(one: Settled, interval: float) -> NDArray[np.bool_]:
+    """Switches that a guard explains: others are instants like any."""
+    if one.guard is None:
+        return np.zeros(len(one.switches), dtype=bool)
+    sure = np.maximum(one.switches.errors, one.guard.usual_miss)
+    near = np.maximum(SETTINGS.near * interval, SETTINGS.far_miss * sure)
+    return np.asarray(np.abs(one.guard.misses) <= near)
+
+
+def first_pieces(pieces: Pieces, found: list[Settled], noise: Array) -> NDArray[np.intp]:
+    """Pieces with which courses begin: those that no transition leads to from the one before."""
+    follows = pieces.follows
+    for one in found:
+        switches, led = one.switches, np.full(len(one.switches), one.transition.is_one)
+        if one.reset is not None:
+            off = np.abs(one.reset.left) / (SETTINGS.end_of_stay * noise)
+            led &= (off <= SETTINGS.beyond_noise).all(axis=1)
+        follows[switches.piece[switches.jumped & ~led]] = False
+    return np.flatnonzero(~follows)
+
+
+def _courses(
+    given: Given,
+    stays: StayIdentification,
+    pieces: Pieces,
+    begins: NDArray[np.intp],
+    switching: tuple[Switches, NDArray[np.intp], NDArray[np.bool_]],
+) -> tuple[list[Course], NDArray[np.intp]]:
+    """Pieces that follow each other make a course; and the order in which switches are in them."""
+    switches, number, told = switching
+    first_modes = [one.modes[0] for one in stays.estimate.segments.stays]
+    # a jump is seen at the samples beside it
+    between = np.where(switches.jumped[:, None], switches.known, (-np.inf, np.inf))
+    courses, order = [], []
+    for begin, end in zip(begins, np.append(begins[1:], len(pieces.first)), strict=True):
+        k = pieces.recording[begin]
+        rows = slice(pieces.first[begin], pieces.last[end - 1] + 1)
+        whole = given.records[k]
+        record = Record(whole.t[rows], whole.y[rows], whole.u[rows])
+        inside = (switches.times >= record.t[0]) & (switches.times <= record.t[-1])
+        own = np.flatnonzero((switches.recording == k) & inside)
+        own = own[np.argsort(switches.times[own], kind="stable")]
+        modes = np.append(first_modes[begin], switches.target[own])
+        courses.append(
+            Course(record, modes, switches.times[own], number[own], told[own], between[own])
+        )
+        order.append(own)
+    return courses, np.concatenate(order)
+
+
+def _starts(
+    given: Given,
+    stays: StayIdentification,
+    pieces: Pieces,
+    begins: NDArray[np.intp],
+    known: tuple[Legs, Array],
+) -> Array:
+    """States at the starts of legs: at their samples, or those known after the switches."""
+    legs, after = known
+    _, states = by_samples(given, stays, pieces)
+    starts = np.zeros((len(legs), after.shape[1]))
+    for s, (number, begun, begin) in enumerate(
+        zip(legs.course, legs.begun_by, legs.begin, strict=True)
+    ):
+        k = pieces.recording[begins[number]]
+        sampled = states[k][np.searchsorted(given.records[k].t, begin)] if begun < 0 else None
+        starts[s] = after[begun] if sampled is None else sampled
+    return starts
+
+
+def told_by_parts(
+    given: Given, stays: StayIdentification, pieces: Pieces, found: list[Settled]
+) -> Told:
+    """The automaton as it was found part by part."""
+    modes, states = by_samples(given, stays, pieces)
+    transitions = [one.transition for one in found]
+    return Told(stays.estimate.laws.coef, transitions, modes, states, stays.left)
+
+
+def told_jointly(
+    estimate: JointEstimate,
+    parts: Told,
+    stays: StayIdentification,
+    pieces: Pieces,
+    found: list[Settled],
+) -> Told:
+    """The same with laws, guards, resets, instants and states of the joint estimate."""
+    done, legs = estimate.plainly_flown, estimate.legs
+    # the first piece of each leg's course
+    begins = first_pieces(pieces, found, stays.reached.noise)[legs.course]
+    modes, states = [own.copy() for own in parts.modes], [own.copy() for own in parts.states]
+    for k, leg in zip(*np.nonzero(done.grid.sample >= 0), strict=True):
+        recording = pieces.recording[begins[leg]]
+        sample = pieces.first[begins[leg]] + done.grid.sample[k, leg]
+        modes[recording][sample] = legs.modes[leg]
+        states[recording][sample] = done.states[k, leg]
+    recording, transitions = pieces.recording[begins[estimate.ending]], []
+    for number, one in enumerate(found):
+        own, guard, reset = legs.transitions == number, one.guard, one.reset
+        if guard is not None:
+            own_guard = estimate.guards.guard(number)
+            assert own_guard is not None, "each of them has unknowns"
+            # judged at the switches that the laws alone tell
+            columns, rates = one.switches.before(stays.estimate.laws)
+            misses = missed_by(own_guard, columns, rates)
+            guard = replace(guard, guard=own_guard, misses=misses)
+        if reset is not None and one.transition.jumps:
+            own_reset = estimate.resets.reset(number)
+            assert own_reset is not None, "what jumps has unknowns"
+            reset = replace(reset, reset=own_reset)
+        source, target = one.transition.source, one.transition.target
+        times = estimate.instants[own]
+        transitions.append(FoundTransition(source, target, recording[own], times, guard, reset))
+    return Told(estimate.laws.coef, transitions, modes, states, estimate.left)

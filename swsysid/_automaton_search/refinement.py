@@ -1,0 +1,84 @@
+"""What a joint refinement gained, and whether it is kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._automaton_search.assembly import Assembled
+from swsysid._automaton_shooting.estimate import JointEstimate
+from swsysid._results import Array
+
+
+@dataclass(frozen=True, repr=False)
+class AutomatonRefinement:
+    """Laws, guards and resets refined together: what it gained, and how certain they are.
+
+    Attributes
+    ----------
+    kept : bool
+        Whether the refined automaton is the answer.
+    objective_before, objective_after : float
+        Half the sum of squared misfits of the samples, in units of the noise, that rollouts leave
+        which follow the recorded modes: from the best starts, with the automaton that was found
+        part by part and with the refined one.
+    rollout_before, rollout_after : float
+        Mean deviation of free rollouts from the samples, in units of the noise.
+    coef_standard_errors : ndarray of shape (n_modes, n_states, n_features_out)
+        Of the laws; 0 where a coefficient is fixed.
+    guard_standard_errors : tuple of ndarray
+        Of the coefficients of the guard of each transition; the one that sets its scale has none.
+    reset_standard_errors : tuple of ndarray or None
+        Of offset and matrix of the reset of each transition, (n_states, 1 + n_states).
+    """
+
+    kept: bool
+    objective_before: float
+    objective_after: float
+    rollout_before: float
+    rollout_after: float
+    coef_standard_errors: Array
+    guard_standard_errors: tuple[Array, ...]
+    reset_standard_errors: tuple[Array | None, ...]
+
+    @property
+    def advice(self) -> str:
+        """What to do about it."""
+        if self.kept:
+            return "The refined automaton is the answer; nothing to do."
+        return (
+            "Rollouts of the recordings became worse, and the automaton stays as it was found part "
+            "by part: try a larger library or guard_degree, or look for switches that were missed."
+        )
+
+    def __str__(self) -> str:
+        change = f"{self.objective_before:.1f} -> {self.objective_after:.1f}"
+        rolled = f"{self.rollout_before:.3g} -> {self.rollout_after:.3g}"
+        said = f"Refined together: objective {change}, misfit of rollouts {rolled} of the noise."
+        return said if self.kept else f"{said} {self.advice}"
+
+    __repr__ = __str__
+
+
+def rollout_misfit(assembled: Assembled, estimate: JointEstimate, noise: Array) -> float:
+    """Mean deviation of free rollouts from the samples, in units of the noise.
+
+    They begin where the courses of an estimate do. One that ends early, or is far off, counts as
+    one that stays at the mean.
+    """
+    legs, names = estimate.legs, np.argsort(assembled.order)
+    total, count = 0.0, 0
+    firsts = np.flatnonzero(np.append(True, np.diff(legs.course) > 0))
+    for course, first in zip(legs.courses, firsts, strict=True):
+        record = course.record
+        inputs = record.u if record.u.shape[1] else None
+        mode = int(names[legs.modes[first]])
+        run = assembled.automaton.simulate(
+            estimate.starts[first], record.t, inputs, mode=mode, input_hold="linear"
+        )
+        rolled = np.full(record.y.shape, np.inf)
+        rolled[: len(run.x)] = run.x
+        off = np.minimum(np.abs(record.y - rolled), np.nanstd(record.y, axis=0)) / noise
+        total, count = total + float(np.nansum(off)), count + int(np.isfinite(record.y).sum())
+    return total / max(1, count)

@@ -1,0 +1,193 @@
+"""Guards and resets as unknowns: which of their coefficients are free, and what they do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton.transitions import AffineReset, PolynomialGuard
+from swsysid._results import Array
+
+Numbers = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class GuardUnknowns:
+    """The different guards of some transitions; those of one surface are one, up to the sign."""
+
+    guards: tuple[PolynomialGuard, ...]
+    which: Numbers  # (n_transitions,): the guard of each, -1 where there is none
+    signs: Array  # (n_transitions,)
+    free: tuple[NDArray[np.bool_], ...]  # of each guard, shape of its coefficients
+
+    @classmethod
+    def of(
+        cls,
+        given: Sequence[PolynomialGuard | None],
+        columns: Sequence[Array],
+        rates: Sequence[Array],
+    ) -> GuardUnknowns:
+        """Those of some transitions, each with columns at which it was taken, and their rates.
+
+        The scale of a guard means nothing: what adds most to its rise stays as it is.
+        """
+        guards: list[PolynomialGuard] = []
+        free: list[NDArray[np.bool_]] = []
+        which, signs = np.full(len(given), -1), np.ones(len(given))
+        for k, guard in enumerate(given):
+            if guard is None:
+                continue
+            for number, other in enumerate(guards):
+                if _opposite(guard, other):
+                    which[k], signs[k] = number, -1.0
+            if which[k] < 0:
+                which[k] = len(guards)
+                guards.append(guard)
+                free.append(_free(guard, columns[k], rates[k]))
+        return cls(tuple(guards), which, signs, tuple(free))
+
+    @property
+    def n_free(self) -> int:
+        """Number of free coefficients."""
+        return int(sum(own.sum() for own in self.free))
+
+    def guard(self, transition: int) -> PolynomialGuard | None:
+        """That of a transition."""
+        if self.which[transition] < 0:
+            return None
+        guard = self.guards[self.which[transition]]
+        return replace(guard, coef=self.signs[transition] * guard.coef)
+
+    def first(self, number: int) -> int:
+        """The first unknown of a guard."""
+        return int(sum(own.sum() for own in self.free[:number]))
+
+    def by_transition(self, values: Array) -> list[Array | None]:
+        """Values of the unknowns as coefficients of each transition's guard, zero where none is."""
+        every = []
+        for number, free in enumerate(self.free):
+            own = np.zeros(len(free))
+            own[free] = values[self.first(number) :][: free.sum()]
+            every.append(own)
+        return [None if which < 0 else every[which] for which in self.which]
+
+    def moved(self, step: Array) -> GuardUnknowns:
+        """Other guards."""
+        guards = []
+        for number, (guard, free) in enumerate(zip(self.guards, self.free, strict=True)):
+            coef = guard.coef.copy()
+            coef[free] += step[self.first(number) :][: free.sum()]
+            guards.append(replace(guard, coef=coef))
+        return replace(self, guards=tuple(guards))
+
+    def values(self, transitions: Numbers, columns: Array) -> tuple[Array, Array, Array]:
+        """Values at rows, each of its transition, and derivatives by columns and unknowns."""
+        n = len(transitions)
+        values = np.full(n, np.nan)
+        by_columns, by_unknowns = np.zeros(columns.shape), np.zeros((n, self.n_free))
+        for number, (guard, free) in enumerate(zip(self.guards, self.free, strict=True)):
+            rows = np.flatnonzero(self.which[transitions] == number)
+            if not rows.size:
+                continue
+            sign = self.signs[transitions[rows]]
+            values[rows] = sign * guard.values(columns[rows])
+            by_columns[rows] = sign[:, None] * gradients(guard, columns[rows])
+            own = monomials(guard, columns[rows])[:, free]
+            first = self.first(number)
+            by_unknowns[rows, first : first + own.shape[1]] = sign[:, None] * own
+        return values, by_columns, by_unknowns
+
+
+def monomials(guard: PolynomialGuard, columns: Array) -> Array:
+    """What its coefficients are multiplied with, (n_rows, n_monomials)."""
+    every = np.ones((len(columns), len(guard.powers)))
+    for column in np.flatnonzero(guard.powers.any(axis=0)):
+        every *= columns[:, [column]] ** guard.powers[:, column]
+    return every
+
+
+def gradients(guard: PolynomialGuard, columns: Array) -> Array:
+    """Derivatives by the columns, (n_rows, n_columns)."""
+    gradient = np.zeros(columns.shape)
+    for column in np.flatnonzero(guard.powers.any(axis=0)):
+        power = guard.powers[:, column]
+        lower = guard.powers.copy()
+        lower[:, column] = np.maximum(power - 1, 0)
+        slopes = PolynomialGuard(guard.coef * power, lower)
+        gradient[:, column] = slopes.values(columns)
+    return gradient
+
+
+def _opposite(guard: PolynomialGuard, other: PolynomialGuard) -> bool:
+    return np.array_equal(guard.powers, other.powers) and np.array_equal(guard.coef, -other.coef)
+
+
+def _free(guard: PolynomialGuard, columns: Array, rates: Array) -> NDArray[np.bool_]:
+    """Its coefficients without the one that adds most to its rise."""
+    seen = np.isfinite(columns[:, guard.powers.any(axis=0)]).all(axis=1)
+    rises = np.zeros(len(guard.coef))
+    for k, coef in enumerate(guard.coef):
+        one = PolynomialGuard(np.array([coef]), guard.powers[[k]])
+        known = np.where(np.isfinite(columns[seen]), columns[seen], 0.0)
+        rises[k] = np.abs(np.einsum("kc,kc->k", gradients(one, known), rates[seen]).mean())
+    free = guard.coef != 0.0
+    free[rises.argmax()] = False
+    return free
+
+
+@dataclass(frozen=True)
+class ResetUnknowns:
+    """The resets of some transitions, offset and matrix; the identity where there is none."""
+
+    maps: Array  # (n_transitions, n_states, 1 + n_states)
+    free: NDArray[np.bool_]  # of the same shape
+
+    @classmethod
+    def of(cls, given: Sequence[AffineReset | None], n_states: int) -> ResetUnknowns:
+        """Those of some transitions: what is said of a state that does not go on is free."""
+        goes_on = np.eye(n_states, n_states + 1, 1)
+        maps = np.array([
+            goes_on if one is None else np.column_stack([one.offset, one.matrix]) for one in given
+        ]).reshape(-1, n_states, n_states + 1)  # fmt: skip
+        return cls(maps, maps != goes_on)
+
+    @cached_property
+    def places(self) -> tuple[Numbers, ...]:
+        """Transition, state and column of each unknown."""
+        return np.nonzero(self.free)
+
+    @property
+    def n_free(self) -> int:
+        """Number of unknowns."""
+        return int(self.free.sum())
+
+    def reset(self, transition: int) -> AffineReset | None:
+        """That of a transition."""
+        own = self.maps[transition]
+        if not self.free[transition].any():
+            return None
+        return AffineReset(own[:, 1:].copy(), own[:, 0].copy())
+
+    def moved(self, step: Array) -> ResetUnknowns:
+        """Other resets."""
+        maps = self.maps.copy()
+        maps[self.places] += step
+        return replace(self, maps=maps)
+
+    def landings(self, transitions: Numbers, x: Array) -> tuple[Array, Array, Array]:
+        """States after, and their derivatives by the states before and by the unknowns."""
+        n, n_states = x.shape
+        maps = np.tile(np.eye(n_states, n_states + 1, 1), (n, 1, 1))
+        taken = transitions >= 0
+        maps[taken] = self.maps[transitions[taken]]
+        with_one = np.hstack([np.ones((n, 1)), x])
+        by_unknowns = np.zeros((n, n_states, self.n_free))
+        transition, state, column = self.places
+        by_unknowns[:, state, np.arange(self.n_free)] = (
+            transitions[:, None] == transition
+        ) * with_one[:, column]
+        return np.einsum("ksc,kc->ks", maps, with_one), maps[:, :, 1:], by_unknowns
