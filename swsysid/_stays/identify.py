@@ -172,7 +172,9 @@ class Alternation:
         """The same at the very maximum."""
         model, reached = found.model, found.reached
         if reached.estimate.guards is None:
-            reached = most_likely(reached.estimate, reached.noise, self.exactly, near=True)
+            # without surfaces rounds are few, and the best was perhaps at a noise of worse laws
+            noise = reached.noise if self.surfaces else noise_of(reached, reached.noise)
+            reached = most_likely(reached.estimate, noise, self.exactly, near=True)
         else:
             model, reached = on_surface(model, reached, reached.estimate.guards, self.exactly)
         model.coef_ = reached.estimate.laws.coef
