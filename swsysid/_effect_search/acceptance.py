@@ -13,9 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.scan import scan
+from swsysid._effect_search.scan import foreseen, scan
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
+
+FEW_STRETCHES = (
+    "it lies in a few stretches of the record, and rests on the noise there being that of the rest"
+)
 
 
 @dataclass(frozen=True)
@@ -25,14 +29,21 @@ class Finding:
     candidate: PlacedEffect
     p_value: float
     rivals: tuple[PlacedEffect, ...]
+    doubts: tuple[str, ...] = ()  # why the evidence for it is weak
 
     @classmethod
-    def of(cls, found: PlacedEffect, p_value: float, others: Iterable[PlacedEffect]) -> Finding:
+    def of(
+        cls,
+        found: PlacedEffect,
+        p_value: float,
+        others: Iterable[PlacedEffect],
+        doubts: tuple[str, ...] = (),
+    ) -> Finding:
         """Rivals differ in kind, place or equation from what was found and from each other."""
         different: dict[tuple, PlacedEffect] = {}
         for other in (found, *others):
             different.setdefault((other.effect.kind, other.place, other.target), other)
-        return cls(found, min(1.0, p_value), tuple(different.values())[1:])
+        return cls(found, min(1.0, p_value), tuple(different.values())[1:], doubts)
 
 
 # -- one term in the light of all others -----------------------------------------------------------
@@ -58,16 +69,21 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
     if own is None:
         return Finding.of(term, 1.0, known)
+    if foreseen(beside, own):
+        return Finding.of(term, 1.0, known)
     level = [top[number].candidate for number in beside.level_with(own, top)]
-    chance = beside.p_value(own)
+    evidence = beside.evidence(own)
+    chance = evidence.chance
+    few = count * evidence.chance_by_blocks > context.significance
+    doubts = (FEW_STRETCHES,) if few else ()
     if structure.fit.n_modes == 1 or chance > context.significance:
-        return Finding.of(term, count * chance, [*level, *known])
+        return Finding.of(term, count * chance, [*level, *known], doubts)
     # The effect has helped to find the modes at which it is judged, and that is no proof: fits that
     # have not seen the rows have to be better with it, too. Of two tests of the same effect the
     # clearer one counts, corrected for both, and neither may fail.
     again = context.structural_chance(context.without(structure, place), structure)
     chance = max(2.0 * count * min(chance, again), chance, again)
-    return Finding.of(term, chance, [*level, *known])
+    return Finding.of(term, chance, [*level, *known], doubts)
 
 
 def _of_a_shape(

@@ -104,28 +104,39 @@ class _Questions:
             structure = self.context.without(structure, place)
 
     def _gain_of(self, structure: Structure, place: int) -> float:
-        """By how much an effect raises the likelihood beside a disturbance, less its error."""
+        """By how much an effect raises the likelihood beside a disturbance, less its error.
+
+        Infinite where there would be no disturbance without it.
+        """
         target = structure.terms[place].target
         fewer = self.context.without(structure, place)
-        gains: list[Array] = []
-        for one in (structure, fewer):
-            left = self.residuals(one, target)
-            model = coloured(left, self.where)
-            gains.append(model.log_likelihood(left, self.where))
-        apart = gains[0] - gains[1]
+        left = self.residuals(fewer, target)
+        model = coloured(left, self.where)
+        if self._p_value(model, left, target) is None:
+            return np.inf
+        without = model.log_likelihood(left, self.where)
+        left = self.residuals(structure, target)
+        apart = coloured(left, self.where).log_likelihood(left, self.where) - without
         return float(apart.sum() - apart.std(ddof=1) * np.sqrt(len(apart)))
 
     def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
         """The force beneath what a structure leaves over of a state, and its p-value."""
-        settings, left = self.context.settings, self.residuals(structure, target)
+        left = self.residuals(structure, target)
         model = coloured(left, self.where)
+        p_value = self._p_value(model, left, target)
+        return None if p_value is None else (model, p_value)
+
+    def _p_value(self, model: Coloured, left: Array, target: int) -> float | None:
+        """That of a force beneath residuals; None if it is not worth the name."""
+        settings, squares = self.context.settings, self.context.declared_squares
         gain = float(
             np.sum(model.log_likelihood(left, self.where))
             - np.sum(white(left).log_likelihood(left, self.where))
         )
-        squares = self.context.declared_squares
         p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
         worth = model.size**2 >= settings.share_of_a_disturbance * squares[target]
         enough = gain >= settings.gain_a_row * len(left)
+        # what a few samples forget is the noise of a filter
+        slow = model.time_constant >= settings.slow_steps * self.context.data.records.step
         significant = p_value <= self.context.significance
-        return (model, p_value) if enough and worth and significant else None
+        return p_value if enough and worth and slow and significant else None

@@ -124,6 +124,7 @@ def describe_findings(
                 placed=term,
                 table=table_of(final, place, covariances[place], records, ladder.targets),
                 formulas=ladder.formulas(place),
+                doubts=finding.doubts,
             )
         )
     return found

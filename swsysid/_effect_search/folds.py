@@ -165,6 +165,21 @@ def _stretches_apart(trajectories: list[Rows], apart: int, settings: SearchSetti
     return Split(np.sort(np.concatenate(kept)), np.sort(np.concatenate(held)), how)
 
 
+def exciting_folds(
+    records: Records, n_folds: int, rng: np.random.RandomState, remembered: float
+) -> Folds:
+    """Folds whose parts are as long as a memory asks, if every channel moves outside of each."""
+    # Where the record is one event, longer parts hold all of it, and nothing can be learned from
+    # the rest: then parts of the event have to predict each other.
+    while True:
+        folds = make_folds(records, n_folds, rng, remembered)
+        spreads = [records.X[train].std(axis=0) for train, _ in folds.parts]
+        moves = np.min(spreads, axis=0) >= SETTINGS.excited * records.X.std(axis=0)
+        if moves.all() or remembered <= SETTINGS.forgotten:
+            return folds
+        remembered *= 0.5
+
+
 def make_folds(
     records: Records,
     n_folds: int,

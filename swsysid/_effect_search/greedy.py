@@ -275,6 +275,8 @@ class Search:
             if not top:
                 break
             candidate = simplest(beside, top).candidate
+            if candidate == term:
+                break
             same = candidate.signature == term.signature
             tried = self.context.exchanged(best, place, candidate)
             if not same and tried.price > best.price + self.context.settings.tie:

@@ -11,13 +11,14 @@ from sklearn.model_selection import check_cv
 
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared
+from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.acceptance import Finding
 from swsysid._effect_search.folds import (
     Folds,
     SearchData,
     Split,
     exact_states,
-    make_folds,
+    exciting_folds,
     memory_of,
 )
 from swsysid._effect_search.greedy import Round, Search
@@ -45,7 +46,7 @@ class Choices:
     ) -> Folds:
         """Folds of the rows of a search, of which the declared model leaves residuals."""
         n_folds = self.cv if isinstance(self.cv, Integral) else SETTINGS.n_folds
-        folds = make_folds(records, int(n_folds), rng, memory_of(records, left))
+        folds = exciting_folds(records, int(n_folds), rng, memory_of(records, left))
         if self.cv is None or isinstance(self.cv, Integral):
             return folds
         parts = list(check_cv(self.cv).split(records.X, targets, records.groups))
@@ -66,17 +67,17 @@ class Outcome:
 
 def search_beside(
     declared: Declared,
+    first: JointFit,
     measured: Measured,
     parts: Split,
     rng: np.random.RandomState,
     choices: Choices,
     most: int,
 ) -> Outcome:
-    """So many effects at most beside a declared model."""
+    """So many effects at most beside a declared model, `first` fitted to the searched rows."""
     split = parts.of(measured.rows)
     records, rows = measured.records, split.search
     targets = measured.targets[rows]
-    first = measured.fitted(declared, rows)
     left = first.residuals(records, rows, targets)
     exact = exact_states(left, targets)
     known = with_kinematics(records, rows, targets, declared.discrete_time)
@@ -97,6 +98,7 @@ def search_beside(
     search = Search(context, most, choices.n_jobs, choices.verbose)
     structure, findings, rounds = search.run()
     judge = Untouched(context, records, measured.targets, split.held_out)
-    structure, findings, tried = judge.judged(structure, findings)
+    steps = [one.structure for one in rounds]
+    structure, findings, tried = judge.judged(structure, findings, steps)
     structure, findings = search.beside_the_unknown(structure, findings, rounds)
     return Outcome(split, context, structure, findings, rounds, tried)

@@ -137,6 +137,8 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
         f"{effect.error_after:.4g} with it; {text.probability(effect.p_value)}, corrected for "
         "the number of candidates."
     )
+    for doubt in effect.doubts:
+        yield paragraph(f"Weak evidence: {doubt}.", "note")
     if effect.parameters:
         rows: list[list[object]] = [
             [name.replace("_", " "), value, text.interval(effect, name)]

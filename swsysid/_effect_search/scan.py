@@ -27,6 +27,7 @@ from swsysid.effects import (
     StructureEffect,
 )
 from swsysid.effects._base import Place
+from swsysid.effects._memory import Foreseeing, Remembering
 
 Mode = int | None  # all modes alike if None
 Solutions = dict[Mode, Solution]
@@ -160,6 +161,31 @@ def _added(
     return answer
 
 
+def foreseen(context: CandidateContext, trial: Trial) -> bool:
+    """Whether the future of an input explains about as much as its past: a filter smears both."""
+    candidate = trial.candidate
+    if not isinstance(candidate.effect, Remembering):
+        return False
+    where = (candidate.place, candidate.target, candidate.mode, candidate.replaced)
+    context = replace(context, kept={})
+    for other in scan(context, Foreseeing(candidate.effect)):
+        twin = other.candidate
+        if (twin.place, twin.target, twin.mode, twin.replaced) == where:
+            past, future = context.gains([trial, other]).sum(axis=1)
+            # beside its present value a channel's past and its future have opposite coefficients
+            alike = _gain_of(context, trial) * _gain_of(context, other) > 0.0
+            return bool(future > context.data.settings.foreseen * past and alike)
+    return False
+
+
+def _gain_of(context: CandidateContext, trial: Trial) -> float:
+    """Coefficient of a trial with one column on all rows, summed over its modes."""
+    candidate = trial.candidate
+    background = context.backgrounds(candidate.replaced)[-1]
+    _, solved = _solved(context, background, candidate, candidate.theta)
+    return float(sum(one.coef[0, 0, candidate.target] for one in solved.values()))
+
+
 # -- refinement ------------------------------------------------------------------------------------
 
 
@@ -194,20 +220,28 @@ def _best_near(
     grid: Array,
     start: int,
 ) -> tuple[float, ...]:
-    """Best parameters between the neighbours of the best value of the scan, one by one."""
+    """Best parameters near the best value of the scan, one by one, several of them in sweeps."""
     theta: list[float] = grid[start].tolist()
-    for place in range(len(theta)):
+    settings = context.data.settings
 
-        def loss(value: float, place: int = place) -> float:
-            tried = (*theta[:place], value, *theta[place + 1 :])
-            _, solved = _solved(context, background, candidate, tried)
-            return -float(sum(one.gain[0, candidate.target] for one in solved.values()))
+    def loss(theta: Sequence[float]) -> float:
+        _, solved = _solved(context, background, candidate, theta)
+        return -float(sum(one.gain[0, candidate.target] for one in solved.values()))
 
-        values = np.unique(grid[:, place])
-        if len(values) > 1:
-            found, least = _least_near(loss, values, theta[place], context.data.settings.fine)
-            if least < loss(theta[place]):
-                theta[place] = found
+    least = loss(theta) if theta else 0.0
+    for _ in range(settings.n_sweeps if len(theta) > 1 else 1):
+        before = least
+        for place, values in enumerate(map(np.unique, grid.T)):
+            if len(values) > 1:
+
+                def along(value: float, place: int = place) -> float:
+                    return loss((*theta[:place], value, *theta[place + 1 :]))
+
+                found, there = _least_near(along, values, theta[place], settings.fine)
+                if there < least:
+                    theta[place], least = found, there
+        if before - least <= settings.fine * abs(least):
+            break
     return tuple(theta)
 
 
@@ -215,7 +249,7 @@ def _least_near(
     loss: Callable[[float], float], values: Array, value: float, fine: float
 ) -> tuple[float, float]:
     """Where a loss is least between the neighbours of a value of a scan, and how large there."""
-    here = int(np.searchsorted(values, value))
+    here = int(np.argmin(np.abs(values - value)))
     low, high = values[max(here - 1, 0)], values[min(here + 1, len(values) - 1)]
     found = minimize_scalar(
         loss, bounds=(low, high), method="bounded", options={"xatol": fine * (high - low)}

@@ -208,19 +208,22 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         parts = split_records(measured.records, rng, measured.window)
         final = measured.fitted(self._declared)
         self.best_estimator_ = self.declared_estimator_ = self._regressor(final, measured.records)
-        self._alarms = alarms(final, measured)
-        for alarm in self._alarms:
-            warnings.warn(alarm, IdentificationWarning, stacklevel=2)
         if self._is_enough(measured, parts):
+            rows = parts.of(measured.rows).search
+            plain = measured.fitted(self._declared, rows)
+            self._alarms = alarms(self._declared, plain, measured, rows)
+            for alarm in self._alarms:
+                warnings.warn(alarm, IdentificationWarning, stacklevel=2)
             if measured.records.told is not None and self.max_effects:
                 # With the first effect inside, fewer modes and velocities are wrong, and perhaps
                 # its kind is another one.
-                first = self._search(measured, parts, rng, most=1).structure.fit
+                first = self._search(measured, parts, plain, rng, most=1).structure.fit
                 again = self._identified_beside(measured, first)
                 if again is not None and self._is_enough(again, parts):
                     measured, final = again, again.fitted(self._declared)
+                    plain = measured.fitted(self._declared, parts.of(measured.rows).search)
                     self.declared_estimator_ = self._regressor(final, measured.records)
-            found = self._search(measured, parts, rng, self.max_effects)
+            found = self._search(measured, parts, plain, rng, self.max_effects)
             final = self._concluded(measured, found, final)
         else:
             warnings.warn(
@@ -280,9 +283,14 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return from_states(anew, records)
 
     def _search(
-        self, measured: Measured, parts: Split, rng: np.random.RandomState, most: int
+        self,
+        measured: Measured,
+        parts: Split,
+        plain: JointFit,
+        rng: np.random.RandomState,
+        most: int,
     ) -> Outcome:
-        """So many effects at most beside the declared model."""
+        """So many effects at most beside the declared model, fitted alone to the same rows."""
         choices = Choices(
             all_effects() if isinstance(self.effects, str) else list(self.effects),
             self.cv,
@@ -290,7 +298,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             self.n_jobs,
             self.verbose,
         )
-        return search_beside(self._declared, measured, parts, rng, choices, most)
+        return search_beside(self._declared, plain, measured, parts, rng, choices, most)
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects found, and the fit with them to all rows."""

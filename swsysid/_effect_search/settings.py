@@ -21,7 +21,9 @@ class SearchSettings:
     memories: float = 4.0  # of a block: its sum has nine tenths of the variance of a long one's
     settled: float = 5.0  # correlation times: a sum of correlations up to there is complete
     forgotten: float = 2.0  # rows: what remembers no more than the next one leaves no gap
+    excited: float = 0.2  # of a channel's spread: where it moves less nothing of it is learned
     gap: float = 0.01  # of a trajectory, between a held-out stretch and its neighbours
+    shown: float = 2.0  # standard errors of a fall that enough untouched rows have to show
     rows_a_column: int = 8  # fewer rows than that are too short to hold any out
     fewest_rows: int = 40
 
@@ -39,6 +41,8 @@ class SearchSettings:
     most_scanned: int = 48  # values of a parameter that get the full regression
     n_refined: int = 16  # trials whose parameters are refined, besides the best of every kind
     fine: float = 1e-3  # of the distance between two values of a scan: below every interval
+    n_sweeps: int = 5  # over parameters of one effect that trade off
+    foreseen: float = 0.5  # share of what the past explains: where the future does it is a filter
     correction: float = 5.0  # gain for which the correction of a sensor is worth a fit
 
     # -- structures ------------------------------------------------------------------------------
@@ -47,6 +51,7 @@ class SearchSettings:
     tie: float = 3.0  # gain within which structures are as good as each other
     hopeful: float = 0.5  # p-value up to which a candidate is fitted together with the modes
     same_modes: float = 0.995  # share of the rows: then an effect has left the modes as they were
+    n_lately: int = 4  # fits whose candidates are remembered
     n_restarts: int = 10  # kinds with which the modes are sought anew
     n_questions: int = 3  # times that a term is scanned again at the modes found with it
 
@@ -61,6 +66,7 @@ class SearchSettings:
     # One more mode bends to anything and explains whatever the first named effect leaves over.
     share_of_a_mode: float = 0.1
     share_of_a_disturbance: float = 0.05  # what effects leave over a little is no force
+    slow_steps: float = 4.0  # steps of the record that a force is remembered for, unlike noise
     gap_steps: float = 1.5  # steps of the record: samples farther apart are no neighbours
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
 

@@ -15,6 +15,7 @@ from swsysid._effect_model.joint_fit import JointFit, fit_jointly
 from swsysid._effect_search.candidates import (
     CandidateContext,
     Columns,
+    Scan,
     Trial,
     candidate_context,
 )
@@ -73,6 +74,9 @@ class SearchContext:
     declared: JointFit  # fitted to the rows of the search
     significance: float = 0.01  # largest probability of an addition by chance
     kept: Columns = field(default_factory=dict, repr=False)  # of candidates on this record
+    lately: dict[tuple[int, int | None], CandidateContext] = field(
+        default_factory=dict, repr=False
+    )  # candidates beside fits, by the identity of the fit and what they are without
 
     @property
     def settings(self) -> SearchSettings:
@@ -212,25 +216,37 @@ class SearchContext:
 
     def candidates(self, fit: JointFit, without: int | None = None) -> CandidateContext:
         """Candidates beside a fit, or in the place of one of its terms."""
-        return candidate_context(fit, self.data, without, self.kept)
+        # Questions come back to the same fit: what is known of the last ones is not made anew.
+        key = (id(fit), without)
+        if key not in self.lately:
+            made = candidate_context(fit, self.data, without, self.kept)
+            self.lately[key] = made
+            while len(self.lately) > self.settings.n_lately:
+                del self.lately[next(iter(self.lately))]
+        return self.lately[key]
 
     def scanned(
         self, beside: CandidateContext, own: tuple | None = None
     ) -> tuple[list[Trial], int]:
         """The most promising trials, refined, the best first; and how many there were."""
         # That with the signature `own` is among them, if it is a trial at all.
-        trials = [trial for effect in self.usable for trial in scan(beside, effect)]
-        if not trials:
-            return [], 0
+        effects = tuple(self.usable)
+        known = beside.scans.get(tuple(map(id, effects)))
+        if known is None:
+            trials = [trial for effect in effects for trial in scan(beside, effect)]
+            known = Scan(effects, _best_first(beside, trials) if trials else [])
+            beside.scans[tuple(map(id, effects))] = known
         kinds: set[str] = set()
         chosen = []
-        for rank, trial in enumerate(_best_first(beside, trials)):
+        for rank, trial in enumerate(known.trials):
             kind = trial.candidate.effect.kind
             hopeful = rank < self.settings.n_refined or kind not in kinds
             if hopeful or trial.candidate.signature == own:
-                chosen.append(refined(beside, trial))
+                if rank not in known.refined:
+                    known.refined[rank] = refined(beside, trial)
+                chosen.append(known.refined[rank])
             kinds.add(kind)
-        return _best_first(beside, chosen), len(trials)
+        return _best_first(beside, chosen) if chosen else [], len(known.trials)
 
     def corrections(
         self, structure: Structure, place: int, beside: CandidateContext

@@ -235,6 +235,7 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
         f"   held-out error before {effect.error_before:.4g}, after {effect.error_after:.4g}; "
         f"{probability(effect.p_value)}"
     )
+    yield from (f"   weak evidence: {doubt}" for doubt in effect.doubts)
     for name, value in effect.parameters.items():
         sure = interval(effect, name)
         yield f"   {name} {value:.5g}" + (f"  (95 %: {sure})" if sure else "")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from swsysid._data.records import Records
-from swsysid.effects._base import Parameter, Place
+from swsysid.effects._base import Parameter, Place, figure
 from swsysid.effects._types import WithoutColumns
 
 
@@ -31,3 +31,10 @@ class UnmeasuredDisturbance(WithoutColumns):
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         return (Parameter("size", np.empty(0)), Parameter("time_constant", np.empty(0), "{time}"))
+
+    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
+        size, time_constant = map(figure, theta)
+        return (
+            f"a force of size {size} that nobody measured acts on {names[target]} and is forgotten "
+            f"after {time_constant}; the laws do not have it"
+        )

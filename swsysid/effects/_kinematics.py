@@ -7,6 +7,7 @@ only where that is known. A law of a force in terms of motions is a rate of noth
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,15 +27,12 @@ def with_kinematics(
     states = list(records.states)
     now = records.X[rows][:, states]
     rates = targets[:, states] - now if discrete else targets[:, states]
-    positions = [
-        state
-        for state in states
-        if any(
-            _left_by_multiple(rates[:, state], now[:, other]) < SETTINGS.kinematic
-            for other in states
-            if other != state
-        )
-    ]
+    left = np.full((len(states), len(states)), np.inf)  # of the rate of one state by another
+    for state, other in permutations(states, 2):
+        left[state, other] = _left_by_multiple(rates[:, state], now[:, other])
+    # In an oscillation each state is nearly a multiple of the other's rate: the closer one counts.
+    is_rate = (left < SETTINGS.kinematic) & (left <= left.T)
+    positions = np.flatnonzero(is_rate.any(axis=1)).tolist()
     if positions:
         own = states
     elif records.ordered:

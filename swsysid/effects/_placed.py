@@ -216,6 +216,8 @@ class FoundEffect:
     formulas : tuple of Formula
         Of an `unknown_function` of one argument: expressions of the field in its place, those first
         that predict held-out rows best for their number of parameters.
+    doubts : tuple of str
+        Why the evidence is weak, if it is.
     """
 
     kind: str
@@ -233,6 +235,7 @@ class FoundEffect:
     placed: PlacedEffect
     table: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
     formulas: tuple[Formula, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def channel(self) -> int | None:
@@ -244,6 +247,7 @@ class FoundEffect:
         listed = {name: v for name, v in vars(self).items() if name not in ("placed", "rivals")}
         listed["intervals"] = {name: list(pair) for name, pair in self.intervals.items()}
         listed["table"] = {name: column.tolist() for name, column in self.table.items()}
+        listed["doubts"] = list(self.doubts)
         listed["formulas"] = [dict(formula.__dict__) for formula in self.formulas]
         return listed | {"rivals": [dict(rival.__dict__) for rival in self.rivals]}
 

@@ -42,6 +42,8 @@ from swsysid.effects import (
     SoftSaturation,
     StribeckFriction,
     Trigonometric,
+    UnknownFunction,
+    UnmeasuredDisturbance,
     all_effects,
     special_effects,
 )
@@ -95,6 +97,13 @@ STATEMENTS = [
         (-21.9, -20.4),
         "mode 1 from x < 20.4 on, mode 0 from x > 21.9 on",
     ),
+    (
+        UnmeasuredDisturbance(),
+        "time",
+        1,
+        (0.4, 1.5),
+        "a force of size 0.4 that nobody measured acts on v and is forgotten after 1.5",
+    ),
     (Reset(), (0, 1), 1, (-0.8,), "v is multiplied by -0.8 where mode 0 turns into mode 1"),
 ]
 
@@ -136,6 +145,10 @@ def test_columns_as_terms_have_the_values_of_the_columns(effect, place, theta, t
 
 def test_every_effect_of_the_library_has_a_text():
     told = {effect.kind for effect, *_ in [*COLUMNS, *STATEMENTS]} | {ExtraMode.kind}
+    shape = UnknownFunction((0, 1), ((0.0,), (1.0,), (2.0,)), of_product=True)
+    values = np.array([0.1, 0.2, 0.3])
+    assert shape.written(shape.label((0, 1), NAMES), (), values) == [(1.0, "f(x v)")]
+    told |= {shape.kind}
     assert told == {effect.kind for effect in [*all_effects(), *special_effects()]}
 
 
