@@ -12,7 +12,7 @@ from swsysid import SwitchingSystemRegressor
 from swsysid.datasets import make_undeclared
 from swsysid.differentiation import differentiate
 
-__all__ = ["NULLS", "Record", "null_record"]
+__all__ = ["DISTURBED", "NULLS", "Record", "null_record"]
 
 Array = np.ndarray
 # Of the noise, relative to the spread of each velocity; the library's own benchmark has 0.02.
@@ -139,6 +139,8 @@ NULLS: dict[str, Callable[[Record, np.random.Generator], Record] | None] = {
     "clipped": _clipped,
     "closed loop": None,
 }
+# Those whose noise is a force that is forgotten over many samples: to say so is right.
+DISTURBED = frozenset({"ar 0.9", "ar 0.98", "slow disturbance", "closed loop"})
 
 
 def null_record(kind: str, seed: int) -> Record:

@@ -27,6 +27,7 @@ def condensed(records: Sequence[dict], levels: Sequence[float]) -> dict:
         nulls[null] = {
             "records": len(own),
             "alarms": sum(bool(one["found"]) for one in own),
+            "disturbances": sum(one["disturbances"] > 0 for one in own),
             "rare": sum(one["acts_rarely"] for one in own),
             "candidates": sum(one["candidates"] for one in own),
             "below": np.sum([one["below"] for one in own], axis=0).tolist(),
@@ -49,9 +50,15 @@ def tables(parts: dict[str, dict]) -> str:
     rows = []
     for name, one in [*nulls.items(), ("all", _all(nulls))]:
         shares = [f"{below / max(one['candidates'], 1):.2g}" for below in one["below"]]
-        counts = [f"{one[count]}/{one['records']}" for count in ("alarms", "rare")]
+        counts = [f"{one[count]}/{one['records']}" for count in ("alarms", "disturbances", "rare")]
         rows.append([name, *counts, *shares])
-    head = ["residuals", "effects", "rare laws", *(f"p <= {level:g}" for level in told["levels"])]
+    head = [
+        "residuals",
+        "false alarms",
+        "disturbances",
+        "rare laws",
+        *(f"p <= {level:g}" for level in told["levels"]),
+    ]
     share = sum(one["alarms"] for one in nulls.values()) / max(_all(nulls)["records"], 1)
     lines = table(head, rows, "lr")
     lines += ["", f"False alarms in all: {share:.1%}, {ALARMS.told}, {ALARMS.verdict(share)}.", ""]
@@ -69,6 +76,6 @@ def tables(parts: dict[str, dict]) -> str:
 def _all(nulls: dict[str, dict]) -> dict:
     counted = {
         name: sum(one[name] for one in nulls.values())
-        for name in ("records", "alarms", "rare", "candidates")
+        for name in ("records", "alarms", "disturbances", "rare", "candidates")
     }
     return counted | {"below": np.sum([one["below"] for one in nulls.values()], axis=0).tolist()}

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.scan import foreseen, scan
+from swsysid._effect_search.scan import is_smear, scan
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
 
@@ -69,7 +69,7 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
     if own is None:
         return Finding.of(term, 1.0, known)
-    if foreseen(beside, own):
+    if is_smear(beside, own):
         return Finding.of(term, 1.0, known)
     level = [top[number].candidate for number in beside.level_with(own, top)]
     evidence = beside.evidence(own)

@@ -161,14 +161,38 @@ def _added(
     return answer
 
 
-def foreseen(context: CandidateContext, trial: Trial) -> bool:
-    """Whether the future of an input explains about as much as its past: a filter smears both."""
-    candidate = trial.candidate
-    if not isinstance(candidate.effect, Remembering):
+def is_smear(context: CandidateContext, trial: Trial) -> bool:
+    """Whether a memory may be that of the sampling or of a filter, and of nothing physical."""
+    effect = trial.candidate.effect
+    if not isinstance(effect, Remembering):
         return False
+    return _between_samples(context, trial) or _foreseen(context, trial, effect)
+
+
+def _between_samples(context: CandidateContext, trial: Trial) -> bool:
+    """Whether all that a channel does is late by half a step at most, as if an input is held."""
+    candidate = trial.candidate
+    (parameter,) = candidate.effect.parameters(context.searched, candidate.place)
+    if parameter.unit != "{time}":
+        return False
+    own, background = _gain_of(context, trial), context.backgrounds(candidate.replaced)[-1]
+    feature, direct = context.linear.get(candidate.place), 0.0
+    if candidate.replaced is None and feature is not None:
+        columns = context.columns(candidate.effect, candidate.place, np.array([candidate.theta]))
+        rest = context.regression.targets[:, [candidate.target]] - own * columns[:, 0]
+        laws = background.coefficients(rest, candidate.target)
+        channel, values = context.records.channel(candidate.place), context.regression.features
+        unit = np.linalg.norm(values[:, feature]) / np.linalg.norm(channel[context.data.rows])
+        direct = unit * float(np.mean([law[feature, 0] for law in laws]))
+    late = own * candidate.theta[0] / (own + direct)
+    return bool(0.0 <= late <= 0.5 * context.records.step)
+
+
+def _foreseen(context: CandidateContext, trial: Trial, effect: Remembering) -> bool:
+    """Whether the future of an input explains about as much as its past: a filter smears both."""
+    candidate, context = trial.candidate, replace(context, kept={})
     where = (candidate.place, candidate.target, candidate.mode, candidate.replaced)
-    context = replace(context, kept={})
-    for other in scan(context, Foreseeing(candidate.effect)):
+    for other in scan(context, Foreseeing(effect)):
         twin = other.candidate
         if (twin.place, twin.target, twin.mode, twin.replaced) == where:
             past, future = context.gains([trial, other]).sum(axis=1)

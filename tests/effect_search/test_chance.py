@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from swsysid._effect_search.chance import BlockSum, chance_of_slope, independent_blocks, memory
+from swsysid._effect_search.chance import (
+    BlockSum,
+    Slope,
+    chance_of_slope,
+    independent_blocks,
+    memory,
+)
 
 
 def autoregressive(rng, factor, n_series, length):
@@ -65,5 +71,42 @@ def test_p_values_of_unrelated_slow_series_are_uniform(factor):
         p_values.append(chance_of_slope(*sums))
     shares = [np.mean(np.array(p_values) <= level) for level in (0.1, 0.01)]
     # 800 draws: standard errors 0.011 and 0.0035, and a block has nine tenths of the variance
+    assert shares[0] <= 0.14
+    assert shares[1] <= 0.022
+
+
+def test_an_event_in_one_block_counts_by_the_noise_of_all_rows():
+    # a pulse of twenty rows in the first of ten blocks, beside white noise
+    rng = np.random.default_rng(0)
+    pulse, blocks = np.where(np.arange(400) < 20, 1.0, 0.0), np.repeat(np.arange(10), 40)
+    noise, series = 0.2 * rng.standard_normal(400), [np.arange(400)]
+    seen = Slope(pulse, pulse + noise, np.ones(400), series, blocks)
+    assert seen.chance_by_blocks == 1.0
+    # the sum of twenty errors of 0.2 is 0.9: the pulse is 22 of them above zero
+    assert seen.chance < 1e-10
+    unseen = Slope(pulse, noise, np.ones(400), series, blocks)
+    assert unseen.chance > 0.1
+    assert Slope(np.zeros(400), noise, np.ones(400), series, blocks).chance == 1.0
+
+
+def test_noise_that_comes_with_the_regressor_is_told_by_the_blocks():
+    # the same steep slope in blocks that agree, and in blocks that do not
+    regressor, blocks = np.tile([1.0, 2.0], 100), np.repeat(np.arange(10), 20)
+    target = regressor * np.where(blocks % 2, 9.0, -7.0)
+    one = Slope(regressor, target, np.ones(200), [], blocks)
+    assert one.chance > 0.3
+    sure = Slope(regressor, regressor * np.where(blocks % 2, 1.2, 0.8), np.ones(200), [], blocks)
+    assert sure.chance < 1e-5
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.9])
+def test_p_values_of_slopes_are_uniform(factor):
+    rng, p_values = np.random.default_rng(17), []
+    blocks = np.concatenate([number * 6 + np.arange(250) * 6 // 250 for number in range(6)])
+    for _ in range(600):
+        (noise, series), (channel, _) = (autoregressive(rng, factor, 6, 250) for _ in range(2))
+        p_values.append(Slope(channel, noise, np.ones(1500), series, blocks).chance)
+    shares = [np.mean(np.array(p_values) <= level) for level in (0.1, 0.01)]
+    # 600 draws: standard errors 0.012 and 0.004
     assert shares[0] <= 0.14
     assert shares[1] <= 0.022

@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
-from swsysid import EffectSearchCV
+from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid.datasets import make_undeclared
-from swsysid.effects import AsymmetricFriction, CoulombFriction, Polynomial, QuadraticDrag
+from swsysid.effects import (
+    AsymmetricFriction,
+    CoulombFriction,
+    Delay,
+    Lag,
+    Polynomial,
+    QuadraticDrag,
+)
 from swsysid.effects._kinematics import with_kinematics
 
 FRICTIONS = [CoulombFriction(), QuadraticDrag(), AsymmetricFriction(), Polynomial()]
@@ -46,6 +53,15 @@ def test_velocities_tell_positions(noise):
     assert seen(data, t=None, groups=None).positions == {0}
 
 
+def test_of_an_oscillation_one_state_is_the_position():
+    # x' = v and nearly v' = -2 x: the other way round it fits less well
+    rng, t = np.random.default_rng(0), 0.02 * np.arange(1000)
+    x, v = np.sin(1.414 * t), 1.414 * np.cos(1.414 * t)
+    targets = np.column_stack([v, -2.0 * x + 0.2 * rng.standard_normal(1000)])
+    records = make_records(np.column_stack([x, v]), 2, t=t, names=["x", "v"])
+    assert with_kinematics(records, np.arange(1000), targets, False).positions == {0}
+
+
 def test_a_law_of_a_force_is_the_rate_of_nothing(pendulum):
     forces = 95.0 * pendulum.Xdot + 20.0 * np.sign(pendulum.X[:, :2])
     known = seen(pendulum, forces[:, ::-1])
@@ -79,3 +95,36 @@ def test_a_relay_of_the_position_is_no_friction(pendulum):
     force = with_force(pendulum, -2.0 * np.sign(pendulum.X[:, 0]))
     found = search(pendulum, force, FRICTIONS).effects_
     assert found and not [one.kind for one in found if one.kind.endswith("friction")]
+
+
+# -- causes come first -----------------------------------------------------------------------------
+
+
+def driven(seen_of_input, step=0.02):
+    """``v' = -v + what is seen of a switched input``, with one per cent of noise."""
+    rng, t = np.random.default_rng(0), step * np.arange(1600)
+    u = np.repeat(rng.choice([-1.0, 1.0], 80), 20)
+    acting = seen_of_input(u)
+    v = np.zeros(len(t))
+    for row in range(1, len(t)):
+        v[row] = v[row - 1] + step * (acting[row - 1] - v[row - 1])
+    Xdot = acting - v + 0.01 * rng.standard_normal(len(t))
+    return np.column_stack([v, u]), Xdot[:, None], t
+
+
+@pytest.mark.parametrize(
+    ("kernel", "kinds"),
+    [
+        ([0.1, 0.2, 0.4, 0.2, 0.1], []),  # a filter looks both ways
+        ([0.0, 0.0, 0.7, 0.3, 0.0], []),  # held between samples: late by 0.3 steps
+        ([0.0, 0.0, 0.0, 0.0, 1.0], ["delay"]),  # two samples late
+    ],
+    ids=["filtered", "held", "delayed"],
+)
+def test_what_a_filter_or_a_hold_does_to_an_input_is_no_delay(kernel, kinds):
+    X, Xdot, t = driven(lambda u: np.convolve(u, kernel, mode="same"))
+    declared = SwitchingSystemRegressor(1, feature_library=1, loss="squared", random_state=0)
+    search = EffectSearchCV(declared, effects=[Delay(), Lag()], max_effects=1).fit(X, Xdot, t=t)
+    assert [found.kind for found in search.effects_] == kinds
+    for found in search.effects_:
+        assert found.parameters["delay"] == pytest.approx(0.04, rel=0.1)
