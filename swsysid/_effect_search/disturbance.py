@@ -82,12 +82,12 @@ class _Questions:
         return np.concatenate(data.records.take(data.rows).trajectories)
 
     def residuals(self, structure: Structure, target: int) -> Array:
-        """What regressions leave over of rows they have not seen, gross errors cut off."""
+        """What regressions leave over of rows they have not seen; gross errors say nothing."""
         left = self.context.candidates(structure.fit).held_out[:, target]
         gross = self.context.settings.gross * max(
             float(robust_scale(left[:, None])[0]), float(self.context.data.exact[target])
         )
-        return np.clip(left, -gross, gross)[self._order]
+        return np.where(np.abs(left) <= gross, left, 0.0)[self._order]
 
     def needed(self, structure: Structure) -> Structure:
         """The structure without the effects that predict no better than a disturbance would."""

@@ -188,7 +188,13 @@ class SearchContext:
         left = after.fit.residuals(data.records, data.rows, data.targets)
         counted = [state for state in range(left.shape[1]) if state not in data.exact_states]
         remembered = memory_of(data.records.take(data.rows), left[:, counted])
-        return BlockSum.of(data.folds.sums_over(np.tanh(0.5 * gains), remembered)).chance
+        chance = BlockSum.of(data.folds.sums_over(np.tanh(0.5 * gains), remembered)).chance
+        if after.fit.guard is None or before.fit.guard is not None:
+            return chance
+        # A guard that remembers concerns few rows in few blocks. None of them decides, for a sure
+        # surface is wrong now and then; and chance makes a likelihood ratio r with 1 / r at most.
+        ratio = float(np.exp(min(0.0, (after.price - before.price) / remembered)))
+        return min(1.0, 2.0 * min(chance, ratio))
 
     def n_hypotheses(self, beside: CandidateContext, n_trials: int) -> int:
         """So many candidates could have won, those of later scans and of restarts included."""
