@@ -183,7 +183,7 @@ def _between_samples(context: CandidateContext, trial: Trial) -> bool:
         laws = background.coefficients(rest, candidate.target)
         channel, values = context.records.channel(candidate.place), context.regression.features
         unit = np.linalg.norm(values[:, feature]) / np.linalg.norm(channel[context.data.rows])
-        direct = unit * float(np.mean([law[feature, 0] for law in laws]))
+        direct = float(unit * np.mean([law[feature, 0] for law in laws]))
     late = own * candidate.theta[0] / (own + direct)
     return bool(0.0 <= late <= 0.5 * context.records.step)
 
