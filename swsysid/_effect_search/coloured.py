@@ -74,7 +74,8 @@ class Coloured:
         """Cholesky factor of A, upper banded, and the log of what Q has of each sample."""
         inside = where.inside
         kept = np.zeros(len(inside))
-        kept[1:] = np.exp(-np.diff(where.t) / self.time_constant)
+        # times begin anew with each trajectory
+        kept[1:] = np.exp(-np.abs(np.diff(where.t)) / self.time_constant)
         kept = np.clip(np.where(inside, kept, 0.0), 0.0, 1.0 - 1e-9)
         new = 1.0 / (self.size**2 * (1.0 - kept**2))  # precision of each sample given the last
         diagonal = new + 1.0 / self.noise**2
