@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.automata import tables as automata
+from benchmarks.calibration import tables as calibration
 from benchmarks.measured import tables as measured
 from benchmarks.paper import tables as paper
 from benchmarks.quality import tables as quality
@@ -56,11 +57,13 @@ RECORDINGS = (
     "python -m benchmarks.undeclared --recordings --seeds 10 --first-seed 10 --pairs 0 --clean 9 "
     "--draw 54 --docs docs"
 )
+CALIBRATION = "python -m benchmarks.calibration --docs docs"
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
     Page("measured_effects.md", "measured", "make bench-measured", measured.effects),
     Page("undeclared_tables.md", "undeclared", "make bench-undeclared", undeclared.tables),
     Page("recordings_table.md", "recordings", RECORDINGS, undeclared.recording_tables),
+    Page("calibration_table.md", "calibration", CALIBRATION, calibration.tables),
     Page("speed_tables.md", "speed", "make bench-speed", speed.table),
     Page("quality_summary.md", "quality", "make bench-quality", quality.summary),
     Page("quality_tables.md", "quality", "make bench-quality", quality.tables),

@@ -1,4 +1,4 @@
-"""Print the table of all effects that the page ``effects.md`` holds; ``--write`` puts it there."""
+"""Print the tables of effects that the page ``effects.md`` holds; ``--write`` puts them there."""
 
 import inspect
 import sys
@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from swsysid._data.records import make_records
-from swsysid.effects import all_effects
+from swsysid.effects import all_effects, special_effects
 
 PAGE = Path(__file__).parent / "effects.md"
-START, END = "<!-- table of effects: docs/effect_table.py --write -->", "<!-- end of the table -->"
+TABLES = {"table of effects": all_effects, "table of special effects": special_effects}
+END = "<!-- end of the table -->"
 NEEDS = {"order": "`groups` or `t`", "time": "`t`", "signals": "`signals`"}
 
 
@@ -34,21 +35,26 @@ def row(effect, records):
     return f"| {' | '.join(cells)} |"
 
 
-def table():
-    """The whole table, in Markdown."""
+def table(effects):
+    """A whole table, in Markdown."""
     records = example_records()
     head = ["| kind | formula | parameters | needs | what it means |", "|---|---|---|---|---|"]
-    return "\n".join([*head, *(row(effect, records) for effect in all_effects())])
+    return "\n".join([*head, *(row(effect, records) for effect in effects)])
 
 
-def page_with(text):
-    """The page with another table in it."""
+def page_with_tables():
+    """The page with its tables made anew."""
     page = PAGE.read_text(encoding="utf-8")
-    before, rest = page.split(START)
-    return f"{before}{START}\n\n{text}\n\n{END}{rest.split(END)[1]}"
+    for name, effects in TABLES.items():
+        start = f"<!-- {name}: docs/effect_table.py --write -->"
+        before, rest = page.split(start)
+        _, after = rest.split(END, 1)
+        page = f"{before}{start}\n\n{table(effects())}\n\n{END}{after}"
+    return page
 
 
 if __name__ == "__main__":
-    print(table())
+    for listed in TABLES.values():
+        print(table(listed()))
     if "--write" in sys.argv:
-        PAGE.write_text(page_with(table()), encoding="utf-8")
+        PAGE.write_text(page_with_tables(), encoding="utf-8")

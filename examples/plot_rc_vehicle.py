@@ -82,7 +82,8 @@ for name, search in searches.items():
 # Nothing suggested
 # -----------------
 # With the whole library, and as many effects as the data ask for, the answer is both: the throttle
-# acts through a power law, and what is left is dry friction.
+# acts through a power law, and what is left is dry friction. For the friction the evidence is weak,
+# and the report says why.
 
 everything = EffectSearchCV(SwitchingSystemRegressor(n_modes=1))
 everything.fit(X, Xdot, t=t, groups=np.zeros(len(t)))

@@ -16,6 +16,7 @@ from sklearn.base import clone
 
 from swsysid import EffectSearchCV, PolynomialSurfaceClassifier
 from swsysid.datasets import make_undeclared
+from swsysid.effects import all_effects, special_effects
 
 __all__ = ["Cell", "run_cell", "states_difference"]
 
@@ -55,7 +56,8 @@ def run_cell(cell: Cell) -> list[dict]:
         start = time.process_time()
         clone(data.estimator).fit(data.X, data.Xdot)
         fit_seconds, start = time.process_time() - start, time.process_time()
-        search = EffectSearchCV(data.estimator)
+        special = [effect for effect in special_effects() if effect.kind in cell.kinds]
+        search = EffectSearchCV(data.estimator, effects=[*all_effects(), *special])
         known = {"t": data.t, "groups": data.groups, "signals": data.signals}
         if is_recording:
             x, inputs = recorded(data, cell.seed)

@@ -21,7 +21,7 @@ from swsysid._cli.text import render, with_effects
 from swsysid._results import SolverError
 from swsysid._tables.table import Table, TableError
 from swsysid.diagnosis import EffectSearchCV
-from swsysid.effects import Effect, all_effects
+from swsysid.effects import Effect, all_effects, special_effects
 
 PAGE = "swsysid_diagnosis.html"
 
@@ -96,8 +96,8 @@ def _diagnose(
 
 
 def _chosen_effects(kinds: Sequence[str]) -> list[Effect]:
-    """Effects of the library by their kinds, in its order; all if none is named."""
-    library = {effect.kind: effect for effect in all_effects()}
+    """Effects of the library by their kinds, in its order; all but the special if none is named."""
+    library = {effect.kind: effect for effect in [*all_effects(), *special_effects()]}
     for kind in kinds:
         if kind not in library:
             close = difflib.get_close_matches(kind, library, n=1)
@@ -106,7 +106,7 @@ def _chosen_effects(kinds: Sequence[str]) -> list[Effect]:
                 f"--effects {kind!r} is no kind of effect.{hint} The kinds are: "
                 f"{', '.join(library)}."
             )
-    return [effect for kind, effect in library.items() if not kinds or kind in kinds]
+    return [library[kind] for kind in library if kind in kinds] if kinds else all_effects()
 
 
 def _page_path(path: Path | None) -> Path:

@@ -42,6 +42,10 @@ class Records:
     told : ndarray of shape (n_samples,), int, or None
         Modes that the measured states themselves have told, -1 where they take no part; None where
         velocities were measured.
+    rates : frozenset of int
+        States whose equation is known to give their own rate, and no force of theirs.
+    positions : frozenset of int
+        States whose rate is known to be another state, as in x' = v.
     """
 
     X: Array
@@ -53,6 +57,8 @@ class Records:
     timed: bool
     average: Callable[[Array], Array] | None = None
     told: NDArray[np.intp] | None = None
+    rates: frozenset[int] = frozenset()
+    positions: frozenset[int] = frozenset()
 
     def __len__(self) -> int:
         return len(self.X)
@@ -81,6 +87,16 @@ class Records:
     def signal_channels(self) -> range:
         """Channels that are logged signals."""
         return range(self.X.shape[1], self.X.shape[1] + self.signals.shape[1])
+
+    def number(self, channel: int | str) -> int:
+        """Number of a channel that is given by its name or its number."""
+        known = dict(zip(self.names, range(len(self.names)), strict=True))
+        number = known.get(channel, -1) if isinstance(channel, str) else int(channel)
+        if number not in range(len(self.names)):
+            raise ValueError(
+                f"{channel!r} is no channel of this record; choose from {', '.join(self.names)}."
+            )
+        return number
 
     def channel(self, number: int) -> Array:
         """Values of one channel, shape (n_samples,)."""

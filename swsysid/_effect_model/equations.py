@@ -17,9 +17,9 @@ def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style
     def added(mode: int, state: int) -> Iterator[tuple[float, str, float]]:
         for term, coef in zip(fit.terms, fit.coef, strict=True):
             if term.target == state:
-                columns = term.effect.column_names(term.label(names), *term.theta)
-                own = term.in_mode(coef, mode, fit.n_modes).tolist()
-                yield from ((value, name, 1.0) for value, name in zip(own, columns, strict=False))
+                own = term.in_mode(coef, mode, fit.n_modes)
+                written = term.effect.written(term.label(names), term.theta, own)
+                yield from ((value, name, 1.0) for value, name in written)
 
     own = fit.laws
     laws = law_equations(

@@ -8,13 +8,18 @@ chance over all candidates would give *and* worth its terms.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.scan import is_smear, scan
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect
+from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
+
+FEW_STRETCHES = (
+    "it lies in a few stretches of the record, and rests on the noise there being that of the rest"
+)
 
 
 @dataclass(frozen=True)
@@ -24,14 +29,21 @@ class Finding:
     candidate: PlacedEffect
     p_value: float
     rivals: tuple[PlacedEffect, ...]
+    doubts: tuple[str, ...] = ()  # why the evidence for it is weak
 
     @classmethod
-    def of(cls, found: PlacedEffect, p_value: float, others: Iterable[PlacedEffect]) -> Finding:
+    def of(
+        cls,
+        found: PlacedEffect,
+        p_value: float,
+        others: Iterable[PlacedEffect],
+        doubts: tuple[str, ...] = (),
+    ) -> Finding:
         """Rivals differ in kind, place or equation from what was found and from each other."""
         different: dict[tuple, PlacedEffect] = {}
         for other in (found, *others):
             different.setdefault((other.effect.kind, other.place, other.target), other)
-        return cls(found, min(1.0, p_value), tuple(different.values())[1:])
+        return cls(found, min(1.0, p_value), tuple(different.values())[1:], doubts)
 
 
 # -- one term in the light of all others -----------------------------------------------------------
@@ -39,25 +51,54 @@ class Finding:
 
 def finding(context: SearchContext, structure: Structure, place: int, *fewer: Structure) -> Finding:
     """p-value and rivals of one term in the light of all others."""
-    # This p-value is the only one by which an effect enters, stays and is reported. One of a term
-    # without columns is of its gain on the structure without it, and on each of `fewer`.
+    # This p-value is the only one by which an effect enters, stays and is reported, and it is
+    # multiplied by the number of all candidates that could have won. One of a term without columns
+    # is of its gain on the structure without it, and on each of `fewer`.
     term, beside = structure.terms[place], context.candidates(structure.fit, without=place)
     known = [
         other.terms[place]
         for other in context.corrections(structure, place, beside)
         if other.price <= structure.price + context.settings.tie
     ]
+    top, n_trials = context.scanned(beside, term.signature)
+    count = context.n_hypotheses(beside, n_trials)
     if not term.effect.terms:
-        n_structural = sum(not effect.terms for effect in context.usable)
-        return Finding.of(
-            term, n_structural * _chance(context, structure, place, beside, fewer), known
-        )
-    top, n_candidates = context.scanned(beside, term.signature)
+        return Finding.of(term, count * _chance(context, structure, place, beside, fewer), known)
+    if isinstance(term.effect, UnknownFunction):
+        return _of_a_shape(term, beside, top, count)
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
     if own is None:
         return Finding.of(term, 1.0, known)
+    if is_smear(beside, own):
+        return Finding.of(term, 1.0, known)
     level = [top[number].candidate for number in beside.level_with(own, top)]
-    return Finding.of(term, n_candidates * beside.p_value(own), [*level, *known])
+    evidence = beside.evidence(own)
+    chance = evidence.chance
+    few = count * evidence.chance_by_blocks > context.significance
+    doubts = (FEW_STRETCHES,) if few else ()
+    if structure.fit.n_modes == 1 or chance > context.significance:
+        return Finding.of(term, count * chance, [*level, *known], doubts)
+    # The effect has helped to find the modes at which it is judged, and that is no proof: fits that
+    # have not seen the rows have to be better with it, too. Of two tests of the same effect the
+    # clearer one counts, corrected for both, and neither may fail.
+    again = context.structural_chance(context.without(structure, place), structure)
+    chance = max(2.0 * count * min(chance, again), chance, again)
+    return Finding.of(term, chance, [*level, *known], doubts)
+
+
+def _of_a_shape(
+    term: PlacedEffect, beside: CandidateContext, top: list[Trial], count: int
+) -> Finding:
+    """p-value of a function without a name, and the effects with one that come nearest to it."""
+    trials = scan(replace(beside, kept={}), term.effect)
+    own = next((trial for trial in trials if trial.candidate.signature == term.signature), None)
+    if own is None:
+        return Finding.of(term, 1.0, ())
+    nearest: dict[str, PlacedEffect] = {}
+    for trial in top:
+        nearest.setdefault(trial.candidate.effect.kind, trial.candidate)
+    rivals = list(nearest.values())[: beside.data.settings.n_nearest]
+    return Finding.of(term, count * beside.p_value(own), rivals)
 
 
 def _chance(
@@ -70,7 +111,7 @@ def _chance(
     """Of what a term without columns gains."""
     effect, target = structure.terms[place].effect, structure.terms[place].target
     if isinstance(effect, ResetEffect):
-        return effect.gain(beside.records, beside.velocities, beside.switched_modes, target)[1]
+        return effect.gain(*beside.jumping, target)[1]
     others = (context.without(structure, place), *fewer)
     return max(context.structural_chance(other, structure) for other in others)
 

@@ -11,10 +11,10 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit, known_modes
+from swsysid._effect_search.chance import Slope, memory
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Background, Regression
 from swsysid._noise import STUDENT, robust_weights
@@ -36,6 +36,15 @@ class Trial:
     by_fold: tuple[int, ...]  # that which suits each fold, and all rows at the end
 
 
+@dataclass
+class Scan:
+    """Trials of some effects beside a fit, the best first, and those refined by their rank."""
+
+    effects: tuple[Effect, ...]
+    trials: list[Trial]
+    refined: dict[int, Trial] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class CandidateContext:
     """A fit beside which candidates are tried."""
@@ -46,6 +55,7 @@ class CandidateContext:
     linear: dict[int, int]  # which channel (key) is which feature
     replaced: set[tuple[int, int]]  # (target, feature) whose place another effect has
     kept: Columns = field(repr=False)  # that were computed before
+    scans: dict[tuple[int, ...], Scan] = field(default_factory=dict, repr=False)
     _backgrounds: dict[int | None, list[Background]] = field(default_factory=dict, repr=False)
 
     @property
@@ -128,6 +138,24 @@ class CandidateContext:
         known = self.known_modes
         return self.surface_modes if self.records.told is None else known
 
+    @cached_property
+    def jumping(self) -> tuple[Records, Array, NDArray[np.intp]]:
+        """What jumps are looked for in: samples of the search, their velocities and modes."""
+        records = self.data.without_gaps(self.records)
+        part = slice(None) if self.data.part is None else self.data.part
+        return records, self.velocities[part], self.switched_modes[part]
+
+    @cached_property
+    def searched(self) -> Records:
+        """The samples that a search may look at."""
+        return self.data.searched(self.records)
+
+    @property
+    def targets(self) -> list[int]:
+        """States whose equations may lack something."""
+        every = range(self.regression.targets.shape[1])
+        return [target for target in every if target not in self.data.exact_states]
+
     @property
     def most_switched_state(self) -> int:
         """State whose laws differ most between the modes."""
@@ -170,25 +198,32 @@ class CandidateContext:
         gains = self.gains([best, *trials])
         behind = gains[0] - gains[1:]
         error = behind.std(axis=1) * np.sqrt(behind.shape[1])
-        lost = behind.sum(axis=1)
+        lost, sizes = behind.sum(axis=1), np.abs(behind)
+        # What differs in one block only has no scatter there: then the noise of all rows tells.
+        for place in np.flatnonzero(sizes.max(axis=1) > 0.5 * sizes.sum(axis=1)):
+            error[place] = min(error[place], self._error_between(best, trials[place]))
         return {place: float(lost[place]) for place in np.flatnonzero(lost <= error).tolist()}
+
+    def _error_between(self, best: Trial, other: Trial) -> float:
+        """Standard error of the gain of one trial over another if the noise is alike everywhere."""
+        target, weight = best.candidate.target, self.regression.weight
+        if other.candidate.target != target:
+            return np.inf
+        left = self.held_out[:, target] - best.change
+        variance = max(np.average(left**2, weights=weight), self.data.exact[target] ** 2)
+        longer = memory(weight * left, self.regression.folds.series)
+        apart = float(np.sum((weight * (best.change - other.change)) ** 2))
+        return float(np.sqrt(longer * apart / variance))
+
+    def evidence(self, trial: Trial) -> Slope:
+        """What speaks for a trial: the slope of held-out residuals on the change it predicts."""
+        folds = self.regression.folds
+        residual = self.held_out[:, trial.candidate.target]
+        return Slope(trial.change, residual, self.regression.weight, folds.series, folds.blocks)
 
     def p_value(self, trial: Trial) -> float:
         """Probability of so good a prediction of the residual if there were no effect."""
-        # A one-sided test of the slope of the held-out residuals on the predicted change, its error
-        # robust to whatever happens inside a block.
-        residual = self.held_out[:, trial.candidate.target]
-        products = np.column_stack([residual * trial.change, trial.change**2])
-        moment, square = self.regression.block_sums(products).T
-        size, n_blocks = square.sum(), len(square)
-        if size <= 0.0:
-            return 1.0
-        slope = moment.sum() / size
-        scatter = float(np.sum((moment - slope * square) ** 2))
-        error = np.sqrt(scatter * n_blocks / max(n_blocks - 1, 1)) / size
-        if error == 0.0:
-            return 0.0 if slope > 0 else 1.0
-        return float(stats.t.sf(slope / error, n_blocks - 1))
+        return self.evidence(trial).chance
 
 
 def candidate_context(

@@ -13,6 +13,7 @@ from swsysid._data.records import Records
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import Shape, effect_shape
 from swsysid._effect_search.settings import REPORT
+from swsysid._noise import exact_below
 from swsysid._rendering.parts import Parts, entries_of
 from swsysid._residual_report.report import ResidualReport
 from swsysid._results import Array, Trajectory
@@ -247,8 +248,9 @@ class EffectData:
         """State whose error the effects lower most; without effects the one furthest off."""
         before, after = self.errors
         spread = np.std(self.measured, axis=0)
-        # an equation that is exact, such as q' = v, changes by rounding
-        change = np.abs(before - after) / np.where(before > REPORT.exact * spread, before, np.inf)
+        # an equation that is exact, such as q' = v, changes by rounding only
+        told = before > exact_below(self.measured)
+        change = np.abs(before - after) / np.where(told, before, np.inf)
         size = before / np.where(spread > 0, spread, np.inf)
         return int(np.argmax(change if self.covariances else size))
 
@@ -275,6 +277,28 @@ class Round(TypedDict):
     effects: list[str]
 
 
+class TriedEffect(TypedDict):
+    """An effect that chance does not explain and that did not lower the held-out error."""
+
+    effect: str
+    p_value: float
+    before: list[float]
+    after: list[float]
+
+
+class RowsSetAside(TypedDict):
+    """Rows with gross errors, and whether they lie together."""
+
+    n_rows: int
+    n_together: int
+    n_trajectories: int
+    p_value: float
+    channel: str
+    interval: tuple[float, float]
+    others: float
+    is_finding: bool
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class EffectContents(Parts):
     """Fields of an `EffectReport`, which are described there, and what follows from them."""
@@ -293,13 +317,22 @@ class EffectContents(Parts):
     guard_moved: float = 0.0
     history: tuple[Round, ...] = ()
     dropped: tuple[str, ...] = ()
+    tried: tuple[TriedEffect, ...] = ()
+    exact: tuple[str, ...] = ()
+    alarms: tuple[str, ...] = ()
+    set_aside: RowsSetAside | None = None
     discrete: bool = False
     data: EffectData | None = None
 
     @property
     def clean(self) -> bool:
-        """True if no effect was found."""
-        return not self.effects
+        """True if no effect was found, and no law that acts rarely."""
+        return not self.effects and not self.acts_rarely
+
+    @property
+    def acts_rarely(self) -> bool:
+        """True if rows that are set aside lie together, so that another law acts there."""
+        return self.set_aside is not None and self.set_aside["is_finding"]
 
     @property
     def by_trajectory(self) -> list[dict[str, object]]:

@@ -10,6 +10,9 @@ M-estimate is
 
 which holds whatever the variance of each row is (Huber 1967, White 1980). The derivative counts
 that a residual changes its own weight: with w in its place, intervals are a quarter too narrow.
+
+Where the rows' influences on a parameter are correlated in time, their sum has a variance that is
+larger than that of independent rows by their correlation time. Standard errors grow by its root.
 """
 
 from __future__ import annotations
@@ -24,11 +27,12 @@ from scipy.optimize import approx_fprime
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.candidates import row_weights
+from swsysid._effect_search.chance import memory
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._noise import STUDENT
 from swsysid._results import Array
-from swsysid.effects import PlacedEffect, ResetEffect
+from swsysid.effects import PlacedEffect, ResetEffect, UnknownFunction
 from swsysid.effects._placed import corrected
 
 
@@ -61,7 +65,9 @@ def term_covariances(fit: JointFit, data: SearchData) -> list[Array]:
         if columns:
             every, start = np.column_stack(list(columns.values())), 0
             support = fit.laws.support[:, target]
-            covariance = _covariance(fit.modes, weight, features, support, every, errors[:, target])
+            covariance = _covariance(
+                fit.modes, weight, features, support, every, errors[:, target], data.folds.series
+            )
             for place, part in columns.items():
                 own = slice(start, start + part.shape[1])
                 answers[place], start = covariance[own, own], own.stop
@@ -109,6 +115,7 @@ def _covariance(
     support: NDArray[np.bool_],
     columns: Array,
     errors: Array,
+    series: list[NDArray[np.intp]],
 ) -> Array:
     """Sandwich covariance of the columns' coefficients beside the library in each mode."""
     blocks = [
@@ -126,8 +133,9 @@ def _covariance(
     spread = scaled * (pull * errors)[:, None]
     n_used, n_columns = int(np.sum(pull > 0)), design.shape[1]
     share = n_used / max(n_used - n_columns, 1)
-    covariance = share * inverse @ (spread.T @ spread) @ inverse / np.outer(size, size)
-    return covariance[-columns.shape[1] :, -columns.shape[1] :]
+    influence = spread @ inverse[:, -columns.shape[1] :] / size[-columns.shape[1] :]
+    longer = np.sqrt([memory(column, series) for column in influence.T])
+    return np.asarray(share * influence.T @ influence * np.outer(longer, longer))
 
 
 def _physical_intervals(
@@ -224,6 +232,9 @@ def _axis(term: PlacedEffect, records: Records) -> tuple[str, Array, NDArray[np.
     in_time = "time" in term.effect.needs and term.effect.terms
     if isinstance(term.place, (int, np.integer)) and not in_time:
         return records.names[term.place], records.channel(int(term.place)), everything
+    if isinstance(term.effect, UnknownFunction):
+        name = term.label(records.names).split(", ")[0]
+        return name, term.effect.points(records)[:, 0], everything
     if isinstance(term.place, tuple) and not in_time and term.effect.terms:
         channels = sorted(set(term.place))
         if len(channels) == 1:

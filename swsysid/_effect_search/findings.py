@@ -12,9 +12,19 @@ from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.acceptance import Finding
 from swsysid._effect_search.contributions import parameter_intervals
 from swsysid._effect_search.folds import Split
+from swsysid._effect_search.formulas import formulas
+from swsysid._effect_search.sampled import table_of
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
-from swsysid.effects import FoundEffect, PlacedEffect, Rival, StructureEffect
+from swsysid.effects import (
+    Formula,
+    FoundEffect,
+    PlacedEffect,
+    Rival,
+    StructureEffect,
+    UnknownFunction,
+    UnmeasuredDisturbance,
+)
 
 
 @dataclass(frozen=True)
@@ -64,6 +74,14 @@ class Ladder:
         """Root mean square errors of each of `fits` on the searched and on the held-out rows."""
         return [self.errors_of(fit) for fit in self.fits]
 
+    def formulas(self, place: int) -> tuple[Formula, ...]:
+        """Expressions in the place of an effect that has none."""
+        if not isinstance(self.terms[place].effect, UnknownFunction):
+            return ()
+        number = self._order[place]
+        beside = self.context.candidates(self.structure.fit, without=number)
+        return formulas(beside, self.structure.terms[number])
+
     def errors_of(self, fit: JointFit) -> tuple[Array, Array]:
         """Those of a fit, (n_states,) each."""
         squares = (self.targets - fit.predict(self.records)) ** 2
@@ -87,7 +105,8 @@ def describe_findings(
         # the equation an effect acts in; of a sensor, a guard or a mode that which gains most
         exact = ladder.context.data.exact
         gained = int(np.argmin(np.maximum(after, exact) / np.maximum(before, exact)))
-        gaining = term.target if term.effect.terms else gained
+        own = term.effect.terms or isinstance(term.effect, UnmeasuredDisturbance)
+        gaining = term.target if own else gained
         found.append(
             FoundEffect(
                 kind=term.effect.kind,
@@ -103,6 +122,9 @@ def describe_findings(
                 meaning=term.effect.describe(label, records.names[term.target]),
                 formula=term.effect.formula(label, parameters),
                 placed=term,
+                table=table_of(final, place, covariances[place], records, ladder.targets),
+                formulas=ladder.formulas(place),
+                doubts=finding.doubts,
             )
         )
     return found

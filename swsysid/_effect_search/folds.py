@@ -7,15 +7,17 @@ next to the part that is held out are used for nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from swsysid._data.records import Records
+from swsysid._effect_search.chance import independent_blocks, memory
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
-from swsysid._noise import exact_below
+from swsysid._noise import exact_below, robust_weights
 from swsysid._results import Array
 
 Rows = NDArray[np.intp]
@@ -41,12 +43,25 @@ class Folds:
 
     parts: list[tuple[Rows, Rows]]  # training and test rows of each fold
     blocks: NDArray[np.intp]  # contiguous block of each row, numbered from 0
+    series: list[Rows] = field(default_factory=list)  # rows of each trajectory, if in order
 
     def block_sums(self, values: Array) -> Array:
         """Sums over the blocks, (n_blocks,) or (n_blocks, n_columns)."""
-        if values.ndim == 1:
-            return np.bincount(self.blocks, values).astype(float)
-        return np.column_stack([self.block_sums(column) for column in values.T])
+        return _sums(self.blocks, values)
+
+    def independent_sums(self, values: Array, like: Array | None = None) -> Array:
+        """As `block_sums`, over blocks that are longer than the values, or others, remember."""
+        return self.sums_over(values, memory(values if like is None else like, self.series))
+
+    def sums_over(self, values: Array, remembered: float) -> Array:
+        """As `block_sums`, over blocks that are longer than so many rows are remembered."""
+        return _sums(independent_blocks(self.blocks, self.series, remembered), values)
+
+
+def _sums(blocks: Rows, values: Array) -> Array:
+    if values.ndim == 1:
+        return np.bincount(blocks, values).astype(float)
+    return np.column_stack([_sums(blocks, column) for column in values.T])
 
 
 @dataclass(frozen=True)
@@ -57,6 +72,8 @@ class SearchData:
     rows: Rows
     targets: Array  # (n_rows, n_states)
     folds: Folds  # of the rows
+    part: Rows | None = None  # samples of the record that a search may look at; None is all
+    exact_states: frozenset[int] = frozenset()  # whose declared equation leaves rounding only
     settings: SearchSettings = SETTINGS
 
     @classmethod
@@ -70,10 +87,39 @@ class SearchData:
         """Modes of the rows that measured states have told."""
         return None if self.records.told is None else self.records.told[self.rows]
 
+    def searched(self, records: Records) -> Records:
+        """The samples of the record, or of one like it, that the search may look at."""
+        return records if self.part is None else records.take(self.part)
+
+    def without_gaps(self, records: Records) -> Records:
+        """As `searched`; samples that are held out divide a trajectory."""
+        if self.part is None or not records.ordered:
+            return self.searched(records)
+        taken = np.zeros(len(records), dtype=bool)
+        taken[self.part] = True
+        groups, count = np.zeros(len(records), dtype=np.intp), 0
+        for rows in records.trajectories:
+            groups[rows] = count + np.cumsum(np.diff(taken[rows], prepend=False))
+            count = int(groups[rows[-1]]) + 1
+        return replace(records, groups=groups).take(self.part)
+
     @cached_property
     def exact(self) -> Array:
         """Errors of each state below which an equation is exact."""
         return exact_below(self.targets)
+
+
+def exact_states(left: Array, targets: Array) -> NDArray[np.bool_]:
+    """Equations such as q' = v, of which a model leaves rounding errors only."""
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)) <= exact_below(targets))
+
+
+def memory_of(records: Records, left: Array) -> float:
+    """How many rows the residuals (n_rows, n_states) remember, outliers apart."""
+    if not records.ordered:
+        return 1.0
+    weighted = left * robust_weights(left)[:, None] if left.size else left
+    return max((memory(column, records.trajectories) for column in weighted.T), default=1.0)
 
 
 def split_records(
@@ -119,29 +165,59 @@ def _stretches_apart(trajectories: list[Rows], apart: int, settings: SearchSetti
     return Split(np.sort(np.concatenate(kept)), np.sort(np.concatenate(held)), how)
 
 
+def exciting_folds(
+    records: Records, n_folds: int, rng: np.random.RandomState, remembered: float
+) -> Folds:
+    """Folds whose parts are as long as a memory asks, if every channel moves outside of each."""
+    # Where the record is one event, longer parts hold all of it, and nothing can be learned from
+    # the rest: then parts of the event have to predict each other.
+    while True:
+        folds = make_folds(records, n_folds, rng, remembered)
+        spreads = [records.X[train].std(axis=0) for train, _ in folds.parts]
+        moves = np.min(spreads, axis=0) >= SETTINGS.excited * records.X.std(axis=0)
+        if moves.all() or remembered <= SETTINGS.forgotten:
+            return folds
+        remembered *= 0.5
+
+
 def make_folds(
     records: Records,
     n_folds: int,
     rng: np.random.RandomState,
+    remembered: float = 1.0,
     settings: SearchSettings = SETTINGS,
 ) -> Folds:
-    """Folds and blocks of the rows for the search."""
+    """Folds and blocks of the rows for the search.
+
+    What is left over remembers so many rows: contiguous parts of folds are longer than that, and
+    no row is predicted from rows that it remembers.
+    """
     if records.ordered:
         trajectories = records.trajectories
         per_trajectory = -(-settings.n_blocks // len(trajectories))
         whole = len(trajectories) >= n_folds
     else:
-        trajectories = [rng.permutation(len(records))]
+        trajectories, remembered = [rng.permutation(len(records))], 1.0
         per_trajectory, whole = settings.n_blocks, False
     blocks = np.empty(len(records), dtype=np.intp)
-    fold_of: list[int] = []
+    fold = np.empty(len(records), dtype=np.intp)
+    near = np.zeros((n_folds, len(records)), dtype=bool)  # rows that remember those of a fold
+    n_blocks = n_parts = 0
+    fewest = -(-n_folds // len(trajectories))
     for place, rows in enumerate(trajectories):
-        for piece in np.array_split(rows, min(per_trajectory, len(rows))):
-            blocks[piece] = len(fold_of)
-            fold_of.append((place if whole else len(fold_of)) % n_folds)
-    fold = np.array(fold_of)[blocks]
+        pieces = np.array_split(rows, min(per_trajectory, len(rows)))
+        for piece in pieces:
+            blocks[piece], n_blocks = n_blocks, n_blocks + 1
+        most = max(fewest, int(len(rows) / (settings.memories * remembered)))
+        most = min(most, len(pieces))
+        for part in np.array_split(np.arange(len(pieces)), most):
+            here = np.concatenate([pieces[number] for number in part])
+            fold[here], n_parts = (place if whole else n_parts) % n_folds, n_parts + 1
+        apart = min(int(remembered), len(rows) // (2 * most))
+        for number in range(n_folds if remembered > settings.forgotten and not whole else 0):
+            near[number, rows] = maximum_filter1d(fold[rows] == number, 2 * apart + 1)
     parts = [
-        (np.flatnonzero(fold != number), np.flatnonzero(fold == number))
+        (np.flatnonzero((fold != number) & ~near[number]), np.flatnonzero(fold == number))
         for number in range(n_folds)
     ]
-    return Folds(parts, blocks)
+    return Folds(parts, blocks, trajectories if records.ordered else [])

@@ -10,6 +10,7 @@ rows that their regressions have not seen.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
@@ -25,8 +26,10 @@ from swsysid._effect_search.acceptance import (
     simplest,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.scan import proposals
 from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
 from swsysid.effects import (
     GuardEffect,
@@ -57,6 +60,11 @@ class Search:
     n_jobs: int | None = None
     verbose: int = 0
 
+    @cached_property
+    def unknowns(self) -> Unknowns | None:
+        """Functions without a name, if they are looked for."""
+        return Unknowns.of(self.context)
+
     def run(self) -> tuple[Structure, tuple[Finding, ...], list[Round]]:
         """Add effects until nothing significant is left, and keep those that remain significant."""
         # One more mode bends to whatever the first named effect leaves over. Where it was not the
@@ -71,21 +79,37 @@ class Search:
             other, other_rounds = only_named.climb()
             if other.price < structure.price:
                 structure, rounds = other, other_rounds
-        if len(rounds) == 1 and rounds[0].structure is structure:
-            return structure, (rounds[0].finding,), rounds
-        return *confirmed(self.context, structure), rounds
+        single = len(rounds) == 1 and rounds[0].structure is structure
+        known = (structure, (rounds[0].finding,)) if single else confirmed(self.context, structure)
+        return *known, rounds
+
+    def beside_the_unknown(
+        self, structure: Structure, findings: tuple[Finding, ...], rounds: list[Round]
+    ) -> tuple[Structure, tuple[Finding, ...]]:
+        """With disturbances in the place of what they explain as well, and shapes as rivals."""
+        n_candidates = max((one.n_candidates for one in rounds), default=1)
+        structure, findings = with_disturbances(self.context, structure, findings, n_candidates)
+        if self.unknowns is not None:
+            findings = self.unknowns.as_rivals(structure, findings)
+        return structure, findings
 
     def climb(self) -> tuple[Structure, list[Round]]:
         """Add effects until nothing significant is left."""
         structure, rounds = self.context.priced(self.context.declared), []
+        unknowns = self.unknowns
         with progress(self.max_effects, "rounds of the search", bool(self.verbose)) as bar:
             while len(structure.terms) < self.max_effects:
-                step = self._addition(structure)
+                step = self._addition(structure) or _unknown(unknowns, structure)
                 bar.update()
                 if step is None:
                     break
                 structure = self._questioned(step.structure)
+                # One effect with a name may be the first of two that act together.
+                if unknowns is not None and len(structure.terms) > 1:
+                    structure = unknowns.replaced(structure)
                 rounds.append(replace(step, structure=structure))
+        if unknowns is not None:
+            structure = unknowns.replaced(structure)
         return structure, rounds
 
     # -- one addition ----------------------------------------------------------------------------
@@ -126,9 +150,7 @@ class Search:
                 if candidate.signature in found:
                     continue
                 if isinstance(effect, ResetEffect):
-                    gain, _ = effect.gain(
-                        beside.records, beside.velocities, beside.switched_modes, candidate.target
-                    )
+                    gain, _ = effect.gain(*beside.jumping, candidate.target)
                     options.append(context.with_reset(current, candidate, gain))
                     continue
                 terms = (*current.terms, candidate)
@@ -253,6 +275,8 @@ class Search:
             if not top:
                 break
             candidate = simplest(beside, top).candidate
+            if candidate == term:
+                break
             same = candidate.signature == term.signature
             tried = self.context.exchanged(best, place, candidate)
             if not same and tried.price > best.price + self.context.settings.tie:
@@ -291,3 +315,9 @@ class Search:
         if tried.price < best.price - self.context.settings.tie:
             return tried, True
         return best, False
+
+
+def _unknown(unknowns: Unknowns | None, structure: Structure) -> Round | None:
+    """A function without a name where no effect with one explains what is left."""
+    found = None if unknowns is None else unknowns.added(structure)
+    return None if found is None else Round(*found)

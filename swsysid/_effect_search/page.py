@@ -26,7 +26,7 @@ from swsysid._rendering.markup import (
     table,
 )
 from swsysid._residual_report.display import ResidualReportDisplay
-from swsysid.effects import FoundEffect
+from swsysid.effects import FoundEffect, UnknownFunction
 
 Units = Mapping[str, str] | None
 
@@ -111,7 +111,7 @@ def _errors(told: _Told) -> Iterable[str]:
     rows = [[row["model"], *row["held_out"]] for row in report.errors]
     yield table(["model", *told.rates], rows, kind="ladder")
     first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
-    known = first > REPORT.exact * told.data.measured.std(axis=0)
+    known = np.array([name not in report.exact for name in report.targets])
     shares = 1.0 - np.divide(last, first, out=np.ones_like(first), where=known)
     lower = [
         f"{told.rate(state)}: {shares[state]:.0%} lower"
@@ -137,6 +137,8 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
         f"{effect.error_after:.4g} with it; {text.probability(effect.p_value)}, corrected for "
         "the number of candidates."
     )
+    for doubt in effect.doubts:
+        yield paragraph(f"Weak evidence: {doubt}.", "note")
     if effect.parameters:
         rows: list[list[object]] = [
             [name.replace("_", " "), value, text.interval(effect, name)]
@@ -153,8 +155,13 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
     if not effect.rivals:
         yield paragraph("No other effect of the library explains these data as well.", "note")
         return
-    yield paragraph("As good on these data:")
-    head = ["rival", f"held-out error of {target}", "what would tell the two apart"]
+    unknown = effect.kind == UnknownFunction.kind
+    yield paragraph("The nearest with a name:" if unknown else "As good on these data:")
+    head = [
+        "effect" if unknown else "rival",
+        f"held-out error of {target}",
+        "what would tell the two apart",
+    ]
     rows = [
         [text.effect_title(rival, told.report), f"{rival.error:.4g}", rival.advice]
         for rival in effect.rivals
@@ -253,6 +260,11 @@ def _search(told: _Told) -> Iterable[str]:
         yield paragraph(f"Dropped at the end, since chance explains it as well: {dropped}.", "note")
     if report.effects:
         yield paragraph(text.moved(report))
+    if text.aside(report):
+        yield paragraph(text.aside(report))
+    if report.tried:
+        yield paragraph(f"{text.NOT_KEPT}:")
+        yield listing(text.not_kept(report))
     if report.skipped:
         yield paragraph(f"{text.NOT_LOOKED_FOR}:")
         yield listing(text.skipped(report))

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._effect_search.contents import EffectContents, EffectData
+from swsysid._effect_search.contents import EffectContents, EffectData, RowsSetAside
 from swsysid._effect_search.display import EffectReportDisplay
 from swsysid._effect_search.findings import Ladder
 from swsysid._effect_search.greedy import Round
 from swsysid._effect_search.page import effect_page
+from swsysid._effect_search.set_aside import set_aside
 from swsysid._effect_search.text import named, report_lines, summary, title
+from swsysid._effect_search.untouched import Tried
 from swsysid._rendering.parts import entries_of
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
@@ -61,6 +63,19 @@ class EffectReport(EffectContents):
     dropped : tuple of str
         Effects after the last round that did not stay significant beside the others, and are
         not among `effects`.
+    tried : tuple of dict
+        Effects that chance does not explain and that are not kept, since the held-out error does
+        not fall by more than its standard error: ``effect``, ``p_value``, and the held-out errors
+        of each equation ``before`` and ``after``.
+    exact : tuple of str
+        States whose declared equation leaves rounding only, such as q' = v. They take no part.
+    alarms : tuple of str
+        What is wrong with the declared model before anything is looked for.
+    set_aside : dict or None
+        Rows with gross errors: how many (``n_rows``), how many of them follow each other
+        (``n_together``) in how many trajectories, the probability of that by chance, and the
+        ``interval`` of the ``channel`` that they are in, with the share of the ``others`` there.
+        With ``is_finding`` they are no outliers: another law acts there.
     discrete : bool
         True if the targets are the next states.
     data : EffectData or None
@@ -90,6 +105,8 @@ class EffectReport(EffectContents):
         models: Sequence[EffectRegressor],
         covariances: Sequence[Array],
         trajectory_names: NDArray | None,
+        tried: Sequence[Tried] = (),
+        alarms: Sequence[str] = (),
     ) -> EffectReport:
         """Everything a search has found.
 
@@ -132,6 +149,18 @@ class EffectReport(EffectContents):
                 for one in rounds
             ),
             dropped=dropped(rounds, last.terms, records),
+            tried=tuple(
+                {
+                    "effect": _in_words(one.candidate, records),
+                    "p_value": one.p_value,
+                    "before": one.before.tolist(),
+                    "after": one.after.tolist(),
+                }
+                for one in tried
+            ),
+            exact=tuple(records.names[state] for state in sorted(ladder.context.data.exact_states)),
+            alarms=tuple(alarms),
+            set_aside=_aside(last, ladder),
             discrete=bool(first.laws.discrete_time),
             data=EffectData(
                 records=records,
@@ -188,6 +217,21 @@ class EffectReport(EffectContents):
 def _in_words(term: PlacedEffect, records: Records) -> str:
     label = term.label(records.names)
     return title(term.effect.kind, label, records.names[term.target], term.mode)
+
+
+def _aside(fit: JointFit, ladder: Ladder) -> RowsSetAside:
+    rows = np.sort(np.concatenate([ladder.split.search, ladder.split.held_out]))
+    found = set_aside(fit, ladder.context.data, ladder.targets, rows)
+    return {
+        "n_rows": len(found.rows),
+        "n_together": len(found.together),
+        "n_trajectories": found.n_trajectories,
+        "p_value": found.p_value,
+        "channel": found.channel,
+        "interval": found.interval,
+        "others": found.others,
+        "is_finding": found.is_finding(ladder.context.significance),
+    }
 
 
 def dropped(rounds: list[Round], kept: Sequence[PlacedEffect], records: Records) -> tuple[str, ...]:

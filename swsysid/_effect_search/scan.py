@@ -27,6 +27,7 @@ from swsysid.effects import (
     StructureEffect,
 )
 from swsysid.effects._base import Place
+from swsysid.effects._memory import Foreseeing, Remembering
 
 Mode = int | None  # all modes alike if None
 Solutions = dict[Mode, Solution]
@@ -34,11 +35,13 @@ Solutions = dict[Mode, Solution]
 
 def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
     """Trials of an effect: every place and target, all modes or one, added or in place."""
-    records, n_modes = context.records, context.regression.n_modes
+    n_modes = context.regression.n_modes
     one_by_one: list[tuple[Mode, ...]] = [(None,)]
     one_by_one += [(mode,) for mode in range(n_modes) if n_modes > 1]
-    for place in effect.places(records) if effect.terms else ():
-        ranges = effect.parameters(records, place)
+    # What a channel does at all, such as to change its sign, is asked of the whole record.
+    records, searched = context.records, context.searched
+    for place in effect.places(records) if effect.terms and context.targets else ():
+        ranges = effect.parameters(searched, place)
         grid = np.array(list(product(*(parameter.values for parameter in ranges))), dtype=float)
         if not len(grid):
             continue
@@ -50,9 +53,10 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
         problem = context.regression
         added = [
             target
-            for target in range(problem.targets.shape[1])
+            for target in context.targets
             for linear in [problem.has(target, feature)]
-            if {"replaces": not linear, "beside": linear, "instead": False}.get(role, True)
+            if effect.acts_in(records, place, target)
+            and {"replaces": not linear, "beside": linear, "instead": False}.get(role, True)
         ]
         if added:
             yield from _scan(context, effect, place, grid, columns, one_by_one, added)
@@ -60,8 +64,10 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
             each: list[tuple[Mode, ...]] = [tuple(range(n_modes))]
             theirs = [
                 target
-                for target in range(problem.targets.shape[1])
-                if problem.has(target, feature) and (target, feature) not in context.replaced
+                for target in context.targets
+                if problem.has(target, feature)
+                and (target, feature) not in context.replaced
+                and effect.acts_in(records, place, target)
             ]
             yield from _scan(context, effect, place, grid, columns, each, theirs, feature)
 
@@ -101,8 +107,11 @@ def _scan(
             # `solved`, `gains` and `best` are now those of all rows
             value = best[group][target]
             coef = solved[group[0]].coef[value, :, target]
-            if np.asarray(gains[group])[value, target] <= 0.0 or not effect.plausible(coef):
-                continue  # the library can do all this by itself, or physics cannot
+            if np.asarray(gains[group])[value, target] <= 0.0:
+                continue  # the library can do all this by itself
+            signs = (1.0,) if target in context.records.rates else (1.0, -1.0)
+            if not any(effect.plausible(sign * coef) for sign in signs):
+                continue  # physics cannot
         by_fold = tuple(int(fold[target]) for fold in chosen[group])
         theta = tuple(grid[by_fold[-1]].tolist())
         mode = group[0] if replaced is None else None
@@ -152,6 +161,55 @@ def _added(
     return answer
 
 
+def is_smear(context: CandidateContext, trial: Trial) -> bool:
+    """Whether a memory may be that of the sampling or of a filter, and of nothing physical."""
+    effect = trial.candidate.effect
+    if not isinstance(effect, Remembering):
+        return False
+    return _between_samples(context, trial) or _foreseen(context, trial, effect)
+
+
+def _between_samples(context: CandidateContext, trial: Trial) -> bool:
+    """Whether all that a channel does is late by half a step at most, as if an input is held."""
+    candidate = trial.candidate
+    (parameter,) = candidate.effect.parameters(context.searched, candidate.place)
+    if parameter.unit != "{time}":
+        return False
+    own, background = _gain_of(context, trial), context.backgrounds(candidate.replaced)[-1]
+    feature, direct = context.linear.get(candidate.place), 0.0
+    if candidate.replaced is None and feature is not None:
+        columns = context.columns(candidate.effect, candidate.place, np.array([candidate.theta]))
+        rest = context.regression.targets[:, [candidate.target]] - own * columns[:, 0]
+        laws = background.coefficients(rest, candidate.target)
+        channel, values = context.records.channel(candidate.place), context.regression.features
+        unit = np.linalg.norm(values[:, feature]) / np.linalg.norm(channel[context.data.rows])
+        direct = float(unit * np.mean([law[feature, 0] for law in laws]))
+    late = own * candidate.theta[0] / (own + direct)
+    return bool(0.0 <= late <= 0.5 * context.records.step)
+
+
+def _foreseen(context: CandidateContext, trial: Trial, effect: Remembering) -> bool:
+    """Whether the future of an input explains about as much as its past: a filter smears both."""
+    candidate, context = trial.candidate, replace(context, kept={})
+    where = (candidate.place, candidate.target, candidate.mode, candidate.replaced)
+    for other in scan(context, Foreseeing(effect)):
+        twin = other.candidate
+        if (twin.place, twin.target, twin.mode, twin.replaced) == where:
+            past, future = context.gains([trial, other]).sum(axis=1)
+            # beside its present value a channel's past and its future have opposite coefficients
+            alike = _gain_of(context, trial) * _gain_of(context, other) > 0.0
+            return bool(future > context.data.settings.foreseen * past and alike)
+    return False
+
+
+def _gain_of(context: CandidateContext, trial: Trial) -> float:
+    """Coefficient of a trial with one column on all rows, summed over its modes."""
+    candidate = trial.candidate
+    background = context.backgrounds(candidate.replaced)[-1]
+    _, solved = _solved(context, background, candidate, candidate.theta)
+    return float(sum(one.coef[0, 0, candidate.target] for one in solved.values()))
+
+
 # -- refinement ------------------------------------------------------------------------------------
 
 
@@ -186,20 +244,28 @@ def _best_near(
     grid: Array,
     start: int,
 ) -> tuple[float, ...]:
-    """Best parameters between the neighbours of the best value of the scan, one by one."""
+    """Best parameters near the best value of the scan, one by one, several of them in sweeps."""
     theta: list[float] = grid[start].tolist()
-    for place in range(len(theta)):
+    settings = context.data.settings
 
-        def loss(value: float, place: int = place) -> float:
-            tried = (*theta[:place], value, *theta[place + 1 :])
-            _, solved = _solved(context, background, candidate, tried)
-            return -float(sum(one.gain[0, candidate.target] for one in solved.values()))
+    def loss(theta: Sequence[float]) -> float:
+        _, solved = _solved(context, background, candidate, theta)
+        return -float(sum(one.gain[0, candidate.target] for one in solved.values()))
 
-        values = np.unique(grid[:, place])
-        if len(values) > 1:
-            found, least = _least_near(loss, values, theta[place], context.data.settings.fine)
-            if least < loss(theta[place]):
-                theta[place] = found
+    least = loss(theta) if theta else 0.0
+    for _ in range(settings.n_sweeps if len(theta) > 1 else 1):
+        before = least
+        for place, values in enumerate(map(np.unique, grid.T)):
+            if len(values) > 1:
+
+                def along(value: float, place: int = place) -> float:
+                    return loss((*theta[:place], value, *theta[place + 1 :]))
+
+                found, there = _least_near(along, values, theta[place], settings.fine)
+                if there < least:
+                    theta[place], least = found, there
+        if before - least <= settings.fine * abs(least):
+            break
     return tuple(theta)
 
 
@@ -207,7 +273,7 @@ def _least_near(
     loss: Callable[[float], float], values: Array, value: float, fine: float
 ) -> tuple[float, float]:
     """Where a loss is least between the neighbours of a value of a scan, and how large there."""
-    here = int(np.searchsorted(values, value))
+    here = int(np.argmin(np.abs(values - value)))
     low, high = values[max(here - 1, 0)], values[min(here + 1, len(values) - 1)]
     found = minimize_scalar(
         loss, bounds=(low, high), method="bounded", options={"xatol": fine * (high - low)}
@@ -242,11 +308,11 @@ def proposals(effect: Effect, context: CandidateContext) -> Iterator[PlacedEffec
 def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """The correction of each sensor that lets the declared laws fit best."""
     records, settings = context.records, context.data.settings
-    discrete = bool(context.fit.laws.discrete_time)
-    for place in effect.places(records):
-        if not effect.is_possible(records, place, context.velocities, discrete):
+    (along, velocities, _), discrete = context.jumping, bool(context.fit.laws.discrete_time)
+    for place in effect.places(along) if context.targets else ():
+        if not effect.is_possible(along, place, velocities, discrete):
             continue
-        (parameter,) = effect.parameters(records, place)
+        (parameter,) = effect.parameters(context.searched, place)
 
         def misfit(value: float, place: int = place) -> float:
             return context.misfit(effect.corrected(records, place, value))
@@ -255,7 +321,9 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
         best = int(np.argmin(losses))
         if losses[best] > misfit(0.0) - settings.correction:
             continue
-        value, _ = _least_near(misfit, parameter.values, parameter.values[best], settings.fine)
+        value = float(parameter.values[best])
+        if not parameter.exact:
+            value, _ = _least_near(misfit, parameter.values, value, settings.fine)
         yield PlacedEffect(effect, place, place, theta=(value,))
 
 
@@ -273,9 +341,7 @@ def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     if context.fit.laws.discrete_time:
         return  # the targets are the next states, jumps included
     for target in context.records.states:
-        found = effect.candidate(
-            context.records, context.velocities, context.switched_modes, target
-        )
+        found = effect.candidate(*context.jumping, target)
         if found is not None and found[0] not in context.fit.laws.resets:
             crossing, theta = found
             yield PlacedEffect(effect, crossing, target, theta=theta)
@@ -284,5 +350,5 @@ def _(effect: ResetEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
 @proposals.register
 def _(effect: StructureEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """The one other model."""
-    for place in effect.places(context.records):
+    for place in effect.places(context.searched) if context.targets else ():
         yield PlacedEffect(effect, place, 0)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
 from functools import wraps
-from numbers import Integral
 from typing import TypeVar
 
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
-from sklearn.model_selection import check_cv
 
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities
 from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
@@ -21,31 +18,19 @@ from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit, fit_jointly, warn_of_doubts
 from swsysid._effect_model.models import check_declared, declared_model, unfitted, with_seed
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._effect_search.acceptance import Finding
+from swsysid._effect_search.alarms import alarms
 from swsysid._effect_search.contributions import term_covariances
 from swsysid._effect_search.findings import Ladder, describe_findings
-from swsysid._effect_search.folds import Folds, SearchData, Split, make_folds, split_records
-from swsysid._effect_search.greedy import Round, Search
+from swsysid._effect_search.folds import SearchData, Split, split_records
+from swsysid._effect_search.outcome import Choices, Outcome, search_beside
 from swsysid._effect_search.reading import read_recordings, refuse_inputs_beside_velocities
 from swsysid._effect_search.recording import Measured, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.settings import SETTINGS
-from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid._results import Array, IdentificationWarning
+from swsysid._results import IdentificationWarning
 from swsysid.effects import Effect, all_effects
 
 Answer = TypeVar("Answer")
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a search has found, and of what it was a search."""
-
-    split: Split
-    context: SearchContext
-    structure: Structure
-    findings: tuple[Finding, ...]
-    rounds: list[Round]
 
 
 def _of_the_best(method: Callable[..., Answer]) -> Callable[..., Answer]:
@@ -224,15 +209,21 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         final = measured.fitted(self._declared)
         self.best_estimator_ = self.declared_estimator_ = self._regressor(final, measured.records)
         if self._is_enough(measured, parts):
+            rows = parts.of(measured.rows).search
+            plain = measured.fitted(self._declared, rows)
+            self._alarms = alarms(self._declared, plain, measured, rows)
+            for alarm in self._alarms:
+                warnings.warn(alarm, IdentificationWarning, stacklevel=2)
             if measured.records.told is not None and self.max_effects:
                 # With the first effect inside, fewer modes and velocities are wrong, and perhaps
                 # its kind is another one.
-                first = self._search(measured, parts, rng, most=1).structure.fit
+                first = self._search(measured, parts, plain, rng, most=1).structure.fit
                 again = self._identified_beside(measured, first)
                 if again is not None and self._is_enough(again, parts):
                     measured, final = again, again.fitted(self._declared)
+                    plain = measured.fitted(self._declared, parts.of(measured.rows).search)
                     self.declared_estimator_ = self._regressor(final, measured.records)
-            found = self._search(measured, parts, rng, self.max_effects)
+            found = self._search(measured, parts, plain, rng, self.max_effects)
             final = self._concluded(measured, found, final)
         else:
             warnings.warn(
@@ -292,22 +283,22 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return from_states(anew, records)
 
     def _search(
-        self, measured: Measured, parts: Split, rng: np.random.RandomState, most: int
+        self,
+        measured: Measured,
+        parts: Split,
+        plain: JointFit,
+        rng: np.random.RandomState,
+        most: int,
     ) -> Outcome:
-        """So many effects at most beside the declared model."""
-        split = parts.of(measured.rows)
-        records, targets, rows = measured.records, measured.targets, split.search
-        folds = self._folds(records.take(rows), targets[rows], rng)
-        first = measured.fitted(self._declared, rows)
-        context = SearchContext(
-            model=self._declared.with_modes(first.n_modes),
-            effects=all_effects() if isinstance(self.effects, str) else list(self.effects),
-            data=SearchData(records.told_on(parts.search), rows, targets[rows], folds),
-            declared=first,
-            significance=self.significance,
+        """So many effects at most beside the declared model, fitted alone to the same rows."""
+        choices = Choices(
+            all_effects() if isinstance(self.effects, str) else list(self.effects),
+            self.cv,
+            self.significance,
+            self.n_jobs,
+            self.verbose,
         )
-        search = Search(context, most, self.n_jobs, self.verbose)
-        return Outcome(split, context, *search.run())
+        return search_beside(self._declared, plain, measured, parts, rng, choices, most)
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects found, and the fit with them to all rows."""
@@ -330,7 +321,14 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         models = [self._regressor(ladder.fits[place], records) for place in (0, -1)]
         models.append(self.best_estimator_)
         self.report_ = EffectReport.of(
-            ladder, found.rounds, self.effects_, models, covariances, self._trajectory_names
+            ladder,
+            found.rounds,
+            self.effects_,
+            models,
+            covariances,
+            self._trajectory_names,
+            tried=found.tried,
+            alarms=self._alarms,
         )
         return final
 
@@ -355,13 +353,6 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
         regressor = EffectRegressor(unfitted(self._seeded), fit.terms)
         return regressor.around(fit, self, records.names)
-
-    def _folds(self, records: Records, targets: Array, rng: np.random.RandomState) -> Folds:
-        if self.cv is None or isinstance(self.cv, Integral):
-            return make_folds(records, int(self.cv or SETTINGS.n_folds), rng)
-        folds = make_folds(records, SETTINGS.n_folds, rng)
-        parts = list(check_cv(self.cv).split(records.X, targets, records.groups))
-        return replace(folds, parts=parts)
 
     def _check_parameters(self) -> None:
         check_declared(self.estimator)

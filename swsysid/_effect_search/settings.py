@@ -18,7 +18,12 @@ class SearchSettings:
     n_blocks: int = 32  # of a t-test: its quantiles are those of the normal law to a few per cent
     fewest_trajectories: int = 6  # with fewer, stretches are held out instead of whole ones
     n_stretches: int = 16
+    memories: float = 4.0  # of a block: its sum has nine tenths of the variance of a long one's
+    settled: float = 5.0  # correlation times: a sum of correlations up to there is complete
+    forgotten: float = 2.0  # rows: what remembers no more than the next one leaves no gap
+    excited: float = 0.2  # of a channel's spread: where it moves less nothing of it is learned
     gap: float = 0.01  # of a trajectory, between a held-out stretch and its neighbours
+    shown: float = 2.0  # standard errors of a fall that enough untouched rows have to show
     rows_a_column: int = 8  # fewer rows than that are too short to hold any out
     fewest_rows: int = 40
 
@@ -36,6 +41,8 @@ class SearchSettings:
     most_scanned: int = 48  # values of a parameter that get the full regression
     n_refined: int = 16  # trials whose parameters are refined, besides the best of every kind
     fine: float = 1e-3  # of the distance between two values of a scan: below every interval
+    n_sweeps: int = 5  # over parameters of one effect that trade off
+    foreseen: float = 0.5  # share of what the past explains: where the future does it is a filter
     correction: float = 5.0  # gain for which the correction of a sensor is worth a fit
 
     # -- structures ------------------------------------------------------------------------------
@@ -44,8 +51,12 @@ class SearchSettings:
     tie: float = 3.0  # gain within which structures are as good as each other
     hopeful: float = 0.5  # p-value up to which a candidate is fitted together with the modes
     same_modes: float = 0.995  # share of the rows: then an effect has left the modes as they were
+    n_lately: int = 4  # fits whose candidates are remembered
     n_restarts: int = 10  # kinds with which the modes are sought anew
     n_questions: int = 3  # times that a term is scanned again at the modes found with it
+
+    # -- before a search -------------------------------------------------------------------------
+    explains_nothing: float = 0.1  # of a velocity's variance: a declared model with less is none
 
     # -- what may enter --------------------------------------------------------------------------
     # Every record has an endless rest that is significant and small: 0.05 a row is an error
@@ -54,10 +65,16 @@ class SearchSettings:
     share: float = 0.01  # of the squares that the declared model leaves over
     # One more mode bends to anything and explains whatever the first named effect leaves over.
     share_of_a_mode: float = 0.1
+    share_of_a_disturbance: float = 0.05  # what effects leave over a little is no force
+    slow_steps: float = 4.0  # steps of the record that a force is remembered for, unlike noise
+    gap_steps: float = 1.5  # steps of the record: samples farther apart are no neighbours
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
+
+    n_nearest: int = 3  # effects with a name that are told beside a function without one
 
     # -- what is said of the result --------------------------------------------------------------
     level: float = 0.95  # of confidence intervals and bands
+    spanned: float = 1e-6  # of the size of a shape: less of it is left by the library
     step: float = 0.05  # of a derivative, as a share of the distance between values of the scan
     apart: float = 0.05  # share of the samples on which two rivals differ most
 
@@ -69,7 +86,6 @@ class ReportSettings:
     # -- what is worth telling ----------------------------------------------------------------
     worth_telling: float = 0.01  # share by which an error is lowered
     smallest_p_value: float = 1e-16  # smaller ones are rounding
-    exact: float = 1e-9  # of the spread of a velocity: a smaller error is rounding
 
     # -- lists --------------------------------------------------------------------------------
     names_in_text: int = 12  # lines of a terminal
@@ -83,6 +99,8 @@ class ReportSettings:
     # -- pictures -----------------------------------------------------------------------------
     most_dots: int = 3000
     most_bars: int = 24  # whose names can be read
+    formulas: int = 3  # lines of a terminal
+    points: int = 101  # of the curve of a function without a name
     longest_label: int = 34  # letters on one line
     decades: float = 30.0  # errors that differ by a larger factor stand on a logarithmic axis
     jump: float = 0.02  # neighbours of a function differ by less than this share of its range

@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit, fit_jointly
 from swsysid._effect_search.candidates import (
     CandidateContext,
     Columns,
+    Scan,
     Trial,
     candidate_context,
 )
-from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.chance import BlockSum
+from swsysid._effect_search.folds import SearchData, memory_of
 from swsysid._effect_search.held_out import held_out_cost, unseen_cost
 from swsysid._effect_search.scan import proposals, refined, scan
 from swsysid._effect_search.settings import SearchSettings
@@ -72,6 +74,9 @@ class SearchContext:
     declared: JointFit  # fitted to the rows of the search
     significance: float = 0.01  # largest probability of an addition by chance
     kept: Columns = field(default_factory=dict, repr=False)  # of candidates on this record
+    lately: dict[tuple[int, int | None], CandidateContext] = field(
+        default_factory=dict, repr=False
+    )  # candidates beside fits, by the identity of the fit and what they are without
 
     @property
     def settings(self) -> SearchSettings:
@@ -169,15 +174,38 @@ class SearchContext:
         return np.maximum(self.squared_errors(self.declared), self.data.exact**2)
 
     def structural_chance(self, before: Structure, after: Structure) -> float:
-        """Of so large a gain in each block of rows by chance, for effects without columns."""
-        # One more surface is fitted to all rows and bends to those that are to be predicted; it is
-        # judged by fits that have not seen them. A one-sided t-test of the mean gain of a block.
+        """Of predictions that are so much better in each block of rows by chance."""
+        # Modes, a surface and weights that were fitted to all rows bend to those that are to be
+        # predicted; where there are several modes fits that have not seen the rows are judge.
         gains = before.rows - after.rows
-        if after.fit.n_modes > before.fit.n_modes:
+        if after.fit.n_modes > 1 and after.fit.guard is None:
             gains = self._unseen_cost(before) - self._unseen_cost(after)
-        sums = self.data.folds.block_sums(gains)
-        error = sums.std(ddof=1) / np.sqrt(len(sums))
-        return float(stats.t.sf(sums.mean() / max(error, 1e-300), len(sums) - 1))
+        # With likelihoods p of a row before and q after, (q - p) / (q + p) has no positive mean
+        # where p is true, whatever q is, for it is concave in q / p. Unlike the logarithm, of which
+        # a few rows hold most, it is bounded.
+        # What it remembers by chance is what the residuals do.
+        data = self.data
+        left = after.fit.residuals(data.records, data.rows, data.targets)
+        counted = [state for state in range(left.shape[1]) if state not in data.exact_states]
+        remembered = memory_of(data.records.take(data.rows), left[:, counted])
+        chance = BlockSum.of(data.folds.sums_over(np.tanh(0.5 * gains), remembered)).chance
+        if after.fit.guard is None or before.fit.guard is not None:
+            return chance
+        # A guard that remembers concerns few rows in few blocks. None of them decides, for a sure
+        # surface is wrong now and then; and chance makes a likelihood ratio r with 1 / r at most.
+        ratio = float(np.exp(min(0.0, (after.price - before.price) / remembered)))
+        return min(1.0, 2.0 * min(chance, ratio))
+
+    def n_hypotheses(self, beside: CandidateContext, n_trials: int) -> int:
+        """So many candidates could have won, those of later scans and of restarts included."""
+        records, count = beside.searched, n_trials
+        for effect in self.usable:
+            for place in effect.places(records) if not effect.terms else ():
+                values = (len(one.values) for one in effect.parameters(records, place))
+                count += prod(values)
+        if beside.regression.n_modes == 1:
+            return count  # a scan once more is of the same candidates
+        return count * (1 + self.settings.n_questions) + self.settings.n_restarts
 
     def _unseen_cost(self, structure: Structure) -> Array:
         """Cost of every row, from a fit of the structure to the other folds."""
@@ -194,25 +222,37 @@ class SearchContext:
 
     def candidates(self, fit: JointFit, without: int | None = None) -> CandidateContext:
         """Candidates beside a fit, or in the place of one of its terms."""
-        return candidate_context(fit, self.data, without, self.kept)
+        # Questions come back to the same fit: what is known of the last ones is not made anew.
+        key = (id(fit), without)
+        if key not in self.lately:
+            made = candidate_context(fit, self.data, without, self.kept)
+            self.lately[key] = made
+            while len(self.lately) > self.settings.n_lately:
+                del self.lately[next(iter(self.lately))]
+        return self.lately[key]
 
     def scanned(
         self, beside: CandidateContext, own: tuple | None = None
     ) -> tuple[list[Trial], int]:
         """The most promising trials, refined, the best first; and how many there were."""
         # That with the signature `own` is among them, if it is a trial at all.
-        trials = [trial for effect in self.usable for trial in scan(beside, effect)]
-        if not trials:
-            return [], 0
+        effects = tuple(self.usable)
+        known = beside.scans.get(tuple(map(id, effects)))
+        if known is None:
+            trials = [trial for effect in effects for trial in scan(beside, effect)]
+            known = Scan(effects, _best_first(beside, trials) if trials else [])
+            beside.scans[tuple(map(id, effects))] = known
         kinds: set[str] = set()
         chosen = []
-        for rank, trial in enumerate(_best_first(beside, trials)):
+        for rank, trial in enumerate(known.trials):
             kind = trial.candidate.effect.kind
             hopeful = rank < self.settings.n_refined or kind not in kinds
             if hopeful or trial.candidate.signature == own:
-                chosen.append(refined(beside, trial))
+                if rank not in known.refined:
+                    known.refined[rank] = refined(beside, trial)
+                chosen.append(known.refined[rank])
             kinds.add(kind)
-        return _best_first(beside, chosen), len(trials)
+        return _best_first(beside, chosen) if chosen else [], len(known.trials)
 
     def corrections(
         self, structure: Structure, place: int, beside: CandidateContext

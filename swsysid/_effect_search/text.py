@@ -10,11 +10,13 @@ from swsysid._effect_search.contents import EffectContents, Rollout
 from swsysid._effect_search.settings import REPORT
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
-from swsysid.effects import FoundEffect, Rival, StructureEffect
+from swsysid.effects import FoundEffect, Rival, StructureEffect, UnknownFunction
 from swsysid.effects._base import NOWHERE
 
 NOT_LOOKED_FOR = "Not looked for"
 SPANNED = f"{NOT_LOOKED_FOR}, since the declared model can take their shape"
+NOT_KEPT = "Significant but not kept, since the held-out error does not clearly fall"
+_LEAST = float(np.finfo(float).tiny)
 _DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
 
 
@@ -59,31 +61,52 @@ def interval(effect: FoundEffect, name: str) -> str:
 
 
 def summary(report: EffectContents) -> str:
-    """What came out, in one sentence."""
+    """What came out, in a sentence; what is wrong, before it."""
+    return " ".join([*report.alarms, _outcome(report), *_risen(report)])
+
+
+def _outcome(report: EffectContents) -> str:
     if not report.n_held_out:
         return "Nothing was searched: the record is too short to hold any of it out."
-    if not report.effects and (report.residual_before is None or report.residual_before.clean):
+    if not report.effects and report.acts_rarely:
+        return f"No effect that was looked for is missing, but a law acts rarely. {aside(report)}"
+    if not report.effects and not report.alarms and _leaves_noise(report):
         return "No effect is missing as far as these data show."
     if not report.effects:
         return "No effect that was looked for is missing; what is left over is not all noise."
-    errors = np.array([report.errors[place]["held_out"] for place in (0, -1)])
+    before, after = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
     # an equation that is exact, such as q' = v, has no error that could be lowered
-    exact = np.zeros(len(report.targets))
-    if report.data is not None:
-        exact = REPORT.exact * report.data.measured.std(axis=0)
-    told = np.where(errors[0] > exact, errors[0], np.inf)
-    target = int(np.argmin(np.where(np.isfinite(told), errors[1] / told, np.inf)))
-    before, after = errors[:, target]
+    told = np.where([name in report.exact for name in report.targets], np.inf, before)
+    target = int(np.argmin(np.where(np.isfinite(told), after / np.maximum(told, _LEAST), np.inf)))
     others = len(report.effects) - 1
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
     name = effect_title(report.effects[0], report)
     name = f"{name[:1].upper()}{name[1:]}{more}"
-    if after > (1.0 - REPORT.worth_telling) * before:
+    if after[target] > (1.0 - REPORT.worth_telling) * before[target]:
         return f"{name}: it does not lower the held-out error of any velocity."
     return (
         f"{name}: with it the held-out error of {rate(report.targets[target], report.discrete)} "
-        f"is {after:.4g} instead of {before:.4g}."
+        f"is {after[target]:.4g} instead of {before[target]:.4g}."
     )
+
+
+def _leaves_noise(report: EffectContents) -> bool:
+    """True if nothing but noise is left of the equations that are not exact."""
+    left = report.residual_before
+    return left is None or left.clean
+
+
+def _risen(report: EffectContents) -> list[str]:
+    """A sentence if the effects raise the held-out error of an equation."""
+    if not report.effects:
+        return []
+    both = zip(report.targets, *(report.errors[end]["held_out"] for end in (0, -1)), strict=True)
+    risen = [
+        f"{rate(name, report.discrete)} ({after:.4g} instead of {before:.4g})"
+        for name, before, after in both
+        if name not in report.exact and after > (1.0 + REPORT.worth_telling) * before
+    ]
+    return [f"The held-out error rises for {', '.join(risen)}."] if risen else []
 
 
 def moved(report: EffectContents) -> str:
@@ -117,6 +140,42 @@ def skipped(report: EffectContents) -> list[str]:
     return [f"{kind}: {why}" for kind, why in report.skipped.items()]
 
 
+def not_kept(report: EffectContents) -> list[str]:
+    """Effects that did not lower the held-out error, with their numbers."""
+    return [
+        f"{one['effect']}: {probability(one['p_value'])}; held-out error "
+        + ", ".join(
+            f"{rate(name, report.discrete)} {before:.4g} -> {after:.4g}"
+            for name, before, after in zip(report.targets, one["before"], one["after"], strict=True)
+        )
+        for one in report.tried
+    ]
+
+
+def aside(report: EffectContents) -> str:
+    """How many rows are set aside and where they are, in a sentence; "" if there are none."""
+    one = report.set_aside
+    if one is None or not one["n_rows"]:
+        return ""
+    share = one["n_rows"] / (report.n_search + report.n_held_out)
+    told = f"{one['n_rows']} rows ({share:.1%}) have gross errors and are set aside"
+    if not one["n_together"]:
+        return f"{told}; no two of them follow each other."
+    low, high = one["interval"]
+    place = (
+        f"{one['n_together']} of them lie together in {one['n_trajectories']} "
+        f"{'trajectory' if one['n_trajectories'] == 1 else 'trajectories'}, "
+        f"{one['channel']} between {low:.4g} and {high:.4g} "
+        f"(where {one['others']:.1%} of the others are)"
+    )
+    if not one["is_finding"]:
+        return f"{told}; {place}."
+    return (
+        f"{told}; {place}: another law acts there, one more mode, a stop or a collision "
+        f"({probability(one['p_value'])})."
+    )
+
+
 def first_of(entries: Sequence[str], most: int) -> list[str]:
     """The first entries, and how many more there are."""
     rest = len(entries) - most
@@ -143,6 +202,8 @@ def report_lines(report: EffectContents) -> Iterator[str]:
         yield ""
     if report.effects:
         yield f"Modes: {moved(report)}"
+    if aside(report) and (report.effects or not report.acts_rarely):
+        yield f"Set aside: {aside(report)}"
     when = [" without the effects", " with the effects"] if report.effects else [""]
     for told, (_, leftover) in zip(when, leftovers(report), strict=False):
         for name, said in verdicts(leftover, report):
@@ -150,6 +211,7 @@ def report_lines(report: EffectContents) -> Iterator[str]:
     if report.effects:
         yield from _rollouts(report)
     for heading, entries in (
+        (NOT_KEPT, not_kept(report)),
         (NOT_LOOKED_FOR, skipped(report)),
         (SPANNED, report.not_identifiable),
     ):
@@ -173,14 +235,19 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
         f"   held-out error before {effect.error_before:.4g}, after {effect.error_after:.4g}; "
         f"{probability(effect.p_value)}"
     )
+    yield from (f"   weak evidence: {doubt}" for doubt in effect.doubts)
     for name, value in effect.parameters.items():
         sure = interval(effect, name)
         yield f"   {name} {value:.5g}" + (f"  (95 %: {sure})" if sure else "")
+    for formula in effect.formulas[: REPORT.formulas]:
+        verdict = "predicts as well" if formula.ties else "predicts worse"
+        yield f"   formula: {formula.text}, {verdict}: {formula.error:.3g} of the error"
     for rival in effect.rivals:
-        yield (
-            f"   rival, as good on these data: {effect_title(rival, report)}, error "
-            f"{rival.error:.4g}; to tell them apart: {rival.advice}"
-        )
+        told = f"{effect_title(rival, report)}, error {rival.error:.4g}"
+        if effect.kind == UnknownFunction.kind:
+            yield f"   near effect with a name: {told} instead of {effect.error_after:.4g}"
+        else:
+            yield f"   rival, as good on these data: {told}; to tell them apart: {rival.advice}"
 
 
 def _rollouts(report: EffectContents) -> Iterator[str]:

@@ -27,7 +27,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import IterationRecord
 from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis
 from swsysid._surfaces.probability import ModePosterior, SurfaceEvidence
-from swsysid.effects import PlacedEffect, all_effects
+from swsysid.effects import PlacedEffect, all_effects, special_effects
 from swsysid.effects._guards import Guard
 from swsysid.relaxations import ExactRelaxation, MomentRelaxation, SimplexRelaxation
 
@@ -41,7 +41,7 @@ _OWN = {
         HybridAutomaton, Transition, PolynomialGuard, AffineReset, FirstModes,
         JointFit, PlacedEffect, Guard,
         ExactRelaxation, SimplexRelaxation, MomentRelaxation,
-        *map(type, all_effects()),
+        *map(type, [*all_effects(), *special_effects()]),
     )
 }  # fmt: skip
 # What these hold after a fit is numbers and names.

@@ -15,12 +15,14 @@ from swsysid.datasets._measured import (
     fetch_silverbox,
 )
 from swsysid.datasets._sources import MeasuredDataError
-from swsysid.datasets._undeclared.make import make_undeclared, undeclared_kinds
+from swsysid.datasets._undeclared.make import make_undeclared, undeclared_kinds, unlisted_kinds
 from swsysid.datasets._undeclared.records import PlantedEffect
+from swsysid.datasets._undeclared.unlisted import UnlistedEffect
 
 __all__ = [
     "MeasuredDataError",
     "PlantedEffect",
+    "UnlistedEffect",
     "fetch_cascaded_tanks",
     "fetch_ced_prbs",
     "fetch_emps",
@@ -33,4 +35,5 @@ __all__ = [
     "make_switching_network",
     "make_undeclared",
     "undeclared_kinds",
+    "unlisted_kinds",
 ]

@@ -13,10 +13,15 @@ from swsysid.effects._characteristics import (
     Saturation,
     StribeckFriction,
 )
+from swsysid.effects._disturbance import UnmeasuredDisturbance
 from swsysid.effects._guards import GuardHysteresis
 from swsysid.effects._memory import Backlash, Delay, Lag
-from swsysid.effects._placed import FoundEffect, PlacedEffect, Rival
-from swsysid.effects._sensors import ClockLag, SensorOffset
+from swsysid.effects._placed import Formula, FoundEffect, PlacedEffect, Rival
+from swsysid.effects._presliding import BoucWen, DahlFriction, LuGreFriction
+from swsysid.effects._products import InputGain, LoadFriction
+from swsysid.effects._rational import Hill, SoftSaturation
+from swsysid.effects._sensors import ClockLag, Quantisation, SensorOffset
+from swsysid.effects._shapes import UnknownFunction
 from swsysid.effects._switching import ExtraMode, Reset
 from swsysid.effects._terms import (
     Bias,
@@ -24,13 +29,14 @@ from swsysid.effects._terms import (
     InputCoupling,
     PeriodicForcing,
     Polynomial,
+    Ripple,
     Trigonometric,
 )
 from swsysid.effects._types import GuardEffect, MeasurementEffect, ResetEffect, StructureEffect
 
 
 def all_effects() -> list[Effect]:
-    """Every effect of the library, the simplest explanation first."""
+    """Effects that every search looks for, the simplest explanation first."""
     return [
         Bias(),
         CoulombFriction(),
@@ -55,6 +61,34 @@ def all_effects() -> list[Effect]:
         GuardHysteresis(),
         Reset(),
         ExtraMode(),
+        UnknownFunction(),
+        UnmeasuredDisturbance(),
+    ]
+
+
+def special_effects() -> list[Effect]:
+    """Effects that a search looks for where they are asked for.
+
+    They take longer to try, or are hardly told from one of `all_effects` by most records: who
+    expects one says so.
+
+    Examples
+    --------
+    >>> from swsysid import EffectSearchCV, SwitchingSystemRegressor
+    >>> from swsysid.effects import DahlFriction, all_effects
+    >>> library = [*all_effects(), DahlFriction()]
+    >>> search = EffectSearchCV(SwitchingSystemRegressor(1), effects=library)
+    """
+    return [
+        LoadFriction(),
+        InputGain(),
+        SoftSaturation(),
+        Hill(),
+        Ripple(),
+        Quantisation(),
+        DahlFriction(),
+        LuGreFriction(),
+        BoucWen(),
     ]
 
 
@@ -62,18 +96,25 @@ __all__ = [
     "AsymmetricFriction",
     "Backlash",
     "Bias",
+    "BoucWen",
     "ClockLag",
     "CoulombFriction",
+    "DahlFriction",
     "DeadZone",
     "Delay",
     "Drift",
     "Effect",
     "ExtraMode",
+    "Formula",
     "GainChange",
     "GuardEffect",
     "GuardHysteresis",
+    "Hill",
     "InputCoupling",
+    "InputGain",
     "Lag",
+    "LoadFriction",
+    "LuGreFriction",
     "MeasurementEffect",
     "Overflow",
     "Parameter",
@@ -85,12 +126,18 @@ __all__ = [
     "Polynomial",
     "PowerLaw",
     "QuadraticDrag",
+    "Quantisation",
     "Reset",
     "ResetEffect",
+    "Ripple",
     "Saturation",
     "SensorOffset",
+    "SoftSaturation",
     "StribeckFriction",
     "StructureEffect",
     "Trigonometric",
+    "UnknownFunction",
+    "UnmeasuredDisturbance",
     "all_effects",
+    "special_effects",
 ]

@@ -28,11 +28,14 @@ class Parameter:
         Increasing values that are scanned; the best is then refined between its neighbours.
     unit : str
         With ``{channel}``, ``{time}`` as placeholders for the user's units.
+    exact : bool
+        True for values that the record shows exactly: there is nothing between them to refine.
     """
 
     name: str
     values: Array
     unit: str = ""
+    exact: bool = False
 
 
 class Effect(BaseEstimator):
@@ -110,7 +113,15 @@ class Effect(BaseEstimator):
         return np.empty((len(records), 0))
 
     def plausible(self, coef: Array) -> bool:
-        """False for coefficients of the columns that make no physical sense."""
+        """False for coefficients of the columns that make no physical sense.
+
+        Those of an equation that gives a rate; where that is not known, as in a law of a force in
+        terms of motions, they may all have the other sign.
+        """
+        return True
+
+    def acts_in(self, records: Records, place: Place, target: int) -> bool:
+        """False for a state equation in which the effect makes no physical sense at a place."""
         return True
 
     def missing(self, records: Records) -> str | None:
@@ -122,6 +133,10 @@ class Effect(BaseEstimator):
         if "signals" in self.needs and not records.signals.shape[1]:
             return "needs logged signals: give signals"
         return None
+
+    def place_parameters(self, place: Place) -> int:
+        """How many choices and numbers are made in the place itself, beside that of a channel."""
+        return 0
 
     # -- what a simulation asks ------------------------------------------------------------------
 
@@ -158,6 +173,11 @@ class Effect(BaseEstimator):
         return tuple(
             f"{self.kind if single else f'{self.kind}_{term}'}({arguments})" for term in self.terms
         )
+
+    def written(self, label: str, theta: Sequence[float], coef: Array) -> list[tuple[float, str]]:
+        """Coefficients and columns as an equation shows them, for those of one mode."""
+        columns = self.column_names(label, *theta)
+        return list(zip(coef.tolist(), columns, strict=False))
 
     def formula(self, label: str, parameters: Mapping[str, float]) -> str:
         """The effect's term as text."""

@@ -32,14 +32,40 @@ class OfAChannel(Effect):
 # -- friction and drag: forces that oppose a velocity ----------------------------------------------
 
 
-class _OfAVelocity(OfAChannel):
-    def places(self, records: Records) -> list[int]:
-        """States that take both signs."""
+class OfAVelocity(Effect):
+    """A force that takes power from a motion: against a velocity, in that velocity's own equation.
+
+    Parameters
+    ----------
+    velocities : list of str or int, default=None
+        Channels that are velocities, by name or number. None is every state that takes both signs
+        and whose own rate is not another state (``x' = v``: x is a position).
+    """
+
+    def __init__(self, velocities: Sequence[int | str] | None = None):
+        self.velocities = velocities
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """The velocities that are named, or states that take both signs and are no positions."""
+        if self.velocities is not None:
+            return [records.number(channel) for channel in self.velocities]
         shares = np.minimum(np.mean(records.X > 0, axis=0), np.mean(records.X < 0, axis=0))
-        return [state for state in records.states if shares[state] >= SETTINGS.rare_sign]
+        return [
+            state
+            for state in records.states
+            if shares[state] >= SETTINGS.rare_sign and state not in records.positions
+        ]
+
+    def acts_in(self, records: Records, place: Place, target: int) -> bool:
+        """Where both equations give rates, only that of the velocity itself."""
+        return place == target or not {place, target} <= records.rates
+
+    def plausible(self, coef: Array) -> bool:
+        """It opposes the motion."""
+        return bool((coef > 0.0).all())
 
 
-class _Dry(_OfAVelocity):
+class _Dry(OfAVelocity, OfAChannel):
     def breaks(self, place: Place, *theta: float) -> tuple[tuple[int, float], ...]:
         return ((place, 0.0),)
 
@@ -64,10 +90,6 @@ class StribeckFriction(_Dry):
     terms = ("friction", "breakaway")
     formulas = ("-sign({0})", "-sign({0}) exp(-({0} / {1})^2)")
 
-    def plausible(self, coef: Array) -> bool:
-        """Friction opposes the motion, and breaks away from more than it slides with."""
-        return bool((coef > 0.0).all())
-
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         speeds = np.abs(records.channel(place))
         levels = quantile_levels(speeds[speeds > 0.0], 0.05, 0.8, 16)
@@ -91,11 +113,15 @@ class AsymmetricFriction(_Dry):
     terms = ("friction_forward", "friction_backward", "viscous_difference")
     formulas = ("-[{0} > 0]", "[{0} < 0]", "-max({0}, 0)")
 
+    def plausible(self, coef: Array) -> bool:
+        """It opposes the motion in both directions; the difference may have either sign."""
+        return super().plausible(coef[:2])
+
     def functions(self, x: Array, *theta: float) -> Sequence[Array]:
         return [-1.0 * (x > 0), 1.0 * (x < 0), -np.maximum(x, 0.0)]
 
 
-class QuadraticDrag(_OfAVelocity):
+class QuadraticDrag(OfAVelocity, OfAChannel):
     """``-drag * v * |v|``: turbulent drag."""
 
     kind = "quadratic_drag"

@@ -24,7 +24,7 @@ def _usual_duration(records: Records) -> float:
     return float(np.median([np.ptp(records.t[rows]) for rows in records.trajectories]))
 
 
-class _Remembering(OfAChannel):
+class Remembering(OfAChannel):
     """``gain * w`` where w is the response of an input, trajectory by trajectory."""
 
     terms = ("gain",)
@@ -43,7 +43,32 @@ class _Remembering(OfAChannel):
         return records.along(response, records.channel(place))[:, None]
 
 
-class Delay(_Remembering):
+class Foreseeing(Remembering):
+    """The same response to the future of an input instead of its past.
+
+    A filter that has made the velocities looks both ways; what remembers does not.
+    """
+
+    def __init__(self, effect: Remembering):
+        self.effect = effect
+
+    kind = "foreseeing"
+    formulas = ("foreseen({0}, {1})",)
+
+    def role_at(self, records: Records, place: Place) -> str:
+        return self.effect.role_at(records, place)
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        return self.effect.parameters(records, place)
+
+    def places(self, records: Records) -> Sequence[int]:
+        return self.effect.places(records)
+
+    def response(self, theta: float, t: Array, values: Array) -> Array:
+        return self.effect.response(theta, -t[::-1], values[::-1])[::-1]
+
+
+class Delay(Remembering):
     """``gain * u(t - delay)`` in the place of ``gain * u(t)``.
 
     Parameters
@@ -84,7 +109,7 @@ class Delay(_Remembering):
         return records.take(np.arange(max(first, 0), len(records)))
 
 
-class Lag(_Remembering):
+class Lag(Remembering):
     """``gain * w`` with ``time_constant * w' = u - w``, in the place of ``gain * u``."""
 
     kind = "lag"
@@ -100,7 +125,7 @@ class Lag(_Remembering):
         return _first_order(t, values, theta)
 
 
-class Backlash(_Remembering):
+class Backlash(Remembering):
     """``gain * w`` where the input u is followed by w with a free play of `width` in all."""
 
     kind = "backlash"
@@ -131,10 +156,15 @@ def _first_order(t: Array, values: Array, time_constant: float) -> Array:
     if len(steps) and np.ptp(steps) < 1e-6 * steps.mean():
         later = lfilter([1.0], [1.0, -kept[0]], taken, zi=[kept[0] * values[0]])[0]
         return np.concatenate([values[:1], later])
-    response = [float(values[0])]
+    return followed_from(float(values[0]), kept, taken)
+
+
+def followed_from(start: float, kept: Array, taken: Array) -> Array:
+    """States of a memory that keeps a share of itself over each step and takes something in."""
+    states = [start]
     for share, driven in zip(kept.tolist(), taken.tolist(), strict=True):
-        response.append(share * response[-1] + driven)
-    return np.array(response)
+        states.append(share * states[-1] + driven)
+    return np.array(states)
 
 
 def _play(values: Array, half_width: float) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +45,7 @@ class PlacedEffect:
     def n_parameters(self) -> int:
         """Parameters beyond those of the declared model."""
         own = len(self.effect.terms) - (self.replaced is not None) + len(self.theta)
-        if isinstance(self.effect, GuardEffect):
-            own += self.effect.place_parameters(self.place)
-        return own
+        return own + self.effect.place_parameters(self.place)
 
     @property
     def signature(self) -> tuple[Hashable, ...]:
@@ -158,6 +156,28 @@ class Rival:
 
 
 @dataclass(frozen=True)
+class Formula:
+    """An expression that may stand for a function without a name, beside the declared law.
+
+    Attributes
+    ----------
+    text : str
+        The function up to a factor.
+    parameters : dict
+        Its parameters, refined on all rows of the search.
+    error : float
+        Root mean square error on held-out folds of the search, over that of the shape.
+    ties : bool
+        True if that is no larger, or within a standard error: only then it is claimed.
+    """
+
+    text: str
+    parameters: dict[str, float]
+    error: float
+    ties: bool
+
+
+@dataclass(frozen=True)
 class FoundEffect:
     """An effect that the declared model lacked.
 
@@ -189,6 +209,15 @@ class FoundEffect:
         The term with its numbers.
     placed : PlacedEffect
         The effect as `EffectRegressor` takes it.
+    table : dict of str to ndarray
+        What has no formula: of an `unknown_function` its arguments, its ``contribution`` beyond
+        what the law itself can take, and the ``half_width`` of its 95 % band; of an
+        `unmeasured_disturbance` these at every ``t`` of every ``trajectory``. Empty otherwise.
+    formulas : tuple of Formula
+        Of an `unknown_function` of one argument: expressions of the field in its place, those first
+        that predict held-out rows best for their number of parameters.
+    doubts : tuple of str
+        Why the evidence is weak, if it is.
     """
 
     kind: str
@@ -204,6 +233,9 @@ class FoundEffect:
     meaning: str
     formula: str
     placed: PlacedEffect
+    table: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
+    formulas: tuple[Formula, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def channel(self) -> int | None:
@@ -214,6 +246,9 @@ class FoundEffect:
         """Everything but the object itself, ready for JSON."""
         listed = {name: v for name, v in vars(self).items() if name not in ("placed", "rivals")}
         listed["intervals"] = {name: list(pair) for name, pair in self.intervals.items()}
+        listed["table"] = {name: column.tolist() for name, column in self.table.items()}
+        listed["doubts"] = list(self.doubts)
+        listed["formulas"] = [dict(formula.__dict__) for formula in self.formulas]
         return listed | {"rivals": [dict(rival.__dict__) for rival in self.rivals]}
 
 

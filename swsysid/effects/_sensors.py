@@ -1,10 +1,11 @@
-"""Effects of the measurement: a state recorded with an offset, or late."""
+"""Effects of the measurement: a state recorded with an offset, late, or in coarse steps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.interpolate import Akima1DInterpolator
 
 from swsysid._data.records import Records
 from swsysid._results import Array
@@ -75,6 +76,61 @@ class ClockLag(MeasurementEffect):
 
     def instants(self, t: Array, *theta: float) -> Array:
         return t - theta[0]
+
+
+class Quantisation(MeasurementEffect):
+    """The record says ``step * round(x / step)`` where the state is x.
+
+    The state passes the edge of a step where the record jumps. Between two jumps it is taken to be
+    smooth (Akima's interpolation), and nowhere more than half a step from what is recorded.
+    """
+
+    kind = "quantisation"
+    meaning = "the sensor of {channel} has coarse steps"
+    needs = frozenset({"order"})
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        steps = np.array([0.0, _step_of(records.channel(place))])
+        return (Parameter("step", np.unique(steps), "{channel}", exact=True),)
+
+    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
+        return f"{names[place]} is recorded in steps of {figure(theta[0])}"
+
+    def is_possible(
+        self, records: Records, place: Place, velocities: Array, discrete: bool
+    ) -> bool:
+        """The record holds multiples of a step only, and many times the same."""
+        return _step_of(records.channel(place)) > 0.0
+
+    def corrected(self, records: Records, place: Place, *theta: float) -> Records:
+        def smoothed(t: Array, values: Array) -> Array:
+            jumps = np.flatnonzero(np.diff(values))
+            if not len(jumps):
+                return values
+            edges = 0.5 * (values[jumps] + values[jumps + 1])
+            times = np.concatenate([t[:1], 0.5 * (t[jumps] + t[jumps + 1]), t[-1:]])
+            between = Akima1DInterpolator(times, np.concatenate([values[:1], edges, values[-1:]]))
+            return np.clip(between(t), values - 0.5 * theta[0], values + 0.5 * theta[0])
+
+        return records.with_channel(place, records.along(smoothed, records.channel(place)))
+
+    def recorded(self, records: Records, place: Place, *theta: float) -> Records:
+        (step,) = theta
+        if step == 0.0:
+            return records
+        return records.with_channel(place, step * np.round(records.channel(place) / step))
+
+
+def _step_of(values: Array) -> float:
+    """The step of which all differences between some values are multiples; 0 if there is none."""
+    distinct = np.unique(values)
+    if not 2 < len(distinct) <= SETTINGS.different * len(values):
+        return 0.0
+    gaps = np.diff(distinct)
+    gaps = gaps[gaps > SETTINGS.uneven * gaps.max()]  # smaller ones are rounding
+    multiples = gaps / gaps.min()
+    even = np.abs(multiples - np.round(multiples)) <= SETTINGS.uneven * multiples
+    return float(gaps.sum() / np.round(multiples).sum()) if even.all() else 0.0
 
 
 def _delays(records: Records) -> Array:

@@ -14,6 +14,20 @@ class EffectSettings:
     narrow: float = 0.03  # of a channel's range: narrower than that, a dead zone is friction
     rare_sign: float = 0.03  # share of the samples: a velocity with fewer of one sign has one sign
     most_monomials: int = 60  # in several channels
+    sharpest: float = 0.02  # scale of a soft saturation, of the range of the channel
+    softest: float = 2.0
+    kinematic: float = 0.05  # of the squares of a rate, left by what it is: x' = v, or a difference
+
+    # -- periods of a position in the range of the record -----------------------------------------
+    fewest_ripples: float = 6.0  # where the search for slow ones ends
+    most_periods: float = 100.0
+    ripples_a_period: float = 5.0  # numbers of periods scanned in one: a peak is two wide
+
+    # -- shapes without a name -------------------------------------------------------------------
+    knots: tuple[int, ...] = (6, 12, 24)  # of a function of one channel
+    knots_of_two: tuple[int, ...] = (20, 50, 100)  # of a function of two
+    outer: float = 0.01  # share of the samples beyond each outermost knot
+    samples_a_knot: int = 4
 
     # -- time and memory -------------------------------------------------------------------------
     most_frequencies: int = 4000
@@ -22,11 +36,17 @@ class EffectSettings:
     fewest_periods: float = 5.0  # in all trajectories: fewer are a drift or a slow feedback
     longest_delay: int = 40  # steps of the record
 
+    forgotten: float = 40.0  # presliding distances after which a contact has forgotten its past
+    end: float = 9.0  # of atanh(w): there a contact slides, but for the eighth digit of w
+    n_places: int = 1801  # of a table up to there
+
     # -- sensors ---------------------------------------------------------------------------------
     smallest_offset: float = 0.005  # of the range of the state
     largest_offset: float = 0.5
     n_offsets: int = 8  # of each sign
     latest: int = 16  # steps of the record, for a late sensor
+    different: float = 0.5  # values, as a share of the samples: more are no steps of a sensor
+    uneven: float = 1e-4  # of a step, by which multiples of it may differ
     mismatch: float = 0.6  # of the squares of state and velocity that a late sensor leaves
 
     # -- resets ----------------------------------------------------------------------------------

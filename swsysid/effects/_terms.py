@@ -142,6 +142,41 @@ class Trigonometric(_Wave):
         return (Parameter("wavenumber", np.geomspace(np.pi, 12.0 * np.pi, 32) / width),)
 
 
+class Ripple(_Wave):
+    """``amplitude * sin(2 pi x / period + phase)``: teeth of a gear, poles of a motor (cogging).
+
+    Parameters
+    ----------
+    period : float, default=None
+        Of the teeth, where it is known. None looks for periods shorter than those of
+        `Trigonometric`, of which the record has six to a hundred.
+    """
+
+    kind = "ripple"
+    meaning = "gear teeth or magnets make a force that is periodic in the position {channel}"
+
+    def __init__(self, period: float | None = None):
+        self.period = period
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """The states that are known to be positions, or all where none is."""
+        return sorted(records.positions) or records.states
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        if self.period is not None:
+            return (Parameter("period", np.array([self.period]), "{channel}", exact=True),)
+        width, most = spread(records.channel(place)) or 1.0, SETTINGS.most_periods
+        count = int(SETTINGS.ripples_a_period * (most - SETTINGS.fewest_ripples))
+        numbers = np.linspace(SETTINGS.fewest_ripples, most, count)
+        return (Parameter("period", width / numbers[::-1], "{channel}"),)
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return super().column_names(label, 2.0 * np.pi / theta[0])
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return super().functions(x, 2.0 * np.pi / theta[0])
+
+
 class PeriodicForcing(_Wave):
     """``amplitude * sin(2 pi frequency t + phase)``."""
 

@@ -91,10 +91,6 @@ class GuardEffect(WithoutColumns):
         """Where each mode is left, for columns of X; none if these are no polynomials."""
         return ()
 
-    def place_parameters(self, place: Place) -> int:
-        """How many numbers are fitted in the guard itself."""
-        return 0
-
 
 class ResetEffect(WithoutColumns):
     """A jump of the state where one mode turns into another; no velocity shows it."""

@@ -8,7 +8,7 @@ from scipy.signal import lsim
 from sklearn.base import clone
 
 from swsysid._data.features import FeatureMap
-from swsysid.datasets import make_undeclared, undeclared_kinds
+from swsysid.datasets import make_undeclared, undeclared_kinds, unlisted_kinds
 from swsysid.datasets._undeclared.kinds import KINDS
 
 SYSTEMS = ["oscillator", "quartic", "two_mass", "pendulum", "tanks", "discrete"]
@@ -311,3 +311,24 @@ def test_kinds_are_generous_and_known():
         assert len(set(kinds)) == len(kinds) >= 13
         assert set(kinds) <= set(KINDS)
     assert set().union(*map(undeclared_kinds, SYSTEMS)) == set(KINDS)
+
+
+@pytest.mark.parametrize("kind", unlisted_kinds())
+@pytest.mark.parametrize("system", ["two_mass", "tanks"])
+def test_what_is_unlisted_comes_with_its_truth(system, kind):
+    data = make_undeclared(unlisted=kind, system=system, noise=0.0, random_state=3)
+    for part in (data, data.test):
+        truth, velocity = part.unlisted, part.Xdot_clean[:, [part.unlisted.target]]
+        assert truth.kind == kind and truth.is_disturbance == (not truth.channels)
+        assert set(truth.channels) <= set(range(part.X.shape[1]))
+        declared, size = part.structure[:, :-1], np.sqrt(np.mean(truth.values**2))
+        without = velocity - truth.values[:, None]
+        assert _unexplained(declared, without, part.modes) < 1e-9 * size  # rounding
+        assert _unexplained(declared, velocity, part.modes) > 0.1 * size  # not in the declared law
+
+
+def test_an_unlisted_kind_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match="unlisted='friction'"):
+        make_undeclared(unlisted="friction")
+    with pytest.raises(ValueError, match="cannot have target=0"):
+        make_undeclared(unlisted="rational", target=0)

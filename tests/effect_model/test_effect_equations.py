@@ -11,8 +11,10 @@ from swsysid.effects import (
     AsymmetricFriction,
     Backlash,
     Bias,
+    BoucWen,
     ClockLag,
     CoulombFriction,
+    DahlFriction,
     DeadZone,
     Delay,
     Drift,
@@ -20,20 +22,30 @@ from swsysid.effects import (
     ExtraMode,
     GainChange,
     GuardHysteresis,
+    Hill,
     InputCoupling,
+    InputGain,
     Lag,
+    LoadFriction,
+    LuGreFriction,
     Overflow,
     PeriodicForcing,
     PlacedEffect,
     Polynomial,
     PowerLaw,
     QuadraticDrag,
+    Quantisation,
     Reset,
+    Ripple,
     Saturation,
     SensorOffset,
+    SoftSaturation,
     StribeckFriction,
     Trigonometric,
+    UnknownFunction,
+    UnmeasuredDisturbance,
     all_effects,
+    special_effects,
 )
 from swsysid.effects._guards import Guard
 
@@ -59,17 +71,38 @@ COLUMNS = [
     (Trigonometric(), 0, (2.0,), ["sin(2 x)", "cos(2 x)"]),
     (StribeckFriction(), 1, (0.1,), ["-sign(v)", "-sign(v) exp(-(v / 0.1)^2)"]),
     (AsymmetricFriction(), 1, (), ["-[v > 0]", "[v < 0]", "-max(v, 0)"]),
+    (LoadFriction(), (1, 3), (), ["-|load| sign(v)"]),
+    (InputGain(), (0, 2), (), ["|u| x"]),
+    (SoftSaturation(), 2, (0.5,), ["(u / (1 + |u| / 0.5))"]),
+    (Hill(), 2, (0.5,), ["(u^2 / (0.5^2 + u^2))"]),
+    (Ripple(), 0, (np.pi,), ["sin(2 x)", "cos(2 x)"]),
+    (DahlFriction(), 1, (0.02,), ["-dahl(v, 0.02)"]),
+    (
+        LuGreFriction(),
+        1,
+        (0.02, 0.1, 0.5),
+        ["-lugre(v, 0.02, 0.1, 0.5)", "-lugre_rate(v, 0.02, 0.1, 0.5)"],
+    ),
+    (BoucWen(), 1, (0.02, 2.0, 0.5), ["-bouc_wen(v, 0.02, 2, 0.5)"]),
 ]
 GUARD = Guard(terms=((0,),), weights=(-1.0,), upper_mode=1)
 STATEMENTS = [
     (SensorOffset(), 0, 0, (0.05,), "x is recorded with an offset of 0.05"),
     (ClockLag(), 1, 1, (0.02,), "v is recorded late, by 0.02"),
+    (Quantisation(), 0, 0, (0.25,), "x is recorded in steps of 0.25"),
     (
         GuardHysteresis(),
         GUARD,
         1,
         (-21.9, -20.4),
         "mode 1 from x < 20.4 on, mode 0 from x > 21.9 on",
+    ),
+    (
+        UnmeasuredDisturbance(),
+        "time",
+        1,
+        (0.4, 1.5),
+        "a force of size 0.4 that nobody measured acts on v and is forgotten after 1.5",
     ),
     (Reset(), (0, 1), 1, (-0.8,), "v is multiplied by -0.8 where mode 0 turns into mode 1"),
 ]
@@ -79,8 +112,10 @@ def evaluated(term):
     """The value of a term at x = 1.5, v = -0.05, u = 0.8, load = 2, t = 3."""
     values = {"x": 1.5, "v": -0.05, "u": 0.8, "load": 2.0, "t": 3.0}
     functions = {name: getattr(np, name) for name in ("sign", "clip", "sin", "cos", "exp")}
-    text = term.removeprefix("-").replace("^", "**").replace("|v|", "abs(v)")
-    text = text.replace("|u|", "abs(u)").replace("[", "(").replace("]", ")").replace(" ** ", "**")
+    text = term.removeprefix("-").replace("^", "**").replace(" ** ", "**")
+    for name in ("v", "u", "load"):
+        text = text.replace(f"|{name}|", f"abs({name})")
+    text = text.replace("[", "(").replace("]", ")")
     text = "*".join(_factors(text))
     value = float(eval(text, {"max": max, "abs": abs}, values | functions))
     return -value if term.startswith("-") else value
@@ -98,7 +133,7 @@ def _factors(text):
 @pytest.mark.parametrize(("effect", "place", "theta", "terms"), COLUMNS)
 def test_columns_as_terms_have_the_values_of_the_columns(effect, place, theta, terms):
     assert list(effect.column_names(effect.label(place, NAMES), *theta)) == terms
-    if effect.kind in ("delay", "lag", "backlash"):  # they remember, and one row says nothing
+    if "order" in effect.needs:  # it remembers, and one row says nothing
         return
     records = make_records(
         np.array([[1.5, -0.05, 0.8]]), 2, t=[3.0], signals=[[2.0]], names=NAMES[:3]
@@ -110,7 +145,11 @@ def test_columns_as_terms_have_the_values_of_the_columns(effect, place, theta, t
 
 def test_every_effect_of_the_library_has_a_text():
     told = {effect.kind for effect, *_ in [*COLUMNS, *STATEMENTS]} | {ExtraMode.kind}
-    assert told == {effect.kind for effect in all_effects()}
+    shape = UnknownFunction((0, 1), ((0.0,), (1.0,), (2.0,)), of_product=True)
+    values = np.array([0.1, 0.2, 0.3])
+    assert shape.written(shape.label((0, 1), NAMES), (), values) == [(1.0, "f(x v)")]
+    told |= {shape.kind}
+    assert told == {effect.kind for effect in [*all_effects(), *special_effects()]}
 
 
 @pytest.mark.parametrize(("effect", "place", "target", "theta", "text"), STATEMENTS)

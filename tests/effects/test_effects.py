@@ -28,6 +28,7 @@ from swsysid.effects import (
     StribeckFriction,
     Trigonometric,
     all_effects,
+    special_effects,
 )
 from swsysid.effects._guards import Guard, best_band, guards_of
 
@@ -141,7 +142,9 @@ def test_sensors_are_undone():
     np.testing.assert_allclose(corrected[:-1], 2.0 * t[:-1])  # the end has no reading to come
 
 
-@pytest.mark.parametrize("effect", all_effects(), ids=lambda effect: effect.kind)
+@pytest.mark.parametrize(
+    "effect", [*all_effects(), *special_effects()], ids=lambda effect: effect.kind
+)
 def test_every_effect_says_what_it_is(effect):
     assert effect.kind and effect.meaning and repr(clone(effect)) == repr(effect)
     sentence = effect.describe("speed", "force")

@@ -40,7 +40,7 @@ KINDS = {
     for kind, names in {
         "choice": "relaxation loss init solver format input_hold method mode_book variant system "
         "noise_kind clipped rest",
-        "choice?": "state equation",
+        "choice?": "state equation unlisted",
         "coefficients": "coef candidates",
         "column": "values residual against",
         "column?": "sample_weight relevance",
@@ -530,9 +530,10 @@ def _of_data_sets():
         datasets.make_undeclared,
         lambda: tanks | {"random_state": 0},
         "effect system n_samples n_trajectories noise noise_kind outliers mode magnitude target "
-        "random_state",
+        "random_state unlisted",
         n_samples="count",
     )
+    yield _call("unlisted_kinds", datasets.unlisted_kinds, dict, "")
     yield _call("undeclared_kinds", datasets.undeclared_kinds, dict, "system")
 
 

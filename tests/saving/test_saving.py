@@ -29,7 +29,14 @@ from swsysid import (
 )
 from swsysid._saving.values import read_objects, write_objects
 from swsysid.datasets import make_damped_oscillator, make_undeclared
-from swsysid.effects import CoulombFriction, Delay, Effect, PlacedEffect, all_effects
+from swsysid.effects import (
+    CoulombFriction,
+    Delay,
+    Effect,
+    PlacedEffect,
+    all_effects,
+    special_effects,
+)
 
 DATA = make_damped_oscillator(300, random_state=0)
 FORMAT_1 = Path(__file__).parent / "model_of_format_1.json"
@@ -179,7 +186,7 @@ def adopted(fit, names):
 
 
 def test_every_effect_of_the_library_can_be_in_a_file():
-    for effect in all_effects():
+    for effect in [*all_effects(), *special_effects()]:
         placed = PlacedEffect(effect, place=(0, 1), target=0, theta=(0.1 + 0.2,))
         same = read_objects(json.loads(json.dumps(write_objects(placed))))
         assert type(same.effect) is type(effect) and repr(same) == repr(placed)

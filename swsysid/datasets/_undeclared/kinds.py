@@ -19,6 +19,7 @@ from swsysid.datasets._undeclared.mechanisms import (
 )
 from swsysid.datasets._undeclared.records import Plant
 from swsysid.datasets._undeclared.sizing import Planted, Sizing
+from swsysid.datasets._undeclared.special import SPECIAL_SENSORS, SPECIAL_TERMS
 
 
 @dataclass(frozen=True)
@@ -301,7 +302,10 @@ def _states(plant: Plant):
 
 
 KINDS = {
-    **{name: Kind(make, _mechanical, in_one_mode=True) for name, make in _COLUMNS.items()},
+    **{
+        name: Kind(make, _mechanical, in_one_mode=True)
+        for name, make in (_COLUMNS | SPECIAL_TERMS).items()
+    },
     **{
         name: Kind(make, lambda plant: plant.driven, in_one_mode=True)
         for name, make in _ACTUATORS.items()
@@ -311,4 +315,5 @@ KINDS = {
     "reset": Kind(_reset, lambda plant: (plant.target_of("reset"),)),
     "sensor_offset": Kind(_sensor_offset, _states),
     "clock_lag": Kind(_clock_lag, _states),
+    **{name: Kind(make, _states) for name, make in SPECIAL_SENSORS.items()},
 }

@@ -17,6 +17,7 @@ from swsysid.datasets._undeclared.plants import PLANTS
 from swsysid.datasets._undeclared.records import SETTINGS, Plant, PlantedEffect
 from swsysid.datasets._undeclared.simulation import Run, campaign
 from swsysid.datasets._undeclared.sizing import Sizing
+from swsysid.datasets._undeclared.unlisted import UNLISTED, UnlistedEffect, channels_of, strange
 
 
 def undeclared_kinds(system: str = "oscillator") -> tuple[str, ...]:
@@ -39,9 +40,26 @@ def undeclared_kinds(system: str = "oscillator") -> tuple[str, ...]:
     return _plant(system).kinds
 
 
+def unlisted_kinds() -> tuple[str, ...]:
+    """Shapes and disturbances of no listed kind that `make_undeclared` can plant in any system.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> from swsysid.datasets import unlisted_kinds
+    >>> unlisted_kinds()[:2], unlisted_kinds()[-1]
+    (('rational', 'steep_tanh'), 'intermittent_disturbance')
+    """
+    return UNLISTED
+
+
 def make_undeclared(
     effect: str | Sequence[str] | None = None,
     *,
+    unlisted: str | None = None,
     system: str = "oscillator",
     n_samples: int = 2000,
     n_trajectories: int = 8,
@@ -68,6 +86,9 @@ def make_undeclared(
     ----------
     effect : str, sequence of str or None, default=None
         Kinds of effects, of those in `undeclared_kinds`; None is the declared system itself.
+    unlisted : str or None, default=None
+        A shape or a disturbance that no effect of the library is, of those in `unlisted_kinds`;
+        `target`, `mode` and `magnitude` hold for it too.
     system : {"oscillator", "quartic", "two_mass", "pendulum", "tanks", "discrete"}
     n_samples : int, default=2000
         Number of rows of all trajectories together; `test` has as many.
@@ -99,7 +120,8 @@ def make_undeclared(
         ``structure`` (n_samples, n_true_features), the features of the true law at every row:
         the declared ones at true states and received inputs, then those of the effects, zero in
         a mode where they do not act. Least squares of Xdot on them, mode by mode, is the
-        oracle. ``effects``, a tuple of `PlantedEffect`; ``estimator``, the declared model,
+        oracle. ``effects``, a tuple of `PlantedEffect`; ``unlisted``, an `UnlistedEffect` or None,
+        with its values on every row; ``estimator``, the declared model,
         unfitted; ``system``, ``feature_names``, ``target_names``, ``time_step``,
         ``description``; and ``test``, a Bunch of fresh trajectories of the same plant with all
         that is an array here.
@@ -123,6 +145,7 @@ def make_undeclared(
     targets = [_target(plant, kind, mode, target) for kind in kinds]
     if len(set(kinds)) < len(kinds):
         raise ValueError(f"effect={effect!r} names a kind twice; name each once.")
+    where = None if unlisted is None else _unlisted_target(plant, unlisted, mode, target)
     # the three streams keep X the same whatever the effect's size and the noise
     streams = random_numbers(random_state).randint(2**31 - 1, size=3)
     runs_rng, effects_rng, noise_rng = (np.random.RandomState(seed) for seed in streams)
@@ -135,7 +158,12 @@ def make_undeclared(
         KINDS[kind].make(Sizing(plant, effects_rng, magnitude, place, mode, duration))
         for kind, place in zip(kinds, targets, strict=True)
     ]
-    done = campaign(plant, [one.mechanism for one in planted], clock, runs_rng)
+    mechanisms = [one.mechanism for one in planted]
+    further = None
+    if unlisted is not None and where is not None:
+        further = strange(Sizing(plant, effects_rng, magnitude, where, mode, duration), unlisted)
+        mechanisms.append(further)
+    done = campaign(plant, mechanisms, clock, runs_rng)
     groups = np.arange(n_samples) * n_trajectories // n_samples
     times = np.concatenate([np.arange(n) for n in np.bincount(groups)])  # the last may be shorter
     disturb = partial(disturbed, noise=noise, outliers=outliers, rng=noise_rng, kind=noise_kind)
@@ -144,6 +172,12 @@ def make_undeclared(
     halves = [(times, 2 * groups + first) for first in (0, 1)]
     parts = [_part(plant, done, clock, rows, disturb, logged) for rows in halves]
     data, data.test = (Bunch(groups=groups, **part) for part in parts)
+    for part in (data, data.test):
+        part.unlisted = None
+        if unlisted is not None and further is not None:
+            values = further.coefficients[0] * part.structure[:, -1]
+            channels = channels_of(plant, unlisted, further.target)
+            part.unlisted = UnlistedEffect(unlisted, further.target, mode, channels, values)
     data.update(
         system=system,
         effects=tuple(
@@ -212,18 +246,31 @@ def _target(plant: Plant, kind: str, mode: int | None, target: int | None) -> in
         )
     known = KINDS[kind]
     whole("mode", mode, least=0, also=(None,))
-    whole("target", target, least=0, also=(None,))
     if mode is not None and not known.in_one_mode:
         raise ValueError(f"effect {kind!r} has no mode of its own; leave mode=None.")
+    _check_place(plant, kind, mode, target, known.targets(plant))
+    return plant.target_of(kind) if target is None else target
+
+
+def _unlisted_target(plant: Plant, kind: object, mode: int | None, target: int | None) -> int:
+    name = one_of("unlisted", kind, UNLISTED)
+    _check_place(plant, name, mode, target, tuple(plant.equations))
+    return plant.target if target is None else target
+
+
+def _check_place(
+    plant: Plant, kind: str, mode: int | None, target: int | None, targets: tuple[int, ...]
+) -> None:
+    whole("mode", mode, least=0, also=(None,))
+    whole("target", target, least=0, also=(None,))
     if mode is not None and mode not in range(plant.n_modes):
         raise ValueError(
             f"mode={shown(mode)} does not exist on {plant.name!r}; give a number below "
             f"{plant.n_modes}."
         )
-    if target is not None and target not in known.targets(plant):
-        allowed = ", ".join(map(str, known.targets(plant)))
+    if target is not None and target not in targets:
+        allowed = ", ".join(map(str, targets))
         raise ValueError(
             f"effect {kind!r} on {plant.name!r} cannot have "
             f"target={shown(target)}; choose from {allowed}."
         )
-    return plant.target_of(kind) if target is None else target

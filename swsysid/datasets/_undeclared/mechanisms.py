@@ -114,6 +114,19 @@ class Sensor(Mechanism):
         return x
 
 
+@dataclass(frozen=True, kw_only=True)
+class Quantiser(Mechanism):
+    """A state is recorded in steps."""
+
+    state: int
+    step: float
+
+    def record(self, x, step):
+        x = x.copy()
+        x[..., self.state] = self.step * np.round(x[..., self.state] / self.step)
+        return x
+
+
 def late(values: Array, delay: float, step: float) -> Array:
     """A history (n_times, ...) as it was `delay` ago: linear between rows, constant before."""
     places = np.maximum(np.arange(len(values)) - delay / step, 0.0)

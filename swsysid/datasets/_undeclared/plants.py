@@ -16,8 +16,10 @@ _ACTUATOR = ("dead_zone", "saturation", "backlash", "delay", "power_law", "lag")
 _SENSOR = ("sensor_offset", "clock_lag")
 _FRICTION = ("coulomb_friction", "stribeck_friction", "quadratic_drag", "asymmetric_friction")
 _GUARD = ("guard_hysteresis", "reset")
+# that a search looks for where they are asked for
+_SPECIAL = ("load_friction", "input_gain", "soft_saturation", "hill", "ripple", "quantisation")
 _SMOOTH = (*_LEVELS, *_ACTUATOR, *_SENSOR, "extra_mode")
-_MECHANICAL = (*_SMOOTH, *_FRICTION, "trigonometric")
+_MECHANICAL = (*_SMOOTH, *_FRICTION, "trigonometric", *_SPECIAL)
 # the cubic damping of the quartic oscillator imitates a quadratic one
 _CUBIC = tuple(kind for kind in _MECHANICAL if kind != "quadratic_drag")
 # of a pump that never runs backwards nor stops, a dead zone would be a bias

@@ -34,6 +34,9 @@ class Settings:
     longest: int = 15
     n_bisections: int = 16
 
+    # -- unlisted disturbances: samples after which the memory of one has fallen to a third
+    memory: tuple[float, float] = (15.0, 50.0)
+
 
 SETTINGS = Settings()
 

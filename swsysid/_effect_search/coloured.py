@@ -1,0 +1,122 @@
+r"""The likelihood of residuals that are noise and, beneath it, a force that is forgotten slowly.
+
+The force d is a process of Ornstein and Uhlenbeck of size s and time constant T, and a residual is
+:math:`y_i = d(t_i) + e_i` with white noise e of variance :math:`\sigma^2`. The precision Q of d at
+the samples of a stretch is tridiagonal, so that with :math:`A = Q + I / \sigma^2`
+
+.. math:: -2 \log p(y) = \log\det A - \log\det Q + n \log(2 \pi \sigma^2)
+    + (y^\top y - y^\top A^{-1} y / \sigma^2) / \sigma^2
+
+costs one banded factorisation (Rue and Held 2005, Gaussian Markov Random Fields), whatever the
+times of the samples, and :math:`A^{-1} y / \sigma^2` is the smoothed course of the force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.optimize import minimize
+
+from swsysid._noise import robust_scale
+from swsysid._results import Array
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Samples of one residual in order, cut into stretches that are taken as independent."""
+
+    t: Array  # (n_samples,)
+    stretch: NDArray[np.intp]  # (n_samples,), numbered from 0
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether a sample has its predecessor in the same stretch."""
+        return np.diff(self.stretch, prepend=-1) == 0
+
+
+@dataclass(frozen=True)
+class Coloured:
+    """White noise, and beneath it a force that is forgotten slowly; none of size zero."""
+
+    size: float
+    time_constant: float
+    noise: float
+
+    def log_likelihood(self, y: Array, where: Stretches) -> Array:
+        """Of every stretch."""
+        sums = _Sums(where.stretch)
+        white = np.log(2.0 * np.pi * self.noise**2) + (y / self.noise) ** 2
+        if self.size == 0.0:
+            return -0.5 * sums(white)
+        factor, log_precision = self._factor(where)
+        course = cho_solve_banded((factor, False), y / self.noise**2)
+        twice = 2.0 * np.log(factor[1]) - log_precision + white - y * course / self.noise**2
+        return -0.5 * sums(twice)
+
+    def course(self, y: Array, where: Stretches) -> tuple[Array, Array]:
+        """The force at every sample and its standard deviation, from all samples (a smoother)."""
+        if self.size == 0.0:
+            return np.zeros_like(y), np.zeros_like(y)
+        factor, _ = self._factor(where)
+        mean = cho_solve_banded((factor, False), y / self.noise**2)
+        # the diagonal of the inverse of U' U with a bidiagonal U, from its end
+        variance, later = np.empty_like(y), 0.0
+        for place in range(len(y) - 1, -1, -1):
+            coupling = factor[0, place + 1] if place + 1 < len(y) else 0.0
+            later = (1.0 + coupling**2 * later) / factor[1, place] ** 2
+            variance[place] = later
+        return np.asarray(mean), np.sqrt(variance)
+
+    def _factor(self, where: Stretches) -> tuple[Array, Array]:
+        """Cholesky factor of A, upper banded, and the log of what Q has of each sample."""
+        inside = where.inside
+        kept = np.zeros(len(inside))
+        # times begin anew with each trajectory
+        kept[1:] = np.exp(-np.abs(np.diff(where.t)) / self.time_constant)
+        kept = np.clip(np.where(inside, kept, 0.0), 0.0, 1.0 - 1e-9)
+        new = 1.0 / (self.size**2 * (1.0 - kept**2))  # precision of each sample given the last
+        diagonal = new + 1.0 / self.noise**2
+        diagonal[:-1] += (kept**2 * new)[1:]
+        return cholesky_banded(np.stack([-kept * new, diagonal])), np.log(new)
+
+
+def white(y: Array) -> Coloured:
+    """Noise alone, of highest likelihood."""
+    return Coloured(0.0, 1.0, max(float(np.sqrt(np.mean(y**2))), 1e-300))
+
+
+def coloured(y: Array, where: Stretches) -> Coloured:
+    """Of highest likelihood, from where neighbours and the whole record say."""
+    inside = where.inside[1:]
+    steps = np.diff(where.t)[inside]
+    whole = white(y).noise
+    if len(steps) < 3 or whole <= 1e-300:
+        return white(y)
+    apart = float(robust_scale(np.diff(y)[inside][:, None])[0]) / np.sqrt(2.0)
+    noise = min(max(apart, 0.05 * whole), 0.95 * whole)
+    step = float(np.median(steps))
+    longest = float(np.sum(steps))
+
+    def bounded(logs: Array) -> Coloured:
+        size, time, floor = np.exp(np.clip(logs, -700.0, 700.0)).tolist()
+        return Coloured(size, min(max(time, 0.5 * step), longest), max(floor, 1e-4 * whole))
+
+    def cost(logs: Array) -> float:
+        return -float(bounded(logs).log_likelihood(y, where).sum())
+
+    starts = [np.log([np.sqrt(whole**2 - noise**2), many * step, noise]) for many in (4.0, 30.0)]
+    found = [minimize(cost, start, method="Nelder-Mead") for start in starts]
+    return bounded(min(found, key=lambda one: float(one.fun)).x)
+
+
+class _Sums:
+    """Sums over stretches."""
+
+    def __init__(self, stretch: NDArray[np.intp]):
+        self.stretch = stretch
+
+    def __call__(self, values: Array) -> Array:
+        return np.bincount(self.stretch, values).astype(float)

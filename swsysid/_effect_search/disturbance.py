@@ -1,0 +1,142 @@
+"""A disturbance as an answer: what is correlated in time and follows no channel.
+
+A slow force that nobody measured looks like a drift, an offset, a forcing, a lag or a polynomial
+of whatever moves as slowly. Each effect found has therefore to show that it predicts stretches that
+its regression has not seen better than the past of the residual itself does: likelihoods are
+compared with a force that is forgotten slowly beneath the noise, with the effect and without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import stats
+
+from swsysid._effect_search.acceptance import Finding, confirmed
+from swsysid._effect_search.coloured import Coloured, Stretches, coloured, white
+from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._noise import robust_scale
+from swsysid._results import Array
+from swsysid.effects import (
+    GuardEffect,
+    MeasurementEffect,
+    PlacedEffect,
+    ResetEffect,
+    UnmeasuredDisturbance,
+)
+
+Findings = tuple[Finding, ...]
+
+
+def with_disturbances(
+    context: SearchContext, structure: Structure, findings: Findings, n_candidates: int
+) -> tuple[Structure, Findings]:
+    """The structure without effects that a disturbance explains as well, and with disturbances."""
+    usable = [one for one in context.usable if isinstance(one, UnmeasuredDisturbance)]
+    if not usable:
+        return structure, findings
+    questions = _Questions(context, n_candidates)
+    kept = questions.needed(structure)
+    if kept is not structure:
+        structure, findings = confirmed(context, kept)
+    fit, added = structure.fit, []
+    for target in context.data.records.states:
+        found = questions.disturbance(structure, target)
+        if found is not None:
+            model, p_value = found
+            theta = (model.size, model.time_constant)
+            term = PlacedEffect(usable[0], "time", target, theta=theta)
+            added.append(Finding.of(term, p_value, ()))
+    if added:
+        terms = tuple(one.candidate for one in added)
+        coef = tuple(np.zeros(0) for _ in added)
+        more = replace(fit, terms=(*fit.terms, *terms), coef=(*fit.coef, *coef))
+        structure = replace(structure, fit=more)
+    return structure, (*findings, *added)
+
+
+@dataclass(frozen=True)
+class _Questions:
+    """What residuals of held-out rows say of a force that is forgotten slowly."""
+
+    context: SearchContext
+    n_candidates: int  # of the search for the effects in question
+
+    @cached_property
+    def where(self) -> Stretches:
+        """The rows of the search in the blocks of its tests, cut where the record has gaps."""
+        data = self.context.data
+        records = data.records.take(data.rows)
+        assert records.t is not None
+        order = np.concatenate(records.trajectories)
+        t, block = records.t[order], data.folds.blocks[order]
+        apart = np.diff(t, prepend=t[0]) > self.context.settings.gap_steps * records.step
+        apart |= np.diff(block, prepend=block[0]) != 0
+        return Stretches(t, np.cumsum(apart))
+
+    @cached_property
+    def _order(self) -> Array:
+        data = self.context.data
+        return np.concatenate(data.records.take(data.rows).trajectories)
+
+    def residuals(self, structure: Structure, target: int) -> Array:
+        """What regressions leave over of rows they have not seen; gross errors say nothing."""
+        left = self.context.candidates(structure.fit).held_out[:, target]
+        gross = self.context.settings.gross * max(
+            float(robust_scale(left[:, None])[0]), float(self.context.data.exact[target])
+        )
+        return np.where(np.abs(left) <= gross, left, 0.0)[self._order]
+
+    def needed(self, structure: Structure) -> Structure:
+        """The structure without the effects that predict no better than a disturbance would."""
+        least = np.log(self.n_candidates / self.context.significance)
+        while True:
+            asked = [
+                (self._gain_of(structure, place), place)
+                for place, term in enumerate(structure.terms)
+                if not isinstance(term.effect, (GuardEffect, MeasurementEffect, ResetEffect))
+            ]
+            gain, place = min(asked, default=(np.inf, -1))
+            if gain > least:
+                return structure
+            structure = self.context.without(structure, place)
+
+    def _gain_of(self, structure: Structure, place: int) -> float:
+        """By how much an effect raises the likelihood beside a disturbance, less its error.
+
+        Infinite where there would be no disturbance without it.
+        """
+        target = structure.terms[place].target
+        fewer = self.context.without(structure, place)
+        left = self.residuals(fewer, target)
+        model = coloured(left, self.where)
+        if self._p_value(model, left, target) is None:
+            return np.inf
+        without = model.log_likelihood(left, self.where)
+        left = self.residuals(structure, target)
+        apart = coloured(left, self.where).log_likelihood(left, self.where) - without
+        return float(apart.sum() - apart.std(ddof=1) * np.sqrt(len(apart)))
+
+    def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
+        """The force beneath what a structure leaves over of a state, and its p-value."""
+        left = self.residuals(structure, target)
+        model = coloured(left, self.where)
+        p_value = self._p_value(model, left, target)
+        return None if p_value is None else (model, p_value)
+
+    def _p_value(self, model: Coloured, left: Array, target: int) -> float | None:
+        """That of a force beneath residuals; None if it is not worth the name."""
+        settings, squares = self.context.settings, self.context.declared_squares
+        gain = float(
+            np.sum(model.log_likelihood(left, self.where))
+            - np.sum(white(left).log_likelihood(left, self.where))
+        )
+        p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
+        worth = model.size**2 >= settings.share_of_a_disturbance * squares[target]
+        enough = gain >= settings.gain_a_row * len(left)
+        # what a few samples forget is the noise of a filter
+        slow = model.time_constant >= settings.slow_steps * self.context.data.records.step
+        significant = p_value <= self.context.significance
+        return p_value if enough and worth and slow and significant else None

@@ -1,0 +1,148 @@
+"""The untouched part of a record as judge: what does not lower the error there is not added.
+
+Neither significance nor a gain in the folds is proof that a model with the effect predicts what no
+choice has seen. An effect stays if its error there falls by more than the standard error of that
+fall, from block to block; otherwise it is listed as tried. Where the part is too short to show the
+fall that the searched rows promise, a smaller one is no proof against the effect: it stays, and the
+doubt is told with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.records import Records
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.acceptance import Finding, confirmed
+from swsysid._effect_search.chance import BlockSum
+from swsysid._effect_search.folds import Folds, make_folds
+from swsysid._effect_search.settings import SETTINGS
+from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._noise import robust_scale
+from swsysid._results import Array
+from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect
+
+NOT_SHOWN = "the held-out error falls by less than its standard error"
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An effect that chance does not explain and that does not help."""
+
+    candidate: PlacedEffect
+    p_value: float
+    before: Array  # root mean square errors on the untouched rows without it, (n_states,)
+    after: Array
+
+
+@dataclass(frozen=True)
+class Fall:
+    """By how much the error of the untouched rows falls, and by how much it was to fall."""
+
+    fall: BlockSum
+    promised: float  # by the searched rows
+    error: float  # standard error of what is promised for so few rows
+
+    @property
+    def is_refuted(self) -> bool:
+        """True if it does not fall, or not clearly where so many rows were to show it."""
+        if self.fall.is_clear or self.promised <= 0.0:
+            return False
+        return self.fall.value <= 0.0 or self.promised > SETTINGS.shown * self.error
+
+
+@dataclass(frozen=True)
+class Untouched:
+    """Rows that have taken part in no choice."""
+
+    context: SearchContext
+    records: Records
+    targets: Array  # of the whole record
+    rows: NDArray[np.intp]
+
+    @cached_property
+    def _folds(self) -> Folds:
+        rng = np.random.RandomState(0)
+        return make_folds(self.records.take(self.rows), SETTINGS.n_folds, rng)
+
+    @cached_property
+    def _scale(self) -> Array:
+        """Usual errors of the declared model; a few that are gross decide nothing."""
+        data = self.context.data
+        errors = self.context.declared.residuals(data.records, data.rows, data.targets)
+        return np.maximum(robust_scale(errors), data.exact)
+
+    def _errors(self, fit: JointFit, rows: NDArray[np.intp]) -> Array:
+        return self.targets[rows] - fit.predict(self.records)[rows]
+
+    def _falls(self, before: JointFit, after: JointFit, rows: NDArray[np.intp]) -> Array:
+        """By how much the squares of the errors fall from one fit to another, (n_rows,)."""
+        gross = self.context.settings.gross
+        sizes = [np.abs(self._errors(fit, rows)) / self._scale for fit in (before, after)]
+        losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
+        # what is gross with the effect and without it says nothing of the effect
+        judging = np.minimum(*(size.max(axis=1) for size in sizes)) < gross
+        return np.where(judging, losses[0] - losses[1], 0.0)
+
+    def gain(self, before: JointFit, after: JointFit) -> Fall:
+        """By how much they fall in all, and by how much they were to fall."""
+        falls, data = self._falls(before, after, self.rows), self.context.data
+        searched = self._falls(before, after, data.rows)
+        in_search = BlockSum.of(data.folds.independent_sums(searched))
+        share = np.count_nonzero(falls) / len(data.rows)
+        return Fall(
+            BlockSum.of(self._folds.independent_sums(falls)),
+            share * in_search.value,
+            float(np.sqrt(share)) * in_search.error,
+        )
+
+    def judged(
+        self, structure: Structure, findings: tuple[Finding, ...], earlier: Sequence[Structure]
+    ) -> tuple[Structure, tuple[Finding, ...], tuple[Tried, ...]]:
+        """Without the effects that do not help, the least helpful first; and these.
+
+        What such an effect has driven out comes back: `earlier` are structures on the way.
+        """
+        tried: list[Tried] = []
+        while structure.terms:
+            fewer = [self._without(structure, place) for place in range(len(structure.terms))]
+            gains = [self.gain(fit, structure.fit) for fit in fewer]
+            shown = [self._shows(term) for term in structure.terms]
+            useless = [place for place, one in enumerate(gains) if shown[place] and one.is_refuted]
+            if not useless:
+                findings = tuple(
+                    replace(finding, doubts=(*finding.doubts, NOT_SHOWN))
+                    if shown[place] and not gains[place].fall.is_clear
+                    else finding
+                    for place, finding in enumerate(findings)
+                )
+                break
+            worst = min(useless, key=lambda place: gains[place].fall.value)
+            before, after = (
+                np.sqrt(np.mean(self._errors(fit, self.rows) ** 2, axis=0))
+                for fit in (fewer[worst], structure.fit)
+            )
+            lost = findings[worst]
+            tried.append(Tried(lost.candidate, lost.p_value, before, after))
+            known = {one.candidate.signature for one in tried}
+            options = [self.context.without(structure, worst)]
+            options += [one for one in earlier if not known & {t.signature for t in one.terms}]
+            structure = min(options, key=lambda option: option.price)
+            structure, findings = confirmed(self.context, structure)
+        return structure, findings, tuple(tried)
+
+    def _without(self, structure: Structure, place: int) -> JointFit:
+        if len(structure.terms) == 1:
+            return self.context.declared
+        return self.context.without(structure, place).fit
+
+    def _shows(self, term: PlacedEffect) -> bool:
+        """Whether velocities show an effect: no jump, and no guard where they end at switches."""
+        if isinstance(term.effect, ResetEffect):
+            return False
+        return self.records.told is None or not isinstance(term.effect, GuardEffect)

@@ -1,0 +1,37 @@
+"""The calibration benchmark: nothing is found where nothing is missing, and what acts rarely is."""
+
+import json
+
+import numpy as np
+
+from benchmarks.calibration.__main__ import main
+from benchmarks.calibration.nulls import NULLS, null_record
+from benchmarks.calibration.rare import rare_record
+
+
+def test_one_null_and_one_stop(tmp_path, capsys):
+    options = ["--seeds", "1", "--rare", "1", "--first-seed", "1", "--output", str(tmp_path)]
+    main([*options, "--kinds", "ar 0.9", "rare"])
+    lines = (tmp_path / "calibration.jsonl").read_text().splitlines()
+    null, rare = sorted(map(json.loads, lines), key=lambda one: one["cell"])
+    assert null["found"] == [] and not null["acts_rarely"]
+    assert rare["right"] and 20 <= rare["at_stop"] <= 40
+    printed = capsys.readouterr().out
+    assert "False alarms in all: 0.0%, at most 2 %, reached." in printed
+    assert "Stops that act rarely found: 1 of 1, at least 80 %, reached." in printed
+    main([*options, "--kinds", "ar 0.9", "rare"])
+    assert "1/2" not in capsys.readouterr().out  # nothing is run twice
+
+
+def test_records_are_of_one_size_and_finite():
+    for kind in NULLS:
+        data = null_record(kind, 0)
+        assert len(data.X) == len(data.Xdot) == len(data.t) == len(data.groups)
+        assert np.isfinite(data.X).all() and np.isfinite(data.Xdot).all()
+
+
+def test_a_stop_is_touched_by_few_rows_of_two_trajectories():
+    for seed in range(5):
+        data, at_stop = rare_record(seed)
+        assert 20 <= at_stop.sum() <= 40  # what the benchmark says of its records
+        assert len(np.unique(data.groups[at_stop])) >= 2

@@ -1,0 +1,206 @@
+"""What no effect has a name for: shapes and disturbances as answers of the search."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.stats import multivariate_normal
+
+from swsysid import EffectSearchCV, SwitchingSystemRegressor, load_model, save_model
+from swsysid._effect_search.coloured import Coloured, Stretches, coloured, white
+from swsysid.effects import (
+    Bias,
+    CoulombFriction,
+    Drift,
+    Polynomial,
+    QuadraticDrag,
+    UnknownFunction,
+    UnmeasuredDisturbance,
+)
+
+LIBRARY = [
+    Bias(),
+    CoulombFriction(),
+    QuadraticDrag(),
+    Drift(),
+    Polynomial(),
+    UnknownFunction(),
+    UnmeasuredDisturbance(),
+]
+N_RUNS, N_TIMES, STEP, NOISE = 8, 120, 0.05, 0.05
+
+
+def _record(law, seed=0):
+    """Runs of x' = -x + 2 u + law(x, t) with noise on the velocities."""
+    rng = np.random.default_rng(seed)
+    t = STEP * (np.arange(N_TIMES) + 200 * np.arange(N_RUNS)[:, None])
+    phases = rng.uniform(0.0, 2.0 * np.pi, (2, N_RUNS, 1))
+    u = np.sin(2.1 * t + phases[0]) + np.sin(0.7 * t + phases[1])
+    x, velocity = np.empty(t.shape), np.empty(t.shape)
+    now = rng.uniform(-2.0, 2.0, N_RUNS)
+    for step in range(N_TIMES):
+        x[:, step] = now
+        velocity[:, step] = -now + 2.0 * u[:, step] + law(now, t[:, step])
+        now = now + STEP * velocity[:, step]
+    X = np.column_stack([x.ravel(), u.ravel()])
+    clean = velocity.ravel()[:, None]
+    known = {"t": t.ravel(), "groups": np.repeat(np.arange(N_RUNS), N_TIMES)}
+    return X, clean + NOISE * rng.standard_normal(clean.shape), known
+
+
+def _search(law, seed=0):
+    X, Xdot, known = _record(law, seed)
+    return EffectSearchCV(SwitchingSystemRegressor(1), effects=LIBRARY).fit(X, Xdot, **known)
+
+
+def _force(seed):
+    """A force of size 0.4 that is forgotten after one second, at any times of the record."""
+    rng = np.random.default_rng(seed)
+    grid = np.arange(0.0, STEP * 200 * N_RUNS, STEP)
+    values, kept = np.empty(len(grid)), np.exp(-STEP)
+    values[0] = 0.4 * rng.standard_normal()
+    for place in range(1, len(grid)):
+        shock = 0.4 * np.sqrt(1.0 - kept**2) * rng.standard_normal()
+        values[place] = kept * values[place - 1] + shock
+    return lambda x, t: np.interp(t, grid, values)
+
+
+@pytest.fixture(scope="module")
+def rational():
+    return _search(lambda x, t: x**2 / (1.0 + x**2))
+
+
+# -- shapes ----------------------------------------------------------------------------------------
+
+
+def test_of_one_channel_the_shape_is_the_natural_cubic_spline():
+    knots = np.array([-2.0, -0.5, 0.0, 1.0, 3.0])
+    shape = UnknownFunction((0,), tuple((knot,) for knot in knots))
+    np.testing.assert_allclose(shape.basis(knots[:, None]), np.eye(5), atol=1e-10)
+    x = np.linspace(-2.0, 3.0, 40)
+    spline = CubicSpline(knots, np.eye(5), bc_type="natural")(x)
+    np.testing.assert_allclose(shape.basis(x[:, None]), spline, atol=1e-9)
+    beyond = shape.basis(np.array([[4.0], [5.0], [6.0]]))
+    np.testing.assert_allclose(np.diff(beyond, 2, axis=0), 0.0, atol=1e-8)  # a straight line
+
+
+def test_of_two_channels_a_plane_is_a_plane():
+    rng = np.random.default_rng(0)
+    knots = rng.uniform(-1.0, 1.0, (9, 2))
+    shape = UnknownFunction((0, 1), tuple(map(tuple, knots.tolist())))
+    points = rng.uniform(-2.0, 2.0, (20, 2))
+    plane = shape.basis(points) @ (1.0 + 2.0 * knots[:, 0] - knots[:, 1])
+    np.testing.assert_allclose(plane, 1.0 + 2.0 * points[:, 0] - points[:, 1], atol=1e-9)
+
+
+def test_a_shape_without_a_name_is_called_unknown(rational):
+    (found,) = rational.effects_
+    assert (found.kind, found.place, found.target) == ("unknown_function", "x0", 0)
+    assert found.p_value < 1e-6 and found.rivals
+    # each effect with a name misses by more than the error of the shape
+    assert all(rival.error > 1.05 * found.error_after for rival in found.rivals)
+    assert "near effect with a name" in str(rational.report_)
+    assert "f(x0)" in rational.equations()[0]
+
+
+def test_the_error_of_a_shape_is_that_of_the_truth(rational):
+    X, _, known = _record(lambda x, t: x**2 / (1.0 + x**2), seed=1)
+    x = X[:, 0]
+    inside = np.abs(x) < np.quantile(np.abs(x), 0.98)  # no record shows more
+    truth = -x + 2.0 * X[:, 1] + x**2 / (1.0 + x**2)
+    wrong = (rational.predict(X, **known)[:, 0] - truth)[inside]
+    assert np.sqrt(1.0 + np.mean(wrong**2) / NOISE**2) < 1.15
+
+
+def test_the_curve_is_a_table_with_a_band(rational):
+    (found,) = rational.effects_
+    table = found.table
+    assert list(table) == ["x0", "contribution", "half_width"]
+    x, curve = table["x0"], table["contribution"]
+    truth = x**2 / (1.0 + x**2)
+    # up to a straight line, which the law itself has
+    basis = np.column_stack([x])
+    seen = np.abs(x) < 2.0
+    apart = (curve - truth)[seen]
+    apart -= basis[seen] @ np.linalg.lstsq(basis[seen], apart, rcond=None)[0]
+    assert np.abs(apart).max() < 0.05  # of a curve of size 0.7
+    assert 0.0 < np.median(table["half_width"]) < 0.1
+
+
+def test_the_formula_that_was_planted_ties_with_the_shape(rational):
+    best, *others = rational.effects_[0].formulas
+    assert best.ties and best.text.startswith("x0^2 / (x0^2 + ")
+    assert best.parameters["width"] == pytest.approx(1.0, rel=0.05)  # noise of 5 %, 700 rows
+    assert best.error == pytest.approx(1.0, abs=0.02)
+    assert not all(other.ties for other in others)
+    assert f"formula: {best.text}, predicts as well" in str(rational.report_)
+
+
+def test_a_model_with_a_shape_simulates_and_is_saved(rational, tmp_path):
+    t = np.linspace(0.0, 3.0, 301)
+    u = np.sin(t)[:, None]
+    done = rational.simulate([1.0], t, u, input_hold="linear")
+    x = 1.0
+    for value in u[:-1, 0]:
+        x += 0.01 * (-x + 2.0 * value + x**2 / (1.0 + x**2))
+    assert abs(done.x[-1, 0] - x) < 0.05  # errors of Euler's steps and of the curve
+    save_model(rational.best_estimator_, tmp_path / "model.json")
+    again = load_model(tmp_path / "model.json")
+    X, _, known = _record(lambda x, t: 0.0 * x, seed=2)
+    np.testing.assert_allclose(again.predict(X, **known), rational.predict(X, **known), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("law", "kind"),
+    [
+        (lambda x, t: -0.5 * np.sign(x), "coulomb_friction"),
+        (lambda x, t: -0.3 * x**3, "polynomial"),
+        (lambda x, t: 0.01 * t, "drift"),
+    ],
+    ids=["friction", "cubic", "drift"],
+)
+def test_what_has_a_name_keeps_it(law, kind):
+    assert [found.kind for found in _search(law).effects_] == [kind]
+
+
+# -- disturbances ----------------------------------------------------------------------------------
+
+
+def test_the_likelihood_and_the_smoother_are_those_of_the_dense_matrices():
+    rng = np.random.default_rng(0)
+    t, stretch = np.sort(rng.uniform(0.0, 3.0, 12)), np.repeat([0, 1], 6)
+    y, model, where = rng.standard_normal(12), Coloured(1.3, 0.7, 0.4), Stretches(t, stretch)
+    together = stretch[:, None] == stretch
+    force = np.where(together, 1.3**2 * np.exp(-np.abs(t[:, None] - t) / 0.7), 0.0)
+    total = force + 0.4**2 * np.eye(12)
+    dense = multivariate_normal(np.zeros(12), total).logpdf(y)
+    assert model.log_likelihood(y, where).sum() == pytest.approx(dense, rel=1e-10)
+    mean, deviation = model.course(y, where)
+    np.testing.assert_allclose(mean, force @ np.linalg.solve(total, y), atol=1e-12)
+    variance = np.diag(force - force @ np.linalg.solve(total, force))
+    np.testing.assert_allclose(deviation**2, variance, atol=1e-12)
+
+
+def test_white_noise_has_no_force_beneath_it():
+    y = np.random.default_rng(0).standard_normal(800)
+    where = Stretches(np.arange(800.0), np.arange(800) // 100)
+    gain = coloured(y, where).log_likelihood(y, where) - white(y).log_likelihood(y, where)
+    assert gain.sum() < 4.0  # of two parameters, one in fifty by chance
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_force_that_nobody_measured_is_a_disturbance(seed):
+    law = _force(seed)
+    search = _search(law)
+    (found,) = search.effects_
+    assert (found.kind, found.target) == ("unmeasured_disturbance", 0)
+    assert found.parameters["size"] == pytest.approx(0.4, rel=0.35)  # of some fifty seconds
+    assert found.parameters["time_constant"] == pytest.approx(1.0, rel=0.5)
+    assert found.error_after == found.error_before  # and the page says so
+    assert "does not lower the held-out error" in search.report_.summary
+    truth = law(None, found.table["t"])
+    apart = np.abs(found.table["contribution"] - truth)
+    assert np.sqrt(np.mean(apart**2)) < 0.2  # half of its size: the law took up some of it
+
+
+def test_a_clean_record_has_neither():
+    assert not _search(lambda x, t: 0.0 * x, seed=3).effects_
