@@ -23,10 +23,12 @@ from swsysid._effect_model.joint_fit import (
     warn_of_doubts,
 )
 from swsysid._effect_model.models import check_declared, declared_model
+from swsysid._effect_model.refinable import as_stated_model, with_numbers_of
 from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._effect_model.transitions import NoAutomatonError, automaton_of_fit
 from swsysid._rendering.printing import check_format
 from swsysid.effects import PlacedEffect
+from swsysid.refinement import StatedModel
 
 
 class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimator):
@@ -201,17 +203,62 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         except NoAutomatonError as error:
             raise AttributeError(str(error)) from None
 
+    # -- refinement ----------------------------------------------------------------------------
+
+    def stated(self) -> StatedModel:
+        """Laws and effects as a `StatedModel`, which is what `refinement.refine` refines of it.
+
+        What an effect adds is a term with coefficient one; its coefficients and its nonlinear
+        parameters are named parameters, such as ``"v', coulomb friction of v: friction"``.
+
+        Returns
+        -------
+        StatedModel
+
+        Raises
+        ------
+        ValueError
+            If an effect is no function of the present states and inputs.
+        TypeError
+            If the declared model is an automaton, or a pipeline.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from swsysid import EffectRegressor, SwitchingSystemRegressor
+        >>> from swsysid.effects import CoulombFriction, PlacedEffect
+        >>> from swsysid.refinement import refine
+        >>> v = np.linspace(-1.0, 1.0, 41)[:, None]
+        >>> friction = PlacedEffect(CoulombFriction(), place=0, target=0)
+        >>> model = EffectRegressor(SwitchingSystemRegressor(n_modes=1), [friction])
+        >>> model = model.fit(v, -1.5 * v - 0.2 * np.sign(v))
+        >>> t = np.linspace(0.0, 0.5, 11)
+        >>> x = 1.15 * np.exp(-2.0 * t) - 0.15  # x' = -2 x - 0.3
+        >>> better = refine(model, {"t": t, "x": x}).model
+        >>> better.equations(precision=2)
+        ["mode 0: x0' = -2.00 x0 - 0.30 sign(x0)"]
+        """
+        return as_stated_model(self.joint_fit_, self._channel_names)
+
+    def with_numbers_of(self, stated: StatedModel) -> EffectRegressor:
+        """A copy with the numbers of what `stated` has given and a refinement has changed."""
+        fit, one = with_numbers_of(self.joint_fit_, stated), self._one_target
+        changed = EffectRegressor(self.estimator, fit.terms)
+        return changed.around(fit, self, self._channel_names, one_target=one)
+
     # -- parts ---------------------------------------------------------------------------------
 
-    def around(self, fit: JointFit, like: BaseEstimator, names: Sequence[str]):
+    def around(
+        self, fit: JointFit, like: BaseEstimator, names: Sequence[str], one_target: bool = False
+    ) -> EffectRegressor:
         """Itself, fitted as `fit` says to data that `like` has seen, to predict all states.
 
-        `names` are those of the channels.
+        `names` are those of the channels; with `one_target` predictions have one dimension.
         """
         for name in ("n_features_in_", "feature_names_in_"):
             if hasattr(like, name):
                 setattr(self, name, getattr(like, name))
-        self._one_target, self._n_targets = False, fit.laws.coef.shape[1]
+        self._one_target, self._n_targets = one_target, fit.laws.coef.shape[1]
         return self._adopt(fit, names)
 
     @property

@@ -18,6 +18,8 @@ class ModelSettings:
     doubt: float = 3.0
     most_doubtful: int = 10
     price_of_a_switch: float = 8.0
+    # -- rollouts: rows of a record that is there for the names of parameters alone
+    rows_for_names: int = 16
 
 
 SETTINGS = ModelSettings()

@@ -67,7 +67,7 @@ class _Rollout:
         one_of("input_hold", input_hold, ("zero", "linear"))
         x0, self.t = checked_times(x0, t)
         inputs = _samples(inputs, self.t, "inputs", n_columns - self.n_states)
-        signals = _samples(signals, self.t, "signals", _n_signals(fit.terms, n_columns))
+        signals = _samples(signals, self.t, "signals", n_signals(fit.terms, n_columns))
         _check_states(x0, self.n_states, n_columns)
         n_known = min(len(inputs), len(signals))
         self.inputs, self.signals = inputs[:n_known], signals[:n_known]
@@ -213,7 +213,7 @@ def _channels(place: Place) -> tuple[int, ...]:
     return tuple(map(int, listed)) if a_channel else ()
 
 
-def _n_signals(terms: Sequence[PlacedEffect], n_columns: int) -> int:
+def n_signals(terms: Sequence[PlacedEffect], n_columns: int) -> int:
     """Number of logged signals that the effects use."""
     used = [channel for term in terms for channel in _channels(term.place)]
     return max([0, *(channel + 1 - n_columns for channel in used)])

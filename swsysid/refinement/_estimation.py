@@ -16,7 +16,7 @@ from swsysid._simulation.model import FittedModel, SwitchingModel, fitted_system
 from swsysid.refinement._certainty import robust_covariance
 from swsysid.refinement._continuous import WholeRollouts
 from swsysid.refinement._losses import LOSSES, inner_scale, robust_loss
-from swsysid.refinement._parameters import Parametrization, output_of
+from swsysid.refinement._parameters import Parametrization, fitted_and_free, output_of
 from swsysid.refinement._result import RefinementResult
 from swsysid.refinement._rollout import Segments, guessed_states, substeps_for
 from swsysid.refinement._settings import SETTINGS
@@ -310,7 +310,7 @@ class Estimation:
 
 def _free(model: FittedModel, system: SwitchingModel, free: ArrayLike | None) -> NDArray[np.bool_]:
     if free is None:
-        free = model.free if isinstance(model, StatedModel) else system.coef != 0.0
+        free = model.free if isinstance(model, StatedModel) else fitted_and_free(system.coef)
     chosen = truth_values("free", free)
     if chosen.shape != system.coef.shape:
         raise ValueError(

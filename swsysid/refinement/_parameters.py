@@ -14,6 +14,7 @@ from swsysid._checks.parameters import shown
 from swsysid._results import Array
 from swsysid._simulation.model import FittedModel, SwitchingModel
 from swsysid._surfaces.surface import is_linear
+from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._stated import Output, ParametricLibrary, StatedModel
 from swsysid.refinement._system import Maps, ParameterSets
 
@@ -157,6 +158,17 @@ class Parametrization:
         if self.split(self.free)[2].any() and is_linear(system.surface):
             system.surface.use_coef(surface.copy())
         return refined
+
+
+def fitted_and_free(coef: Array) -> NDArray[np.bool_]:
+    """Coefficients of fitted laws that are not zero, (n_modes, n_states, n_features).
+
+    A law that is one feature in every mode, such as q' = v, was exact in the data: it has none.
+    """
+    size, largest = np.abs(coef), coef.max(axis=2)
+    sums_up = np.abs(size.sum(axis=2) - 1.0) <= SETTINGS.rounding
+    exact = (sums_up & (np.abs(largest - 1.0) <= SETTINGS.rounding)).all(axis=0)
+    return np.asarray((coef != 0.0) & ~exact[:, None])
 
 
 def output_of(model: FittedModel) -> Output | None:

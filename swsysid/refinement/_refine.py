@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
@@ -13,11 +15,23 @@ from swsysid._simulation.model import FittedModel
 from swsysid.refinement._estimation import Estimation
 from swsysid.refinement._losses import LOSSES
 from swsysid.refinement._result import RefinementResult
+from swsysid.refinement._stated import StatedModel
 from swsysid.refinement._trajectories import Observed, Recording
 
 
+@runtime_checkable
+class Stateable(Protocol):
+    """A model with more than laws and a surface, which can be written as a stated one."""
+
+    def stated(self) -> StatedModel:
+        """Itself as a stated model."""
+
+    def with_numbers_of(self, stated: StatedModel) -> FittedModel:
+        """A copy with the numbers of what `stated` has given."""
+
+
 def refine(
-    model: FittedModel,
+    model: FittedModel | Stateable,
     trajectories: Recording | Iterable[Recording],
     *,
     observed: Observed | None = None,
@@ -37,8 +51,11 @@ def refine(
 
     Parameters
     ----------
-    model : SwitchingSystemRegressor or StatedModel
-        Where to start. Coefficients that are zero stay zero.
+    model : SwitchingSystemRegressor, EffectRegressor or StatedModel
+        Where to start. Coefficients that are zero stay zero. Of an EffectRegressor, such as the
+        ``best_estimator_`` of a search for effects, `EffectRegressor.stated` is refined: numbers of
+        its effects, which have to be functions of the present states and inputs, are named
+        parameters.
     trajectories : dict, Trajectory, or list of them
         A dict has ``t``, ``x`` (the measured channels; NaN where a value is missing), ``inputs``
         if the model has any, and perhaps ``groups`` that name separate trajectories; the
@@ -57,8 +74,9 @@ def refine(
     fit_surface : bool, default=False
         Refine the coefficients of the surface too.
     free : array-like of bool, default=None
-        Coefficients that may change, of the shape of ``coef_``; None means those of a
-        `StatedModel`, or all that are not zero.
+        Coefficients that may change, of the shape of ``coef_`` (of that of the `StatedModel` that
+        an `EffectRegressor` is written as); None means those of a `StatedModel`, or all that are
+        not zero. Of a law that was exact in the data, such as q' = v, none is free.
     bounds : dict of str to (low, high), default=None
         Bounds of named parameters.
     noise : array-like of shape (n_outputs,), default=None
@@ -98,7 +116,7 @@ def refine(
     _check(loss, input_hold, max_nfev, segment_length)
     with progress(max_nfev, "integrations", bool(verbosity(verbose))) as bar:
         estimation = Estimation(
-            model,
+            _of_laws_alone(model),
             trajectories,
             observed=observed,
             initial_states=initial_states,
@@ -112,11 +130,15 @@ def refine(
             joined=flag("joined", joined),
             integrated=bar.update,
         )
-        return estimation.refined(max_nfev)
+        result = estimation.refined(max_nfev)
+    if not isinstance(model, Stateable):
+        return result
+    assert isinstance(result.model, StatedModel)
+    return replace(result, model=model.with_numbers_of(result.model))
 
 
 def initial_states(
-    model: FittedModel,
+    model: FittedModel | Stateable,
     trajectories: Recording | Iterable[Recording],
     *,
     observed: Observed | None = None,
@@ -155,7 +177,7 @@ def initial_states(
     """
     _check(loss, input_hold, max_nfev, None)
     estimation = Estimation(
-        model,
+        _of_laws_alone(model),
         trajectories,
         observed=observed,
         initial_states=guess,
@@ -165,6 +187,10 @@ def initial_states(
         frozen=True,
     )
     return estimation.initial_states(max_nfev)
+
+
+def _of_laws_alone(model: FittedModel | Stateable) -> FittedModel:
+    return model.stated() if isinstance(model, Stateable) else model
 
 
 def _check(loss, input_hold, max_nfev, segment_length) -> None:

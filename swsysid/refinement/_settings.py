@@ -20,6 +20,9 @@ class Settings:
     most_passes: int = 8
     closed: float = 1e-9
 
+    # -- which coefficients are free: what a fitted law differs from another column by rounding
+    rounding: float = 1e-9
+
     # -- integration: a step times the fastest rate of the model; the error of a Runge-Kutta step is
     # its fifth power over 120, 3e-6
     step_rate: float = 0.2
