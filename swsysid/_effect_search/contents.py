@@ -59,6 +59,17 @@ class Rollout:
         measured = self.measured[:shared]
         return _rms(self.before[:shared] - measured), _rms(self.after[:shared] - measured)
 
+    @property
+    def relative_errors(self) -> tuple[float, float]:
+        """Root mean squares of `errors`, each in the spread of its measured state."""
+        spread = np.std(self.measured, axis=0)
+        moving = spread > 0.0
+        before, after = (
+            float(np.sqrt(np.mean((one[moving] / spread[moving]) ** 2))) if moving.any() else np.nan
+            for one in self.errors
+        )
+        return before, after
+
     def to_dict(self) -> dict[str, object]:
         """Name, duration and errors."""
         before, after = self.errors
@@ -286,6 +297,15 @@ class TriedEffect(TypedDict):
     after: list[float]
 
 
+class TimeInterval(TypedDict):
+    """The time for which another law acts, and that law."""
+
+    trajectory: str
+    begin: float
+    end: float
+    law: list[str]
+
+
 class RowsSetAside(TypedDict):
     """Rows with gross errors, and whether they lie together."""
 
@@ -297,6 +317,7 @@ class RowsSetAside(TypedDict):
     interval: tuple[float, float]
     others: float
     is_finding: bool
+    time_interval: TimeInterval | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -326,13 +347,18 @@ class EffectContents(Parts):
 
     @property
     def clean(self) -> bool:
-        """True if no effect was found, and no law that acts rarely."""
-        return not self.effects and not self.acts_rarely
+        """True if no effect was found, and no law that acts rarely or for some time."""
+        return not self.effects and not self.acts_rarely and self.time_interval is None
 
     @property
     def acts_rarely(self) -> bool:
         """True if rows that are set aside lie together, so that another law acts there."""
         return self.set_aside is not None and self.set_aside["is_finding"]
+
+    @property
+    def time_interval(self) -> TimeInterval | None:
+        """When another law acts, if rows that are set aside fill one stretch of time."""
+        return None if self.set_aside is None else self.set_aside["time_interval"]
 
     @property
     def by_trajectory(self) -> list[dict[str, object]]:

@@ -45,8 +45,19 @@ class Panels:
 
     def residuals(self, ax: Axes, state: int) -> None:
         """Residual before and after over the time of the held-out rows."""
-        before, after = (one[:, state] for one in self.data.residuals)
         x, edges, label = self._held_out_axis()
+        self._before_and_after(ax, state, x, label)
+        for edge in edges:
+            ax.axvline(edge, color="0.75", linewidth=0.8, zorder=0)
+
+    def against(self, ax: Axes, state: int, channel: int) -> None:
+        """Residual before and after over a channel, on one scale."""
+        x = self.data.records.channel(channel)[self.data.rows]
+        label = axis_label(self.data.records.names[channel], self.units)
+        self._before_and_after(ax, state, x, label)
+
+    def _before_and_after(self, ax: Axes, state: int, x: Array, label: str) -> None:
+        before, after = (one[:, state] for one in self.data.residuals)
         shown = np.flatnonzero(np.isfinite(x))
         shown = shown[thinned(len(shown), REPORT.most_dots)]
         for values, (name, colour) in zip((before, after), _MODELS, strict=True):
@@ -54,8 +65,6 @@ class Panels:
                 x[shown], values[shown], color=colour, alpha=0.7, label=name, s=7, linewidths=0
             )
         ax.axhline(0.0, color="0.2", linewidth=1.0)
-        for edge in edges:
-            ax.axvline(edge, color="0.75", linewidth=0.8, zorder=0)
         frame_most(ax, before, 0.05, whole=after)
         ax.set(xlabel=label, ylabel=_wrapped(f"residual of {self._rate(state)}"))
         legend_above(ax, 2, markerscale=2.5, **_SPACES)

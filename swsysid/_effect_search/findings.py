@@ -13,6 +13,7 @@ from swsysid._effect_search.acceptance import Finding
 from swsysid._effect_search.contributions import parameter_intervals
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.formulas import formulas
+from swsysid._effect_search.further_mode import FurtherMode
 from swsysid._effect_search.sampled import table_of
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
@@ -101,6 +102,10 @@ def describe_findings(
     found = []
     for place, (term, finding) in enumerate(zip(final.terms, ladder.findings, strict=True)):
         label, parameters = term.label(records.names), term.physical(records, final.coef[place])
+        equations: tuple[str, ...] = ()
+        if isinstance(term.effect, StructureEffect):
+            mode = FurtherMode(ladder.fits[0], final, records, ladder.split.search)
+            parameters, equations = parameters | {"share_of_rows": mode.share}, mode.equations
         (_, before), (_, after) = ladder.errors[place : place + 2]
         # the equation an effect acts in; of a sensor, a guard or a mode that which gains most
         exact = ladder.context.data.exact
@@ -125,6 +130,7 @@ def describe_findings(
                 table=table_of(final, place, covariances[place], records, ladder.targets),
                 formulas=ladder.formulas(place),
                 doubts=finding.doubts,
+                equations=equations,
             )
         )
     return found

@@ -145,13 +145,20 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
             for name, value in effect.parameters.items()
         ]
         yield table(["parameter", "value", "95 % interval"], rows)
-    else:
+    elif not effect.equations:
         yield paragraph("It has no parameters of its own; the laws are those of the model below.")
+    if effect.equations:
+        yield paragraph("Its laws, and where it is left:")
+        yield code("\n".join(effect.equations))
     caption = (
         "What the effect contributes, with its 95 % band; dots: what the data ask of it "
         "(residual without the effect)."
     )
     yield from told.picture(Panels.shape, number, caption=caption, size=(7.0, 4.4))
+    if effect.channel is not None:
+        name = told.data.records.names[effect.channel]
+        caption = f"Residual on the held-out rows against {name}, before and after on one scale."
+        yield from told.picture(Panels.against, effect.target, effect.channel, caption=caption)
     if not effect.rivals:
         yield paragraph("No other effect of the library explains these data as well.", "note")
         return
@@ -172,7 +179,10 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
 def _model(told: _Told) -> Iterable[str]:
     """Laws and guards of the model that the search hands over."""
     final = told.data.final
-    yield paragraph("Law of every mode:")
+    if told.report.effects:
+        yield paragraph("Law of every mode as declared:")
+        yield code("\n".join(told.data.models[0].equations()))
+    yield paragraph(f"Law of every mode{' with the effects' if told.report.effects else ''}:")
     yield code("\n".join(final.equations()))
     try:
         guards = final.surface_equations()

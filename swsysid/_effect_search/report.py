@@ -12,12 +12,18 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._effect_search.contents import EffectContents, EffectData, RowsSetAside
+from swsysid._effect_search.contents import (
+    EffectContents,
+    EffectData,
+    RowsSetAside,
+    TimeInterval,
+)
 from swsysid._effect_search.display import EffectReportDisplay
 from swsysid._effect_search.findings import Ladder
 from swsysid._effect_search.greedy import Round
 from swsysid._effect_search.page import effect_page
-from swsysid._effect_search.set_aside import set_aside
+from swsysid._effect_search.set_aside import Interval, set_aside
+from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.text import named, report_lines, summary, title
 from swsysid._effect_search.untouched import Tried
 from swsysid._rendering.parts import entries_of
@@ -25,6 +31,7 @@ from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
+from swsysid._simulation.law_equations import laws_of_mode
 from swsysid.effects import FoundEffect, PlacedEffect
 
 
@@ -75,7 +82,9 @@ class EffectReport(EffectContents):
         Rows with gross errors: how many (``n_rows``), how many of them follow each other
         (``n_together``) in how many trajectories, the probability of that by chance, and the
         ``interval`` of the ``channel`` that they are in, with the share of the ``others`` there.
-        With ``is_finding`` they are no outliers: another law acts there.
+        With ``is_finding`` they are no outliers: another law acts there. A ``time_interval``
+        (``trajectory``, ``begin``, ``end``, ``law``) is theirs where they fill one: a lid was
+        opened, a load switched on.
     discrete : bool
         True if the targets are the next states.
     data : EffectData or None
@@ -160,7 +169,7 @@ class EffectReport(EffectContents):
             ),
             exact=tuple(records.names[state] for state in sorted(ladder.context.data.exact_states)),
             alarms=tuple(alarms),
-            set_aside=_aside(last, ladder),
+            set_aside=_aside(last, ladder, names),
             discrete=bool(first.laws.discrete_time),
             data=EffectData(
                 records=records,
@@ -219,7 +228,7 @@ def _in_words(term: PlacedEffect, records: Records) -> str:
     return title(term.effect.kind, label, records.names[term.target], term.mode)
 
 
-def _aside(fit: JointFit, ladder: Ladder) -> RowsSetAside:
+def _aside(fit: JointFit, ladder: Ladder, names: NDArray | None) -> RowsSetAside:
     rows = np.sort(np.concatenate([ladder.split.search, ladder.split.held_out]))
     found = set_aside(fit, ladder.context.data, ladder.targets, rows)
     return {
@@ -231,6 +240,32 @@ def _aside(fit: JointFit, ladder: Ladder) -> RowsSetAside:
         "interval": found.interval,
         "others": found.others,
         "is_finding": found.is_finding(ladder.context.significance),
+        "time_interval": (
+            _interval(fit, found.times, ladder.records, names)
+            if found.times is not None and found.is_time_interval(ladder.context.significance)
+            else None
+        ),
+    }
+
+
+def _interval(
+    fit: JointFit, times: Interval, records: Records, names: NDArray | None
+) -> TimeInterval:
+    laws = fit.laws
+    return {
+        "trajectory": str(times.trajectory if names is None else names[times.trajectory]),
+        "begin": times.begin,
+        "end": times.end,
+        "law": laws_of_mode(
+            times.coef[None],
+            0,
+            laws.feature_map,
+            REPORT.precision,
+            "text",
+            discrete_time=laws.discrete_time,
+            states=records.names,
+            columns=laws.column_names(records.names),
+        ),
     }
 
 

@@ -5,6 +5,7 @@ rows were outliers, they would be scattered: of n rows, of which a share :math:`
 :math:`n \rho^2` pairs of neighbours are by chance, and their number is a Poisson variable. And the
 errors of two neighbours would point apart as often as the same way. Where both are refuted, and
 more than one trajectory has visited the place, another law acts there: a mode, a stop, a collision.
+Where they fill one interval of time, something happened then: a lid was opened, a load switched on.
 """
 
 from __future__ import annotations
@@ -19,11 +20,22 @@ from sklearn.neighbors import NearestNeighbors
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import SearchData
-from swsysid._noise import robust_scale
+from swsysid._noise import robust_regression, robust_scale
 from swsysid._results import Array
 
 Rows = NDArray[np.intp]
 _NOWHERE = np.empty(0, dtype=np.intp)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """The one stretch of a trajectory that rows set aside fill, and the law that acts there."""
+
+    trajectory: int
+    begin: float
+    end: float
+    share: float  # of the rows inside that are set aside
+    coef: Array  # of the library, (n_states, n_features): the law of the usual mode and a change
 
 
 @dataclass(frozen=True)
@@ -37,10 +49,15 @@ class SetAside:
     channel: str  # that tells most of these apart from the others
     interval: tuple[float, float]  # of the channel
     others: float  # share of all other rows in the interval
+    times: Interval | None = None  # which they fill, if they do
 
     def is_finding(self, significance: float) -> bool:
         """True if another law acts there; once in one trajectory may be an accident."""
-        return self.p_value <= significance and self.n_trajectories > 1
+        return self.p_value <= significance and self.n_trajectories > 1 and self.times is None
+
+    def is_time_interval(self, significance: float) -> bool:
+        """True if another law acts for some time, and never before or after it."""
+        return self.p_value <= significance and self.times is not None
 
 
 def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> SetAside:
@@ -69,7 +86,61 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     channel, interval, others = _where(seen, together)
     # where rows have no order they were taken one by one
     count = len(together if seen.groups is None else np.unique(seen.groups[together]))
-    return SetAside(rows[far], rows[together], count, chance, names[channel], interval, others)
+    where = names[channel], interval, others
+    times = _filled(fit, data, targets, rows, together)
+    return SetAside(rows[far], rows[together], count, chance, *where, times)
+
+
+def _filled(
+    fit: JointFit, data: SearchData, targets: Array, rows: Rows, together: Rows
+) -> Interval | None:
+    """The stretch of time that rows set aside fill, None if they fill none."""
+    records = data.records
+    if not records.timed:
+        return None
+    assert records.t is not None
+    aside = np.zeros(len(records), dtype=bool)
+    aside[rows[together]] = True
+    judged = np.isin(np.arange(len(records)), rows)
+    stretches = [(own[judged[own]], n) for n, own in enumerate(records.trajectories)]
+    inside, trajectory = max(
+        ((_outnumbering(own, aside), number) for own, number in stretches),
+        key=lambda one: int(np.sum(2 * aside[one[0]] - 1)),
+    )
+    n_aside, settings = int(aside[inside].sum()), data.settings
+    if n_aside < max(settings.fewest_in_interval, settings.in_one_interval * len(together)):
+        return None
+    begin, end = records.t[inside[[0, -1]]]
+    law = _law_inside(fit, data, targets, inside)
+    return Interval(trajectory, float(begin), float(end), n_aside / len(inside), law)
+
+
+def _outnumbering(rows: Rows, aside: NDArray[np.bool_]) -> Rows:
+    """The stretch of some rows in which those set aside outnumber the others most."""
+    lead = np.concatenate([[0], np.cumsum(np.where(aside[rows], 1, -1))])
+    gain = lead - np.minimum.accumulate(lead)
+    stop = int(np.argmax(gain))
+    start = stop - int(np.argmin(lead[stop::-1]))  # the last of the lowest
+    return rows[start:stop]
+
+
+def _law_inside(fit: JointFit, data: SearchData, targets: Array, inside: Rows) -> Array:
+    """The law of the usual mode with what the rows inside an interval change of it.
+
+    Where they are few for the library a constant is changed, if the library has one.
+    """
+    velocities = fit.mode_velocities(data.records)[:, inside]
+    left = targets[inside] - velocities
+    usual = int(np.argmin(np.sum(np.abs(left), axis=(1, 2))))
+    features, law = fit.features(data.records)[inside], fit.laws.coef[usual].copy()
+    changing = np.ptp(features, axis=0) > 0.0
+    many = len(inside) >= data.settings.rows_a_column * features.shape[1]
+    used = fit.laws.support[usual] & (many | ~changing)
+    for state in range(targets.shape[1]):
+        if state not in data.exact_states and used[state].any():
+            columns = features[:, used[state]]
+            law[state, used[state]] += robust_regression(columns, left[usual][:, state])
+    return law
 
 
 def _neighbours(seen: Records) -> Rows:

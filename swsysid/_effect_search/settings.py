@@ -58,6 +58,10 @@ class SearchSettings:
     # -- before a search -------------------------------------------------------------------------
     explains_nothing: float = 0.1  # of a velocity's variance: a declared model with less is none
 
+    # -- rows set aside --------------------------------------------------------------------------
+    fewest_in_interval: int = 5  # rows of an event in time: fewer are an accident
+    in_one_interval: float = 0.9  # share of the rows that follow each other: then it is one event
+
     # -- what may enter --------------------------------------------------------------------------
     # Every record has an endless rest that is significant and small: 0.05 a row is an error
     # smaller by five per cent.
@@ -88,6 +92,7 @@ class ReportSettings:
     smallest_p_value: float = 1e-16  # smaller ones are rounding
 
     # -- lists --------------------------------------------------------------------------------
+    precision: int = 3  # digits of a law in text
     names_in_text: int = 12  # lines of a terminal
     names_on_page: int = 30  # words of a paragraph
     most_rows: int = 40  # of a table of trajectories

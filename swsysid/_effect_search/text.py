@@ -62,12 +62,15 @@ def interval(effect: FoundEffect, name: str) -> str:
 
 def summary(report: EffectContents) -> str:
     """What came out, in a sentence; what is wrong, before it."""
-    return " ".join([*report.alarms, _outcome(report), *_risen(report)])
+    told = [*report.alarms, _outcome(report), *_risen(report), *_rollouts_no_better(report)]
+    return " ".join(told)
 
 
 def _outcome(report: EffectContents) -> str:
     if not report.n_held_out:
         return "Nothing was searched: the record is too short to hold any of it out."
+    if not report.effects and report.time_interval is not None:
+        return f"No effect that was looked for is missing at all times. {aside(report)}"
     if not report.effects and report.acts_rarely:
         return f"No effect that was looked for is missing, but a law acts rarely. {aside(report)}"
     if not report.effects and not report.alarms and _leaves_noise(report):
@@ -81,7 +84,8 @@ def _outcome(report: EffectContents) -> str:
     others = len(report.effects) - 1
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
     name = effect_title(report.effects[0], report)
-    name = f"{name[:1].upper()}{name[1:]}{more}"
+    weak = ", weak evidence" if report.effects[0].doubts else ""
+    name = f"{name[:1].upper()}{name[1:]}, {probability(report.effects[0].p_value)}{weak}{more}"
     if after[target] > (1.0 - REPORT.worth_telling) * before[target]:
         return f"{name}: it does not lower the held-out error of any velocity."
     return (
@@ -107,6 +111,28 @@ def _risen(report: EffectContents) -> list[str]:
         if name not in report.exact and after > (1.0 + REPORT.worth_telling) * before
     ]
     return [f"The held-out error rises for {', '.join(risen)}."] if risen else []
+
+
+def _rollouts_no_better(report: EffectContents) -> list[str]:
+    """A sentence if rollouts of the untouched rows do not come nearer with the effects."""
+    rollouts = report.data.rollouts if report.effects and report.data is not None else ()
+    if not rollouts:
+        return []
+    early = [one.name for one in rollouts if one.ended[1] and not one.ended[0]]
+    if early:
+        return [
+            f"The rollout with them of {', '.join(early)} ends early, without them it does not."
+        ]
+    before, after = (
+        float(np.sqrt(np.mean([one.relative_errors[model] ** 2 for one in rollouts])))
+        for model in (0, 1)
+    )
+    if after <= (1.0 - REPORT.worth_telling) * before:
+        return []
+    return [
+        f"Rollouts of the untouched rows do not become better: their error is {after:.3g} of the "
+        f"spread of what was measured instead of {before:.3g}."
+    ]
 
 
 def moved(report: EffectContents) -> str:
@@ -168,6 +194,16 @@ def aside(report: EffectContents) -> str:
         f"{one['channel']} between {low:.4g} and {high:.4g} "
         f"(where {one['others']:.1%} of the others are)"
     )
+    event = one["time_interval"]
+    if event is not None:
+        beside = ", beside the effects" if report.effects else ""
+        return (
+            f"{told}; {one['n_together']} of them follow each other from {event['begin']:.4g} to "
+            f"{event['end']:.4g} in trajectory {event['trajectory']}: another law acts for that "
+            f"time ({probability(one['p_value'])}){beside}: {'; '.join(event['law'])}. It is seen "
+            f"once, with {one['channel']} between {low:.4g} and {high:.4g} (where "
+            f"{one['others']:.1%} of the others are)."
+        )
     if not one["is_finding"]:
         return f"{told}; {place}."
     return (
@@ -202,7 +238,8 @@ def report_lines(report: EffectContents) -> Iterator[str]:
         yield ""
     if report.effects:
         yield f"Modes: {moved(report)}"
-    if aside(report) and (report.effects or not report.acts_rarely):
+    rare = report.acts_rarely or report.time_interval is not None
+    if aside(report) and (report.effects or not rare):
         yield f"Set aside: {aside(report)}"
     when = [" without the effects", " with the effects"] if report.effects else [""]
     for told, (_, leftover) in zip(when, leftovers(report), strict=False):
@@ -239,6 +276,7 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
     for name, value in effect.parameters.items():
         sure = interval(effect, name)
         yield f"   {name} {value:.5g}" + (f"  (95 %: {sure})" if sure else "")
+    yield from (f"   {equation}" for equation in effect.equations)
     for formula in effect.formulas[: REPORT.formulas]:
         verdict = "predicts as well" if formula.ties else "predicts worse"
         yield f"   formula: {formula.text}, {verdict}: {formula.error:.3g} of the error"

@@ -19,6 +19,7 @@ from swsysid._pipelines import switching_step
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._residual_report.smoothed import Smoothed
 from swsysid._results import Array
+from swsysid._simulation.model import FittedModel
 from swsysid._surfaces.surface import gives_values, has_decisions
 
 
@@ -208,6 +209,8 @@ def _nearness(model: object, X: object) -> tuple[Array | None, str]:
         return None, "the guards of an automaton remember, so that no place alone changes the mode"
     transform, regressor = switching_step(model)
     surface = getattr(regressor, "surface_", None)
+    if surface is None and isinstance(regressor, FittedModel):  # a model that is stated
+        surface = regressor.switching_model.surface
     if surface is None:
         return None, "the model has no switching surface"
     seen = np.asarray(transform(in_fitted_form(model, X)), dtype=float)

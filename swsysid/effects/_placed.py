@@ -218,6 +218,8 @@ class FoundEffect:
         that predict held-out rows best for their number of parameters.
     doubts : tuple of str
         Why the evidence is weak, if it is.
+    equations : tuple of str
+        Of one more mode its laws and the surfaces that bound it; empty otherwise.
     """
 
     kind: str
@@ -236,6 +238,7 @@ class FoundEffect:
     table: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
     formulas: tuple[Formula, ...] = ()
     doubts: tuple[str, ...] = ()
+    equations: tuple[str, ...] = ()
 
     @property
     def channel(self) -> int | None:
@@ -248,6 +251,7 @@ class FoundEffect:
         listed["intervals"] = {name: list(pair) for name, pair in self.intervals.items()}
         listed["table"] = {name: column.tolist() for name, column in self.table.items()}
         listed["doubts"] = list(self.doubts)
+        listed["equations"] = list(self.equations)
         listed["formulas"] = [dict(formula.__dict__) for formula in self.formulas]
         return listed | {"rivals": [dict(rival.__dict__) for rival in self.rivals]}
 

@@ -350,7 +350,7 @@ def test_diagnosis_without_times_says_what_it_could_not_do(rubbing, tmp_path, ca
 def test_the_built_in_example_of_diagnosis(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = text_of(["--diagnose", "--effects", "coulomb_friction", "polynomial"], capsys)
-    assert "Coulomb friction of v in v': with it the held-out error of v' is" in text
+    assert "Coulomb friction of v in v', p < 1e-16: with it the held-out error of v' is" in text
     assert (tmp_path / "swsysid_diagnosis.html").exists()
 
 

@@ -104,6 +104,14 @@ def test_one_more_mode_has_neither_an_empty_table_nor_an_empty_bracket(data):
     found = found.fit(extra.X, extra.Xdot, t=extra.t, groups=extra.groups)
     assert [effect.kind for effect in found.effects_] == ["extra_mode"]
     assert "surface" not in found.report_.residual_after.skipped
+    # the law of the further mode, the surface and its share of the rows are told
+    (effect,) = found.effects_
+    laws = [line for line in effect.equations if "'" in line]
+    assert set(laws) < set(found.equations()) and len(laws) == 2
+    assert set(effect.equations) - set(laws) == set(found.surface_equations())
+    assert 0.0 < effect.parameters["share_of_rows"] < 0.5
+    assert all(escape(line) in found.report_.to_html() for line in effect.equations)
+    assert all(line in str(found.report_) for line in effect.equations)
     page, text = found.report_.to_html(), str(found.report_)
     assert "<tbody></tbody>" not in page and "()" not in page and "of modes" not in page
     assert "There is one more mode than declared." in page
@@ -356,7 +364,7 @@ def test_the_page_has_all_parts_and_loads_nothing(report, tmp_path):
         "The search",
     ]
     # shape, residuals, two residual reports, errors by trajectory, and the rollouts
-    assert len(page.pictures) == 5 + len(report.rollouts)
+    assert len(page.pictures) == 6 + len(report.rollouts)
     assert all(picture["alt"] for picture in page.pictures)
     assert all(source.startswith("data:image/png;base64,") for source in page.loaded)
     words = " ".join(page.words)

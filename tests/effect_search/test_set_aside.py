@@ -1,5 +1,7 @@
 """Rare is not wrong: gross errors that lie together are a finding, scattered ones are outliers."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,32 @@ def test_rows_that_lie_together_in_two_trajectories_are_a_law_that_acts_rarely()
     assert "another law acts there" in str(report)
 
 
+def test_rows_that_fill_an_interval_of_time_are_an_event_with_its_limits_and_its_law():
+    # a constant load of 1.5 is on for a second in one trajectory
+    X, Xdot, t, groups = oscillators()
+    on = (groups == 3) & (t > 31.0 - 1e-9) & (t < 32.0 + 1e-9)
+    Xdot[on, 1] += 1.5
+    report = searched(X, Xdot, t, groups)
+    event = report.time_interval
+    assert event["trajectory"] == "3"
+    assert (event["begin"], event["end"]) == pytest.approx((t[on][0], t[on][-1]))
+    assert not report.acts_rarely
+    assert not report.clean
+    # the law is that of the plant and the load: -4 x0 - 0.5 x1 + 1.5, from 51 rows
+    assert event["law"][0] == "x0' = 1.000 x1"
+    law = event["law"][1]
+    assert float(law.split()[2]) == pytest.approx(1.5, abs=0.1)
+    assert float(re.search(r"- (\S+) x0", law)[1]) == pytest.approx(4.0, abs=0.3)
+    assert "another law acts for that time" in report.summary
+    assert report.summary.startswith("No effect that was looked for is missing at all times.")
+    # that it is seen again in another trajectory refutes that it is one event
+    again = (groups == 5) & (t > 51.0) & (t < 52.0)
+    Xdot[again, 1] += 1.5
+    report = searched(X, Xdot, t, groups)
+    assert report.time_interval is None
+    assert report.acts_rarely
+
+
 def test_scattered_gross_errors_are_outliers():
     X, Xdot, t, groups = oscillators()
     rng = np.random.default_rng(1)
@@ -68,7 +96,7 @@ def test_an_equation_that_is_exact_takes_no_part():
     report = searched(X, Xdot, t, groups)
     assert report.exact == ("x0",)
     assert [effect.target for effect in report.effects] == [1]
-    assert report.summary.startswith("Quadratic drag of x1 in x1': with it")
+    assert report.summary.startswith("Quadratic drag of x1 in x1', p < 1e-16: with it")
     assert report.data.most_changed == 1
     assert np.isfinite([effect.error_after for effect in report.effects]).all()
 

@@ -24,6 +24,7 @@ from swsysid._residual_report.settings import Settings
 from swsysid._residual_report.spectrum import Clock
 from swsysid._residual_report.whiteness import normal_scores
 from swsysid.diagnosis import noise_floor, residual_report, whiteness_test
+from swsysid.refinement import StatedModel
 
 
 def autoregression(rng, n_rows, coefficient):
@@ -439,6 +440,11 @@ def test_the_surface_inside_a_pipeline_a_search_or_a_model_with_effects_is_known
     ]
     for model in models:
         assert "surface" not in residual_report(model.fit(X, Xdot), X, Xdot, random_state=0).skipped
+    switching = plain.switching_model
+    stated = StatedModel(
+        None, switching.coef, states=["x0", "x1"], surface=switching.surface
+    )  # whose surface has no underscore
+    assert "surface" not in residual_report(stated, X, Xdot, random_state=0).skipped
     one = SwitchingSystemRegressor(1).fit(X, Xdot)
     report = residual_report(one, X, Xdot, random_state=0)
     assert report.skipped["surface"] == "the model has one mode"
