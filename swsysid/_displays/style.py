@@ -12,6 +12,7 @@ from swsysid._checks.arrays import Array, labels, table
 from swsysid._checks.estimators import check_fitted, column_names, in_fitted_form
 from swsysid._checks.parameters import shown
 from swsysid._rendering.canvas import PALETTE, canvas
+from swsysid._tables.units import rate_unit
 from swsysid.metrics import match_modes
 
 if TYPE_CHECKING:
@@ -96,16 +97,15 @@ def unit_of(name: str, units=None) -> str | None:
 
     Examples
     --------
-    >>> units = {"x": "m", "v": "m/s"}
-    >>> [unit_of(name, units) for name in ("x", "d/dt x", "d/dt v", "y")]
-    ['m', 'm/s', 'm/s^2', None]
+    >>> units = {"x": "m", "v": "m/s", "a": "m/s^2"}
+    >>> [unit_of(name, units) for name in ("x", "d/dt x", "d/dt v", "d/dt a", "y")]
+    ['m', 'm/s', 'm/s^2', 'm/s^3', None]
     """
     known = units or {}
     state = known.get(name.removeprefix("d/dt "))
     if name in known or state is None:
         return known.get(name)
-    time = known.get("time", "s")
-    return f"{state}^2" if state.endswith(f"/{time}") else f"{state}/{time}"
+    return rate_unit(state, known.get("time", "s"))
 
 
 def axis_label(name: str, units=None) -> str:

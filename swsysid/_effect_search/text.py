@@ -120,9 +120,8 @@ def _rollouts_no_better(report: EffectContents) -> list[str]:
         return []
     early = [one.name for one in rollouts if one.ended[1] and not one.ended[0]]
     if early:
-        return [
-            f"The rollout with them of {', '.join(early)} ends early, without them it does not."
-        ]
+        names = ", ".join(early)
+        return [f"With them the rollout of {names} ends early, without them it does not."]
     before, after = (
         float(np.sqrt(np.mean([one.relative_errors[model] ** 2 for one in rollouts])))
         for model in (0, 1)

@@ -81,6 +81,21 @@ def test_the_text_names_effect_errors_rivals_and_what_was_not_looked_for(report)
     assert "Rollout of trajectory run" in text
 
 
+def test_the_first_line_says_how_sure_it_is_and_whether_rollouts_become_better(report):
+    assert report.summary.startswith("Coulomb friction of omega in omega', p < 1e-16: with it the ")
+    assert "Rollouts" not in report.summary
+    # the same with the two models exchanged, and with one that ends early
+    data = replace(report.data)
+    exchanged = [replace(one, before=one.after, after=one.before) for one in data.rollouts]
+    vars(data)["rollouts"] = tuple(exchanged)
+    told = replace(report, data=data).summary
+    assert "Rollouts of the untouched rows do not become better: their error is " in told
+    name = exchanged[0].name
+    vars(data)["rollouts"] = (replace(report.data.rollouts[0], ended=("", "diverged at 1")),)
+    told = replace(report, data=data).summary
+    assert f"With them the rollout of {name} ends early, without them it does not." in told
+
+
 def test_a_channel_keeps_its_letters_at_the_start_of_a_sentence():
     assert sentence("v has no further effect", ["v", "u"]) == "v has no further effect."
     assert sentence("dry friction opposes v", ["v", "u"]) == "Dry friction opposes v."
