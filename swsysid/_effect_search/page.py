@@ -108,7 +108,11 @@ class _Told:
 def _errors(told: _Told) -> Iterable[str]:
     report = told.report
     yield paragraph("Root mean square error of the prediction of each state equation.")
-    rows = [[row["model"], *row["held_out"]] for row in report.errors]
+    rows: list[list[object]] = []
+    for row in report.errors:
+        both = zip(row["held_out"], report.targets, strict=True)
+        told_errors = ("exact" if name in report.exact else error for error, name in both)
+        rows.append([row["model"], *told_errors])
     yield table(["model", *told.rates], rows, kind="ladder")
     first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
     known = np.array([name not in report.exact for name in report.targets])

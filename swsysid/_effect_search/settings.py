@@ -90,6 +90,7 @@ class ReportSettings:
     # -- what is worth telling ----------------------------------------------------------------
     worth_telling: float = 0.01  # share by which an error is lowered
     smallest_p_value: float = 1e-16  # smaller ones are rounding
+    nowhere: float = 0.5  # share of the other rows: where they are too is no place of its own
 
     # -- lists --------------------------------------------------------------------------------
     precision: int = 3  # digits of a law in text

@@ -187,27 +187,31 @@ def aside(report: EffectContents) -> str:
     if not one["n_together"]:
         return f"{told}; no two of them follow each other."
     low, high = one["interval"]
+    anywhere = one["others"] > REPORT.nowhere
+    where = (
+        f"{one['channel']} between {low:.4g} and {high:.4g} "
+        f"(where {one['others']:.1%} of the others are)"
+    )
     place = (
         f"{one['n_together']} of them lie together in {one['n_trajectories']} "
         f"{'trajectory' if one['n_trajectories'] == 1 else 'trajectories'}, "
-        f"{one['channel']} between {low:.4g} and {high:.4g} "
-        f"(where {one['others']:.1%} of the others are)"
+        f"{'at no place of their own' if anywhere else where}"
     )
     event = one["time_interval"]
     if event is not None:
         beside = ", beside the effects" if report.effects else ""
+        seen = "" if anywhere else f", with {where}: time and place cannot be told apart"
         return (
             f"{told}; {one['n_together']} of them follow each other from {event['begin']:.4g} to "
             f"{event['end']:.4g} in trajectory {event['trajectory']}: another law acts for that "
             f"time ({probability(one['p_value'])}){beside}: {'; '.join(event['law'])}. It is seen "
-            f"once, with {one['channel']} between {low:.4g} and {high:.4g} (where "
-            f"{one['others']:.1%} of the others are)."
+            f"once{seen}."
         )
     if not one["is_finding"]:
         return f"{told}; {place}."
     return (
-        f"{told}; {place}: another law acts there, one more mode, a stop or a collision "
-        f"({probability(one['p_value'])})."
+        f"{told}; {place}: another law acts {'at times' if anywhere else 'there'}, one more mode, "
+        f"a stop or a collision ({probability(one['p_value'])})."
     )
 
 
@@ -260,7 +264,8 @@ def _errors(report: EffectContents) -> list[str]:
     """Held-out errors of every equation, one line a model."""
     columns = [("held-out RMS error", "<1", [row["model"] for row in report.errors])]
     for state, name in enumerate(report.targets):
-        errors = [f"{row['held_out'][state]:.4g}" for row in report.errors]
+        exact = name in report.exact  # where rounding is left
+        errors = ["exact" if exact else f"{row['held_out'][state]:.4g}" for row in report.errors]
         columns.append((rate(name, report.discrete), ">12", errors))
     return text_table(columns, gap="  ")
 

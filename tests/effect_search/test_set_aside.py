@@ -99,6 +99,11 @@ def test_an_equation_that_is_exact_takes_no_part():
     assert report.summary.startswith("Quadratic drag of x1 in x1', p < 1e-16: with it")
     assert report.data.most_changed == 1
     assert np.isfinite([effect.error_after for effect in report.effects]).all()
+    assert re.search(r"declared model +exact ", str(report))
+    # nor in a refinement on rollouts
+    free = report.data.final.stated().free[0]
+    assert not free[0].any()
+    assert free[1, :-1].all()
 
 
 def test_a_declared_model_that_explains_nothing_is_an_alarm():
