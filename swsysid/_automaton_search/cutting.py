@@ -96,13 +96,15 @@ class Cutting:
 
     def _jumping(self, at: Pieced, found: StayIdentification) -> Cut:
         """The answer with further jumps, as long as they are worth it."""
-        cut = Cut(at.jumps, at.pieces, at.search, found)
+        cut = first = Cut(at.jumps, at.pieces, at.search, found)
         for _ in range(SETTINGS.most_rounds):
             further = self._further(cut)
             if further is None:
                 break
             cut = further
-        if cut.stays is not found:
+            if cut.excess > SETTINGS.most_excess:  # more is missing than jumps
+                break
+        if cut is not first and cut.excess <= SETTINGS.most_excess:
             cut = self._told_anew(cut, cut.stays)
         self.answers.append(cut)
         return cut
