@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.apart import by_samples
 from swsysid._automaton_search.jumps import Pieces
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._automaton_search.switches import flown
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
@@ -78,10 +79,8 @@ def _followed(
     """States at samples one after the other, by one law, forwards or back in time."""
     x, path, which = start[None], [start], np.array([mode])
     for here, there in zip(samples[:-1].tolist(), samples[1:].tolist(), strict=True):
-        step = np.array([(record.t[there] - record.t[here]) / SETTINGS.steps])
-        change = (record.u[there] - record.u[here]) / SETTINGS.steps
-        for part in range(SETTINGS.steps):
-            u = record.u[None, here] + part * change
-            x = laws.step(which, x, u, u + change, step)
+        duration = record.t[[there]] - record.t[here]
+        slopes = (record.u[[there]] - record.u[here]) / duration[:, None]
+        x = flown(laws, which, x, record.u[[here]], slopes, duration)
         path.append(x[0])
     return np.array(path)
