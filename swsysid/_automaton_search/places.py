@@ -55,15 +55,16 @@ def _better_place(
         return cut
     old = _followed(laws, int(modes[cut]), record, states[first], samples)
     new = _followed(laws, int(modes[cut + 1]), record, states[last], samples[::-1])[::-1]
-    old, new = (
-        np.nan_to_num(np.square((record.y[samples] - path) / noise), posinf=SETTINGS.lost)
-        .sum(axis=1)
-        .clip(max=SETTINGS.lost)
-        for path in (old, new)
-    )
+    old, new = (_squares(record.y[samples], path, noise) for path in (old, new))
     costs = np.cumsum(old)[:-1] + np.cumsum(new[::-1])[::-1][1:]
     best = int(costs.argmin())
     return first + best if costs[best] < costs[cut - first] - 1.0 else cut
+
+
+def _squares(y: Array, path: Array, noise: Array) -> Array:
+    """Of each sample the squares by which a path misses it; none of what was not measured."""
+    missed = np.where(np.isfinite(path), np.square((y - path) / noise), SETTINGS.lost)
+    return np.asarray(np.where(np.isfinite(y), missed, 0.0).sum(axis=1).clip(max=SETTINGS.lost))
 
 
 def _reach(modes: NDArray[np.intp], start: int, end: int, step: int) -> int:
