@@ -89,7 +89,7 @@ for name, model in models.items():
     error = np.sqrt(np.mean((runs[name] - tanks.test.x[: len(run.x), 0]) ** 2))
     print(f"{name}: free run on the test record {error:.3f} V")
     for parameter, value in zip(result.names, result.values, strict=True):
-        print(f"  {parameter} {value:.4g}")
+        print(f"  {parameter} {value:.3g}")
 
 # %%
 # Where the two differ

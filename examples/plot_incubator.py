@@ -58,8 +58,7 @@ search.fit(X, Xdot, t=t, groups=groups)
 (found,) = search.effects_
 print(f"{found.kind} of {found.place}: {found.meaning}")
 for name, value in found.parameters.items():
-    low, high = found.intervals[name]
-    print(f"    {name} {value:.3g} (95 %: {low:.3g} to {high:.3g})")
+    print(f"    {name} {value:.2g}")
 
 
 def velocity_of(model, rows):
@@ -71,7 +70,7 @@ def velocity_of(model, rows):
 models = {"first order": search.declared_estimator_, "with the heater": search.best_estimator_}
 for name, model in models.items():
     errors = [1e3 * velocity_rmse(rows[1], velocity_of(model, rows)) for rows in (train, test)]
-    print(f"{name}: error of T' {errors[0]:.1f} mK/s, on the test records {errors[1]:.1f} mK/s")
+    print(f"{name}: error of T' {errors[0]:.0f} mK/s, on the test records {errors[1]:.0f} mK/s")
 
 # %%
 # The heater's pulses, and what the models say

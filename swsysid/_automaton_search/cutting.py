@@ -22,7 +22,6 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.identify import Alternation
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 
@@ -46,6 +45,11 @@ class Cut(Pieced):
     def excess(self) -> float:
         """The most that the laws leave of a state, in units of its noise."""
         return float(self.search.excess(self.stays).max())
+
+    @property
+    def cost(self) -> float:
+        """The information criterion, by which answers are compared."""
+        return criterion(len(self.stays.estimate.laws.coef), self.stays).criterion
 
 
 class Cutting:
@@ -86,6 +90,7 @@ class Cutting:
             return told
 
     def _with_modes(self, n_modes: object, _: object = None) -> StayIdentification:
+        """With so many modes, from the answer with fewer on the recordings as they were."""
         self.fewer = self.first.search.with_modes(n_modes, self.fewer)
         return self._jumping(self.first, self.fewer).stays
 
@@ -96,13 +101,15 @@ class Cutting:
 
     def _jumping(self, at: Pieced, found: StayIdentification) -> Cut:
         """The answer with further jumps, as long as they are worth it."""
-        cut = Cut(at.jumps, at.pieces, at.search, found)
+        cut = first = Cut(at.jumps, at.pieces, at.search, found)
         for _ in range(SETTINGS.most_rounds):
             further = self._further(cut)
             if further is None:
                 break
             cut = further
-        if cut.stays is not found:
+            if cut.excess > SETTINGS.most_excess:  # more is missing than jumps
+                break
+        if cut is not first and cut.excess <= SETTINGS.most_excess:
             cut = self._told_anew(cut, cut.stays)
         self.answers.append(cut)
         return cut
@@ -118,16 +125,14 @@ class Cutting:
             return None
         told = self._told_anew(self._at(jumps), now.stays, roughly=True)
         self.told()
-        costs = [criterion(0, one.stays).criterion for one in (told, now)]
-        return told if costs[0] < costs[1] else None
+        return told if told.cost < now.cost else None
 
     def _told_anew(self, at: Pieced, before: StayIdentification, *, roughly: bool = False) -> Cut:
         """Stays told anew, from the laws at hand; roughly by the first rounds."""
-        laws, search = before.estimate.laws, at.search
-        alternation = Alternation(
-            before.model, search.base.recordings, search.base.noise, self.settings,
-            free=laws.free, names=search.names, surfaces=False,
-        )  # fmt: skip
+        search = at.search
+        alternation = search.alternation(
+            before.model, before.estimate.laws.free, search.base.recordings
+        )
         begun = alternation.begin()
         stays = begun if roughly else alternation.finish(self.told)
         return Cut(at.jumps, at.pieces, search, stays)

@@ -69,6 +69,6 @@ def _apart(jumps: NDArray[np.intp]) -> NDArray[np.intp]:
     A sample between two is that of one jump. What is longer, and too short to be told, is no jump
     but a mode of its own.
     """
-    kept = jumps[np.append(True, np.diff(jumps) > 1)[: len(jumps)]]
-    near = np.diff(kept) < FEWEST_SAMPLES
-    return kept[~(np.append(near, False) | np.append(False, near))[: len(kept)]]
+    kept = jumps[np.diff(jumps, prepend=-np.inf) > 1]
+    after, before = np.diff(kept, append=np.inf), np.diff(kept, prepend=-np.inf)
+    return kept[np.minimum(before, after) >= FEWEST_SAMPLES]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.apart import by_samples
 from swsysid._automaton_search.jumps import Pieces
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._automaton_search.switches import flown
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
@@ -54,15 +55,16 @@ def _better_place(
         return cut
     old = _followed(laws, int(modes[cut]), record, states[first], samples)
     new = _followed(laws, int(modes[cut + 1]), record, states[last], samples[::-1])[::-1]
-    old, new = (
-        np.nan_to_num(np.square((record.y[samples] - path) / noise), posinf=SETTINGS.lost)
-        .sum(axis=1)
-        .clip(max=SETTINGS.lost)
-        for path in (old, new)
-    )
+    old, new = (_squares(record.y[samples], path, noise) for path in (old, new))
     costs = np.cumsum(old)[:-1] + np.cumsum(new[::-1])[::-1][1:]
     best = int(costs.argmin())
     return first + best if costs[best] < costs[cut - first] - 1.0 else cut
+
+
+def _squares(y: Array, path: Array, noise: Array) -> Array:
+    """Of each sample the squares by which a path misses it; none of what was not measured."""
+    missed = np.where(np.isfinite(path), np.square((y - path) / noise), SETTINGS.lost)
+    return np.asarray(np.where(np.isfinite(y), missed, 0.0).sum(axis=1).clip(max=SETTINGS.lost))
 
 
 def _reach(modes: NDArray[np.intp], start: int, end: int, step: int) -> int:
@@ -78,10 +80,8 @@ def _followed(
     """States at samples one after the other, by one law, forwards or back in time."""
     x, path, which = start[None], [start], np.array([mode])
     for here, there in zip(samples[:-1].tolist(), samples[1:].tolist(), strict=True):
-        step = np.array([(record.t[there] - record.t[here]) / SETTINGS.steps])
-        change = (record.u[there] - record.u[here]) / SETTINGS.steps
-        for part in range(SETTINGS.steps):
-            u = record.u[None, here] + part * change
-            x = laws.step(which, x, u, u + change, step)
+        duration = record.t[[there]] - record.t[here]
+        slopes = (record.u[[there]] - record.u[here]) / duration[:, None]
+        x = flown(laws, which, x, record.u[[here]], slopes, duration)
         path.append(x[0])
     return np.array(path)

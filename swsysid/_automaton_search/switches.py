@@ -76,12 +76,17 @@ class Switches:
     def _flown(self, laws: Laws, modes: Modes, columns: Array, durations: Array) -> Array:
         """States some time after known ones, by the laws of modes; the time may be negative."""
         n_states = len(laws.spread)
-        x, u, slopes = columns[:, :n_states], columns[:, n_states:], self._slopes(n_states)
-        step = durations / SETTINGS.steps
-        for _ in range(SETTINGS.steps):
-            after = u + step[:, None] * slopes
-            x, u = laws.step(modes, x, u, after, step), after
-        return x
+        x, u = columns[:, :n_states], columns[:, n_states:]
+        return flown(laws, modes, x, u, self._slopes(n_states), durations)
+
+
+def flown(laws: Laws, modes: Modes, x: Array, u: Array, slopes: Array, durations: Array) -> Array:
+    """States some time after others, by the laws of modes; the time may be negative."""
+    step = durations / SETTINGS.steps
+    for _ in range(SETTINGS.steps):
+        after = u + step[:, None] * slopes
+        x, u = laws.step(modes, x, u, after, step), after
+    return x
 
 
 @dataclass(frozen=True)

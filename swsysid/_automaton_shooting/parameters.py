@@ -96,9 +96,10 @@ class GuardUnknowns:
         for number, (guard, free) in enumerate(zip(self.guards, self.free, strict=True)):
             own = _Known.of(guard, free, of_number[number])
             place = next((k for k, one in enumerate(kept) if one.equals(own, most)), len(kept))
-            kept[place:] = (
-                [own] if place == len(kept) else [kept[place].with_other(own), *kept[place + 1 :]]
-            )
+            if place == len(kept):
+                kept.append(own)
+            else:
+                kept[place] = kept[place].with_other(own)
             places[number], signs[number] = place, np.sign(own.scale * kept[place].scale)
         told = self.which >= 0
         which, new_signs = self.which.copy(), self.signs.copy()

@@ -152,12 +152,12 @@ class Search:
         # there may be no shorter window than the automatic one
         bases = {one.rows.window: one for one in map(self._differentiated, stretches)}
         starts = [
-            self._alternation(*self._start(n_modes, one), self.base.recordings)
+            self.alternation(*self._start(n_modes, one), self.base.recordings)
             for one in bases.values()
         ]
         if fewer is not None and not self.surfaces:
             more = grown(fewer, self.base.recordings)
-            starts.append(self._alternation(*more, self.base.recordings))
+            starts.append(self.alternation(*more, self.base.recordings))
         n_jobs = min(effective_n_jobs(self.estimator.n_jobs), len(starts))
         workers = Parallel(n_jobs=n_jobs, return_as="generator")
         begun = []
@@ -171,7 +171,7 @@ class Search:
         fewer = None if self.surfaces else merged(more, self.settings.most_merged)
         if fewer is None:
             return None
-        alternation = self._alternation(*fewer, self.base.recordings)
+        alternation = self.alternation(*fewer, self.base.recordings)
         alternation.begin()
         return self._finished(alternation)
 
@@ -204,7 +204,7 @@ class Search:
     ) -> StayIdentification:
         """The most likely laws and modes from known stays of recordings."""
         with self.quietly():
-            begun = self._alternation(exact.start, exact.laws.free, recordings)
+            begun = self.alternation(exact.start, exact.laws.free, recordings)
             begun.begin_at(stays)
             return self._finished(begun)
 
@@ -221,9 +221,10 @@ class Search:
             free &= start.coef_ != 0.0
         return start, free
 
-    def _alternation(
+    def alternation(
         self, start: SwitchingSystemRegressor, free: NDArray[np.bool_], recordings: Recordings
     ) -> Alternation:
+        """Rounds that begin with the laws of a model, on recordings with rough states."""
         return Alternation(
             start, recordings, self.base.noise, self.settings,
             free=free, names=self.names, surfaces=self.surfaces,
