@@ -3,7 +3,7 @@
     python -m benchmarks.undeclared [--output FOLDER] [--seeds 5] [--first-seed 0] [--fast]
                                     [--systems oscillator ...] [--kinds coulomb_friction ...]
                                     [--pairs N] [--clean N] [--jobs 2] [--docs docs]
-                                    [--draw N] [--recordings] [--unlisted]
+                                    [--draw N] [--recordings] [--unlisted] [--fresh N]
 
 Every cell (system, kinds, noise, seed) is one line of FOLDER/undeclared.jsonl; a cell that is
 there is not run again, so that an interrupted run resumes. Plants and effects are those of
@@ -20,6 +20,10 @@ Kinds that a search looks for only where they are asked for (`special_effects`) 
 With ``--recordings`` the search is given no velocities but the states with white noise of one per
 cent of their spread. The shares of first effects that are right, wrong or missed, and of clean
 systems in which something was found, are printed and kept in FOLDER/recordings.json.
+
+With ``--fresh`` so many records are drawn, from the number ``--first-seed`` on, of plants, sizes,
+sampling rates and noises on which no constant of the library was set (`fresh.py`); their table is
+kept in FOLDER/fresh.json.
 
 With ``--unlisted`` shapes and disturbances are planted that no effect of the library is; the table
 says how often they are called unknown, and is kept in FOLDER/unlisted.json.
@@ -39,6 +43,7 @@ from benchmarks import pages
 from benchmarks.records import read, run_and_append
 from benchmarks.results import add_docs_options, keep, measured_here, place
 from benchmarks.undeclared.cells import Cell, run_cell, states_difference
+from benchmarks.undeclared.fresh import fresh_counts, fresh_tables, run_fresh
 from benchmarks.undeclared.tables import condensed, recording_counts, recording_tables, tables
 from benchmarks.undeclared.unlisted import (
     UnlistedCell,
@@ -58,6 +63,9 @@ ALONE = {"extra_mode", "guard_hysteresis", "reset", "sensor_offset", "clock_lag"
 def main(arguments: list[str] | None = None) -> None:
     """Run the missing cells and print the tables."""
     options = parse(arguments)
+    if options.fresh:
+        run_all_fresh(options)
+        return
     if options.unlisted:
         run_all_unlisted(options)
         return
@@ -96,6 +104,20 @@ def run_all_unlisted(options: argparse.Namespace) -> None:
     finish(options, "unlisted", {"searches": unlisted_counts(asked)}, unlisted_tables)
 
 
+def run_all_fresh(options: argparse.Namespace) -> None:
+    """Run the missing records of fresh plants, and print their table."""
+    file = Path(options.output, "fresh.jsonl")
+    numbers = range(options.first_seed, options.first_seed + options.fresh)
+    known = {record["cell"] for record in read(file)}
+    missing = [number for number in numbers if number not in known]
+    runs = run_and_append(file, (delayed(run_fresh)(number) for number in missing), options.jobs)
+    for count, [record] in enumerate(runs, start=1):
+        told = f"{record['plant']}, {record['kind']} -> {record['verdict']}: {record['found']}"
+        print(f"{count}/{len(missing)} {record['cell']} {told}", flush=True)
+    asked = [record for record in read(file) if record["cell"] in numbers]
+    finish(options, "fresh", {"searches": fresh_counts(asked)}, fresh_tables)
+
+
 def finish(
     options: argparse.Namespace, name: str, found: dict[str, dict], render: Callable[[dict], str]
 ) -> None:
@@ -121,6 +143,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--draw", type=int, help="cells with effects, all of them by default")
     parser.add_argument("--fast", action="store_true", help="few kinds and systems, one seed")
     parser.add_argument("--recordings", action="store_true", help="noisy states, no velocities")
+    parser.add_argument("--fresh", type=int, default=0, help="records of plants drawn by chance")
     parser.add_argument("--unlisted", action="store_true", help="what no effect is")
     parser.add_argument("--jobs", type=int, default=1)
     add_docs_options(parser)

@@ -81,11 +81,11 @@ def run_cell(cell: Cell) -> list[dict]:
     return [record]
 
 
-def recorded(data, seed: int) -> list[np.ndarray]:
+def recorded(data, seed: int, noise: float = RECORDED_NOISE) -> list[np.ndarray]:
     """States with noise, and the inputs."""
     x, inputs = np.split(data.X, [data.Xdot.shape[1]], axis=1)
     drawn = np.random.default_rng(1000 + seed).standard_normal(x.shape)
-    return [x + RECORDED_NOISE * x.std(axis=0) * drawn, inputs]
+    return [x + noise * x.std(axis=0) * drawn, inputs]
 
 
 def states_difference(system: str) -> float:

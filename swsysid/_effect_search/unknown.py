@@ -122,10 +122,10 @@ class Unknowns:
         top, n_candidates = self.shapes.scanned(beside)
         if not top:
             return None, n_candidates
-        best = _simplest(beside, top)
-        shape = best.candidate.effect
-        assert isinstance(shape, UnknownFunction)
-        if len(shape.channels) > 1 and not shape.of_product:
+        best, coarser = _simplest(beside, top), None
+        while best is not coarser:
+            coarser, shape = best, best.candidate.effect
+            assert isinstance(shape, UnknownFunction)
             more = replace(self.shapes, effects=finer(shape, self.named.data.records), kept={})
             others, n_more = more.scanned(replace(beside, kept={}))
             best, n_candidates = _simplest(beside, [best, *others]), n_candidates + n_more

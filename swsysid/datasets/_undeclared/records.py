@@ -100,11 +100,12 @@ class Region:
     share: float = 0.2  # of all samples
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plant:
     """A switching system with one input: the declared law, and what an effect has to know.
 
-    The declared law is ``coef[mode] @ features(x, u)``, in mode 1 where `guard` is positive.
+    A plant is equal to itself only, so that its reference run can be kept. The declared law is
+    ``coef[mode] @ features(x, u)``, in mode 1 where `guard` is positive.
     """
 
     name: str

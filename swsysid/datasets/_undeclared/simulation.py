@@ -12,7 +12,6 @@ import numpy as np
 from swsysid._results import Array
 from swsysid._simulation.stepping import runge_kutta
 from swsysid.datasets._undeclared.mechanisms import Mechanism
-from swsysid.datasets._undeclared.plants import PLANTS
 from swsysid.datasets._undeclared.records import SETTINGS, Drive, Modes, Plant
 
 
@@ -30,9 +29,9 @@ class Run:
 
 
 @cache
-def reference_run(name: str) -> Run:
+def reference_run(plant: Plant) -> Run:
     """A run of a plant without effects, the same for every seed: what sizes are relative to."""
-    return campaign(PLANTS[name], (), np.zeros(SETTINGS.reference), np.random.RandomState(0))
+    return campaign(plant, (), np.zeros(SETTINGS.reference), np.random.RandomState(0))
 
 
 def campaign(plant: Plant, mechanisms: Sequence[Mechanism], t: Array, rng) -> Run:

@@ -38,7 +38,7 @@ class Sizing:
         mode: int | None,
         duration: float,
     ):
-        self.plant, self.rng, self.reference = plant, rng, reference_run(plant.name)
+        self.plant, self.rng, self.reference = plant, rng, reference_run(plant)
         self.magnitude, self.target, self.mode, self.duration = magnitude, target, mode, duration
         self.share = magnitude * rng.uniform(*SETTINGS.share)
         self.scale = self.reference.velocities.std(axis=(0, 1))
