@@ -30,7 +30,7 @@ from swsysid.datasets._undeclared.records import Plant
 from swsysid.datasets._undeclared.simulation import reference_run
 from swsysid.effects import UnknownFunction, UnmeasuredDisturbance
 
-__all__ = ["Drawn", "fresh_counts", "fresh_tables", "run_fresh"]
+__all__ = ["Drawn", "fresh_counts", "fresh_tables", "run_drawn", "run_fresh"]
 
 # Ranges that are drawn from, all of them on a logarithmic scale.
 ROWS, RATES, NOISES, STATE_NOISES = (400, 20_000), (0.5, 2.0), (0.01, 0.2), (0.003, 0.03)
@@ -104,8 +104,12 @@ def _declarable(name: str, rate: float, rng: np.random.RandomState) -> Plant:
 
 
 def run_fresh(number: int) -> list[dict]:
-    """The record of one search."""
-    drawn = Drawn.of(number)
+    """The record of one search in the record of a number."""
+    return [{"cell": number, **run_drawn(Drawn.of(number))}]
+
+
+def run_drawn(drawn: Drawn) -> dict:
+    """What one search says, and whether it is right."""
     data = drawn.record()
     known = {"t": data.t, "groups": data.groups}
     with warnings.catch_warnings():
@@ -122,25 +126,22 @@ def run_fresh(number: int) -> list[dict]:
     test, first = data.test, [f"{one.kind} of {one.place}" for one in search.effects_]
     found = search.predict(test.X, t=test.t, groups=test.groups)
     errors = [_error(found, test), _error(declared.predict(test.X), test)]
-    return [
-        {
-            "cell": number,
-            "plant": drawn.plant.name,
-            "missing": drawn.missing,
-            "kind": drawn.kind,
-            "rows": drawn.n_samples,
-            "rate": drawn.rate,
-            "noise": drawn.noise,
-            "is_recording": drawn.is_recording,
-            "found": first,
-            "rivals": [[rival.kind for rival in one.rivals] for one in search.effects_],
-            "verdict": _verdict(search, data, drawn),
-            "visible": _visible_of(data, drawn),
-            "errors": errors,
-            "told_change": _told_change(search),
-            "seconds": seconds,
-        }
-    ]
+    return {
+        "plant": drawn.plant.name,
+        "missing": drawn.missing,
+        "kind": drawn.kind,
+        "rows": drawn.n_samples,
+        "rate": drawn.rate,
+        "noise": drawn.noise,
+        "is_recording": drawn.is_recording,
+        "found": first,
+        "rivals": [[rival.kind for rival in one.rivals] for one in search.effects_],
+        "verdict": _verdict(search, data, drawn),
+        "visible": _visible_of(data, drawn),
+        "errors": errors,
+        "told_change": _told_change(search),
+        "seconds": seconds,
+    }
 
 
 def _verdict(search, data, drawn: Drawn) -> str:

@@ -2,6 +2,8 @@
 
 Each is a function from a source of chance and a factor on the sampling rate to a plant; physical
 parameters are drawn within a third of their usual values. A drive is the same in time at all rates.
+A mode changes what its guard's own state does not feel at once, or only how fast it moves: nothing
+slides along a guard, where the declared modes would be no modes of the recording.
 """
 
 from __future__ import annotations
@@ -59,17 +61,17 @@ def _beam(rng: np.random.RandomState, rate: float) -> Plant:
 
 
 def _motor(rng: np.random.RandomState, rate: float) -> Plant:
-    resistance, back, torque, bearing, brake, limit = _about(rng, 2.5, 1.2, 2.0, 0.5, 1.6, 0.9)
+    resistance, back, torque, bearing, saturated, limit = _about(rng, 2.5, 1.2, 2.0, 0.7, 0.8, 0.6)
     laws = [
-        [[-resistance, -back, 1.0], [torque, -friction, 0.0]]
-        for friction in (bearing, bearing + brake)
+        [[-resistance, -back, 1.0], [per_ampere, -bearing, 0.0]]
+        for per_ampere in (torque, saturated)
     ]
     return Plant(
         name="motor",
-        description="A motor: current i in A, speed w in rad/s; a brake drags above a speed.",
+        description="Current i in A, speed w in rad/s; the iron saturates above a current.",
         states=("i", "w"),
         coef=np.array(laws),
-        guard=lambda x: x[..., 1] - limit,
+        guard=lambda x: x[..., 0] - limit,
         start=(1.0, 1.5),
         drive=_drive(rate, 4.0, (-10.0, 10.0)),
         time_step=0.04 / rate,
@@ -139,22 +141,22 @@ def _hare(rng: np.random.RandomState, rate: float) -> Plant:
 
 
 def _circuit(rng: np.random.RandomState, rate: float) -> Plant:
-    resistance, inductance, capacitance, leak, clamp, limit = _about(
-        rng, 0.5, 1.0, 0.4, 0.2, 2.0, 1.0
+    resistance, inductance, saturated, capacitance, leak, limit = _about(
+        rng, 0.5, 1.0, 0.45, 0.4, 0.2, 1.0
     )
     laws = [
         [
-            [-resistance / inductance, -1 / inductance, 1 / inductance],
-            [1 / capacitance, -conducted / capacitance, 0.0],
+            [-resistance / henry, -1 / henry, 1 / henry],
+            [1 / capacitance, -leak / capacitance, 0.0],
         ]
-        for conducted in (leak, leak + clamp)
+        for henry in (inductance, saturated)
     ]
     return Plant(
         name="circuit",
-        description="A choke and a capacitor with a clamp: current i in A, voltage v in V.",
+        description="A choke that saturates above a current i in A, a capacitor at v in V.",
         states=("i", "v"),
         coef=np.array(laws),
-        guard=lambda x: x[..., 1] - limit,
+        guard=lambda x: x[..., 0] - limit,
         start=(1.0, 1.0),
         drive=_drive(rate, 2.5, (-6.0, 6.0)),
         time_step=0.05 / rate,

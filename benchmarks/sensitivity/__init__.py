@@ -1,0 +1,1 @@
+"""Which constants of the search for effects matter."""

@@ -1,0 +1,133 @@
+"""Which constants of the search for effects matter: each of them halved and doubled.
+
+    python -m benchmarks.sensitivity [--output FOLDER] [--records 12] [--first-record 500]
+                                     [--constants NAME ...] [--jobs 1] [--docs docs]
+
+The records are those of `benchmarks.undeclared --fresh`, drawn by chance, but all of 800 rows in
+six trajectories. A share above one half is halved and doubled in its distance from one, and a whole
+number is rounded. Every change (constant, value) is one line of FOLDER/sensitivity.jsonl; one that
+is there is not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+from joblib import delayed
+
+from benchmarks import pages
+from benchmarks.records import read, run_and_append
+from benchmarks.results import add_docs_options, keep, measured_here, place
+from benchmarks.sensitivity.tables import BASE, condensed, tables
+from benchmarks.undeclared.fresh import Drawn, run_drawn
+from swsysid._effect_search.settings import SETTINGS as SEARCH
+from swsysid.effects._settings import SETTINGS as EFFECTS
+
+N_ROWS, N_TRAJECTORIES = 800, 6
+# Numbers that are tuples, or that only say how a result is written.
+LEFT_OUT = {"level", "step", "spanned"}
+
+
+@dataclass(frozen=True)
+class Change:
+    """One constant, and its value instead of its own."""
+
+    name: str
+    factor: float = 1.0
+
+    @property
+    def settings(self) -> object:
+        """The object that has it."""
+        return SEARCH if hasattr(SEARCH, self.name) else EFFECTS
+
+    @property
+    def value(self) -> float:
+        """Its own value times the factor, or as far from one."""
+        own = getattr(self.settings, self.name)
+        if isinstance(own, int):
+            return max(1, round(own * self.factor))
+        return 1.0 - (1.0 - own) * self.factor if 0.5 < own < 1.0 else own * self.factor
+
+    @contextmanager
+    def made(self) -> Iterator[None]:
+        """While it holds, in every room: they all have the same settings."""
+        own = getattr(self.settings, self.name)
+        object.__setattr__(self.settings, self.name, self.value)
+        try:
+            yield
+        finally:
+            object.__setattr__(self.settings, self.name, own)
+
+
+def constants() -> list[str]:
+    """Names of the numbers that can be changed."""
+    return [
+        field.name
+        for settings in (SEARCH, EFFECTS)
+        for field in fields(settings)  # type: ignore[arg-type]
+        if isinstance(getattr(settings, field.name), (int, float)) and field.name not in LEFT_OUT
+    ]
+
+
+def run_change(name: str, factor: float, numbers: list[int]) -> list[dict]:
+    """What is found in every record with one constant changed; none for `BASE`."""
+    drawn = [
+        replace(Drawn.of(number), n_samples=N_ROWS, n_trajectories=N_TRAJECTORIES)
+        for number in numbers
+    ]
+    if name == BASE:
+        value, found = 1.0, [run_drawn(one) for one in drawn]
+    else:
+        change = Change(name, factor)
+        value = change.value
+        with change.made():
+            found = [run_drawn(one) for one in drawn]
+    told = {"constant": name, "factor": factor, "value": value, "records": numbers}
+    kept = ("found", "verdict", "errors", "seconds")
+    return [told | {key: [one[key] for one in found] for key in kept}]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the missing changes and print their table."""
+    options = parse(arguments)
+    file = Path(options.output, "sensitivity.jsonl")
+    numbers = [options.first_record + number for number in range(options.records)]
+    cells = [(BASE, 1.0), *((name, by) for name in options.constants for by in (0.5, 2.0))]
+    known = {_cell(record) for record in read(file) if record["records"] == numbers}
+    missing = [cell for cell in cells if cell not in known]
+    jobs = (delayed(run_change)(*cell, numbers) for cell in missing)
+    for count, [record] in enumerate(run_and_append(file, jobs, options.jobs), start=1):
+        right = record["verdict"].count("right")
+        told = f"{record['constant']} = {record['value']:.3g} -> {right} of {len(numbers)} right"
+        print(f"{count}/{len(missing)} {told}", flush=True)
+    asked = [one for one in read(file) if one["records"] == numbers and _cell(one) in cells]
+    parts = {"changes": {"origin": measured_here(), **condensed(asked)}}
+    keep("sensitivity", parts, place(options))
+    print(tables(parts))
+    if options.docs:
+        pages.write("sensitivity", options.docs, options.results)
+
+
+def _cell(record: dict) -> tuple[str, float]:
+    return record["constant"], record["factor"]
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", default="output/sensitivity", help="folder of the results")
+    parser.add_argument("--records", type=int, default=12, help="records of every change")
+    parser.add_argument("--first-record", type=int, default=500)
+    names = constants()
+    parser.add_argument("--constants", nargs="+", choices=names, default=names, metavar="NAME")
+    parser.add_argument("--jobs", type=int, default=1)
+    add_docs_options(parser)
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    main()
