@@ -38,6 +38,7 @@ exclude_patterns = [
     "auto_examples/*.py.md5",
     "automata_tables.md",
     "calibration_table.md",
+    "fresh_table.md",
     "measured_effects.md",
     "measured_tables.md",
     "quality_summary.md",

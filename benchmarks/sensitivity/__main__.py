@@ -19,7 +19,6 @@ from pathlib import Path
 
 from joblib import delayed
 
-from benchmarks import pages
 from benchmarks.records import read, run_and_append
 from benchmarks.results import add_docs_options, keep, measured_here, place
 from benchmarks.sensitivity.tables import BASE, condensed, tables
@@ -108,8 +107,6 @@ def main(arguments: list[str] | None = None) -> None:
     parts = {"changes": {"origin": measured_here(), **condensed(asked)}}
     keep("sensitivity", parts, place(options))
     print(tables(parts))
-    if options.docs:
-        pages.write("sensitivity", options.docs, options.results)
 
 
 def _cell(record: dict) -> tuple[str, float]:

@@ -30,6 +30,11 @@ def _about(rng: np.random.RandomState, *values: float) -> list[float]:
     return [float(value * factor) for value, factor in zip(values, factors, strict=True)]
 
 
+def _of_the_input(target: int) -> dict[str, int]:
+    """Effects of an actuator are in the equation that the input drives."""
+    return dict.fromkeys((*ACTUATOR, "dead_zone", "power_law"), target)
+
+
 def _drive(rate: float, size: float, limits: tuple[float, float], **others) -> Drive:
     """A drive whose periods and steps last as long at every rate."""
     low, high = others.pop("periods", (30, 200))
@@ -76,7 +81,7 @@ def _motor(rng: np.random.RandomState, rate: float) -> Plant:
         drive=_drive(rate, 4.0, (-10.0, 10.0)),
         time_step=0.04 / rate,
         equations={1: Equation(1, 1)},
-        natural={"sensor_offset": 1, "clock_lag": 1},
+        natural={"sensor_offset": 1, "clock_lag": 1} | _of_the_input(0),
         powers=((3, 0),),
         region=Region(lambda x: -x[..., 1], target=1, feature=1),
         kinds=("bias", "periodic_forcing", "drift", "polynomial", *SENSOR[:1], *FRICTION, *ACTUATOR)
@@ -99,7 +104,7 @@ def _heater(rng: np.random.RandomState, rate: float) -> Plant:
         time_step=4.0 / rate,
         equations={0: Equation(0, 0), 1: Equation(1, 1)},
         target=0,
-        natural={"clock_lag": 0, "sensor_offset": 1},
+        natural={"clock_lag": 0, "sensor_offset": 1} | _of_the_input(1),
         powers=((2, 0),),
         region=Region(lambda x: -x[..., 0], target=0, feature=1),
         kinds=(*LEVELS, "saturation", "delay", "lag", *SENSOR, "extra_mode", "guard_hysteresis"),

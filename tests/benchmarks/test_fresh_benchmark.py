@@ -1,0 +1,127 @@
+"""Records drawn by chance are what their numbers say, and tables count what is in them."""
+
+import numpy as np
+import pytest
+
+from benchmarks.sensitivity.__main__ import Change, constants
+from benchmarks.sensitivity.tables import BASE, condensed
+from benchmarks.sensitivity.tables import tables as sensitivity_tables
+from benchmarks.undeclared.fresh import Drawn, fresh_counts, fresh_tables, run_fresh
+from benchmarks.undeclared.fresh_plants import FRESH_PLANTS
+from swsysid._effect_search.settings import SETTINGS
+from swsysid.datasets import unlisted_kinds
+from swsysid.datasets._undeclared.planting import planted_record
+from swsysid.datasets._undeclared.simulation import reference_run
+
+
+def test_a_record_follows_from_its_number():
+    first, again, other = (Drawn.of(number) for number in (3, 3, 4))
+    np.testing.assert_array_equal(first.plant.coef, again.plant.coef)
+    assert (first.kind, first.n_samples, first.seed) == (again.kind, again.n_samples, again.seed)
+    assert first.seed != other.seed
+
+
+def test_records_lie_in_the_ranges_that_are_told():
+    many = [Drawn.of(number) for number in range(60)]
+    assert all(400 <= one.n_samples <= 20_000 and 0.5 <= one.rate <= 2.0 for one in many)
+    for one in many:
+        low, high = (0.003, 0.03) if one.is_recording else (0.01, 0.2)
+        assert low <= one.noise <= high
+        known = {"nothing": (None,), "listed": one.plant.kinds, "unlisted": unlisted_kinds()}
+        assert one.kind in known[one.missing]
+    assert {one.missing for one in many} == {"nothing", "listed", "unlisted"}
+    assert {one.plant.name for one in many} == set(FRESH_PLANTS)
+    # a third, of sixty; a fifth of the plants are maps, of which there are no recordings
+    assert 8 <= sum(one.is_recording for one in many) <= 28
+
+
+@pytest.mark.parametrize("name", [name for name in FRESH_PLANTS if name not in ("beam", "sampled")])
+def test_nothing_slides_along_a_guard(name):
+    for seed in range(3):
+        plant = FRESH_PLANTS[name](np.random.RandomState(seed), 1.0)
+        done = reference_run(plant)
+        # at the samples the guard's state moves to the same side in both modes
+        own = int(np.argmax(np.abs(plant.guard(np.eye(2)) - plant.guard(np.zeros((1, 2))))))
+        fields = [
+            plant.velocities(done.x, done.u, np.full(done.modes.shape, mode))[..., own]
+            for mode in (0, 1)
+        ]
+        assert np.mean(fields[0] * fields[1] < 0.0) == 0.0
+
+
+def test_a_faster_record_is_of_the_same_plant_under_the_same_drive():
+    slow, fast = (FRESH_PLANTS["motor"](np.random.RandomState(0), rate) for rate in (1.0, 2.0))
+    np.testing.assert_array_equal(slow.coef, fast.coef)
+    assert fast.time_step == slow.time_step / 2.0
+    assert fast.drive.periods[0] * fast.time_step == slow.drive.periods[0] * slow.time_step
+
+
+@pytest.mark.parametrize("name", FRESH_PLANTS)
+def test_what_a_plant_is_said_to_have_can_be_planted(name):
+    plant = FRESH_PLANTS[name](np.random.RandomState(1), 1.0)
+    for kind in plant.kinds:
+        data = planted_record(plant, kind, n_samples=400, n_trajectories=4, random_state=0)
+        assert np.isfinite(data.X).all() and np.isfinite(data.Xdot).all(), kind
+        assert data.effects[0].kind == kind
+
+
+def test_a_search_in_a_drawn_record_is_told_with_its_verdict():
+    number = next(n for n in range(200) if _is_small(Drawn.of(n)))
+    [record] = run_fresh(number)
+    assert record["cell"] == number and record["verdict"] == "right"
+    assert record["found"] == [] and record["told_change"] == 1.0
+    counts = fresh_counts([record])
+    assert counts["counts"]["all"]["nothing"] == {"right": 1}
+    text = fresh_tables({"searches": counts | {"origin": {"commit": "a", "day": "b"}}})
+    assert "| all | 0/0 | 0 | 0 | 0 | 0/0 | 0 | 0/1 |" in text
+
+
+def _is_small(drawn):
+    return drawn.missing == "nothing" and drawn.n_samples < 600 and not drawn.is_recording
+
+
+def test_a_miss_counts_as_too_small_only_where_the_truth_says_so():
+    one = {
+        "plant": "beam",
+        "cell": 0,
+        "rows": 500,
+        "noise": 0.1,
+        "is_recording": False,
+        "kind": "lag",
+    }
+    one |= {"kind": "lag", "missing": "listed", "found": [], "told_change": 1.0, "seconds": 1.0}
+    small, large = ({**one, "verdict": "missed", "visible": seen} for seen in (1.01, 1.5))
+    listed = fresh_counts([small, large])["counts"]["all"]["listed"]
+    assert listed == {"too small": 1, "missed": 1}
+
+
+# -- sensitivity -----------------------------------------------------------------------------------
+
+
+def test_a_constant_is_changed_in_every_room_and_is_its_own_again():
+    from swsysid._effect_search.chance import SETTINGS as seen_elsewhere
+
+    own = SETTINGS.gain_a_row
+    with Change("gain_a_row", 2.0).made():
+        assert seen_elsewhere.gain_a_row == 2.0 * own
+    assert SETTINGS.gain_a_row == own
+
+
+def test_a_share_near_one_stays_below_one_and_a_count_is_whole():
+    assert Change("sure", 2.0).value == pytest.approx(0.9)
+    assert Change("sure", 0.5).value == pytest.approx(0.975)
+    assert Change("n_folds", 0.5).value == 2
+    assert {"gain_a_row", "n_levels"} <= set(constants()) and "knots" not in constants()
+
+
+def test_constants_that_change_an_answer_come_first_and_the_others_are_named():
+    base = {"constant": BASE, "factor": 1.0, "records": [1, 2], "seconds": [1.0, 1.0]}
+    base |= {"value": 1.0, "found": [["lag of x2"], []], "verdict": ["right", "right"]}
+    tie = base | {"constant": "tie", "factor": 2.0, "value": 6.0}
+    gap = base | {"constant": "gap", "factor": 2.0, "value": 0.02}
+    gap |= {"found": [["lag of x2"], ["bias of constant"]], "verdict": ["right", "false alarm"]}
+    text = sensitivity_tables(
+        {"changes": condensed([base, tie, gap]) | {"origin": {"commit": "a", "day": "b"}}}
+    )
+    assert "| `gap` |  |  |  | 0.02 | 1 | 1 |" in text
+    assert "No answer changes with `tie`." in text
