@@ -1,7 +1,7 @@
 """Which constants of the search for effects matter: each of them halved and doubled.
 
     python -m benchmarks.sensitivity [--output FOLDER] [--records 12] [--first-record 500]
-                                     [--constants NAME ...] [--jobs 1] [--docs docs]
+                                     [--constants NAME ...] [--jobs 1]
 
 The records are those of `benchmarks.undeclared --fresh`, drawn by chance, but all of 800 rows in
 six trajectories. A share above one half is halved and doubled in its distance from one, and a whole
@@ -20,7 +20,7 @@ from pathlib import Path
 from joblib import delayed
 
 from benchmarks.records import read, run_and_append
-from benchmarks.results import add_docs_options, keep, measured_here, place
+from benchmarks.results import keep, measured_here
 from benchmarks.sensitivity.tables import BASE, condensed, tables
 from benchmarks.undeclared.fresh import Drawn, run_drawn
 from swsysid._effect_search.settings import SETTINGS as SEARCH
@@ -105,7 +105,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{count}/{len(missing)} {told}", flush=True)
     asked = [one for one in read(file) if one["records"] == numbers and _cell(one) in cells]
     parts = {"changes": {"origin": measured_here(), **condensed(asked)}}
-    keep("sensitivity", parts, place(options))
+    keep("sensitivity", parts, Path(options.output))
     print(tables(parts))
 
 
@@ -122,7 +122,6 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     names = constants()
     parser.add_argument("--constants", nargs="+", choices=names, default=names, metavar="NAME")
     parser.add_argument("--jobs", type=int, default=1)
-    add_docs_options(parser)
     return parser.parse_args(arguments)
 
 
