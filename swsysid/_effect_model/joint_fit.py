@@ -149,8 +149,7 @@ def fit_jointly(
 
     Columns with a memory are computed along the whole `records`, of which `rows` with `targets`
     are fitted. Without `modes` to start from they are sought with the effects' columns in the
-    library; `like` then are modes to which the numbers in `terms` refer. Where the columns are
-    many, each effect then stands there with what it contributes beside these modes.
+    library; `like` then are modes to which the numbers in `terms` refer.
     """
     terms = tuple(terms)
     for term in terms:
@@ -169,18 +168,10 @@ def fit_jointly(
         no_coef = tuple(np.zeros(0) for _ in terms)
         fit = JointFit(fitted.estimator, terms, no_coef, fitted.modes, fitted.doubts)
         return _with_guards(fit, whole, rows)
-    features, sharp = _libraries(declared, whole, rows)
     if modes is None:
-        beside = columns
-        if like is not None and max(part.shape[1] for part in columns) > SETTINGS.most_sought:
-            coef = _effect_coefficients(declared, features, terms, columns, targets, like)
-            beside = [
-                (term.design(part, like, int(like.max()) + 1) @ values)[:, None]
-                for term, part, values in zip(terms, columns, coef, strict=True)
-                if len(values)
-            ]
-        modes = declared.sought(np.column_stack(beside), seen, targets)
+        modes = declared.sought(np.column_stack(columns), seen, targets)
         modes = modes if like is None else _matching(modes, like)[modes]
+    features, sharp = _libraries(declared, whole, rows)
     for _ in range(rounds):
         coef = _effect_coefficients(declared, features, terms, columns, targets, modes)
         replaced = _replaced_laws(terms, coef, sharp, seen, modes)
@@ -307,11 +298,7 @@ def _effect_coefficients(
         )
         parts = [terms[place].design(columns[place], modes, n_modes) for place in acting]
         design = np.column_stack([blocks, *parts])
-        prior_rows = np.zeros(design.shape[1])
-        prior_rows[blocks.shape[1] :] = np.concatenate(
-            [terms[place].prior_rows(n_modes) for place in acting]
-        )
-        solved = robust_regression(design, targets[:, target], declared.robust, prior_rows)
+        solved = robust_regression(design, targets[:, target], declared.robust)
         ends = np.cumsum([part.shape[1] for part in parts])
         own = np.split(solved[blocks.shape[1] :], ends[:-1])
         for place, values in zip(acting, own, strict=True):

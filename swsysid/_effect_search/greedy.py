@@ -154,11 +154,8 @@ class Search:
                     options.append(context.with_reset(current, candidate, gain))
                     continue
                 terms = (*current.terms, candidate)
-                modes = current.fit.modes
-                if isinstance(effect, StructureEffect):
-                    options.append(context.structure(terms, None, like=modes))
-                    continue
-                options.append(context.structure(terms, modes))
+                anew = isinstance(effect, StructureEffect)
+                options.append(context.structure(terms, None if anew else current.fit.modes))
                 if isinstance(effect, GuardEffect):
                     own = candidate.switched(context.data.records)[context.data.rows]
                     options.append(context.structure(terms, own))

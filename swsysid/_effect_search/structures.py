@@ -103,15 +103,13 @@ class SearchContext:
 
     # -- structures ------------------------------------------------------------------------------
 
-    def structure(
-        self, terms: Terms, modes: Modes | None, rounds: int = 2, like: Modes | None = None
-    ) -> Structure:
-        """Fit a structure and price it; without modes they are sought, named like others."""
+    def structure(self, terms: Terms, modes: Modes | None, rounds: int = 2) -> Structure:
+        """Fit a structure and price it."""
         more = [one.effect for one in terms if isinstance(one.effect, StructureEffect)]
         most = self._n_declared_modes + sum(effect.n_more_modes for effect in more)
         if modes is not None and modes.max() >= most:
             modes = None  # modes of a structure that had more of them
-        return self._fitted(terms, modes, rounds, like)
+        return self._fitted(terms, modes, rounds)
 
     def with_modes_anew(self, structure: Structure) -> Structure:
         """The structure with its modes sought anew, if that is better."""

@@ -122,46 +122,26 @@ class Unknowns:
         top, n_candidates = self.shapes.scanned(beside)
         if not top:
             return None, n_candidates
-        best, coarser = _simplest(beside, top), None
-        while best is not coarser:
-            coarser, records = best, self.named.data.records
-            more = replace(self.shapes, effects=finer(_shape(best), records), kept={})
+        best = _simplest(beside, top)
+        shape = best.candidate.effect
+        assert isinstance(shape, UnknownFunction)
+        if len(shape.channels) > 1 and not shape.of_product:
+            more = replace(self.shapes, effects=finer(shape, self.named.data.records), kept={})
             others, n_more = more.scanned(replace(beside, kept={}))
             best, n_candidates = _simplest(beside, [best, *others]), n_candidates + n_more
         return best, n_candidates
 
 
 def _simplest(beside: CandidateContext, trials: list[Trial]) -> Trial:
-    """Of those within a standard error of the best that of fewest channels and knots.
-
-    With enough rows a function of two channels also follows the few that have the wrong mode: one
-    argument more has to be worth as much as one more effect.
-    """
-    gains = beside.gains(trials).sum(axis=1)
-    best = trials[int(np.argmax(gains))]
-    of_one = [place for place, trial in enumerate(trials) if _n_arguments(trial) == 1]
-    if _n_arguments(best) > 1 and of_one:
-        most = beside.data.settings.gain_a_row * float(beside.regression.weight.sum())
-        if gains[of_one].max() > gains.max() - most:
-            return _simplest(beside, [trials[place] for place in of_one])
+    """Of those within a standard error of the best that of fewest channels and knots."""
+    best = trials[int(np.argmax(beside.gains(trials).sum(axis=1)))]
 
     def simplicity(place: int) -> tuple[int, bool, int]:
-        effect = _shape(trials[place])
+        effect = trials[place].candidate.effect
+        assert isinstance(effect, UnknownFunction)
         return len(effect.channels), not effect.of_product, len(effect.knots)
 
     return trials[min(beside.level_with(best, trials), key=simplicity)]
-
-
-def _n_arguments(trial: Trial) -> int:
-    """Two of a function of two channels, one of a function of their product."""
-    return len(_shape(trial).knots[0])
-
-
-def _shape(trial: Trial) -> UnknownFunction:
-    """The function that a trial is of."""
-    effect = trial.candidate.effect
-    assert isinstance(effect, UnknownFunction)
-    return effect
 
 
 def _groups(structure: Structure) -> list[list[int]]:
