@@ -16,8 +16,11 @@ from swsysid._effect_search.contents import (
     EffectContents,
     EffectData,
     RowsSetAside,
+    RungErrors,
     TimeInterval,
+    TriedEffect,
 )
+from swsysid._effect_search.contents import Round as RoundInWords
 from swsysid._effect_search.display import EffectReportDisplay
 from swsysid._effect_search.findings import Ladder
 from swsysid._effect_search.greedy import Round
@@ -123,7 +126,6 @@ class EffectReport(EffectContents):
         and the final one, fitted to all rows, with the `covariances` of its effects' parameters.
         """
         records, split, names = ladder.records, ladder.split, trajectory_names
-        steps = [f"+ {named(effect.kind, effect.place)}" for effect in effects]
         first, last = ladder.fits[0], ladder.fits[-1]
         before, after = first.predict_modes(records), last.predict_modes(records)
         return cls(
@@ -132,12 +134,7 @@ class EffectReport(EffectContents):
             n_search=len(split.search),
             n_held_out=len(split.held_out),
             n_candidates=max((one.n_candidates for one in rounds), default=0),
-            errors=[
-                {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
-                for model, (inside, outside) in zip(
-                    ["declared model", *steps], ladder.errors, strict=True
-                )
-            ],
+            errors=_errors_told(ladder, effects),
             effects=tuple(effects),
             skipped={
                 effect.kind: reason
@@ -148,25 +145,9 @@ class EffectReport(EffectContents):
             residual_before=_leftover(first, ladder, names),
             residual_after=_leftover(last, ladder, names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
-            history=tuple(
-                {
-                    "added": _in_words(one.finding.candidate, records),
-                    "p_value": float(one.finding.p_value),
-                    "n_candidates": one.n_candidates,
-                    "effects": [_in_words(term, records) for term in one.structure.terms],
-                }
-                for one in rounds
-            ),
+            history=tuple(_round_told(one, records) for one in rounds),
             dropped=dropped(rounds, last.terms, records),
-            tried=tuple(
-                {
-                    "effect": _in_words(one.candidate, records),
-                    "p_value": one.p_value,
-                    "before": one.before.tolist(),
-                    "after": one.after.tolist(),
-                }
-                for one in tried
-            ),
+            tried=tuple(_tried_told(one, records) for one in tried),
             exact=tuple(records.names[state] for state in sorted(ladder.context.data.exact_states)),
             alarms=tuple(alarms),
             set_aside=_aside(last, ladder, names),
@@ -279,6 +260,35 @@ def dropped(rounds: list[Round], kept: Sequence[PlacedEffect], records: Records)
     last = rounds[-1].structure.terms if rounds else ()
     stayed = {identity(term) for term in kept}
     return tuple(_in_words(term, records) for term in last if identity(term) not in stayed)
+
+
+def _errors_told(ladder: Ladder, effects: Sequence[FoundEffect]) -> list[RungErrors]:
+    """Errors of the declared model and after each effect."""
+    models = ["declared model", *(f"+ {named(effect.kind, effect.place)}" for effect in effects)]
+    return [
+        {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
+        for model, (inside, outside) in zip(models, ladder.errors, strict=True)
+    ]
+
+
+def _round_told(one: Round, records: Records) -> RoundInWords:
+    """What a round of the search has added, and all effects after it."""
+    return {
+        "added": _in_words(one.finding.candidate, records),
+        "p_value": float(one.finding.p_value),
+        "n_candidates": one.n_candidates,
+        "effects": [_in_words(term, records) for term in one.structure.terms],
+    }
+
+
+def _tried_told(one: Tried, records: Records) -> TriedEffect:
+    """An effect that is not kept, and the held-out errors that say why."""
+    return {
+        "effect": _in_words(one.candidate, records),
+        "p_value": one.p_value,
+        "before": one.before.tolist(),
+        "after": one.after.tolist(),
+    }
 
 
 def _leftover(fit: JointFit, ladder: Ladder, names: NDArray | None) -> ResidualReport | None:
