@@ -19,9 +19,10 @@ from benchmarks.paper import tables as paper
 from benchmarks.quality import tables as quality
 from benchmarks.results import RESULTS, load
 from benchmarks.seeding import table as seeding
+from benchmarks.sensitivity import tables as sensitivity
 from benchmarks.speed import tables as speed
 from benchmarks.trajectories import tables as trajectories
-from benchmarks.undeclared import fresh
+from benchmarks.undeclared import fresh, unlisted
 from benchmarks.undeclared import tables as undeclared
 
 __all__ = ["PAGES", "Page", "write"]
@@ -58,13 +59,23 @@ RECORDINGS = (
     "python -m benchmarks.undeclared --recordings --seeds 10 --first-seed 10 --pairs 0 --clean 9 "
     "--draw 54 --docs docs"
 )
-FRESH = "python -m benchmarks.undeclared --fresh 60 --first-seed 1 --docs docs"
+FRESH = "python -m benchmarks.undeclared --fresh 60 --first-seed 1001 --docs docs"
+UNLISTED = (
+    "python -m benchmarks.undeclared --unlisted --seeds 1 --first-seed 30 --draw 36 --docs docs"
+)
+SENSITIVITY = (
+    "python -m benchmarks.sensitivity --records 8 --first-record 504 --constants held_out n_blocks "
+    "shown surprise gross tie hopeful gain_a_row share share_of_a_mode share_of_a_disturbance "
+    "slow_steps --docs docs"
+)
 CALIBRATION = "python -m benchmarks.calibration --docs docs"
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
     Page("measured_effects.md", "measured", "make bench-measured", measured.effects),
     Page("undeclared_tables.md", "undeclared", "make bench-undeclared", undeclared.tables),
     Page("fresh_table.md", "fresh", FRESH, fresh.fresh_tables),
+    Page("unlisted_table.md", "unlisted", UNLISTED, unlisted.unlisted_tables),
+    Page("sensitivity_table.md", "sensitivity", SENSITIVITY, sensitivity.tables),
     Page("recordings_table.md", "recordings", RECORDINGS, undeclared.recording_tables),
     Page("calibration_table.md", "calibration", CALIBRATION, calibration.tables),
     Page("speed_tables.md", "speed", "make bench-speed", speed.table),

@@ -39,6 +39,8 @@ exclude_patterns = [
     "automata_tables.md",
     "calibration_table.md",
     "fresh_table.md",
+    "sensitivity_table.md",
+    "unlisted_table.md",
     "measured_effects.md",
     "measured_tables.md",
     "quality_summary.md",

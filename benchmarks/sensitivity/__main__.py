@@ -1,12 +1,12 @@
 """Which constants of the search for effects matter: each of them halved and doubled.
 
     python -m benchmarks.sensitivity [--output FOLDER] [--records 12] [--first-record 500]
-                                     [--constants NAME ...] [--jobs 1]
+                                     [--constants NAME ...] [--jobs 1] [--docs docs]
 
-The records are those of `benchmarks.undeclared --fresh`, drawn by chance, but all of 800 rows in
-six trajectories. A share above one half is halved and doubled in its distance from one, and a whole
-number is rounded. Every change (constant, value) is one line of FOLDER/sensitivity.jsonl; one that
-is there is not run again.
+The records are those of `benchmarks.undeclared --fresh`, drawn by chance, but all of 400 rows in
+four trajectories. A share above one half is halved and doubled in its distance from one, and a
+whole number is rounded. Every change (constant, value) is one line of FOLDER/sensitivity.jsonl; one
+that is there is not run again.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from pathlib import Path
 
 from joblib import delayed
 
+from benchmarks import pages
 from benchmarks.records import read, run_and_append
-from benchmarks.results import keep, measured_here
+from benchmarks.results import add_docs_options, keep, measured_here, place
 from benchmarks.sensitivity.tables import BASE, condensed, tables
 from benchmarks.undeclared.fresh import Drawn, run_drawn
 from swsysid._effect_search.settings import SETTINGS as SEARCH
 from swsysid.effects._settings import SETTINGS as EFFECTS
 
-N_ROWS, N_TRAJECTORIES = 800, 6
+N_ROWS, N_TRAJECTORIES = 400, 4
 # Numbers that are tuples, or that only say how a result is written.
 LEFT_OUT = {"level", "step", "spanned"}
 
@@ -105,8 +106,10 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{count}/{len(missing)} {told}", flush=True)
     asked = [one for one in read(file) if one["records"] == numbers and _cell(one) in cells]
     parts = {"changes": {"origin": measured_here(), **condensed(asked)}}
-    keep("sensitivity", parts, Path(options.output))
+    keep("sensitivity", parts, place(options))
     print(tables(parts))
+    if options.docs:
+        pages.write("sensitivity", options.docs, options.results)
 
 
 def _cell(record: dict) -> tuple[str, float]:
@@ -122,6 +125,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     names = constants()
     parser.add_argument("--constants", nargs="+", choices=names, default=names, metavar="NAME")
     parser.add_argument("--jobs", type=int, default=1)
+    add_docs_options(parser)
     return parser.parse_args(arguments)
 
 

@@ -38,6 +38,11 @@ class Recorded:
             labels[kept],
         )
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether no state and no input is missing anywhere."""
+        return bool(np.isfinite(self.states).all() and np.isfinite(self.inputs).all())
+
     def named(self, names: Sequence[str], rows) -> tuple:
         """States, times, trajectories and inputs of some rows, as an identifier takes them."""
         import pandas as pd

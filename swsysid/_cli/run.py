@@ -85,6 +85,11 @@ def _diagnose(
         random_state=result.options.random_state,
         verbose=int(verbose),
     )
+    recorded = samples.recorded
+    if recorded is not None and recorded.is_complete and named.order == 1 and not named.signals:
+        # as they were measured: what a filter has smeared looks like other effects
+        x, t, groups, inputs = recorded.named(samples.names, slice(None))
+        return search.fit(x, t=t, groups=groups if named.groups else None, inputs=inputs)
     signals = pd.DataFrame(samples.signals, columns=list(samples.signal_names))
     return search.fit(
         samples.frame,

@@ -159,6 +159,10 @@ class AutomatonLaws:
             told[known] = np.eye(self.automaton.n_modes)[records.told[known]]
         return told
 
+    def with_surface_between(self, X: Array, modes: Modes) -> object:
+        """The automaton itself, whose guards stay."""
+        return self.automaton
+
     def allowed(self, X: Array) -> Array:
         """Alike for all modes that no guard without a clock has left behind."""
         possible = np.ones((len(X), self.automaton.n_modes))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -82,6 +83,9 @@ class FittedLaws(Protocol):
 
     def allowed(self, X: Array) -> Array:
         """Probability of every mode at states and inputs alone, (n_rows, n_modes)."""
+
+    def with_surface_between(self, X: Array, modes: Modes) -> object:
+        """The estimator with its surface fitted to modes that recordings tell."""
 
     def column_names(self, names: Sequence[str]) -> list[str] | None:
         """Names of what the laws see for names of states and inputs; None if there are none."""
@@ -302,6 +306,13 @@ class SwitchingLaws:
 
     def allowed(self, X: Array) -> Array:
         return np.asarray(self.switching.predict_mode_proba(self.seen(X)))
+
+    def with_surface_between(self, X: Array, modes: Modes) -> object:
+        """The estimator with its surface fitted to these modes instead."""
+        estimator = deepcopy(self.estimator)
+        switching = switching_step(estimator)[1]
+        switching.surface_ = clone(switching.surface_).fit(self.seen(X), modes)
+        return estimator
 
     def column_names(self, names: Sequence[str]) -> list[str] | None:
         before = steps_before(self.estimator)

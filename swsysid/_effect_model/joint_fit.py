@@ -149,7 +149,8 @@ def fit_jointly(
 
     Columns with a memory are computed along the whole `records`, of which `rows` with `targets`
     are fitted. Without `modes` to start from they are sought with the effects' columns in the
-    library; `like` then are modes to which the numbers in `terms` refer.
+    library; `like` then are modes to which the numbers in `terms` refer. Where the columns are
+    many, each effect then stands there with what it contributes beside these modes.
     """
     terms = tuple(terms)
     for term in terms:
@@ -168,10 +169,18 @@ def fit_jointly(
         no_coef = tuple(np.zeros(0) for _ in terms)
         fit = JointFit(fitted.estimator, terms, no_coef, fitted.modes, fitted.doubts)
         return _with_guards(fit, whole, rows)
-    if modes is None:
-        modes = declared.sought(np.column_stack(columns), seen, targets)
-        modes = modes if like is None else _matching(modes, like)[modes]
     features, sharp = _libraries(declared, whole, rows)
+    if modes is None:
+        beside = columns
+        if like is not None and max(part.shape[1] for part in columns) > SETTINGS.most_sought:
+            coef = _effect_coefficients(declared, features, terms, columns, targets, like)
+            beside = [
+                (term.design(part, like, int(like.max()) + 1) @ values)[:, None]
+                for term, part, values in zip(terms, columns, coef, strict=True)
+                if len(values)
+            ]
+        modes = declared.sought(np.column_stack(beside), seen, targets)
+        modes = modes if like is None else _matching(modes, like)[modes]
     for _ in range(rounds):
         coef = _effect_coefficients(declared, features, terms, columns, targets, modes)
         replaced = _replaced_laws(terms, coef, sharp, seen, modes)
@@ -221,8 +230,26 @@ def known_modes(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Mode
         order = _matching(records.told[rows], fit.modes)
         inside = (records.told >= 0) & (records.told < len(order))
         known[inside] = order[records.told[inside]]
+        known[known >= fit.n_modes] = -1  # a mode that a fit has lost
     known[rows] = fit.modes
     return known
+
+
+def with_told_surface(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> JointFit:
+    """The fit with a surface between all modes that measured states tell, those of `rows` or not.
+
+    The rows of a recording are a few from the middle of its stays, which say little of where the
+    modes change.
+    """
+    # One more mode is in nothing that was told before it was found.
+    told = -1 if records.average is None or records.told is None else records.told.max()
+    if told != fit.n_modes - 1 or fit.n_modes == 1:
+        return fit
+    known = known_modes(fit, records, rows)
+    sure = known >= 0
+    if np.all(fit.surface_modes(records)[sure] == known[sure]):
+        return fit
+    return replace(fit, estimator=fit.laws.with_surface_between(records.X[sure], known[sure]))
 
 
 def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:
@@ -298,7 +325,11 @@ def _effect_coefficients(
         )
         parts = [terms[place].design(columns[place], modes, n_modes) for place in acting]
         design = np.column_stack([blocks, *parts])
-        solved = robust_regression(design, targets[:, target], declared.robust)
+        prior_rows = np.zeros(design.shape[1])
+        prior_rows[blocks.shape[1] :] = np.concatenate(
+            [terms[place].prior_rows(n_modes) for place in acting]
+        )
+        solved = robust_regression(design, targets[:, target], declared.robust, prior_rows)
         ends = np.cumsum([part.shape[1] for part in parts])
         own = np.split(solved[blocks.shape[1] :], ends[:-1])
         for place, values in zip(acting, own, strict=True):

@@ -69,7 +69,8 @@ def check_declared(estimator: object) -> None:
     if isinstance(estimator, TrajectoryIdentifier) and (estimator.order != 1 or estimator.observed):
         raise ValueError(
             "effects are looked for where all states are measured; declare a TrajectoryIdentifier "
-            "of order 1 without observed, or give the velocities as states."
+            "of order 1 without observed, or of positions alone give X and Xdot of "
+            "differentiate(x, t, order=2) beside its regressor."
         )
     if isinstance(estimator, HybridAutomatonRegressor) and estimator.lags != 0:
         raise ValueError(

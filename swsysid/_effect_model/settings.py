@@ -13,6 +13,7 @@ class ModelSettings:
     # from better modes; share of the rows whose mode may still change when it ends
     sharpenings: int = 2
     same_modes: float = 1e-3
+    most_sought: int = 12  # columns of an effect in the library while modes are sought anew
     # -- modes of recordings: standard errors of the instant of a switch within which no mode is
     # sure; samples to either side of a switch; nats that a switch must be worth
     doubt: float = 3.0

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.scan import is_smear, scan
+from swsysid._effect_search.scan import scan
+from swsysid._effect_search.smears import is_smear
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
 
@@ -54,6 +55,7 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     # This p-value is the only one by which an effect enters, stays and is reported, and it is
     # multiplied by the number of all candidates that could have won. One of a term without columns
     # is of its gain on the structure without it, and on each of `fewer`.
+    structure, place = _without_what_contains(context, structure, place)
     term, beside = structure.terms[place], context.candidates(structure.fit, without=place)
     known = [
         other.terms[place]
@@ -84,6 +86,43 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     again = context.structural_chance(context.without(structure, place), structure)
     chance = max(2.0 * count * min(chance, again), chance, again)
     return Finding.of(term, chance, [*level, *known], doubts)
+
+
+def _without_what_contains(
+    context: SearchContext, structure: Structure, place: int
+) -> tuple[Structure, int]:
+    """A structure without the shapes of which a term is a special case, and the term's place.
+
+    A term with a name says nothing beside them that they could not say; so they are the ones that
+    have to say more.
+    """
+    term = structure.terms[place]
+    for number in reversed(range(len(structure.terms))):
+        if contains(structure.terms[number], term):
+            structure = context.without(structure, number)
+            place -= number < place
+    return structure, place
+
+
+def contains(shape: PlacedEffect, term: PlacedEffect) -> bool:
+    """Whether a term depends on nothing but the channels of a shape in the same equation."""
+    return (
+        isinstance(shape.effect, UnknownFunction)
+        and term != shape
+        and term.target == shape.target
+        and channels_of(term) <= set(shape.effect.channels)
+    )
+
+
+def channels_of(term: PlacedEffect) -> set[object]:
+    """Channels whose present values a term depends on, and its kind where it is none."""
+    if isinstance(term.effect, UnknownFunction):
+        return set(term.effect.channels)
+    if term.effect.needs or not term.effect.terms:
+        return {term.effect.kind}
+    if term.place == "constant":
+        return set()
+    return set(term.place) if isinstance(term.place, tuple) else {term.place}
 
 
 def _of_a_shape(
@@ -117,10 +156,14 @@ def _chance(
 
 
 def confirmed(
-    context: SearchContext, structure: Structure
+    context: SearchContext, structure: Structure, earlier: Iterable[Structure] = ()
 ) -> tuple[Structure, tuple[Finding, ...]]:
-    """Without the terms that chance explains in the light of the others, the likeliest first."""
+    """Without the terms that chance explains in the light of the others, the likeliest first.
+
+    What such a term has driven out comes back: `earlier` are structures on the way.
+    """
     # What is left, and a finding for each of its terms.
+    refused: set[tuple] = set()
     while structure.terms:
         findings = tuple(
             finding(context, structure, place) for place in range(len(structure.terms))
@@ -128,8 +171,15 @@ def confirmed(
         worst = int(np.argmax([one.p_value for one in findings]))
         if findings[worst].p_value <= context.significance:
             return structure, findings
-        structure = context.without(structure, worst)
+        refused.add(structure.terms[worst].signature)
+        options = [context.without(structure, worst), *without_terms(earlier, refused)]
+        structure = min(options, key=lambda option: option.price)
     return context.priced(context.declared), ()
+
+
+def without_terms(structures: Iterable[Structure], refused: set[tuple]) -> list[Structure]:
+    """Those structures that have none of some terms."""
+    return [one for one in structures if not refused & {term.signature for term in one.terms}]
 
 
 # -- one of several --------------------------------------------------------------------------------

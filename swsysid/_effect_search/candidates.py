@@ -53,6 +53,7 @@ class CandidateContext:
     data: SearchData  # with the record as the sensors of the fit would have it
     regression: Regression  # of the library and the columns of the effects found so far
     linear: dict[int, int]  # which channel (key) is which feature
+    beside: tuple[tuple[PlacedEffect, slice], ...]  # effects found so far, and their features
     replaced: set[tuple[int, int]]  # (target, feature) whose place another effect has
     kept: Columns = field(repr=False)  # that were computed before
     scans: dict[tuple[int, ...], Scan] = field(default_factory=dict, repr=False)
@@ -164,6 +165,14 @@ class CandidateContext:
         apart = (np.ptp(coef, axis=0) * sizes).sum(axis=1)
         return int(np.argmax(apart / self.regression.targets.std(axis=0)))
 
+    def of_channel(self, channel: Place, target: int) -> list[int]:
+        """Features that say what a channel does at present to the velocity of a state."""
+        own = [self.linear[channel]] if channel in self.linear else []
+        for term, columns in self.beside:
+            if (term.place, term.target) == (channel, target) and not term.effect.needs:
+                own += range(columns.start, columns.stop)
+        return own
+
     def misfit(self, records: Records) -> float:
         """Negative log likelihood of what the laws leave over on other records."""
         problem, floor = self.regression, self.data.exact
@@ -202,7 +211,9 @@ class CandidateContext:
         # What differs in one block only has no scatter there: then the noise of all rows tells.
         for place in np.flatnonzero(sizes.max(axis=1) > 0.5 * sizes.sum(axis=1)):
             error[place] = min(error[place], self._error_between(best, trials[place]))
-        return {place: float(lost[place]) for place in np.flatnonzero(lost <= error).tolist()}
+        # What explains less than half of it is not as good, however much its gain scatters.
+        most = np.minimum(error, 0.5 * max(float(gains[0].sum()), 0.0))
+        return {place: float(lost[place]) for place in np.flatnonzero(lost <= most).tolist()}
 
     def _error_between(self, best: Trial, other: Trial) -> float:
         """Standard error of the gain of one trial over another if the noise is alike everywhere."""
@@ -237,6 +248,7 @@ def candidate_context(
     known = [
         term.design(term.columns(records)[data.rows], fit.modes, fit.n_modes) for term in others
     ]
+    ends = features.shape[1] + np.cumsum([0, *(part.shape[1] for part in known)])
     regression = Regression(
         features=np.column_stack([features, *known]),
         targets=data.targets,
@@ -251,6 +263,7 @@ def candidate_context(
         data=replace(data, records=records),
         regression=regression,
         linear=_linear_features(fit.library(records)[data.rows], records.X[data.rows]),
+        beside=tuple((term, slice(*ends[place : place + 2])) for place, term in enumerate(others)),
         replaced={(term.target, term.replaced) for term in others if term.replaced is not None},
         # a corrected record is gone after the context, and so are its columns
         kept=kept if kept is not None and records is data.records else {},

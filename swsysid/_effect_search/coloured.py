@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 
+from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 
@@ -35,6 +37,52 @@ class Stretches:
     def inside(self) -> NDArray[np.bool_]:
         """Whether a sample has its predecessor in the same stretch."""
         return np.diff(self.stretch, prepend=-1) == 0
+
+    @property
+    def step(self) -> float:
+        """Time from one sample to the next."""
+        steps = np.diff(self.t)[self.inside[1:]]
+        return float(np.median(steps)) if len(steps) else 0.0
+
+    def smeared(self, y: Array) -> int:
+        """Over about how many samples a filter has smeared a residual, one where none has.
+
+        The increments of noise, and of a force that is forgotten slowly, are independent. Those of
+        what a filter has smeared go on the same way at first, and then turn back, until they are
+        about half of its window apart; to a factor of two.
+        """
+        if np.count_nonzero(self.inside) < 3:
+            return 1
+        steps = np.where(self.inside, np.diff(y, prepend=y[:1]), 0.0)
+        most = SETTINGS.gross * float(robust_scale(steps[self.inside][:, None])[0])
+        steps = np.clip(steps, -most, most)  # a jump says nothing of its neighbours
+        lag = turned = 1
+        while lag < len(steps) and np.sum(steps[lag:] * steps[:-lag]) > 0.0:
+            lag = turned = lag + 1
+        if turned == 1:
+            return 1
+        while lag < len(steps) and np.sum(steps[lag:] * steps[:-lag]) < 0.0:
+            lag += 1
+        return 2 * lag
+
+    def apart(self, every: int) -> tuple[NDArray[np.intp], Stretches]:
+        """An order of the samples in which each stretch is so many, of samples so far apart."""
+        first = np.searchsorted(self.stretch, self.stretch)
+        phase = (np.arange(len(self.t)) - first) % every
+        part = every * self.stretch + phase
+        order = np.argsort(part, kind="stable")
+        return order, Stretches(self.t[order], part[order])
+
+
+def rows_in_order(data: SearchData) -> tuple[NDArray[np.intp], Stretches]:
+    """The rows of a search in order, in the blocks of its tests, cut where the record has gaps."""
+    records = data.records.take(data.rows)
+    assert records.t is not None
+    order = np.concatenate(records.trajectories)
+    t, block = records.t[order], data.folds.blocks[order]
+    apart = np.diff(t, prepend=t[0]) > data.settings.gap_steps * records.step
+    apart |= np.diff(block, prepend=block[0]) != 0
+    return order, Stretches(t, np.cumsum(apart))
 
 
 @dataclass(frozen=True)
@@ -97,7 +145,7 @@ def coloured(y: Array, where: Stretches) -> Coloured:
         return white(y)
     apart = float(robust_scale(np.diff(y)[inside][:, None])[0]) / np.sqrt(2.0)
     noise = min(max(apart, 0.05 * whole), 0.95 * whole)
-    step = float(np.median(steps))
+    step = where.step
     longest = float(np.sum(steps))
 
     def bounded(logs: Array) -> Coloured:

@@ -147,6 +147,8 @@ class EffectData:
         The whole record.
     rows : ndarray
         Rows on which the models are compared: those held out, or new ones.
+    samples : ndarray
+        Samples in whose stretches these are, which are simulated.
     targets : ndarray of shape (n_samples, n_states)
         Measured velocities (next states in discrete time) of the whole record.
     models : tuple of two EffectRegressor
@@ -160,6 +162,7 @@ class EffectData:
 
     records: Records
     rows: NDArray[np.intp]
+    samples: NDArray[np.intp]
     targets: Array
     models: tuple[EffectRegressor, EffectRegressor]
     final: EffectRegressor
@@ -204,8 +207,13 @@ class EffectData:
         """Names and positions among `rows` of the contiguous parts of trajectories."""
         position = np.full(len(self.records), -1)
         position[self.rows] = np.arange(len(self.rows))
-        found = stretches(self.records, self.rows, self.trajectory_names)
-        return [(name, position[part]) for name, part in found]
+        found = [(name, position[part]) for name, part in self._parts]
+        return [(name, part[part >= 0]) for name, part in found if np.any(part >= 0)]
+
+    @cached_property
+    def _parts(self) -> list[tuple[str, NDArray[np.intp]]]:
+        """Names and samples of the contiguous parts of trajectories."""
+        return stretches(self.records, self.samples, self.trajectory_names)
 
     @cached_property
     def by_trajectory(self) -> tuple[TrajectoryError, ...]:
@@ -245,9 +253,9 @@ class EffectData:
         if self.why_no_rollouts:
             return ()
         done = []
-        for name, places in self.stretches[: REPORT.most_rollouts]:
-            part = self.records.take(self.rows[places][: REPORT.most_samples])
-            if len(places) > 1:
+        for name, rows in self._parts[: REPORT.most_rollouts]:
+            part = self.records.take(rows[: REPORT.most_samples])
+            if len(rows) > 1:
                 t = np.asarray(part.t if part.timed else np.arange(len(part)), dtype=float)
                 before, after = (_rollout(model, part, t, self.discrete) for model in self.models)
                 measured, ended = part.X[:, : part.n_states], (_why(before), _why(after))
@@ -298,11 +306,13 @@ class TriedEffect(TypedDict):
 
 
 class TimeInterval(TypedDict):
-    """The time for which another law acts, and that law."""
+    """The time or the times for which another law acts, and that law."""
 
     trajectory: str
-    begin: float
-    end: float
+    begin: float  # of the first
+    end: float  # of the last
+    intervals: list[tuple[float, float]]
+    n_rows: int  # set aside in them
     law: list[str]
 
 
@@ -357,7 +367,7 @@ class EffectContents(Parts):
 
     @property
     def time_interval(self) -> TimeInterval | None:
-        """When another law acts, if rows that are set aside fill one stretch of time."""
+        """When another law acts, if rows that are set aside fill stretches of time."""
         return None if self.set_aside is None else self.set_aside["time_interval"]
 
     @property

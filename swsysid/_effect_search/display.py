@@ -297,6 +297,7 @@ class EffectReportDisplay(Display):
         data = EffectData(
             records=records,
             rows=np.arange(len(records)),
+            samples=np.arange(len(records)),
             targets=targets,
             models=(search.declared_estimator_, search.best_estimator_),
             final=search.best_estimator_,

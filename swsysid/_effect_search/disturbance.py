@@ -12,10 +12,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from swsysid._effect_search.acceptance import Finding, confirmed
-from swsysid._effect_search.coloured import Coloured, Stretches, coloured, white
+from swsysid._effect_search.coloured import (
+    Coloured,
+    Stretches,
+    coloured,
+    rows_in_order,
+    white,
+)
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale
 from swsysid._results import Array
@@ -41,8 +48,10 @@ def with_disturbances(
     kept = questions.needed(structure)
     if kept is not structure:
         structure, findings = confirmed(context, kept)
-    fit, added = structure.fit, []
-    for target in context.data.records.states:
+    fit, added, records = structure.fit, [], context.data.records
+    # a force acts on no position: that q' = v is what velocities are
+    forced = [one for one in records.states if one not in records.positions]
+    for target in forced:
         found = questions.disturbance(structure, target)
         if found is not None:
             model, p_value = found
@@ -65,21 +74,13 @@ class _Questions:
     n_candidates: int  # of the search for the effects in question
 
     @cached_property
-    def where(self) -> Stretches:
-        """The rows of the search in the blocks of its tests, cut where the record has gaps."""
-        data = self.context.data
-        records = data.records.take(data.rows)
-        assert records.t is not None
-        order = np.concatenate(records.trajectories)
-        t, block = records.t[order], data.folds.blocks[order]
-        apart = np.diff(t, prepend=t[0]) > self.context.settings.gap_steps * records.step
-        apart |= np.diff(block, prepend=block[0]) != 0
-        return Stretches(t, np.cumsum(apart))
+    def _ordered(self) -> tuple[NDArray[np.intp], Stretches]:
+        return rows_in_order(self.context.data)
 
-    @cached_property
-    def _order(self) -> Array:
-        data = self.context.data
-        return np.concatenate(data.records.take(data.rows).trajectories)
+    @property
+    def where(self) -> Stretches:
+        """The rows of the search in order."""
+        return self._ordered[1]
 
     def residuals(self, structure: Structure, target: int) -> Array:
         """What regressions leave over of rows they have not seen; gross errors say nothing."""
@@ -87,7 +88,7 @@ class _Questions:
         gross = self.context.settings.gross * max(
             float(robust_scale(left[:, None])[0]), float(self.context.data.exact[target])
         )
-        return np.where(np.abs(left) <= gross, left, 0.0)[self._order]
+        return np.where(np.abs(left) <= gross, left, 0.0)[self._ordered[0]]
 
     def needed(self, structure: Structure) -> Structure:
         """The structure without the effects that predict no better than a disturbance would."""
@@ -110,14 +111,23 @@ class _Questions:
         """
         target = structure.terms[place].target
         fewer = self.context.without(structure, place)
-        left = self.residuals(fewer, target)
-        model = coloured(left, self.where)
-        if self._p_value(model, left, target) is None:
+        without = self.residuals(fewer, target)
+        if self._p_value(coloured(without, self.where), without, target) is None:
             return np.inf
-        without = model.log_likelihood(left, self.where)
-        left = self.residuals(structure, target)
-        apart = coloured(left, self.where).log_likelihood(left, self.where) - without
-        return float(apart.sum() - apart.std(ddof=1) * np.sqrt(len(apart)))
+        # A filter that smears what an effect does leaves jumps where the effect has none, and the
+        # other way round, which neither has made: rows are compared that share no samples.
+        beside = self.residuals(structure, target)
+        every = self._steps(beside)
+        order, where = self.where.apart(every)
+        gains = np.zeros(int(self.where.stretch.max()) + 1)
+        for sign, left in ((-1.0, without[order]), (1.0, beside[order])):
+            gain = sign * coloured(left, where).log_likelihood(left, where)
+            gains += np.bincount(np.arange(len(gain)) // every, gain) / every
+        return float(gains.sum() - gains.std(ddof=1) * np.sqrt(len(gains)))
+
+    def _steps(self, left: Array) -> int:
+        """Steps after which no noise, and no filter of it, is remembered."""
+        return max(self.context.settings.slow_steps, self.where.smeared(left))
 
     def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
         """The force beneath what a structure leaves over of a state, and its p-value."""
@@ -136,7 +146,6 @@ class _Questions:
         p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
         worth = model.size**2 >= settings.share_of_a_disturbance * squares[target]
         enough = gain >= settings.gain_a_row * len(left)
-        # what a few samples forget is the noise of a filter
-        slow = model.time_constant >= settings.slow_steps * self.context.data.records.step
+        slow = model.time_constant >= self._steps(left) * self.where.step
         significant = p_value <= self.context.significance
         return p_value if enough and worth and slow and significant else None

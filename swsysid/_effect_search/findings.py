@@ -68,7 +68,7 @@ class Ladder:
         between = [self.context.structure(terms[:n], fit.modes).fit for n in range(1, len(terms))]
         coef = tuple(fit.coef[place] for place in self._order)
         last = [replace(fit, terms=terms, coef=coef)] if terms else []
-        return (self.context.declared, *between, *last)
+        return tuple(map(self.context.with_told_surface, (self.context.declared, *between, *last)))
 
     @cached_property
     def errors(self) -> list[tuple[Array, Array]]:
@@ -123,7 +123,7 @@ def describe_findings(
                 p_value=finding.p_value,
                 error_before=float(before[gaining]),
                 error_after=float(after[gaining]),
-                rivals=tuple(_rival(ladder, place, rival) for rival in finding.rivals),
+                rivals=_rivals(ladder, place, gaining),
                 meaning=term.effect.describe(label, records.names[term.target]),
                 formula=term.effect.formula(label, parameters),
                 placed=term,
@@ -136,10 +136,29 @@ def describe_findings(
     return found
 
 
-def _rival(ladder: Ladder, place: int, rival: PlacedEffect) -> Rival:
+def _rivals(ladder: Ladder, place: int, gaining: int) -> tuple[Rival, ...]:
+    """Rivals that make the held-out error fall by half as much at least; of a shape all.
+
+    Where rows are few the scatter of their gains tells effects hardly apart. The effects that are
+    near a shape are there to say by how much they miss it.
+    """
+    (_, before), (_, after) = ladder.errors[place : place + 2]
+    falls = after[gaining] < before[gaining]
+    most = 0.5 * (before[gaining] + after[gaining]) if falls else np.inf
+    if isinstance(ladder.terms[place].effect, UnknownFunction):
+        most = np.inf
+    kept = []
+    for rival in ladder.findings[place].rivals:
+        terms, modes = (*ladder.terms[:place], rival), ladder.structure.fit.modes
+        other = ladder.context.with_told_surface(ladder.context.structure(terms, modes).fit)
+        errors = ladder.errors_of(other)[1]
+        if errors[gaining] <= most:
+            kept.append(_rival(ladder, place, rival, other, float(errors[rival.target])))
+    return tuple(kept)
+
+
+def _rival(ladder: Ladder, place: int, rival: PlacedEffect, other: JointFit, error: float) -> Rival:
     """A rival with its own error on the held-out rows, and how to tell it apart."""
-    terms, modes = (*ladder.terms[:place], rival), ladder.structure.fit.modes
-    other = ladder.context.structure(terms, modes).fit
     names = rival.effect.theta_names(ladder.records, rival.place)
     return Rival(
         kind=rival.effect.kind,
@@ -147,7 +166,7 @@ def _rival(ladder: Ladder, place: int, rival: PlacedEffect) -> Rival:
         mode=rival.mode,
         place=rival.label(ladder.records.names),
         parameters=dict(zip(names, rival.theta, strict=True)),
-        error=float(ladder.errors_of(other)[1][rival.target]),
+        error=error,
         advice=_advice(ladder, place, other),
     )
 

@@ -30,11 +30,17 @@ class Split:
     search: Rows
     held_out: Rows
     how: str
+    samples: Rows | None = None  # among which those held out are; None if they are all of them
 
     def of(self, rows: Rows) -> Split:
         """The same parts of some rows only."""
         search, held_out = (part[np.isin(part, rows)] for part in (self.search, self.held_out))
-        return Split(search, held_out, self.how)
+        return Split(search, held_out, self.how, self.untouched)
+
+    @property
+    def untouched(self) -> Rows:
+        """All samples that take no part in any choice, whether they are worked on or not."""
+        return self.held_out if self.samples is None else self.samples
 
 
 @dataclass(frozen=True)

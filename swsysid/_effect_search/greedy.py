@@ -80,8 +80,10 @@ class Search:
             if other.price < structure.price:
                 structure, rounds = other, other_rounds
         single = len(rounds) == 1 and rounds[0].structure is structure
-        known = (structure, (rounds[0].finding,)) if single else confirmed(self.context, structure)
-        return *known, rounds
+        if single:
+            return structure, (rounds[0].finding,), rounds
+        on_the_way = [one.structure for one in rounds]
+        return *confirmed(self.context, structure, on_the_way), rounds
 
     def beside_the_unknown(
         self, structure: Structure, findings: tuple[Finding, ...], rounds: list[Round]
@@ -154,8 +156,11 @@ class Search:
                     options.append(context.with_reset(current, candidate, gain))
                     continue
                 terms = (*current.terms, candidate)
-                anew = isinstance(effect, StructureEffect)
-                options.append(context.structure(terms, None if anew else current.fit.modes))
+                modes = current.fit.modes
+                if isinstance(effect, StructureEffect):
+                    options.append(context.structure(terms, None, like=modes))
+                    continue
+                options.append(context.structure(terms, modes))
                 if isinstance(effect, GuardEffect):
                     own = candidate.switched(context.data.records)[context.data.rows]
                     options.append(context.structure(terms, own))
@@ -279,8 +284,10 @@ class Search:
                 break
             same = candidate.signature == term.signature
             tried = self.context.exchanged(best, place, candidate)
-            if not same and tried.price > best.price + self.context.settings.tie:
-                break  # the scan prefers another one, the whole does not
+            tie = self.context.settings.tie
+            lost = tie if candidate.n_parameters <= term.n_parameters else -tie
+            if not same and tried.price > best.price + lost:
+                break  # the scan prefers another one, the whole does not, or not for its parameters
             best = tried
             if same:
                 break

@@ -104,11 +104,15 @@ def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
         terms = [term for term in fit.terms if term.target == target and term.effect.terms]
         columns = [(term, term.columns(seen)[data.rows]) for term in terms]
         here = _design(columns, fit.modes, fit.n_modes)
+        prior_rows = np.concatenate(
+            [np.zeros(0), *(term.prior_rows(fit.n_modes) for term in terms)]
+        )
         in_mode = [_design(columns, np.full_like(fit.modes, mode), fit.n_modes) for mode in modes]
         for background, test in folds:
             coef = np.zeros(0)
             if terms:
-                coef = background.normal_equations(here[:, None, :]).solve(None).coef[0, :, target]
+                equations = background.normal_equations(here[:, None, :], prior_rows)
+                coef = equations.solve(None).coef[0, :, target]
             library = background.coefficients((values - here @ coef)[:, None], target)
             for mode in modes:
                 predicted = regression.features[test] @ library[mode][:, 0]

@@ -73,8 +73,12 @@ def search_beside(
     rng: np.random.RandomState,
     choices: Choices,
     most: int,
+    is_last: bool,
 ) -> Outcome:
-    """So many effects at most beside a declared model, `first` fitted to the searched rows."""
+    """So many effects at most beside a declared model, `first` fitted to the searched rows.
+
+    It is not the last search where what it finds only serves to know the record better.
+    """
     split = parts.of(measured.rows)
     records, rows = measured.records, split.search
     targets = measured.targets[rows]
@@ -97,7 +101,7 @@ def search_beside(
     )
     search = Search(context, most, choices.n_jobs, choices.verbose)
     structure, findings, rounds = search.run()
-    judge = Untouched(context, records, measured.targets, split.held_out)
+    judge = Untouched(context, records, measured.targets, split.held_out, is_last)
     steps = [one.structure for one in rounds]
     structure, findings, tried = judge.judged(structure, findings, steps)
     structure, findings = search.beside_the_unknown(structure, findings, rounds)

@@ -10,8 +10,9 @@ over the window. The velocity of a row is
 .. math:: C_j \bar\Phi + D r,
 
 and whatever is compared with it is averaged alike. No window reaches across a switch, which two
-laws would share; a window of two thirds of a stay leaves most of it. Nothing is left of the filter
-but its noise, of which neighbours share some: only rows are kept whose noise is independent.
+laws would share, nor across a jump of an input; a window of two thirds of a stay leaves most of it.
+Nothing is left of the filter but its noise, of which neighbours share some: only rows are kept
+whose noise is independent.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from swsysid._effect_model.decoding import (
 from swsysid._effect_model.joint_fit import JointFit, as_stated, fit_jointly, told_on_rows
 from swsysid._effect_search.drawn import drawn
 from swsysid._effect_search.folds import Rows
+from swsysid._effect_search.held_inputs import between_jumps
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.settings import SETTINGS as STAYS
@@ -154,7 +156,7 @@ def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> 
     motion = drawn(fit, records.with_columns(states), told.modes, added)
     rest = records.X[:, :n_states] - motion
     modes = np.where(told.sure, told.modes, -1)
-    windows = _windows(rest, records, modes, told.stretches)
+    windows = _windows(rest, records, modes, between_jumps(fit, records, told.stretches))
     X = np.column_stack([motion + windows.values @ rest, records.X[:, n_states:]])
     shown = np.zeros((len(records), 1), dtype=bool)
     shown[windows.whole()] = True

@@ -25,7 +25,7 @@ from swsysid._effect_search.display import EffectReportDisplay
 from swsysid._effect_search.findings import Ladder
 from swsysid._effect_search.greedy import Round
 from swsysid._effect_search.page import effect_page
-from swsysid._effect_search.set_aside import Interval, set_aside
+from swsysid._effect_search.set_aside import Event, set_aside
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.text import named, report_lines, summary, title
 from swsysid._effect_search.untouched import Tried
@@ -86,8 +86,8 @@ class EffectReport(EffectContents):
         (``n_together``) in how many trajectories, the probability of that by chance, and the
         ``interval`` of the ``channel`` that they are in, with the share of the ``others`` there.
         With ``is_finding`` they are no outliers: another law acts there. A ``time_interval``
-        (``trajectory``, ``begin``, ``end``, ``law``) is theirs where they fill one: a lid was
-        opened, a load switched on.
+        (``trajectory``, ``begin``, ``end``, ``law``) is theirs where they fill one, or several in a
+        trajectory, its ``intervals``: a lid was opened, a load switched on.
     discrete : bool
         True if the targets are the next states.
     data : EffectData or None
@@ -155,6 +155,7 @@ class EffectReport(EffectContents):
             data=EffectData(
                 records=records,
                 rows=split.held_out,
+                samples=split.untouched,
                 targets=ladder.targets,
                 models=(models[0], models[1]),
                 final=models[2],
@@ -222,23 +223,23 @@ def _aside(fit: JointFit, ladder: Ladder, names: NDArray | None) -> RowsSetAside
         "others": found.others,
         "is_finding": found.is_finding(ladder.context.significance),
         "time_interval": (
-            _interval(fit, found.times, ladder.records, names)
-            if found.times is not None and found.is_time_interval(ladder.context.significance)
+            _when(fit, found.event, ladder.records, names)
+            if found.event is not None and found.is_event(ladder.context.significance)
             else None
         ),
     }
 
 
-def _interval(
-    fit: JointFit, times: Interval, records: Records, names: NDArray | None
-) -> TimeInterval:
+def _when(fit: JointFit, event: Event, records: Records, names: NDArray | None) -> TimeInterval:
     laws = fit.laws
     return {
-        "trajectory": str(times.trajectory if names is None else names[times.trajectory]),
-        "begin": times.begin,
-        "end": times.end,
+        "trajectory": str(event.trajectory if names is None else names[event.trajectory]),
+        "begin": event.intervals[0][0],
+        "end": event.intervals[-1][1],
+        "intervals": list(event.intervals),
+        "n_rows": event.n_aside,
         "law": laws_of_mode(
-            times.coef[None],
+            event.coef[None],
             0,
             laws.feature_map,
             REPORT.precision,

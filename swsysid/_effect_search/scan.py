@@ -27,7 +27,6 @@ from swsysid.effects import (
     StructureEffect,
 )
 from swsysid.effects._base import Place
-from swsysid.effects._memory import Foreseeing, Remembering
 
 Mode = int | None  # all modes alike if None
 Solutions = dict[Mode, Solution]
@@ -91,7 +90,7 @@ def _scan(
         context.backgrounds(replaced), context.backgrounds(), context.tests, strict=True
     ):
         some = _promising(background, columns, context.data.settings.most_scanned)
-        equations = background.normal_equations(columns[:, some])
+        equations = background.normal_equations(columns[:, some], effect.prior_rows)
         solved = {mode: equations.solve(mode) for group in groups for mode in group}
         gains = {group: sum(solved[mode].gain for mode in group) for group in groups}
         best = {group: np.asarray(gain).argmax(axis=0) for group, gain in gains.items()}
@@ -161,55 +160,6 @@ def _added(
     return answer
 
 
-def is_smear(context: CandidateContext, trial: Trial) -> bool:
-    """Whether a memory may be that of the sampling or of a filter, and of nothing physical."""
-    effect = trial.candidate.effect
-    if not isinstance(effect, Remembering):
-        return False
-    return _between_samples(context, trial) or _foreseen(context, trial, effect)
-
-
-def _between_samples(context: CandidateContext, trial: Trial) -> bool:
-    """Whether all that a channel does is late by half a step at most, as if an input is held."""
-    candidate = trial.candidate
-    (parameter,) = candidate.effect.parameters(context.searched, candidate.place)
-    if parameter.unit != "{time}":
-        return False
-    own, background = _gain_of(context, trial), context.backgrounds(candidate.replaced)[-1]
-    feature, direct = context.linear.get(candidate.place), 0.0
-    if candidate.replaced is None and feature is not None:
-        columns = context.columns(candidate.effect, candidate.place, np.array([candidate.theta]))
-        rest = context.regression.targets[:, [candidate.target]] - own * columns[:, 0]
-        laws = background.coefficients(rest, candidate.target)
-        channel, values = context.records.channel(candidate.place), context.regression.features
-        unit = np.linalg.norm(values[:, feature]) / np.linalg.norm(channel[context.data.rows])
-        direct = float(unit * np.mean([law[feature, 0] for law in laws]))
-    late = own * candidate.theta[0] / (own + direct)
-    return bool(0.0 <= late <= 0.5 * context.records.step)
-
-
-def _foreseen(context: CandidateContext, trial: Trial, effect: Remembering) -> bool:
-    """Whether the future of an input explains about as much as its past: a filter smears both."""
-    candidate, context = trial.candidate, replace(context, kept={})
-    where = (candidate.place, candidate.target, candidate.mode, candidate.replaced)
-    for other in scan(context, Foreseeing(effect)):
-        twin = other.candidate
-        if (twin.place, twin.target, twin.mode, twin.replaced) == where:
-            past, future = context.gains([trial, other]).sum(axis=1)
-            # beside its present value a channel's past and its future have opposite coefficients
-            alike = _gain_of(context, trial) * _gain_of(context, other) > 0.0
-            return bool(future > context.data.settings.foreseen * past and alike)
-    return False
-
-
-def _gain_of(context: CandidateContext, trial: Trial) -> float:
-    """Coefficient of a trial with one column on all rows, summed over its modes."""
-    candidate = trial.candidate
-    background = context.backgrounds(candidate.replaced)[-1]
-    _, solved = _solved(context, background, candidate, candidate.theta)
-    return float(sum(one.coef[0, 0, candidate.target] for one in solved.values()))
-
-
 # -- refinement ------------------------------------------------------------------------------------
 
 
@@ -230,7 +180,7 @@ def refined(context: CandidateContext, trial: Trial) -> Trial:
         theta = _best_near(context, background, candidate, trial.grid, start)
         if test is None:
             continue
-        columns, solved = _solved(context, background, candidate, theta)
+        columns, solved = solved_at(context, background, candidate, theta)
         group, first = tuple(solved), np.zeros(context.regression.targets.shape[1], dtype=np.intp)
         added = _added(background, full, test, columns, solved, {group: first})
         change[test] = added[group][:, candidate.target]
@@ -249,7 +199,7 @@ def _best_near(
     settings = context.data.settings
 
     def loss(theta: Sequence[float]) -> float:
-        _, solved = _solved(context, background, candidate, theta)
+        _, solved = solved_at(context, background, candidate, theta)
         return -float(sum(one.gain[0, candidate.target] for one in solved.values()))
 
     least = loss(theta) if theta else 0.0
@@ -281,7 +231,7 @@ def _least_near(
     return float(found.x), float(found.fun)
 
 
-def _solved(
+def solved_at(
     context: CandidateContext,
     background: Background,
     candidate: PlacedEffect,
@@ -289,7 +239,7 @@ def _solved(
 ) -> tuple[Array, Solutions]:
     """Columns and solutions of one value, in each mode where the columns replace a feature."""
     columns = context.columns(candidate.effect, candidate.place, np.array([theta]))
-    equations = background.normal_equations(columns)
+    equations = background.normal_equations(columns, candidate.effect.prior_rows)
     replacing = candidate.replaced is not None
     modes = range(context.regression.n_modes) if replacing else [candidate.mode]
     return columns, {mode: equations.solve(mode) for mode in modes}

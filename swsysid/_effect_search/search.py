@@ -15,7 +15,12 @@ from swsysid._checks.parameters import function, jobs, random_numbers, real, sho
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import explained
 from swsysid._effect_model.declared import Declared
-from swsysid._effect_model.joint_fit import JointFit, fit_jointly, warn_of_doubts
+from swsysid._effect_model.joint_fit import (
+    JointFit,
+    fit_jointly,
+    warn_of_doubts,
+    with_told_surface,
+)
 from swsysid._effect_model.models import check_declared, declared_model, unfitted, with_seed
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.alarms import alarms
@@ -207,23 +212,20 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         measured = self._measured(X, y, t, groups, signals, inputs)
         parts = split_records(measured.records, rng, measured.window)
         final = measured.fitted(self._declared)
-        self.best_estimator_ = self.declared_estimator_ = self._regressor(final, measured.records)
+        self.best_estimator_ = self.declared_estimator_ = self._handed_over(final, measured)
         if self._is_enough(measured, parts):
             rows = parts.of(measured.rows).search
             plain = measured.fitted(self._declared, rows)
             self._alarms = alarms(self._declared, plain, measured, rows)
             for alarm in self._alarms:
                 warnings.warn(alarm, IdentificationWarning, stacklevel=2)
-            if measured.records.told is not None and self.max_effects:
-                # With the first effect inside, fewer modes and velocities are wrong, and perhaps
-                # its kind is another one.
-                first = self._search(measured, parts, plain, rng, most=1).structure.fit
-                again = self._identified_beside(measured, first)
-                if again is not None and self._is_enough(again, parts):
-                    measured, final = again, again.fitted(self._declared)
-                    plain = measured.fitted(self._declared, parts.of(measured.rows).search)
-                    self.declared_estimator_ = self._regressor(final, measured.records)
-            found = self._search(measured, parts, plain, rng, self.max_effects)
+            again = self._searched_again(measured, parts, plain, rng)
+            if again is None:
+                found = self._search(measured, parts, plain, rng, self.max_effects)
+            else:
+                measured, found = again
+                final = measured.fitted(self._declared)
+                self.declared_estimator_ = self._handed_over(final, measured)
             final = self._concluded(measured, found, final)
         else:
             warnings.warn(
@@ -270,6 +272,26 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         n_searched = len(parts.of(measured.rows).search)
         return n_searched >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
 
+    def _searched_again(
+        self, measured: Measured, parts: Split, plain: JointFit, rng: np.random.RandomState
+    ) -> tuple[Measured, Outcome] | None:
+        """The record as it is known with a first effect inside, and what a search finds in it.
+
+        Fewer modes and velocities are wrong there, and perhaps the effect is another one. None if
+        nothing tells more of the record, or if it then shows nothing at all.
+        """
+        if measured.records.told is None or not self.max_effects:
+            return None
+        first = self._search(measured, parts, plain, rng, 1, is_last=False).structure.fit
+        stated, better = self._declared, self._identified_beside(measured, first)
+        if better is not None and self._is_enough(better, parts):
+            beside = better.fitted(self._declared, parts.of(better.rows).search)
+            found = self._search(better, parts, beside, rng, self.max_effects)
+            if found.structure.terms:
+                return better, found
+        self._declared = stated
+        return None
+
     def _identified_beside(self, measured: Measured, first: JointFit) -> Measured | None:
         """The record with modes and velocities that are better known with an effect inside."""
         records = measured.records if measured.recorded is None else measured.recorded
@@ -289,6 +311,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         plain: JointFit,
         rng: np.random.RandomState,
         most: int,
+        is_last: bool = True,
     ) -> Outcome:
         """So many effects at most beside the declared model, fitted alone to the same rows."""
         choices = Choices(
@@ -298,7 +321,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             self.n_jobs,
             self.verbose,
         )
-        return search_beside(self._declared, plain, measured, parts, rng, choices, most)
+        return search_beside(self._declared, plain, measured, parts, rng, choices, most, is_last)
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects found, and the fit with them to all rows."""
@@ -315,7 +338,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 whole.targets,
                 modes[whole.rows],
             )
-            self.best_estimator_ = self._regressor(final, records)
+            self.best_estimator_ = self._handed_over(final, measured)
         covariances = term_covariances(final, whole)
         self.effects_ = describe_findings(ladder, final, covariances)
         models = [self._regressor(ladder.fits[place], records) for place in (0, -1)]
@@ -349,6 +372,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self._trajectory_names = None if groups is None else np.unique(groups)
         self._declared = declared_model(self._seeded, records)
         return with_velocities(self._declared, records, targets)
+
+    def _handed_over(self, fit: JointFit, measured: Measured) -> EffectRegressor:
+        """The regressor of a fit to all rows."""
+        told = with_told_surface(fit, measured.records, measured.rows)
+        return self._regressor(told, measured.records)
 
     def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
         regressor = EffectRegressor(unfitted(self._seeded), fit.terms)

@@ -5,7 +5,9 @@ rows were outliers, they would be scattered: of n rows, of which a share :math:`
 :math:`n \rho^2` pairs of neighbours are by chance, and their number is a Poisson variable. And the
 errors of two neighbours would point apart as often as the same way. Where both are refuted, and
 more than one trajectory has visited the place, another law acts there: a mode, a stop, a collision.
-Where they fill one interval of time, something happened then: a lid was opened, a load switched on.
+Where they fill an interval of time, or several, something happened then: a lid was opened, a load
+switched on. Elsewhere a share q of the rows set aside has a successor that is set aside too, so
+that one of m such rows begins n of them in a row with probability :math:`m q^{n-1}` at most.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from sklearn.neighbors import NearestNeighbors
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.folds import SearchData, memory_of
 from swsysid._noise import robust_regression, robust_scale
 from swsysid._results import Array
 
@@ -28,12 +30,12 @@ _NOWHERE = np.empty(0, dtype=np.intp)
 
 
 @dataclass(frozen=True)
-class Interval:
-    """The one stretch of a trajectory that rows set aside fill, and the law that acts there."""
+class Event:
+    """Stretches of a trajectory that rows set aside fill, and the law that acts there."""
 
     trajectory: int
-    begin: float
-    end: float
+    intervals: tuple[tuple[float, float], ...]  # from the first time to the last of each, in order
+    n_aside: int  # rows set aside in them
     share: float  # of the rows inside that are set aside
     coef: Array  # of the library, (n_states, n_features): the law of the usual mode and a change
 
@@ -49,15 +51,15 @@ class SetAside:
     channel: str  # that tells most of these apart from the others
     interval: tuple[float, float]  # of the channel
     others: float  # share of all other rows in the interval
-    times: Interval | None = None  # which they fill, if they do
+    event: Event | None = None  # that they are, where they fill intervals of time
 
     def is_finding(self, significance: float) -> bool:
         """True if another law acts there; once in one trajectory may be an accident."""
-        return self.p_value <= significance and self.n_trajectories > 1 and self.times is None
+        return self.p_value <= significance and self.n_trajectories > 1 and self.event is None
 
-    def is_time_interval(self, significance: float) -> bool:
-        """True if another law acts for some time, and never before or after it."""
-        return self.p_value <= significance and self.times is not None
+    def is_event(self, significance: float) -> bool:
+        """True if another law acts for some time, or at some times, and never else."""
+        return self.p_value <= significance and self.event is not None
 
 
 def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> SetAside:
@@ -87,32 +89,55 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     # where rows have no order they were taken one by one
     count = len(together if seen.groups is None else np.unique(seen.groups[together]))
     where = names[channel], interval, others
-    times = _filled(fit, data, targets, rows, together)
-    return SetAside(rows[far], rows[together], count, chance, *where, times)
+    event = _event(fit, data, targets, rows, together)
+    if event is not None and event.n_aside < data.settings.in_intervals * len(together):
+        # what lies at a place of its own in several trajectories belongs to the place
+        event = event if count == 1 or others > data.settings.nowhere else None
+    return SetAside(rows[far], rows[together], count, chance, *where, event)
 
 
-def _filled(
+def _event(
     fit: JointFit, data: SearchData, targets: Array, rows: Rows, together: Rows
-) -> Interval | None:
-    """The stretch of time that rows set aside fill, None if they fill none."""
-    records = data.records
+) -> Event | None:
+    """The stretches of a trajectory that rows set aside fill, None if they fill none."""
+    records, settings = data.records, data.settings
     if not records.timed:
         return None
     assert records.t is not None
     aside = np.zeros(len(records), dtype=bool)
     aside[rows[together]] = True
     judged = np.isin(np.arange(len(records)), rows)
-    stretches = [(own[judged[own]], n) for n, own in enumerate(records.trajectories)]
-    inside, trajectory = max(
-        ((_outnumbering(own, aside), number) for own, number in stretches),
-        key=lambda one: int(np.sum(2 * aside[one[0]] - 1)),
+    # what neighbours remember of one error are no rows of their own
+    left = fit.residuals(records, data.rows, data.targets)
+    left = np.delete(left, list(data.exact_states), axis=1)
+    fewest = settings.fewest_in_interval * memory_of(records.take(data.rows), left)
+    each = [rows[judged[rows]] for rows in records.trajectories]
+    filled = [_stretches_filled(own, aside, fewest) for own in each]
+    trajectory = max(
+        range(len(each)), key=lambda one: sum(aside[part].sum() for part in filled[one])
     )
-    n_aside, settings = int(aside[inside].sum()), data.settings
-    if n_aside < max(settings.fewest_in_interval, settings.in_one_interval * len(together)):
+    found = filled[trajectory]
+    while found and _chance_of(found, each, aside) > settings.same_event:
+        found = found[:-1]  # the shortest
+    if not found:
         return None
-    begin, end = records.t[inside[[0, -1]]]
-    law = _law_inside(fit, data, targets, inside)
-    return Interval(trajectory, float(begin), float(end), n_aside / len(inside), law)
+    inside = np.concatenate(found)
+    ends = sorted((float(records.t[part[0]]), float(records.t[part[-1]])) for part in found)
+    n_aside, law = int(aside[inside].sum()), _law_inside(fit, data, targets, np.sort(inside))
+    return Event(trajectory, tuple(ends), n_aside, n_aside / len(inside), law)
+
+
+def _stretches_filled(rows: Rows, aside: NDArray[np.bool_], fewest: float) -> list[Rows]:
+    """Stretches in which rows set aside outnumber the others, those with most of them first."""
+    best = _outnumbering(rows, aside)
+    if aside[best].sum() < fewest:
+        return []
+    start = int(np.searchsorted(rows, best[0]))
+    sides = rows[:start], rows[start + len(best) :]
+    others = [
+        part for side in sides if len(side) for part in _stretches_filled(side, aside, fewest)
+    ]
+    return sorted([best, *others], key=lambda part: -int(aside[part].sum()))
 
 
 def _outnumbering(rows: Rows, aside: NDArray[np.bool_]) -> Rows:
@@ -122,6 +147,18 @@ def _outnumbering(rows: Rows, aside: NDArray[np.bool_]) -> Rows:
     stop = int(np.argmax(gain))
     start = stop - int(np.argmin(lead[stop::-1]))  # the last of the lowest
     return rows[start:stop]
+
+
+def _chance_of(found: list[Rows], each: list[Rows], aside: NDArray[np.bool_]) -> float:
+    """That the shortest of some stretches is one of those in which errors elsewhere follow."""
+    inside = np.zeros(len(aside), dtype=bool)
+    inside[np.concatenate(found)] = True
+    elsewhere = [aside[rows] & ~inside[rows] for rows in each]
+    count = sum(int(one.sum()) for one in elsewhere)
+    followed = sum(int(np.sum(one[1:] & one[:-1])) for one in elsewhere)
+    n_rows = sum(len(rows) for rows in each)
+    q = (followed + (count + 1.0) / n_rows) / (count + 1.0)
+    return (count + 1.0) * q ** (int(aside[found[-1]].sum()) - 1)
 
 
 def _law_inside(fit: JointFit, data: SearchData, targets: Array, inside: Rows) -> Array:

@@ -43,6 +43,7 @@ class SearchSettings:
     fine: float = 1e-3  # of the distance between two values of a scan: below every interval
     n_sweeps: int = 5  # over parameters of one effect that trade off
     foreseen: float = 0.5  # share of what the past explains: where the future does it is a filter
+    held_late: float = 0.6  # steps: a held input is late by half of one, as far as it is known
     correction: float = 5.0  # gain for which the correction of a sensor is worth a fit
 
     # -- structures ------------------------------------------------------------------------------
@@ -60,7 +61,9 @@ class SearchSettings:
 
     # -- rows set aside --------------------------------------------------------------------------
     fewest_in_interval: int = 5  # rows of an event in time: fewer are an accident
-    in_one_interval: float = 0.9  # share of the rows that follow each other: then it is one event
+    in_intervals: float = 0.9  # share of the rows that follow each other: then they are an event
+    same_event: float = 0.01  # probability below which errors elsewhere do not explain a stretch
+    nowhere: float = 0.5  # share of the other rows: where they are too is no place of its own
 
     # -- what may enter --------------------------------------------------------------------------
     # Every record has an endless rest that is significant and small: 0.05 a row is an error
@@ -70,7 +73,7 @@ class SearchSettings:
     # One more mode bends to anything and explains whatever the first named effect leaves over.
     share_of_a_mode: float = 0.1
     share_of_a_disturbance: float = 0.05  # what effects leave over a little is no force
-    slow_steps: float = 4.0  # steps of the record that a force is remembered for, unlike noise
+    slow_steps: int = 4  # steps of the record that a force is remembered for, unlike noise
     gap_steps: float = 1.5  # steps of the record: samples farther apart are no neighbours
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
 
@@ -90,7 +93,6 @@ class ReportSettings:
     # -- what is worth telling ----------------------------------------------------------------
     worth_telling: float = 0.01  # share by which an error is lowered
     smallest_p_value: float = 1e-16  # smaller ones are rounding
-    nowhere: float = 0.5  # share of the other rows: where they are too is no place of its own
 
     # -- lists --------------------------------------------------------------------------------
     precision: int = 3  # digits of a law in text

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._effect_model.declared import Declared
-from swsysid._effect_model.joint_fit import JointFit, fit_jointly
+from swsysid._effect_model.joint_fit import JointFit, fit_jointly, with_told_surface
 from swsysid._effect_search.candidates import (
     CandidateContext,
     Columns,
@@ -24,6 +24,7 @@ from swsysid._effect_search.folds import SearchData, memory_of
 from swsysid._effect_search.held_out import held_out_cost, unseen_cost
 from swsysid._effect_search.scan import proposals, refined, scan
 from swsysid._effect_search.settings import SearchSettings
+from swsysid._effect_search.smears import is_unresolved
 from swsysid._effect_search.switches import gain_of_guard
 from swsysid._noise import robust_scale
 from swsysid._results import Array
@@ -103,13 +104,15 @@ class SearchContext:
 
     # -- structures ------------------------------------------------------------------------------
 
-    def structure(self, terms: Terms, modes: Modes | None, rounds: int = 2) -> Structure:
-        """Fit a structure and price it."""
+    def structure(
+        self, terms: Terms, modes: Modes | None, rounds: int = 2, like: Modes | None = None
+    ) -> Structure:
+        """Fit a structure and price it; without modes they are sought, named like others."""
         more = [one.effect for one in terms if isinstance(one.effect, StructureEffect)]
         most = self._n_declared_modes + sum(effect.n_more_modes for effect in more)
         if modes is not None and modes.max() >= most:
             modes = None  # modes of a structure that had more of them
-        return self._fitted(terms, modes, rounds)
+        return self._fitted(terms, modes, rounds, like)
 
     def with_modes_anew(self, structure: Structure) -> Structure:
         """The structure with its modes sought anew, if that is better."""
@@ -137,6 +140,10 @@ class SearchContext:
         """The structure with another effect in the place of one of its terms."""
         terms = (*structure.terms[:place], candidate, *structure.terms[place + 1 :])
         return self.structure(terms, structure.fit.modes)
+
+    def with_told_surface(self, fit: JointFit) -> JointFit:
+        """A fit with the surface between all modes that the searched part of a recording tells."""
+        return with_told_surface(fit, self.data.records, self.data.rows)
 
     def without(self, structure: Structure, place: int) -> Structure:
         """The structure without one of its terms."""
@@ -250,7 +257,8 @@ class SearchContext:
             if hopeful or trial.candidate.signature == own:
                 if rank not in known.refined:
                     known.refined[rank] = refined(beside, trial)
-                chosen.append(known.refined[rank])
+                if not is_unresolved(beside, known.refined[rank]):
+                    chosen.append(known.refined[rank])
             kinds.add(kind)
         return _best_first(beside, chosen) if chosen else [], len(known.trials)
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from swsysid._effect_search.contents import EffectContents, Rollout
-from swsysid._effect_search.settings import REPORT
+from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
 from swsysid.effects import FoundEffect, Rival, StructureEffect, UnknownFunction
@@ -187,7 +187,7 @@ def aside(report: EffectContents) -> str:
     if not one["n_together"]:
         return f"{told}; no two of them follow each other."
     low, high = one["interval"]
-    anywhere = one["others"] > REPORT.nowhere
+    anywhere = one["others"] > SETTINGS.nowhere
     where = (
         f"{one['channel']} between {low:.4g} and {high:.4g} "
         f"(where {one['others']:.1%} of the others are)"
@@ -201,11 +201,14 @@ def aside(report: EffectContents) -> str:
     if event is not None:
         beside = ", beside the effects" if report.effects else ""
         seen = "" if anywhere else f", with {where}: time and place cannot be told apart"
+        times = [f"{begin:.4g} to {end:.4g}" for begin, end in event["intervals"]]
+        once = len(times) == 1
         return (
-            f"{told}; {one['n_together']} of them follow each other from {event['begin']:.4g} to "
-            f"{event['end']:.4g} in trajectory {event['trajectory']}: another law acts for that "
-            f"time ({probability(one['p_value'])}){beside}: {'; '.join(event['law'])}. It is seen "
-            f"once{seen}."
+            f"{told}; {event['n_rows']} of them follow each other from {joined(times)} in "
+            f"trajectory {event['trajectory']}: another law acts for "
+            f"{'that time' if once else 'these times'} ({probability(one['p_value'])}){beside}: "
+            f"{'; '.join(event['law'])}. It is seen {'once' if once else f'{len(times)} times'}"
+            f"{seen}."
         )
     if not one["is_finding"]:
         return f"{told}; {place}."
@@ -213,6 +216,11 @@ def aside(report: EffectContents) -> str:
         f"{told}; {place}: another law acts {'at times' if anywhere else 'there'}, one more mode, "
         f"a stop or a collision ({probability(one['p_value'])})."
     )
+
+
+def joined(parts: Sequence[str]) -> str:
+    """Parts in a row, with "and" before the last."""
+    return " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
 
 
 def first_of(entries: Sequence[str], most: int) -> list[str]:

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from swsysid._effect_search.acceptance import Finding, is_promising
+from swsysid._effect_search.acceptance import Finding, channels_of, contains, is_promising
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid.effects import PlacedEffect, UnknownFunction
+from swsysid.effects import UnknownFunction
 from swsysid.effects._shapes import finer, shapes
 
 
@@ -42,14 +42,25 @@ class Unknowns:
         """The structure with shapes in the place of the terms that only approximate them."""
         for _ in range(len(structure.terms)):
             tried = [self._instead(structure, group) for group in _groups(structure)]
-            options = [option for option in tried if self._is_better(option, structure)]
+            options = [option for option in tried if self._is_reason(option, structure)]
             if not options:
                 break
             best = min(options, key=lambda option: option.cost)
             # of those within one standard error the one with the fewest terms
             level = [option for option in options if not self._is_better(best, option)]
             structure = min([best, *level], key=lambda option: (len(option.terms), option.cost))
-        return self._merged(structure)
+        return self._merged(self._one_for_several(structure))
+
+    def _one_for_several(self, structure: Structure) -> Structure:
+        """One shape unless several effects with a name of the same channel are better than it.
+
+        Two of them can imitate what neither is, and which two is anybody's guess.
+        """
+        for group in _of_one_channel(structure):
+            option = self._instead(structure, group)
+            if len(option.terms) < len(structure.terms) and not self._is_better(structure, option):
+                return self._one_for_several(option)
+        return structure
 
     def _merged(self, structure: Structure) -> Structure:
         """One shape where terms beside it depend on nothing else, unless much is lost."""
@@ -70,6 +81,17 @@ class Unknowns:
         error = gains.std(ddof=1) * np.sqrt(len(gains))
         least = self.named.settings.tie + np.log(len(self.shapes.effects))
         return bool(gains.sum() > max(error, least))
+
+    def _is_reason(self, option: Structure, than: Structure) -> bool:
+        """True if it is better, and by more where it names a channel that no term named before.
+
+        Of two channels that go together either can stand for the other: another one has to be worth
+        as much as one more effect.
+        """
+        other = {channel for term in option.terms for channel in channels_of(term)}
+        other -= {channel for term in than.terms for channel in channels_of(term)}
+        least = self.named.settings.gain_a_row * self.named.n_rows if other else 0.0
+        return option.cost < than.cost - least and self._is_better(option, than)
 
     def added(self, structure: Structure) -> tuple[Finding, Structure, int] | None:
         """The shape that explains what is left over, None if none does."""
@@ -122,26 +144,46 @@ class Unknowns:
         top, n_candidates = self.shapes.scanned(beside)
         if not top:
             return None, n_candidates
-        best = _simplest(beside, top)
-        shape = best.candidate.effect
-        assert isinstance(shape, UnknownFunction)
-        if len(shape.channels) > 1 and not shape.of_product:
-            more = replace(self.shapes, effects=finer(shape, self.named.data.records), kept={})
+        best, coarser = _simplest(beside, top), None
+        while best is not coarser:
+            coarser, records = best, self.named.data.records
+            more = replace(self.shapes, effects=finer(_shape(best), records), kept={})
             others, n_more = more.scanned(replace(beside, kept={}))
             best, n_candidates = _simplest(beside, [best, *others]), n_candidates + n_more
         return best, n_candidates
 
 
 def _simplest(beside: CandidateContext, trials: list[Trial]) -> Trial:
-    """Of those within a standard error of the best that of fewest channels and knots."""
-    best = trials[int(np.argmax(beside.gains(trials).sum(axis=1)))]
+    """Of those within a standard error of the best that of fewest channels and knots.
+
+    With enough rows a function of two channels also follows the few that have the wrong mode: one
+    argument more has to be worth as much as one more effect.
+    """
+    gains = beside.gains(trials).sum(axis=1)
+    best = trials[int(np.argmax(gains))]
+    of_one = [place for place, trial in enumerate(trials) if _n_arguments(trial) == 1]
+    if _n_arguments(best) > 1 and of_one:
+        most = beside.data.settings.gain_a_row * float(beside.regression.weight.sum())
+        if gains[of_one].max() > gains.max() - most:
+            return _simplest(beside, [trials[place] for place in of_one])
 
     def simplicity(place: int) -> tuple[int, bool, int]:
-        effect = trials[place].candidate.effect
-        assert isinstance(effect, UnknownFunction)
+        effect = _shape(trials[place])
         return len(effect.channels), not effect.of_product, len(effect.knots)
 
     return trials[min(beside.level_with(best, trials), key=simplicity)]
+
+
+def _n_arguments(trial: Trial) -> int:
+    """Two of a function of two channels, one of a function of their product."""
+    return len(_shape(trial).knots[0])
+
+
+def _shape(trial: Trial) -> UnknownFunction:
+    """The function that a trial is of."""
+    effect = trial.candidate.effect
+    assert isinstance(effect, UnknownFunction)
+    return effect
 
 
 def _groups(structure: Structure) -> list[list[int]]:
@@ -154,25 +196,21 @@ def _groups(structure: Structure) -> list[list[int]]:
     return [group for number, group in enumerate(listed) if group and group not in listed[:number]]
 
 
+def _of_one_channel(structure: Structure) -> list[list[int]]:
+    """Terms with a name, several in one equation, that depend on one channel and nothing else."""
+    groups: dict[tuple[int, object], list[int]] = {}
+    for place, term in enumerate(structure.terms):
+        channels = channels_of(term)
+        if len(channels) == 1 and not isinstance(term.effect, UnknownFunction):
+            groups.setdefault((term.target, channels.pop()), []).append(place)
+    return [group for group in groups.values() if len(group) > 1]
+
+
 def _nested(structure: Structure) -> list[list[int]]:
     """Pairs of a shape and a term in the same equation that depends on the same channels only."""
     return [
         [place, number]
         for place, shape in enumerate(structure.terms)
-        if isinstance(shape.effect, UnknownFunction)
         for number, term in enumerate(structure.terms)
-        if number != place
-        and term.target == shape.target
-        and _channels(term) <= set(shape.effect.channels)
+        if contains(shape, term)
     ]
-
-
-def _channels(term: PlacedEffect) -> set[object]:
-    """Channels whose present values a term depends on, and its place where it is none."""
-    if isinstance(term.effect, UnknownFunction):
-        return set(term.effect.channels)
-    if term.effect.needs or not term.effect.terms:
-        return {term.effect.kind}
-    if term.place == "constant":
-        return set()
-    return set(term.place) if isinstance(term.place, tuple) else {term.place}

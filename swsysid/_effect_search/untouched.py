@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._effect_search.acceptance import Finding, confirmed
+from swsysid._effect_search.acceptance import Finding, confirmed, without_terms
 from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.folds import Folds, make_folds
-from swsysid._effect_search.settings import SETTINGS
+from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale
 from swsysid._results import Array
@@ -55,6 +55,11 @@ class Fall:
             return False
         return self.fall.value <= 0.0 or self.promised > SETTINGS.shown * self.error
 
+    @property
+    def is_rise(self) -> bool:
+        """True if the error clearly rises."""
+        return replace(self.fall, value=-self.fall.value).is_clear
+
 
 @dataclass(frozen=True)
 class Untouched:
@@ -64,6 +69,7 @@ class Untouched:
     records: Records
     targets: Array  # of the whole record
     rows: NDArray[np.intp]
+    is_last: bool = True  # False where a recording will be better known with what is found
 
     @cached_property
     def _folds(self) -> Folds:
@@ -91,6 +97,7 @@ class Untouched:
 
     def gain(self, before: JointFit, after: JointFit) -> Fall:
         """By how much they fall in all, and by how much they were to fall."""
+        before, after = map(self.context.with_told_surface, (before, after))
         falls, data = self._falls(before, after, self.rows), self.context.data
         searched = self._falls(before, after, data.rows)
         in_search = BlockSum.of(data.folds.independent_sums(searched))
@@ -113,7 +120,13 @@ class Untouched:
             fewer = [self._without(structure, place) for place in range(len(structure.terms))]
             gains = [self.gain(fit, structure.fit) for fit in fewer]
             shown = [self._shows(term) for term in structure.terms]
-            useless = [place for place, one in enumerate(gains) if shown[place] and one.is_refuted]
+            useless = [
+                place
+                for place, one in enumerate(gains)
+                if (one.is_refuted if shown[place] else one.is_rise)
+            ]
+            if self.is_last and not useless and self._rises(structure.fit):
+                useless = list(range(len(fewer)))
             if not useless:
                 findings = tuple(
                     replace(finding, doubts=(*finding.doubts, NOT_SHOWN))
@@ -131,10 +144,21 @@ class Untouched:
             tried.append(Tried(lost.candidate, lost.p_value, before, after))
             known = {one.candidate.signature for one in tried}
             options = [self.context.without(structure, worst)]
-            options += [one for one in earlier if not known & {t.signature for t in one.terms}]
+            options += without_terms(earlier, known)
             structure = min(options, key=lambda option: option.price)
             structure, findings = confirmed(self.context, structure)
         return structure, findings, tuple(tried)
+
+    def _rises(self, fit: JointFit) -> bool:
+        """Whether the errors, gross ones and all, rise by a larger share than they fall."""
+        before, after = (
+            np.mean(self._errors(self.context.with_told_surface(one), self.rows) ** 2, axis=0)
+            for one in (self.context.declared, fit)
+        )
+        exact = self.context.data.exact_states
+        judged = [state for state in range(len(before)) if state not in exact]
+        ratios = np.sqrt(after[judged] / np.maximum(before[judged], np.finfo(float).tiny))
+        return bool(ratios.sum() > len(judged) + REPORT.worth_telling)
 
     def _without(self, structure: Structure, place: int) -> JointFit:
         if len(structure.terms) == 1:

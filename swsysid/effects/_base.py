@@ -66,6 +66,9 @@ class Effect(BaseEstimator):
         What becomes of the channel's own linear term, if the declared library has one: it stays,
         the columns take its place (as a dead zone of an actuator does), or either is tried. An
         effect "beside" it, or "instead" of it, makes no sense where there is none.
+    prior_rows : float
+        Rows that say that a coefficient is zero, beside those of the data: more than none only
+        where the data may say nothing of a coefficient.
 
     Examples
     --------
@@ -89,6 +92,7 @@ class Effect(BaseEstimator):
     terms: ClassVar[tuple[str, ...]] = ("coefficient",)
     needs: ClassVar[frozenset[str]] = frozenset()
     role: ClassVar[str] = "adds"
+    prior_rows: ClassVar[float] = 0.0
 
     # -- what it adds, and where -----------------------------------------------------------------
 

@@ -25,9 +25,13 @@ class EffectSettings:
 
     # -- shapes without a name -------------------------------------------------------------------
     knots: tuple[int, ...] = (6, 12, 24)  # of a function of one channel
-    knots_of_two: tuple[int, ...] = (20, 50, 100)  # of a function of two
+    more_knots: tuple[int, ...] = (48,)  # tried after the last of them, one after another
+    knots_of_two: tuple[int, ...] = (20, 50)  # of a function of two
+    more_knots_of_two: tuple[int, ...] = (100, 200, 300)
+    prior_rows: float = 0.1  # a knot with one row near it moves by a tenth
     outer: float = 0.01  # share of the samples beyond each outermost knot
     samples_a_knot: int = 4
+    digits: int = 9  # of a channel's range: values closer than that are one
 
     # -- time and memory -------------------------------------------------------------------------
     most_frequencies: int = 4000

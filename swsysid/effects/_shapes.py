@@ -2,7 +2,9 @@
 
 Its columns are cardinal: a coefficient is the value of the function at a knot. Between the knots
 it is the cubic radial basis function with a linear part, which of one channel is the natural cubic
-spline: beyond the outermost knots it goes on as a straight line.
+spline: beyond the outermost knots it goes on as a straight line. Some knots may be where only rows
+are that take no part in a fit; so at every knot the function is taken to be zero, as if a part of a
+row had said so (`prior_rows`).
 """
 
 from __future__ import annotations
@@ -51,6 +53,7 @@ class UnknownFunction(Effect):
     """
 
     kind = "unknown_function"
+    prior_rows = SETTINGS.prior_rows
     meaning = "{target} depends on {channel} by a function that no effect with a name describes"
 
     def __init__(
@@ -123,29 +126,41 @@ def _cardinal(knots: tuple[tuple[float, ...], ...]) -> RBFInterpolator:
 def shapes(records: Records) -> list[UnknownFunction]:
     """Smooth functions of channels, of products and of pairs of them, the smoothest first.
 
-    Those of pairs have few knots; `finer` has more of them.
+    They have few knots; `finer` has more of them.
     """
     channels = [*records.states, *records.inputs]
     pairs = list(combinations(channels, 2))
     sized: list[tuple[tuple[int, ...], bool, tuple[int, ...]]]
     sized = [((channel,), False, SETTINGS.knots) for channel in channels]
     sized += [(pair, True, SETTINGS.knots) for pair in pairs]
-    sized += [(pair, False, SETTINGS.knots_of_two[:1]) for pair in pairs]
+    sized += [(pair, False, SETTINGS.knots_of_two) for pair in pairs]
     return [shape for each in sized for shape in _sized(records, *each)]
 
 
 def finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction]:
-    """Functions of the same pair of channels with more knots."""
-    return _sized(records, shape.channels, False, SETTINGS.knots_of_two[1:])
+    """The function of the same channels with the next larger number of knots.
+
+    There is none after a smooth one, and none where the samples do not bear it.
+    """
+    is_surface = len(shape.channels) > 1 and not shape.of_product
+    scanned = SETTINGS.knots_of_two if is_surface else SETTINGS.knots
+    more = SETTINGS.more_knots_of_two if is_surface else SETTINGS.more_knots
+    if len(shape.knots) < scanned[-1]:
+        return []
+    larger = [count for count in more if count > len(shape.knots)][:1]
+    return _sized(records, shape.channels, shape.of_product, larger)
 
 
 def _sized(
     records: Records, place: tuple[int, ...], of_product: bool, counts: Sequence[int]
 ) -> list[UnknownFunction]:
     """Shapes with so many knots, where the samples bear them."""
-    points = np.unique(_points(records, place, of_product), axis=0)
-    if not np.ptp(points, axis=0).all():
+    points = _points(records, place, of_product)
+    width = np.ptp(points, axis=0)
+    if not width.all():
         return []
+    # values that differ by rounding, as a filter leaves them of an input at rest, are one
+    points = np.unique(np.round(points / width, SETTINGS.digits), axis=0) * width
     return [
         UnknownFunction(place, _knots(points, count), of_product)
         for count in counts
@@ -160,11 +175,18 @@ def _points(records: Records, channels: Sequence[int], of_product: bool) -> Arra
 
 
 def _knots(points: Array, count: int) -> tuple[tuple[float, ...], ...]:
-    """Knots that lie where samples do: quantiles, of two channels middles of clusters."""
+    """Knots that lie where samples do: evenly, of two channels in the middles of clusters.
+
+    Both in coordinates midway between values and ranks. By ranks alone a function of a product,
+    most of whose values are small, would have no knots where it is large.
+    """
     if points.shape[1] == 1:
-        levels = np.quantile(points, np.linspace(SETTINGS.outer, 1.0 - SETTINGS.outer, count))
+        tails = np.quantile(points, [SETTINGS.outer, 1.0 - SETTINGS.outer])
+        values = np.sort(points[:, 0])
+        values = values[(values >= tails[0]) & (values <= tails[1])]
+        midway = (values - values[0]) / np.ptp(values) + np.linspace(0.0, 1.0, len(values))
+        levels = np.interp(np.linspace(0.0, 2.0, count), midway, values)
         return tuple((level,) for level in np.unique(levels).tolist())
-    # in coordinates midway between values and ranks
     warped = points / np.std(points, axis=0) + 4.0 * rankdata(points, axis=0) / len(points)
     own = KMeans(count, n_init=1, random_state=0).fit(warped).labels_
     return tuple(tuple(points[own == number].mean(axis=0).tolist()) for number in np.unique(own))

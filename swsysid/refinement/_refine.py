@@ -44,6 +44,7 @@ def refine(
     noise: ArrayLike | None = None,
     input_hold: str = "zero",
     joined: bool = True,
+    held_out: Recording | Iterable[Recording] | None = None,
     max_nfev: int = 100,
     verbose: int = 0,
 ) -> RefinementResult:
@@ -87,6 +88,9 @@ def refine(
     joined : bool, default=True
         False leaves the segments apart, each with an initial state of its own: for chaotic
         systems, whose long rollouts mean nothing.
+    held_out : dict, Trajectory, or list of them, default=None
+        Recordings that take no part. Where their rollouts become worse, the model is returned
+        unchanged: what a law lacks is then taken up by numbers that mean something else.
     max_nfev : int, default=100
         Largest number of batched integrations.
     verbose : int, default=0
@@ -131,6 +135,21 @@ def refine(
             integrated=bar.update,
         )
         result = estimation.refined(max_nfev)
+        if held_out is not None and result.improved:
+            before, after = (
+                Estimation(
+                    one,
+                    held_out,
+                    observed=observed,
+                    loss=loss,
+                    noise=noise,
+                    linear=input_hold == "linear",
+                    joined=joined,
+                    frozen=True,
+                ).refined(max_nfev)
+                for one in (_of_laws_alone(model), result.model)
+            )
+            result = result.judged(before, after, _of_laws_alone(model), estimation.start)
     if not isinstance(model, Stateable):
         return result
     assert isinstance(result.model, StatedModel)

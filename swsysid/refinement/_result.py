@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,8 @@ class RefinementResult:
     status : Status
     advice : str
         What to do about it.
+    held_out_before, held_out_after : ndarrays of shape (n_held_out, n_outputs) or None
+        As `rmse_before` and `rmse_after`, on recordings that took no part.
     """
 
     model: FittedModel
@@ -57,6 +59,8 @@ class RefinementResult:
     substeps: int
     status: Status
     advice: str
+    held_out_before: Array | None = None
+    held_out_after: Array | None = None
 
     @property
     def standard_errors(self) -> Array:
@@ -68,13 +72,37 @@ class RefinementResult:
         """True if the rollouts became better; otherwise `model` is the one that was given."""
         return self.cost_after < self.cost_before
 
+    def judged(
+        self, before: RefinementResult, after: RefinementResult, start: FittedModel, values: Array
+    ) -> RefinementResult:
+        """Itself with what rollouts of held-out recordings say; `start` where they become worse.
+
+        `values` are the parameters of `start`.
+        """
+        known = replace(self, held_out_before=before.rmse_after, held_out_after=after.rmse_after)
+        if after.cost_after <= before.cost_after:
+            return known
+        return replace(
+            known,
+            model=start,
+            values=values,
+            cost_after=self.cost_before,
+            rmse_after=self.rmse_before,
+            advice="Refused: the rollouts of what was held out become worse, and the start is "
+            "returned unchanged; look for what its laws lack, or refine on more recordings.",
+        )
+
     def summary(self) -> str:
         """The parameters with their standard errors, and the errors before and after."""
         width = max(len(name) for name in [*self.names, "parameter"])
         lines = [f"{'parameter':<{width}}  {'value':>12}  {'std. error':>12}"]
         for name, value, error in zip(self.names, self.values, self.standard_errors, strict=True):
             lines.append(f"{name:<{width}}  {value:>12.5g}  {error:>12.2g}")
-        for k, (before, after) in enumerate(zip(self.rmse_before, self.rmse_after, strict=True)):
-            pairs = ", ".join(f"{b:.4g} -> {a:.4g}" for b, a in zip(before, after, strict=True))
-            lines.append(f"rollout error of trajectory {k}: {pairs}")
+        told = [("trajectory", self.rmse_before, self.rmse_after)]
+        if self.held_out_before is not None and self.held_out_after is not None:
+            told.append(("held-out trajectory", self.held_out_before, self.held_out_after))
+        for what, *errors in told:
+            for k, (before, after) in enumerate(zip(*errors, strict=True)):
+                pairs = ", ".join(f"{b:.4g} -> {a:.4g}" for b, a in zip(before, after, strict=True))
+                lines.append(f"rollout error of {what} {k}: {pairs}")
         return "\n".join([*lines, self.advice])

@@ -136,3 +136,26 @@ def test_a_pipeline_is_refused():
     model = EffectRegressor(make_pipeline(StandardScaler(), regressor), [DRAG]).fit(X, mass(X))
     with pytest.raises(TypeError, match="last step of a pipeline"):
         refine(model, {"t": T, "x": np.ones((len(T), 2)), "inputs": FORCE})
+
+
+def test_what_makes_held_out_rollouts_worse_is_refused():
+    """Numbers that take up what the laws lack in one record mean something else in another."""
+    plant, start = fitted([DRAG], drag=0.3), fitted([DRAG], drag=0.25)
+    train, other = recording(plant), recording(plant, (-2.0, 1.0))
+    kept = refine(start, train, input_hold="linear", held_out=other)
+    assert kept.improved
+    assert np.all(kept.held_out_after < 0.1 * kept.held_out_before)
+    assert "held-out trajectory 0" in kept.summary()
+    pushed = train | {"x": train["x"] + 0.3 * np.sin(0.4 * T)[:, None]}
+    refused = refine(start, pushed, input_hold="linear", held_out=other)
+    assert not refused.improved
+    assert refused.advice.startswith("Refused: the rollouts of what was held out become worse")
+    assert np.all(refused.held_out_after.mean() > refused.held_out_before.mean())
+    np.testing.assert_allclose(refused.model.effect_coef_[0], start.effect_coef_[0], rtol=1e-12)
+    np.testing.assert_allclose(refused.values, [dict_of(start)[one] for one in refused.names])
+
+
+def dict_of(model):
+    """Free numbers of a model by their names."""
+    result = refine(model, recording(model), input_hold="linear", max_nfev=1)
+    return dict(zip(result.names, result.values, strict=True))

@@ -12,11 +12,21 @@ from sklearn.utils.estimator_checks import (
 )
 
 from swsysid import EffectRegressor, EffectSearchCV, IdentificationWarning, SwitchingSystemRegressor
-from swsysid._effect_search.acceptance import confirmed, finding
+from swsysid._effect_search.acceptance import confirmed, contains, finding
+from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.greedy import Round, Search
 from swsysid._effect_search.report import dropped
+from swsysid._effect_search.untouched import Fall
 from swsysid._pipelines import seeded
-from swsysid.effects import CoulombFriction, GuardHysteresis, PlacedEffect, QuadraticDrag, Reset
+from swsysid.effects import (
+    CoulombFriction,
+    GuardHysteresis,
+    Lag,
+    PlacedEffect,
+    QuadraticDrag,
+    Reset,
+    UnknownFunction,
+)
 from swsysid.effects._guards import Guard
 
 SIGNIFICANCE = 0.01
@@ -176,3 +186,16 @@ def test_a_record_at_rest_leaks_no_warning_of_numpy():
         search = EffectSearchCV(declared, effects=[QuadraticDrag(), CoulombFriction()])
         search.fit(X[:-1], X[1:], t=np.arange(399.0))
     assert search.effects_ == []
+
+
+def test_a_term_beside_a_shape_that_contains_it_is_a_special_case():
+    shape = PlacedEffect(UnknownFunction((0, 1), ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))), (0, 1), 1)
+    inside, elsewhere = PlacedEffect(CoulombFriction(), 1, 1), PlacedEffect(CoulombFriction(), 1, 0)
+    assert contains(shape, inside) and not contains(inside, shape)
+    assert not contains(shape, elsewhere) and not contains(shape, PlacedEffect(Lag(), 1, 1))
+
+
+def test_a_guard_that_makes_the_error_rise_is_seen_to():
+    """Velocities do not show a guard, and yet they can show that there is none."""
+    falls = [Fall(BlockSum(value, 1.0, 12), 0.0, 1.0) for value in (-5.0, -0.5, 5.0)]
+    assert [fall.is_rise for fall in falls] == [True, False, False]

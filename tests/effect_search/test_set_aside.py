@@ -78,6 +78,24 @@ def test_rows_that_fill_an_interval_of_time_are_an_event_with_its_limits_and_its
     assert report.acts_rarely
 
 
+def test_an_event_may_be_seen_several_times_among_scattered_errors():
+    # the load is on three times in one trajectory, and gross errors are everywhere
+    X, Xdot, t, groups = oscillators()
+    spans = [(30.5, 31.1), (32.0, 32.8), (34.0, 34.5)]
+    for begin, end in spans:
+        Xdot[(groups == 3) & (t > begin - 1e-9) & (t < end + 1e-9), 1] += 1.5
+    rng = np.random.default_rng(1)
+    Xdot[rng.choice(len(Xdot), 40, replace=False), 1] += rng.choice([-5.0, 5.0], 40)
+    report = searched(X, Xdot, t, groups)
+    event = report.time_interval
+    assert event["trajectory"] == "3"
+    np.testing.assert_allclose(event["intervals"], spans, atol=0.03)
+    assert (event["begin"], event["end"]) == (event["intervals"][0][0], event["intervals"][2][1])
+    assert event["n_rows"] == pytest.approx(31 + 41 + 26, abs=3)
+    assert "32 to 32.8 and 34 to 34.5 in trajectory 3" in report.summary
+    assert "It is seen 3 times" in report.summary
+
+
 def test_scattered_gross_errors_are_outliers():
     X, Xdot, t, groups = oscillators()
     rng = np.random.default_rng(1)

@@ -6,7 +6,9 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_normal
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor, load_model, save_model
+from swsysid._data.records import make_records
 from swsysid._effect_search.coloured import Coloured, Stretches, coloured, white
+from swsysid._noise import robust_regression
 from swsysid.effects import (
     Bias,
     CoulombFriction,
@@ -16,6 +18,7 @@ from swsysid.effects import (
     UnknownFunction,
     UnmeasuredDisturbance,
 )
+from swsysid.effects._shapes import shapes
 
 LIBRARY = [
     Bias(),
@@ -90,6 +93,50 @@ def test_of_two_channels_a_plane_is_a_plane():
     points = rng.uniform(-2.0, 2.0, (20, 2))
     plane = shape.basis(points) @ (1.0 + 2.0 * knots[:, 0] - knots[:, 1])
     np.testing.assert_allclose(plane, 1.0 + 2.0 * points[:, 0] - points[:, 1], atol=1e-9)
+
+
+def test_a_function_of_a_product_has_knots_where_the_product_is_large():
+    rng = np.random.default_rng(2)
+    X = rng.standard_normal((3000, 2))
+    records = make_records(X, 2, names=("x0", "x1"))
+    products = [shape for shape in shapes(records) if shape.of_product]
+    finest = np.sort(np.ravel(max(products, key=lambda one: len(one.knots)).knots))
+    values = np.prod(X, axis=1)
+    # by ranks alone the last two are 1.5 apart; half of all products are smaller than 0.37
+    assert np.diff(finest).max() < 0.5 and np.sum(np.abs(finest) < np.median(np.abs(values))) >= 6
+    np.testing.assert_allclose(finest[[0, -1]], np.quantile(values, [0.01, 0.99]), atol=0.1)
+
+
+def test_a_knot_that_no_row_is_near_is_zero_and_the_others_are_as_they_were():
+    x = np.linspace(-1.0, 1.0, 201)
+    near = [(knot,) for knot in np.linspace(-1.0, 1.0, 6)]
+    columns = UnknownFunction((0,), (*near, (4.0,))).basis(x[:, None])
+    target = np.sin(3.0 * x)
+    prior = np.full(7, UnknownFunction.prior_rows)
+    coef = robust_regression(columns, target, False, prior)
+    free = np.linalg.lstsq(columns, target, rcond=None)[0]
+    # by hand: (C' C + prior) c = C' y
+    by_hand = np.linalg.solve(columns.T @ columns + np.diag(prior), columns.T @ target)
+    np.testing.assert_allclose(coef, by_hand, rtol=1e-8)
+    assert abs(coef[-1]) < 0.2 * abs(free[-1])
+    np.testing.assert_allclose(columns @ coef, target, atol=0.05)  # 6 knots of a sine
+
+
+def test_a_sine_of_a_product_needs_many_knots_and_is_found():
+    rng = np.random.default_rng(3)
+    X = rng.uniform(-2.0, 2.0, (1500, 2))
+    law = np.column_stack([-X[:, 0] + X[:, 1], 0.5 * X[:, 0] - X[:, 1]])
+    law[:, 0] += np.sin(2.0 * (X[:, 0] + 1.0) * (X[:, 1] - 1.0))  # no function of the product
+    Xdot = law + NOISE * rng.standard_normal(law.shape)
+    groups = np.repeat(np.arange(10), 150)
+    search = EffectSearchCV(SwitchingSystemRegressor(1), effects=LIBRARY)
+    (found,) = search.fit(X, Xdot, groups=groups).effects_
+    assert (found.kind, found.place, found.target) == ("unknown_function", "x0, x1", 0)
+    fresh = rng.uniform(-1.8, 1.8, (500, 2))
+    truth = -fresh[:, 0] + fresh[:, 1]
+    truth += np.sin(2.0 * (fresh[:, 0] + 1.0) * (fresh[:, 1] - 1.0))
+    wrong = search.predict(fresh)[:, 0] - truth
+    assert np.sqrt(np.mean(wrong**2)) < 0.15  # a sine has 0.7; its fastest waves are 0.5 long
 
 
 def test_a_shape_without_a_name_is_called_unknown(rational):
