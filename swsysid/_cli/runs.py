@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._cli.settings import PREPARING
-from swsysid._data.trajectories import trajectories
+from swsysid._data.trajectories import label_text, trajectories
 from swsysid._rendering.columns import counted, rows_listed
 from swsysid._tables.table import TableError
 
@@ -61,7 +61,7 @@ def runs_of(
     for label, members in trajectories(given[rows]):
         parts = list(_parts(times, rows[members], largest_gap, found))
         pieces += parts
-        word = str(int(label) if isinstance(label, float) and label.is_integer() else label)
+        word = label_text(label)
         names += [f"{word}.{k}" if k > 1 else word for k in range(1, len(parts) + 1)]
     repeated = sum(map(len, found["repeated"]))
     if repeated > PREPARING.coarse * len(rows):

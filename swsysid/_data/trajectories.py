@@ -24,6 +24,15 @@ def trajectories(groups: NDArray) -> list[tuple[object, NDArray[np.intp]]]:
     return [(names.tolist()[k], rows[k]) for k in np.argsort(first)]
 
 
+def label_text(label: object) -> str:
+    """What a trajectory is called: a column of whole numbers may have been read as decimals.
+
+    >>> label_text(3.0), label_text("run 3")
+    ('3', 'run 3')
+    """
+    return f"{label:.15g}" if isinstance(label, float) else str(label)
+
+
 def places_along(groups: NDArray) -> Array:
     """How many rows of its trajectory come before each row.
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
+from swsysid._data.trajectories import label_text
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import Shape, effect_shape
 from swsysid._effect_search.settings import REPORT
@@ -95,8 +96,7 @@ def stretches(
     only, found = len(records.trajectories) == 1, []
     for number, trajectory in enumerate(records.trajectories):
         label = number if names is None else names[number]
-        # a column of whole numbers may have been read as decimals
-        name = f"{label:.15g}" if isinstance(label, float) else str(label)
+        name = label_text(label)
         edges = np.flatnonzero(np.diff(chosen[trajectory])) + 1
         for part in np.split(trajectory, edges):
             if len(part) and chosen[part[0]]:

@@ -12,6 +12,7 @@ from sklearn.base import BaseEstimator
 from swsysid._checks.arrays import names_of, table
 from swsysid._checks.estimators import column_names, rows_of
 from swsysid._data.records import Records, make_records
+from swsysid._data.trajectories import label_text
 from swsysid._results import Array, Trajectory
 from swsysid._stays.given import check_channels, read_given
 from swsysid._stays.start import named
@@ -52,7 +53,7 @@ def read_recordings(
     )
     if len(parts) == 1 and groups is None:
         return Recorded(records, None)
-    return Recorded(records, np.array([str(label) for label in given.labels]))
+    return Recorded(records, np.array([label_text(label) for label in given.labels]))
 
 
 def refuse_inputs_beside_velocities(inputs: object) -> None:

@@ -207,6 +207,8 @@ def _longest(of_modes: list[Rows]) -> int:
     left = np.array(
         [np.maximum(own[:, None] - windows + 1, 0).sum(axis=0) for own in of_modes], dtype=float
     )
-    many = left.sum(axis=0) * SETTINGS.rows_a_window >= SETTINGS.enough_rows * windows
+    rows = left * SETTINGS.rows_a_window / windows
+    own = np.minimum(SETTINGS.enough_rows_of_a_mode, rows.max(axis=1, keepdims=True))
+    many = (rows.sum(axis=0) >= SETTINGS.enough_rows) & (rows >= own).all(axis=0)
     worth = np.prod(left * (windows / most) ** 2, axis=0)
     return int(windows[np.argmax(np.where(many, worth, 0.0))])

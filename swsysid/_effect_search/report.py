@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
+from swsysid._data.trajectories import label_text
 from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contents import (
@@ -233,7 +234,7 @@ def _aside(fit: JointFit, ladder: Ladder, names: NDArray | None) -> RowsSetAside
 def _when(fit: JointFit, event: Event, records: Records, names: NDArray | None) -> TimeInterval:
     laws = fit.laws
     return {
-        "trajectory": str(event.trajectory if names is None else names[event.trajectory]),
+        "trajectory": label_text(event.trajectory if names is None else names[event.trajectory]),
         "begin": event.intervals[0][0],
         "end": event.intervals[-1][1],
         "intervals": list(event.intervals),

@@ -33,6 +33,7 @@ class SearchSettings:
     shortest_window: int = 7  # samples
     deciding_rows: int = 600  # of the longest stays, which say how straight a rest is
     enough_rows: int = 200  # a longer window is not worth fewer
+    enough_rows_of_a_mode: int = 40  # nor these, of which three folds must tell its law
     rows_a_window: int = 3  # slopes a third of a window apart are uncorrelated
 
     # -- candidates beside a model ---------------------------------------------------------------

@@ -183,6 +183,8 @@ def aside(report: EffectContents) -> str:
     if one is None or not one["n_rows"]:
         return ""
     share = one["n_rows"] / (report.n_search + report.n_held_out)
+    if one["n_rows"] == 1:
+        return f"1 row ({share:.1%}) has a gross error and is set aside."
     told = f"{one['n_rows']} rows ({share:.1%}) have gross errors and are set aside"
     if not one["n_together"]:
         return f"{told}; no two of them follow each other."

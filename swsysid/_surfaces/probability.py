@@ -79,8 +79,11 @@ def sample_surface(
     # the rows, or differences of the other chains, which have found the posterior's shape.
     columns = np.sqrt(np.mean(evidence.features**2, axis=0))
     columns[columns == 0.0] = 1.0
-    features, coef = evidence.features / columns, evidence.coef * columns
-    odds = evidence.log_odds
+    size = max(float(np.linalg.norm(evidence.coef * columns)), np.finfo(float).tiny)
+    # Every other step doubles a difference, rounding errors included: on a grid that is far wider
+    # than these the chains go the same way on every machine.
+    known = evidence.features / columns, evidence.coef * columns / size, evidence.log_odds
+    features, coef, odds = (np.round(values, settings.digits) for values in known)
     informed = np.minimum(np.abs(odds), evidence.weight)
     gauge = (np.sign(odds) * informed) @ features
     if not gauge @ coef > 0.0:  # the surface vanished, or the labels say nothing
@@ -104,9 +107,9 @@ def sample_surface(
                 moves -= np.outer(moves @ gauge / (gauge @ coef), coef)
             moved = chains[half] + line.draw(chains[half], moves, random_state)[:, None] * moves
             inside = np.linalg.norm(moved, axis=1) <= farthest
-            chains[half[inside]] = moved[inside]
+            chains[half[inside]] = np.round(moved[inside], settings.digits)
         if step >= burn_in and (step - burn_in + 1) % settings.every == 0:
-            kept.append(chains / columns)
+            kept.append(chains * size / columns)
     return np.concatenate(kept)
 
 

@@ -39,6 +39,7 @@ class PosteriorSettings:
     near: int = 400  # rows near a surface that can stop it, ...
     anywhere: int = 200  # ... and others
     met: int = 64  # of these, the rows that one step looks at
+    digits: int = 8  # of numbers about one: far from rounding errors, and below what data tell
     longest: float = 30.0  # step, in standard deviations, if no row stops it
     farthest: float = 1e3  # factor of the fitted coefficients beyond which nothing is drawn
     certain: float = 4.0  # log odds below which a row on the wrong side is no error
