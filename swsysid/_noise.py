@@ -135,22 +135,20 @@ def robust_weights(residuals: Array, floor: Array | float = _SMALLEST) -> Array:
 
 
 def robust_regression(
-    design: Array, target: Array, robust: bool = True, prior_rows: Array | None = None
+    design: Array, target: Array, robust: bool = True, prior: Array | None = None
 ) -> Array:
     """Student-t regression by iteratively reweighted least squares, or plain least squares.
 
-    `prior_rows` says of each coefficient how many rows beside the data say that it is zero.
+    `prior` (n_rows, n_coefficients) are rows beside the data, whose targets are zero.
     """
     size = np.linalg.norm(design, axis=0)
     size[size == 0.0] = 1.0
     scaled, weight = design / size, np.ones(len(target))
-    prior = np.zeros((0, design.shape[1]))
-    if prior_rows is not None and prior_rows.any():
-        prior = np.diag(np.sqrt(prior_rows) / size)[prior_rows > 0.0]
-    zeros = np.zeros(len(prior))
+    known = np.zeros((0, design.shape[1])) if prior is None else prior / size
+    zeros = np.zeros(len(known))
     for _ in range(_REWEIGHTINGS if robust else 1):
         root = np.sqrt(weight)
-        left, right = np.vstack([root[:, None] * scaled, prior]), np.r_[root * target, zeros]
+        left, right = np.vstack([root[:, None] * scaled, known]), np.r_[root * target, zeros]
         coef = np.linalg.lstsq(left, right, rcond=1e-10)[0]
         weight = robust_weights((target - scaled @ coef)[:, None])
     return coef / size

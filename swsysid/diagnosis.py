@@ -1,7 +1,8 @@
 """What a fitted model leaves over, and what the leftover depends on."""
 
-from swsysid._effect_search.contents import EffectData, Rollout, TrajectoryError
+from swsysid._effect_search.contents import EffectData, TrajectoryError
 from swsysid._effect_search.report import EffectReport
+from swsysid._effect_search.rollouts import Rollout
 from swsysid._effect_search.search import EffectSearchCV
 from swsysid._residual_report.contents import ReportData
 from swsysid._residual_report.findings import Finding, Peak

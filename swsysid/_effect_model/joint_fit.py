@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from swsysid._data.matching import best_matching, contingency
 from swsysid._data.records import Records
@@ -325,11 +326,10 @@ def _effect_coefficients(
         )
         parts = [terms[place].design(columns[place], modes, n_modes) for place in acting]
         design = np.column_stack([blocks, *parts])
-        prior_rows = np.zeros(design.shape[1])
-        prior_rows[blocks.shape[1] :] = np.concatenate(
-            [terms[place].prior_rows(n_modes) for place in acting]
+        prior = block_diag(
+            np.zeros((0, blocks.shape[1])), *(terms[place].prior(n_modes) for place in acting)
         )
-        solved = robust_regression(design, targets[:, target], declared.robust, prior_rows)
+        solved = robust_regression(design, targets[:, target], declared.robust, prior)
         ends = np.cumsum([part.shape[1] for part in parts])
         own = np.split(solved[blocks.shape[1] :], ends[:-1])
         for place, values in zip(acting, own, strict=True):

@@ -13,76 +13,12 @@ from swsysid._data.records import Records
 from swsysid._data.trajectories import label_text
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import Shape, effect_shape
-from swsysid._effect_search.settings import REPORT
+from swsysid._effect_search.rollouts import Rollout, rolled_out
 from swsysid._noise import exact_below
 from swsysid._rendering.parts import Parts, entries_of
 from swsysid._residual_report.report import ResidualReport
-from swsysid._results import Array, Trajectory
+from swsysid._results import Array
 from swsysid.effects import FoundEffect
-
-
-@dataclass(frozen=True, eq=False)
-class Rollout:
-    """One measured trajectory and two simulations from its first state.
-
-    Attributes
-    ----------
-    name : str
-        Of the trajectory.
-    t : ndarray of shape (n_times,)
-    measured : ndarray of shape (n_times, n_states)
-    before, after : ndarray of shape (n_reached, n_states)
-        Of the declared model and of the one with the effects; shorter if it ended early.
-    ended : tuple of str
-        Why each of the two ended early; "" if it did not.
-    """
-
-    name: str
-    t: Array
-    measured: Array
-    before: Array
-    after: Array
-    ended: tuple[str, str]
-
-    @property
-    def compared(self) -> float:
-        """The time that both simulations have reached."""
-        shared = min(len(self.before), len(self.after))
-        return float(self.t[shared - 1] - self.t[0]) if shared else 0.0
-
-    @property
-    def errors(self) -> tuple[Array, Array]:
-        """Root mean square error of each state over the times that both have reached."""
-        shared = min(len(self.before), len(self.after))
-        if not shared:
-            unknown = np.full(self.measured.shape[1], np.nan)
-            return unknown, unknown
-        measured = self.measured[:shared]
-        return _rms(self.before[:shared] - measured), _rms(self.after[:shared] - measured)
-
-    @property
-    def relative_errors(self) -> tuple[float, float]:
-        """Root mean squares of `errors`, each in the spread of its measured state."""
-        spread = np.std(self.measured, axis=0)
-        moving = spread > 0.0
-        before, after = (
-            float(np.sqrt(np.mean((one[moving] / spread[moving]) ** 2))) if moving.any() else np.nan
-            for one in self.errors
-        )
-        return before, after
-
-    def to_dict(self) -> dict[str, object]:
-        """Name, duration and errors."""
-        before, after = self.errors
-        return {
-            "trajectory": self.name,
-            "duration": float(self.t[-1] - self.t[0]),
-            "compared": self.compared,
-            "error_before": before.tolist(),
-            "error_after": after.tolist(),
-            "ended_before": self.ended[0],
-            "ended_after": self.ended[1],
-        }
 
 
 def stretches(
@@ -104,27 +40,6 @@ def stretches(
                 when = f"{start:.4g} to {end:.4g}" if only else f"{name}, {start:.4g} to {end:.4g}"
                 found.append((name if len(part) == len(trajectory) else when, part))
     return found
-
-
-def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) -> Trajectory:
-    """A simulation from the first state of a measured part of a trajectory."""
-    rolled_out: Trajectory = model.simulate(
-        part.X[0, : part.n_states],
-        t,
-        part.X[:, part.n_states :] if part.n_inputs else None,
-        signals=part.signals if part.signals.shape[1] else None,
-        input_hold="zero" if discrete else "linear",
-        mode=model.joint_fit_.first_mode(part),
-    )
-    return rolled_out
-
-
-def _why(trajectory: Trajectory) -> str:
-    """Why a simulation ended early; "" if it did not."""
-    if trajectory.status.ok:
-        return ""
-    end = f"at {trajectory.t[-1]:.4g}" if len(trajectory.t) else "at the start"
-    return f"{trajectory.status.value} {end}: {trajectory.status.advice}"
 
 
 @dataclass(frozen=True)
@@ -252,15 +167,7 @@ class EffectData:
         """
         if self.why_no_rollouts:
             return ()
-        done = []
-        for name, rows in self._parts[: REPORT.most_rollouts]:
-            part = self.records.take(rows[: REPORT.most_samples])
-            if len(rows) > 1:
-                t = np.asarray(part.t if part.timed else np.arange(len(part)), dtype=float)
-                before, after = (_rollout(model, part, t, self.discrete) for model in self.models)
-                measured, ended = part.X[:, : part.n_states], (_why(before), _why(after))
-                done.append(Rollout(name, t, measured, before.x, after.x, ended))
-        return tuple(done)
+        return rolled_out(self.models, self.records, self._parts, self.discrete)
 
     @property
     def most_changed(self) -> int:
@@ -303,6 +210,7 @@ class TriedEffect(TypedDict):
     p_value: float
     before: list[float]
     after: list[float]
+    rollouts: list[float] | None
 
 
 class TimeInterval(TypedDict):

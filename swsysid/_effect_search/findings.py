@@ -137,14 +137,15 @@ def describe_findings(
 
 
 def _rivals(ladder: Ladder, place: int, gaining: int) -> tuple[Rival, ...]:
-    """Rivals that make the held-out error fall by half as much at least; of a shape all.
+    """Rivals that lower the held-out error by half as much, and leave none that is much larger.
 
     Where rows are few the scatter of their gains tells effects hardly apart. The effects that are
-    near a shape are there to say by how much they miss it.
+    near a shape are there to say by how much they miss it, and all of them are told.
     """
     (_, before), (_, after) = ladder.errors[place : place + 2]
     falls = after[gaining] < before[gaining]
-    most = 0.5 * (before[gaining] + after[gaining]) if falls else np.inf
+    middle = 0.5 * (before[gaining] + after[gaining])
+    most = min(middle, ladder.context.settings.as_good * after[gaining]) if falls else np.inf
     if isinstance(ladder.terms[place].effect, UnknownFunction):
         most = np.inf
     kept = []

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
 from swsysid._effect_model.joint_fit import JointFit
@@ -104,14 +105,12 @@ def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
         terms = [term for term in fit.terms if term.target == target and term.effect.terms]
         columns = [(term, term.columns(seen)[data.rows]) for term in terms]
         here = _design(columns, fit.modes, fit.n_modes)
-        prior_rows = np.concatenate(
-            [np.zeros(0), *(term.prior_rows(fit.n_modes) for term in terms)]
-        )
+        prior = block_diag(*(term.prior(fit.n_modes) for term in terms))
         in_mode = [_design(columns, np.full_like(fit.modes, mode), fit.n_modes) for mode in modes]
         for background, test in folds:
             coef = np.zeros(0)
             if terms:
-                equations = background.normal_equations(here[:, None, :], prior_rows)
+                equations = background.normal_equations(here[:, None, :], prior)
                 coef = equations.solve(None).coef[0, :, target]
             library = background.coefficients((values - here @ coef)[:, None], target)
             for mode in modes:

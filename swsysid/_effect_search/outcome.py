@@ -64,6 +64,20 @@ class Outcome:
     rounds: list[Round]
     tried: tuple[Tried, ...]
 
+    def without_last(self, before: Array, after: Array, rollouts: tuple[float, float]) -> Outcome:
+        """The same without the effect found last, which makes rollouts of recordings worse.
+
+        `before` and `after` are errors on the untouched rows, (n_states,), without it and with it.
+        """
+        place = len(self.structure.terms) - 1
+        last = self.findings[place]
+        return replace(
+            self,
+            structure=self.context.without(self.structure, place),
+            findings=self.findings[:place],
+            tried=(*self.tried, Tried(last.candidate, last.p_value, before, after, rollouts)),
+        )
+
 
 def search_beside(
     declared: Declared,

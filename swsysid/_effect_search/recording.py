@@ -32,7 +32,7 @@ from swsysid._effect_model.decoding import (
 )
 from swsysid._effect_model.joint_fit import JointFit, as_stated, fit_jointly, told_on_rows
 from swsysid._effect_search.drawn import drawn
-from swsysid._effect_search.folds import Rows
+from swsysid._effect_search.folds import Rows, Split
 from swsysid._effect_search.held_inputs import between_jumps
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._results import Array
@@ -53,6 +53,12 @@ class Measured:
     rows: Rows
     window: int = 1  # samples that the velocity of a row is made of
     recorded: Records | None = None  # the states as they were measured, if velocities were not
+
+    def is_enough(self, parts: Split) -> bool:
+        """Whether there are rows enough to hold some of them out."""
+        n_columns = self.records.X.shape[1] + self.targets.shape[1]
+        n_searched = len(parts.of(self.rows).search)
+        return n_searched >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
 
     def fitted(self, declared: Declared, rows: Rows | None = None) -> JointFit:
         """The declared model alone, fitted to these rows or some of them."""
@@ -102,6 +108,23 @@ def from_states(declared: Declared, records: Records) -> Measured:
         told = decoded(fit.laws, records, states, fit.contributions, told.disturbances)
         measured = _filtered(fit, records, states, told)
     return measured
+
+
+def beside_effects(
+    declared: Declared, measured: Measured, first: JointFit
+) -> tuple[Declared, Measured | None]:
+    """A declared model and a record that are better known with effects inside, which are in a fit.
+
+    None for a record of which they say nothing new.
+    """
+    records = measured.records if measured.recorded is None else measured.recorded
+    seen = records.with_columns(measured.records.X)
+    anew = declared.anew(records, first.contributions(seen)) if first.terms else None
+    if anew is None:
+        return declared, measured.beside(first)
+    if measured.recorded is None:
+        return anew, with_velocities(anew, records, measured.targets)
+    return anew, from_states(anew, records)
 
 
 def _told(fit: JointFit, measured: Measured) -> Measured:

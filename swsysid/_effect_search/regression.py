@@ -81,7 +81,7 @@ class NormalEquations:
     gram: Array  # (n_modes, G, n_terms, n_terms)
     moment: Array  # (n_modes, G, n_terms, n_states)
     size: Array  # (n_modes, G, n_terms): squares of the columns before that regression
-    prior_rows: Array | float = 0.0  # (n_terms,): rows beside the data that say that it is zero
+    prior: Array  # (n_rows, n_terms): rows beside the data, whose targets are zero
 
     @property
     def spanned(self) -> NDArray[np.bool_]:
@@ -96,7 +96,7 @@ class NormalEquations:
             for part in (self.gram, self.moment, self.size)
         )
         spanned = _is_spanned(gram, size)
-        gram = gram + np.eye(gram.shape[1]) * self.prior_rows
+        gram = gram + self.prior.T @ self.prior
         scale = np.sqrt(np.where(spanned, 1.0, np.einsum("gqq->gq", gram)))
         correlation = gram / (scale[:, :, None] * scale[:, None, :])
         free = ~spanned[:, :, None] & ~spanned[:, None, :]
@@ -188,14 +188,13 @@ class Background:
             left[chosen] -= features[chosen] @ coef
         return left.reshape(len(rows), *values.shape[1:])
 
-    def normal_equations(self, columns: Array, prior_rows: Array | float = 0.0) -> AllEquations:
-        """Of columns (n_samples, G, n_terms), and rows that say that a coefficient is zero."""
-        parts = [(one, self._equations(columns, one, prior_rows)) for one in self.problem.alike]
+    def normal_equations(self, columns: Array, prior: Array | None = None) -> AllEquations:
+        """Of columns (n_samples, G, n_terms), and rows (n_rows, n_terms) of zero targets."""
+        known = np.zeros((0, columns.shape[2])) if prior is None else prior
+        parts = [(one, self._equations(columns, one, known)) for one in self.problem.alike]
         return AllEquations(parts)
 
-    def _equations(
-        self, columns: Array, states: NDArray[np.intp], prior_rows: Array | float
-    ) -> NormalEquations:
+    def _equations(self, columns: Array, states: NDArray[np.intp], prior: Array) -> NormalEquations:
         residuals = self.residuals(columns, self.train, int(states[0]))
         grams, moments, sizes = [], [], []
         for mode in range(self.problem.n_modes):
@@ -209,7 +208,7 @@ class Background:
             moments.append(moment.reshape(*columns.shape[1:], -1))
             raw = columns[self.train[chosen]]
             sizes.append(np.einsum("i,igq,igq->gq", weight, raw, raw))
-        return NormalEquations(np.stack(grams), np.stack(moments), np.stack(sizes), prior_rows)
+        return NormalEquations(np.stack(grams), np.stack(moments), np.stack(sizes), prior)
 
 
 def _grams(weighted: Array, part: Array) -> Array:

@@ -76,8 +76,9 @@ class EffectReport(EffectContents):
         not among `effects`.
     tried : tuple of dict
         Effects that chance does not explain and that are not kept, since the held-out error does
-        not fall by more than its standard error: ``effect``, ``p_value``, and the held-out errors
-        of each equation ``before`` and ``after``.
+        not fall by more than its standard error, or since with them every rollout of untouched
+        recordings is worse: ``effect``, ``p_value``, the held-out errors of each equation
+        ``before`` and ``after``, and in the second case those of ``rollouts`` before and after.
     exact : tuple of str
         States whose declared equation leaves rounding only, such as q' = v. They take no part.
     alarms : tuple of str
@@ -290,6 +291,7 @@ def _tried_told(one: Tried, records: Records) -> TriedEffect:
         "p_value": one.p_value,
         "before": one.before.tolist(),
         "after": one.after.tolist(),
+        "rollouts": None if one.rollouts is None else list(one.rollouts),
     }
 
 

@@ -90,7 +90,7 @@ def _scan(
         context.backgrounds(replaced), context.backgrounds(), context.tests, strict=True
     ):
         some = _promising(background, columns, context.data.settings.most_scanned)
-        equations = background.normal_equations(columns[:, some], effect.prior_rows)
+        equations = background.normal_equations(columns[:, some], effect.prior)
         solved = {mode: equations.solve(mode) for group in groups for mode in group}
         gains = {group: sum(solved[mode].gain for mode in group) for group in groups}
         best = {group: np.asarray(gain).argmax(axis=0) for group, gain in gains.items()}
@@ -239,7 +239,7 @@ def solved_at(
 ) -> tuple[Array, Solutions]:
     """Columns and solutions of one value, in each mode where the columns replace a feature."""
     columns = context.columns(candidate.effect, candidate.place, np.array([theta]))
-    equations = background.normal_equations(columns, candidate.effect.prior_rows)
+    equations = background.normal_equations(columns, candidate.effect.prior)
     replacing = candidate.replaced is not None
     modes = range(context.regression.n_modes) if replacing else [candidate.mode]
     return columns, {mode: equations.solve(mode) for mode in modes}

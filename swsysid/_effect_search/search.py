@@ -29,9 +29,14 @@ from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
 from swsysid._effect_search.reading import read_recordings, refuse_inputs_beside_velocities
-from swsysid._effect_search.recording import Measured, from_states, with_velocities
+from swsysid._effect_search.recording import (
+    Measured,
+    beside_effects,
+    from_states,
+    with_velocities,
+)
 from swsysid._effect_search.report import EffectReport
-from swsysid._effect_search.settings import SETTINGS
+from swsysid._effect_search.rollouts import are_worse, errors_of_all
 from swsysid._results import IdentificationWarning
 from swsysid.effects import Effect, all_effects
 
@@ -213,7 +218,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         parts = split_records(measured.records, rng, measured.window)
         final = measured.fitted(self._declared)
         self.best_estimator_ = self.declared_estimator_ = self._handed_over(final, measured)
-        if self._is_enough(measured, parts):
+        if measured.is_enough(parts):
             rows = parts.of(measured.rows).search
             plain = measured.fitted(self._declared, rows)
             self._alarms = alarms(self._declared, plain, measured, rows)
@@ -266,12 +271,6 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     # -- parts of fit ------------------------------------------------------------------------------
 
-    def _is_enough(self, measured: Measured, parts: Split) -> bool:
-        """Whether there are rows enough to hold some of them out."""
-        n_columns = measured.records.X.shape[1] + measured.targets.shape[1]
-        n_searched = len(parts.of(measured.rows).search)
-        return n_searched >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
-
     def _searched_again(
         self, measured: Measured, parts: Split, plain: JointFit, rng: np.random.RandomState
     ) -> tuple[Measured, Outcome] | None:
@@ -283,26 +282,15 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         if measured.records.told is None or not self.max_effects:
             return None
         first = self._search(measured, parts, plain, rng, 1, is_last=False).structure.fit
-        stated, better = self._declared, self._identified_beside(measured, first)
-        if better is not None and self._is_enough(better, parts):
+        stated = self._declared
+        self._declared, better = beside_effects(stated, measured, first)
+        if better is not None and better.is_enough(parts):
             beside = better.fitted(self._declared, parts.of(better.rows).search)
             found = self._search(better, parts, beside, rng, self.max_effects)
             if found.structure.terms:
                 return better, found
         self._declared = stated
         return None
-
-    def _identified_beside(self, measured: Measured, first: JointFit) -> Measured | None:
-        """The record with modes and velocities that are better known with an effect inside."""
-        records = measured.records if measured.recorded is None else measured.recorded
-        seen = records.with_columns(measured.records.X)
-        anew = self._declared.anew(records, first.contributions(seen)) if first.terms else None
-        if anew is None:
-            return measured.beside(first)
-        self._declared = anew
-        if measured.recorded is None:
-            return with_velocities(anew, records, measured.targets)
-        return from_states(anew, records)
 
     def _search(
         self,
@@ -324,20 +312,29 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return search_beside(self._declared, plain, measured, parts, rng, choices, most, is_last)
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
+        """A report of the effects with which recordings roll out, and the fit to all rows."""
+        while True:
+            final, ladder = self._reported(measured, found, plain)
+            judging = ladder.terms and measured.recorded is not None
+            rollouts = self.report_.data.rollouts if judging else ()
+            if not are_worse(rollouts):
+                return final
+            (_, before), (_, after) = ladder.errors[-2:]
+            found = found.without_last(before, after, errors_of_all(rollouts))
+
+    def _reported(
+        self, measured: Measured, found: Outcome, plain: JointFit
+    ) -> tuple[JointFit, Ladder]:
         """A report of the effects found, and the fit with them to all rows."""
         records, targets, context = measured.records, measured.targets, found.context
         ladder = Ladder(context, found.structure, found.findings, records, targets, found.split)
         final, whole = plain, SearchData.whole(records, measured.rows, targets)
         if ladder.terms:
             modes = found.structure.fit.modes_along(records, found.split.search)
-            final = fit_jointly(
-                context.model,
-                ladder.terms,
-                records,
-                whole.rows,
-                whole.targets,
-                modes[whole.rows],
-            )
+            rows = whole.rows, whole.targets, modes[whole.rows]
+            final = fit_jointly(context.model, ladder.terms, records, *rows)
+        self.best_estimator_ = self.declared_estimator_
+        if ladder.terms:
             self.best_estimator_ = self._handed_over(final, measured)
         covariances = term_covariances(final, whole)
         self.effects_ = describe_findings(ladder, final, covariances)
@@ -353,7 +350,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             tried=found.tried,
             alarms=self._alarms,
         )
-        return final
+        return final, ladder
 
     def _measured(self, X, y, t, groups, signals, inputs) -> Measured:
         """Rows with velocities as they are given, or recordings and what follows from them."""

@@ -85,6 +85,7 @@ class SearchSettings:
     spanned: float = 1e-6  # of the size of a shape: less of it is left by the library
     step: float = 0.05  # of a derivative, as a share of the distance between values of the scan
     apart: float = 0.05  # share of the samples on which two rivals differ most
+    as_good: float = 1.5  # ratio of held-out errors beyond which no one calls an effect as good
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,7 @@ class ReportSettings:
     most_rows: int = 40  # of a table of trajectories
 
     # -- rollouts -----------------------------------------------------------------------------
+    clearly_worse: float = 0.05  # share by which rollouts of recordings rise: beyond their luck
     most_rollouts: int = 4  # each has a picture of its own
     most_samples: int = 1000  # of one rollout: seconds of work, and all that a picture resolves
 

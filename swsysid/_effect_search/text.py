@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from swsysid._effect_search.contents import EffectContents, Rollout
+from swsysid._effect_search.contents import EffectContents
+from swsysid._effect_search.rollouts import Rollout, errors_of_all
 from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
@@ -15,7 +16,7 @@ from swsysid.effects._base import NOWHERE
 
 NOT_LOOKED_FOR = "Not looked for"
 SPANNED = f"{NOT_LOOKED_FOR}, since the declared model can take their shape"
-NOT_KEPT = "Significant but not kept, since the held-out error does not clearly fall"
+NOT_KEPT = "Significant but not kept, since what is untouched is not clearly better predicted"
 _LEAST = float(np.finfo(float).tiny)
 _DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
 
@@ -122,10 +123,7 @@ def _rollouts_no_better(report: EffectContents) -> list[str]:
     if early:
         names = ", ".join(early)
         return [f"With them the rollout of {names} ends early, without them it does not."]
-    before, after = (
-        float(np.sqrt(np.mean([one.relative_errors[model] ** 2 for one in rollouts])))
-        for model in (0, 1)
-    )
+    before, after = errors_of_all(rollouts)
     if after <= (1.0 - REPORT.worth_telling) * before:
         return []
     return [
@@ -166,15 +164,23 @@ def skipped(report: EffectContents) -> list[str]:
 
 
 def not_kept(report: EffectContents) -> list[str]:
-    """Effects that did not lower the held-out error, with their numbers."""
+    """Effects that lowered no held-out error, or raised that of rollouts, with their numbers."""
     return [
         f"{one['effect']}: {probability(one['p_value'])}; held-out error "
         + ", ".join(
             f"{rate(name, report.discrete)} {before:.4g} -> {after:.4g}"
             for name, before, after in zip(report.targets, one["before"], one["after"], strict=True)
         )
+        + _of_rollouts(one["rollouts"])
         for one in report.tried
     ]
+
+
+def _of_rollouts(errors: Sequence[float] | None) -> str:
+    if errors is None:
+        return ""
+    before, after = errors
+    return f", of rollouts {before:.3g} -> {after:.3g} of the spread of what was measured"
 
 
 def aside(report: EffectContents) -> str:

@@ -77,10 +77,14 @@ class Unknowns:
     def _is_better(self, option: Structure, than: Structure) -> bool:
         """True if it predicts held-out rows better by a standard error, and by more than a tie."""
         # The coefficients of a shape are those of other folds: there is no price to pay for them.
-        gains = self.named.data.folds.block_sums(than.rows - option.rows)
-        error = gains.std(ddof=1) * np.sqrt(len(gains))
+        gain, error = self._gain(option, than)
         least = self.named.settings.tie + np.log(len(self.shapes.effects))
-        return bool(gains.sum() > max(error, least))
+        return gain > max(error, least)
+
+    def _gain(self, option: Structure, than: Structure) -> tuple[float, float]:
+        """By how much it predicts held-out rows better, and the standard error of that."""
+        gains = self.named.data.folds.block_sums(than.rows - option.rows)
+        return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
 
     def _is_reason(self, option: Structure, than: Structure) -> bool:
         """True if it is better, and by more where it names a channel that no term named before.
@@ -109,7 +113,7 @@ class Unknowns:
         return Finding.of(tried.terms[-1], p_value, ()), tried, n_candidates
 
     def as_rivals(self, structure: Structure, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-        """Findings with the shape among the rivals of a term where it predicts no worse."""
+        """Findings with the shape as a rival of a term that is not better by a standard error."""
         return tuple(
             self._with_shape(structure, place, finding) for place, finding in enumerate(findings)
         )
@@ -119,7 +123,10 @@ class Unknowns:
         if not effect.terms or isinstance(effect, UnknownFunction):
             return finding
         option = self._instead(structure, [place])
-        if option is structure or option.cost > structure.cost:
+        gain, error = self._gain(structure, option)
+        # a few blocks that hold all of a gain leave its error open; an effect's worth does not
+        most = min(error, self.named.settings.gain_a_row * self.named.n_rows)
+        if option is structure or gain > most:
             return finding
         return replace(finding, rivals=(*finding.rivals, option.terms[-1]))
 

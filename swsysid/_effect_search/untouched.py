@@ -38,6 +38,7 @@ class Tried:
     p_value: float
     before: Array  # root mean square errors on the untouched rows without it, (n_states,)
     after: Array
+    rollouts: tuple[float, float] | None = None  # their errors, where these are why it is not kept
 
 
 @dataclass(frozen=True)

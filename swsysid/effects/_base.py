@@ -66,9 +66,9 @@ class Effect(BaseEstimator):
         What becomes of the channel's own linear term, if the declared library has one: it stays,
         the columns take its place (as a dead zone of an actuator does), or either is tried. An
         effect "beside" it, or "instead" of it, makes no sense where there is none.
-    prior_rows : float
-        Rows that say that a coefficient is zero, beside those of the data: more than none only
-        where the data may say nothing of a coefficient.
+    prior : ndarray of shape (n_rows, n_terms)
+        Rows beside those of the data that say of some sums of coefficients that they are zero:
+        more than none only where the data may say nothing of a coefficient.
 
     Examples
     --------
@@ -92,7 +92,11 @@ class Effect(BaseEstimator):
     terms: ClassVar[tuple[str, ...]] = ("coefficient",)
     needs: ClassVar[frozenset[str]] = frozenset()
     role: ClassVar[str] = "adds"
-    prior_rows: ClassVar[float] = 0.0
+
+    @property
+    def prior(self) -> Array:
+        """No rows, unless a subclass says otherwise."""
+        return np.zeros((0, len(self.terms)))
 
     # -- what it adds, and where -----------------------------------------------------------------
 

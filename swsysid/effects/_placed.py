@@ -69,10 +69,10 @@ class PlacedEffect:
         own = range(n_modes) if self.mode is None else [self.mode]
         return np.column_stack([columns * (modes == mode)[:, None] for mode in own])
 
-    def prior_rows(self, n_modes: int) -> Array:
-        """`Effect.prior_rows` of every column of the design."""
+    def prior(self, n_modes: int) -> Array:
+        """`Effect.prior` of all columns of the design."""
         copies = n_modes if self.mode is None and self.replaced is not None else 1
-        return np.full(copies * len(self.effect.terms), self.effect.prior_rows)
+        return np.asarray(np.kron(np.eye(copies), self.effect.prior))
 
     def in_mode(self, coef: Array, mode: int, n_modes: int) -> Array:
         """Coefficients of the columns in one mode; none if the effect does not act in it."""

@@ -28,7 +28,8 @@ class EffectSettings:
     more_knots: tuple[int, ...] = (48,)  # tried after the last of them, one after another
     knots_of_two: tuple[int, ...] = (20, 50)  # of a function of two
     more_knots_of_two: tuple[int, ...] = (100, 200, 300)
-    prior_rows: float = 0.1  # a knot with one row near it moves by a tenth
+    prior_rows: float = 0.1  # one row near a knot is worth ten of these
+    prior_rows_of_zero: float = 1e-3  # which leave a straight line to the library
     outer: float = 0.01  # share of the samples beyond each outermost knot
     samples_a_knot: int = 4
     digits: int = 9  # of a channel's range: values closer than that are one

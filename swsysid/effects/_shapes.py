@@ -3,8 +3,8 @@
 Its columns are cardinal: a coefficient is the value of the function at a knot. Between the knots
 it is the cubic radial basis function with a linear part, which of one channel is the natural cubic
 spline: beyond the outermost knots it goes on as a straight line. Some knots may be where only rows
-are that take no part in a fit; so at every knot the function is taken to be zero, as if a part of a
-row had said so (`prior_rows`).
+are that take no part in a fit; so at every knot the function is taken to be what its values at the
+others make of it, of two channels to be zero, as if a part of a row had said so (`prior_rows`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from itertools import combinations
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
+from scipy.linalg import null_space
+from scipy.spatial.distance import cdist
 from scipy.stats import rankdata
 from sklearn.cluster import KMeans
 
@@ -53,7 +55,6 @@ class UnknownFunction(Effect):
     """
 
     kind = "unknown_function"
-    prior_rows = SETTINGS.prior_rows
     meaning = "{target} depends on {channel} by a function that no effect with a name describes"
 
     def __init__(
@@ -72,6 +73,11 @@ class UnknownFunction(Effect):
         if not self.channels:
             return ()
         return tuple("at " + " ".join(map(figure, knot)) for knot in self.knots)
+
+    @property
+    def prior(self) -> Array:
+        """Rows that say of the value at a knot that it is what the others make of it."""
+        return _prior(self.knots) if self.knots else super().prior
 
     def places(self, records: Records) -> Sequence[Place]:
         if not self.channels:  # of no record yet
@@ -121,6 +127,28 @@ def _cardinal(knots: tuple[tuple[float, ...], ...]) -> RBFInterpolator:
     points = np.array(knots)
     scaled = points / np.ptp(points, axis=0)
     return RBFInterpolator(scaled, np.eye(len(points)), kernel="cubic", degree=1)
+
+
+@lru_cache(maxsize=256)
+def _prior(knots: tuple[tuple[float, ...], ...]) -> Array:
+    r"""Errors of the values f at the knots if each is predicted from the others, and f itself.
+
+    The interpolation of f has radial functions with the weights A f, where
+    :math:`A = N (N^\top K N)^{-1} N^\top` with the kernel K at the knots and a basis N of what
+    straight lines are orthogonal to; that of all values but the k-th misses it by
+    :math:`(A f)_k / A_{kk}`. In a plane, where most knots have no neighbours on some side, a value
+    is predicted to be zero.
+    """
+    points = np.array(knots)
+    if points.shape[1] > 1:
+        return np.sqrt(SETTINGS.prior_rows) * np.eye(len(points))
+    scaled = points / np.ptp(points, axis=0)
+    bent = null_space(np.column_stack([np.ones(len(points)), scaled]).T)
+    kernel = cdist(scaled, scaled) ** 3
+    weights = bent @ np.linalg.solve(bent.T @ kernel @ bent, bent.T)
+    missed = weights / np.diag(weights)[:, None] if bent.size else weights
+    rows, of_zero = SETTINGS.prior_rows, SETTINGS.prior_rows_of_zero
+    return np.vstack([np.sqrt(rows) * missed, np.sqrt(of_zero) * np.eye(len(points))])
 
 
 def shapes(records: Records) -> list[UnknownFunction]:

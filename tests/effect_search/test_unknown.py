@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, RBFInterpolator
 from scipy.stats import multivariate_normal
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor, load_model, save_model
@@ -107,19 +107,36 @@ def test_a_function_of_a_product_has_knots_where_the_product_is_large():
     np.testing.assert_allclose(finest[[0, -1]], np.quantile(values, [0.01, 0.99]), atol=0.1)
 
 
-def test_a_knot_that_no_row_is_near_is_zero_and_the_others_are_as_they_were():
+def test_a_knot_that_no_row_is_near_goes_on_as_the_others_and_these_are_as_they_were():
     x = np.linspace(-1.0, 1.0, 201)
     near = [(knot,) for knot in np.linspace(-1.0, 1.0, 6)]
-    columns = UnknownFunction((0,), (*near, (4.0,))).basis(x[:, None])
-    target = np.sin(3.0 * x)
-    prior = np.full(7, UnknownFunction.prior_rows)
+    shape = UnknownFunction((0,), (*near, (4.0,)))
+    columns, prior = shape.basis(x[:, None]), shape.prior
+    noise = 0.2 * np.random.default_rng(0).standard_normal(201)
+    target = np.tanh(3.0 * x) + noise
     coef = robust_regression(columns, target, False, prior)
+    # by hand: (C' C + P' P) c = C' y
+    by_hand = np.linalg.solve(columns.T @ columns + prior.T @ prior, columns.T @ target)
+    np.testing.assert_allclose(coef, by_hand, rtol=1e-6)
     free = np.linalg.lstsq(columns, target, rcond=None)[0]
-    # by hand: (C' C + prior) c = C' y
-    by_hand = np.linalg.solve(columns.T @ columns + np.diag(prior), columns.T @ target)
-    np.testing.assert_allclose(coef, by_hand, rtol=1e-8)
-    assert abs(coef[-1]) < 0.2 * abs(free[-1])
-    np.testing.assert_allclose(columns @ coef, target, atol=0.05)  # 6 knots of a sine
+    # a slope at the end that is known to a few tenths, three away from the last row
+    assert abs(coef[-1] - 1.0) < 1.0 and abs(free[-1] - 1.0) > 10.0
+    # 201 rows for 6 knots: a standard error of 0.035
+    np.testing.assert_allclose(columns @ coef, np.tanh(3.0 * x), atol=0.1)
+
+
+def test_the_prior_of_a_shape_is_what_interpolation_of_the_other_knots_misses():
+    knots = np.array([0.0, 0.2, 0.3, 0.9, 1.4, 2.0])[:, None]
+    prior = UnknownFunction((0,), tuple(map(tuple, knots.tolist()))).prior
+    values = np.random.default_rng(0).standard_normal(6)
+    for place in range(6):  # an independent solver, one knot left out at a time
+        others = np.arange(6) != place
+        inner = RBFInterpolator(knots[others] / 2.0, values[others], kernel="cubic", degree=1)
+        missed = values[place] - inner(knots[[place]] / 2.0)[0]
+        np.testing.assert_allclose(prior[place] @ values, np.sqrt(0.1) * missed, rtol=1e-8)
+    np.testing.assert_allclose(prior[:6] @ (2.0 - 3.0 * knots[:, 0]), 0.0, atol=1e-12)
+    plane = UnknownFunction((0, 1), ((0.0, 0.0), (1.0, 0.2), (0.3, 1.0), (0.8, 0.9)))
+    np.testing.assert_allclose(plane.prior, np.sqrt(0.1) * np.eye(4))
 
 
 def test_a_sine_of_a_product_needs_many_knots_and_is_found():

@@ -1,0 +1,142 @@
+"""Rollouts of untouched stretches by two models, and which of the two comes nearer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.records import Records
+from swsysid._effect_regressor import EffectRegressor
+from swsysid._effect_search.settings import REPORT
+from swsysid._results import Array, Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """One measured trajectory and two simulations from its first state.
+
+    Attributes
+    ----------
+    name : str
+        Of the trajectory.
+    t : ndarray of shape (n_times,)
+    measured : ndarray of shape (n_times, n_states)
+    before, after : ndarray of shape (n_reached, n_states)
+        Of the declared model and of the one with the effects; shorter if it ended early.
+    ended : tuple of str
+        Why each of the two ended early; "" if it did not.
+    """
+
+    name: str
+    t: Array
+    measured: Array
+    before: Array
+    after: Array
+    ended: tuple[str, str]
+
+    @property
+    def compared(self) -> float:
+        """The time that both simulations have reached."""
+        shared = min(len(self.before), len(self.after))
+        return float(self.t[shared - 1] - self.t[0]) if shared else 0.0
+
+    @property
+    def errors(self) -> tuple[Array, Array]:
+        """Root mean square error of each state over the times that both have reached."""
+        shared = min(len(self.before), len(self.after))
+        if not shared:
+            unknown = np.full(self.measured.shape[1], np.nan)
+            return unknown, unknown
+        measured = self.measured[:shared]
+        return _rms(self.before[:shared] - measured), _rms(self.after[:shared] - measured)
+
+    @property
+    def relative_errors(self) -> tuple[float, float]:
+        """Root mean squares of `errors`, each in the spread of its measured state."""
+        spread = np.std(self.measured, axis=0)
+        moving = spread > 0.0
+        before, after = (
+            float(np.sqrt(np.mean((one[moving] / spread[moving]) ** 2))) if moving.any() else np.nan
+            for one in self.errors
+        )
+        return before, after
+
+    def to_dict(self) -> dict[str, object]:
+        """Name, duration and errors."""
+        before, after = self.errors
+        return {
+            "trajectory": self.name,
+            "duration": float(self.t[-1] - self.t[0]),
+            "compared": self.compared,
+            "error_before": before.tolist(),
+            "error_after": after.tolist(),
+            "ended_before": self.ended[0],
+            "ended_after": self.ended[1],
+        }
+
+
+def rolled_out(
+    models: tuple[EffectRegressor, EffectRegressor],
+    records: Records,
+    stretches: Sequence[tuple[str, NDArray[np.intp]]],
+    discrete: bool,
+) -> tuple[Rollout, ...]:
+    """The first few stretches, the first thousand samples of each, simulated by both models."""
+    done = []
+    for name, rows in stretches[: REPORT.most_rollouts]:
+        part = records.take(rows[: REPORT.most_samples])
+        if len(rows) > 1:
+            t = np.asarray(part.t if part.timed else np.arange(len(part)), dtype=float)
+            before, after = (_rollout(model, part, t, discrete) for model in models)
+            measured, ended = part.X[:, : part.n_states], (_why(before), _why(after))
+            done.append(Rollout(name, t, measured, before.x, after.x, ended))
+    return tuple(done)
+
+
+def errors_of_all(rollouts: Sequence[Rollout]) -> tuple[float, float]:
+    """Root mean squares before and after, in the spreads of what was measured."""
+    squares = np.square([one.relative_errors for one in rollouts])
+    before, after = np.sqrt(np.mean(squares, axis=0)).tolist()
+    return before, after
+
+
+def are_worse(rollouts: Sequence[Rollout]) -> bool:
+    """True if each is worse with the effects, and all together clearly; or one ends early."""
+    if not rollouts:
+        return False
+    if any(one.ended[1] and not one.ended[0] for one in rollouts):
+        return True
+    each = [one.relative_errors for one in rollouts]
+    if not all(after > before for before, after in each):
+        return False
+    before, after = errors_of_all(rollouts)
+    return after > (1.0 + REPORT.clearly_worse) * before
+
+
+def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) -> Trajectory:
+    """A simulation from the first state of a measured part of a trajectory."""
+    rolled_out: Trajectory = model.simulate(
+        part.X[0, : part.n_states],
+        t,
+        part.X[:, part.n_states :] if part.n_inputs else None,
+        signals=part.signals if part.signals.shape[1] else None,
+        input_hold="zero" if discrete else "linear",
+        mode=model.joint_fit_.first_mode(part),
+    )
+    return rolled_out
+
+
+def _why(trajectory: Trajectory) -> str:
+    """Why a simulation ended early; "" if it did not."""
+    if trajectory.status.ok:
+        return ""
+    end = f"at {trajectory.t[-1]:.4g}" if len(trajectory.t) else "at the start"
+    return f"{trajectory.status.value} {end}: {trajectory.status.advice}"
+
+
+def _rms(errors: Array) -> Array:
+    """Root mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))
