@@ -7,7 +7,8 @@ from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid._effect_model.joint_fit import fit_jointly, with_told_surface
 from swsysid._effect_model.models import declared_model
-from swsysid._effect_search.recording import from_states
+from swsysid._effect_search.recording import _longest, from_states
+from swsysid._effect_search.settings import SETTINGS
 from swsysid.datasets import make_undeclared
 from swsysid.effects import (
     Bias,
@@ -171,3 +172,11 @@ def test_modes_that_were_told_before_one_more_was_found_move_no_surface():
     three = fit_jointly(declared.with_modes(3), (), seen, rows, measured.targets[rows])
     assert three.n_modes == 3
     assert with_told_surface(three, seen, rows) is three
+
+
+def test_a_window_leaves_a_mode_of_short_stays_rows_enough():
+    # 100 stays of 200 samples in one mode, 6 of 60 in the other: of these, slopes over w samples
+    # leave 6 (60 - w + 1), three in a window independent: 18 (61 - w) >= 40 w up to w = 18
+    assert _longest([np.full(100, 200), np.full(6, 60)]) == 18
+    # fewer than forty at any window: as many as the shortest leaves
+    assert _longest([np.full(100, 200), np.full(1, 10)]) == SETTINGS.shortest_window

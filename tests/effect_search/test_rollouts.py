@@ -1,0 +1,41 @@
+"""Rollouts of untouched stretches as judge: cases by hand."""
+
+import numpy as np
+import pytest
+
+from swsysid._effect_search.rollouts import are_worse, errors_of_all
+from swsysid.diagnosis import Rollout
+
+T = np.arange(5.0)
+MEASURED = np.array([[-1.0], [1.0], [-1.0], [1.0], [0.0]])
+SPREAD = np.sqrt(0.8)  # of these five values
+
+
+def rollout(before, after, ended=("", "")):
+    """Simulations that are off by a constant."""
+    return Rollout("1", T, MEASURED, MEASURED + before, MEASURED - after, ended)
+
+
+def test_errors_of_all_are_root_mean_squares_in_spreads():
+    before, after = errors_of_all([rollout(0.3, 0.1), rollout(0.1, 0.7)])
+    assert before == pytest.approx(np.sqrt(0.05) / SPREAD, rel=1e-12)
+    assert after == pytest.approx(np.sqrt(0.25) / SPREAD, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rollouts", "worse"),
+    [
+        ([], False),
+        ([rollout(0.1, 0.2)], True),
+        ([rollout(0.1, 0.2), rollout(0.1, 0.11)], True),
+        ([rollout(0.1, 0.2), rollout(0.1, 0.09)], False),  # one is better
+        ([rollout(0.1, 0.104), rollout(0.1, 0.102)], False),  # by less than luck
+        (
+            [rollout(0.2, 0.1, ("", "state limit at 3"))],
+            True,
+        ),  # it ends early
+        ([rollout(0.2, 0.1, ("state limit at 2", "state limit at 3"))], False),
+    ],
+)
+def test_worse_is_each_rollout_and_all_of_them_clearly(rollouts, worse):
+    assert are_worse(rollouts) is worse
