@@ -13,6 +13,7 @@ from swsysid.effects import (
     Bias,
     CoulombFriction,
     Drift,
+    GainChange,
     Polynomial,
     QuadraticDrag,
     UnknownFunction,
@@ -268,3 +269,16 @@ def test_a_force_that_nobody_measured_is_a_disturbance(seed):
 
 def test_a_clean_record_has_neither():
     assert not _search(lambda x, t: 0.0 * x, seed=3).effects_
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_where_rows_are_few_a_shape_is_a_rival_of_what_is_not_clearly_better(seed):
+    rng = np.random.default_rng(seed)
+    X = rng.uniform(-1.2, 1.2, (300, 2))
+    law = np.column_stack([X[:, 1], -X[:, 0] - X[:, 1] + 0.3 * np.tanh(3.0 * X[:, 1])])
+    Xdot = law + 0.03 * rng.standard_normal(law.shape)
+    library = [GainChange(), CoulombFriction(), Polynomial(), UnknownFunction()]
+    search = EffectSearchCV(SwitchingSystemRegressor(1), effects=library)
+    (found,) = search.fit(X, Xdot, groups=np.repeat(np.arange(10), 30)).effects_
+    told = [found.kind, *(rival.kind for rival in found.rivals)]
+    assert "unknown_function" in told and found.place == "x1"
