@@ -122,11 +122,13 @@ class Unknowns:
         effect = structure.terms[place].effect
         if not effect.terms or isinstance(effect, UnknownFunction):
             return finding
-        option = self._instead(structure, [place])
+        group = next((one for one in _of_one_channel(structure) if place in one), [place])
+        option = self._instead(structure, group)
         gain, error = self._gain(structure, option)
-        # a few blocks that hold all of a gain leave its error open; an effect's worth does not
-        most = min(error, self.named.settings.gain_a_row * self.named.n_rows)
-        if option is structure or gain > most:
+        # A few blocks that hold all of a gain leave its error open; an effect's worth does not. And
+        # several effects of a channel are to be worth their number beside one shape of it.
+        worth = self.named.settings.gain_a_row * self.named.n_rows
+        if option is structure or gain > (min(error, worth) if len(group) == 1 else worth):
             return finding
         return replace(finding, rivals=(*finding.rivals, option.terms[-1]))
 
