@@ -37,6 +37,11 @@ def weighted_quantile(values: Array, weight: Array, share: float | Array, axis: 
     return np.asarray(np.quantile(values, share, axis=axis, weights=weights, method="inverted_cdf"))
 
 
+def root_mean_square(errors: Array) -> Array:
+    """Root mean square of each column."""
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))
+
+
 def robust_scale(residuals: Array, weight: Array | None = None) -> Array:
     """Standard deviation of the normal law with the median size of the residuals, by column."""
     size = np.abs(residuals)

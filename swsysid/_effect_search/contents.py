@@ -14,7 +14,7 @@ from swsysid._data.trajectories import label_text
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import Shape, effect_shape
 from swsysid._effect_search.rollouts import Rollout, rolled_out
-from swsysid._noise import exact_below
+from swsysid._noise import exact_below, root_mean_square
 from swsysid._rendering.parts import Parts, entries_of
 from swsysid._residual_report.report import ResidualReport
 from swsysid._results import Array
@@ -114,7 +114,7 @@ class EffectData:
     @cached_property
     def errors(self) -> tuple[Array, Array]:
         """Root mean square error of each state, before and after."""
-        before, after = map(_rms, self.residuals)
+        before, after = map(root_mean_square, self.residuals)
         return before, after
 
     @cached_property
@@ -135,7 +135,7 @@ class EffectData:
         """Errors of every stretch; empty if the order of the rows is not known."""
         found = []
         for name, part in self.stretches:
-            before, after = (tuple(_rms(one[part]).tolist()) for one in self.residuals)
+            before, after = (tuple(root_mean_square(one[part]).tolist()) for one in self.residuals)
             found.append(TrajectoryError(name, len(part), before, after))
         return tuple(found)
 
@@ -179,11 +179,6 @@ class EffectData:
         change = np.abs(before - after) / np.where(told, before, np.inf)
         size = before / np.where(spread > 0, spread, np.inf)
         return int(np.argmax(change if self.covariances else size))
-
-
-def _rms(errors: Array) -> Array:
-    """Root mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))
 
 
 class RungErrors(TypedDict):

@@ -30,7 +30,7 @@ from swsysid._effect_search.candidates import row_weights
 from swsysid._effect_search.chance import memory
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.settings import REPORT, SETTINGS
-from swsysid._noise import STUDENT
+from swsysid._noise import STUDENT, root_mean_square
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect, ResetEffect, UnknownFunction
 from swsysid.effects._placed import corrected
@@ -204,7 +204,7 @@ def effect_shape(
     else:
         change = predicted - declared.predict(records)
         spread = targets.std(axis=0)
-        share = np.sqrt(np.mean(change**2, axis=0)) / np.where(spread > 0, spread, np.inf)
+        share = root_mean_square(change) / np.where(spread > 0, spread, np.inf)
         target = target if isinstance(term.effect, ResetEffect) else int(np.argmax(share))
         contribution = change[:, target]
     axis, values, shown = _axis(term, records)

@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter1d
 from swsysid._data.records import Records
 from swsysid._effect_search.chance import independent_blocks, memory
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
-from swsysid._noise import exact_below, robust_weights
+from swsysid._noise import exact_below, robust_weights, root_mean_square
 from swsysid._results import Array
 
 Rows = NDArray[np.intp]
@@ -117,7 +117,7 @@ class SearchData:
 
 def exact_states(left: Array, targets: Array) -> NDArray[np.bool_]:
     """Equations such as q' = v, of which a model leaves rounding errors only."""
-    return np.asarray(np.sqrt(np.mean(left**2, axis=0)) <= exact_below(targets))
+    return np.asarray(root_mean_square(left) <= exact_below(targets))
 
 
 def memory_of(records: Records, left: Array) -> float:

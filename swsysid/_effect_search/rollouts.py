@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.settings import REPORT
+from swsysid._noise import root_mean_square
 from swsysid._results import Array, Trajectory
 
 
@@ -50,8 +51,9 @@ class Rollout:
         if not shared:
             unknown = np.full(self.measured.shape[1], np.nan)
             return unknown, unknown
-        measured = self.measured[:shared]
-        return _rms(self.before[:shared] - measured), _rms(self.after[:shared] - measured)
+        both = (one[:shared] - self.measured[:shared] for one in (self.before, self.after))
+        before, after = map(root_mean_square, both)
+        return before, after
 
     @property
     def relative_errors(self) -> tuple[float, float]:
@@ -118,7 +120,7 @@ def are_worse(rollouts: Sequence[Rollout]) -> bool:
 
 def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) -> Trajectory:
     """A simulation from the first state of a measured part of a trajectory."""
-    rolled_out: Trajectory = model.simulate(
+    simulated: Trajectory = model.simulate(
         part.X[0, : part.n_states],
         t,
         part.X[:, part.n_states :] if part.n_inputs else None,
@@ -126,7 +128,7 @@ def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) ->
         input_hold="zero" if discrete else "linear",
         mode=model.joint_fit_.first_mode(part),
     )
-    return rolled_out
+    return simulated
 
 
 def _why(trajectory: Trajectory) -> str:
@@ -135,8 +137,3 @@ def _why(trajectory: Trajectory) -> str:
         return ""
     end = f"at {trajectory.t[-1]:.4g}" if len(trajectory.t) else "at the start"
     return f"{trajectory.status.value} {end}: {trajectory.status.advice}"
-
-
-def _rms(errors: Array) -> Array:
-    """Root mean square of each column."""
-    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))

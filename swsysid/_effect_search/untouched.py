@@ -23,7 +23,7 @@ from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.folds import Folds, make_folds
 from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid._noise import robust_scale
+from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect
 
@@ -138,7 +138,7 @@ class Untouched:
                 break
             worst = min(useless, key=lambda place: gains[place].fall.value)
             before, after = (
-                np.sqrt(np.mean(self._errors(fit, self.rows) ** 2, axis=0))
+                root_mean_square(self._errors(fit, self.rows))
                 for fit in (fewer[worst], structure.fit)
             )
             lost = findings[worst]
