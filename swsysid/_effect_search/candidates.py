@@ -283,7 +283,18 @@ def row_weights(fit: JointFit, data: SearchData) -> Array:
     searched = data.records.take(data.rows)
     sure = fit.mode_proba(searched).max(axis=1) >= data.settings.sure
     sure &= fit.surface_modes(searched) == fit.modes
-    return np.where(sure, weight, 0.0) if np.mean(~sure) <= data.settings.most_unsure else weight
+    if np.mean(~sure) <= data.settings.most_unsure:
+        weight = np.where(sure, weight, 0.0)
+    return np.where(_is_told(fit, data), weight, 0.0)
+
+
+def _is_told(fit: JointFit, data: SearchData) -> NDArray[np.bool_]:
+    """Rows of modes that have enough of them to predict some from the others."""
+    # A law of a handful of rows is anything where none of them is.
+    n_rows = np.bincount(fit.modes, minlength=fit.n_modes)
+    n_terms = fit.laws.support.sum(axis=2).max(axis=1)
+    enough = n_rows >= data.settings.rows_a_column * n_terms
+    return np.asarray((enough | ~enough.any())[fit.modes])
 
 
 def _linear_features(features: Array, X: Array) -> dict[int, int]:

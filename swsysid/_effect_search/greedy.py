@@ -122,10 +122,8 @@ class Search:
         top, n_candidates = self.context.scanned(beside)
         options = self._proposed(current, beside)
         n_candidates += len(options)
-        if top:
-            first = simplest(beside, top)
-            if n_candidates * beside.p_value(first) <= self.context.settings.hopeful:
-                options += self._with_modes(current, first.candidate, top)
+        if self._is_hopeful(beside, top, n_candidates):
+            options += self._with_modes(current, simplest(beside, top).candidate, top)
         options = [option for option in options if option.cost < current.cost]
         options = self._without_delayed(current, options, n_candidates)
         options = self._compared_with_named(current, options, n_candidates)
@@ -142,6 +140,18 @@ class Search:
                 and is_promising(self.context, current, option, n_candidates)
             ]
         return None
+
+    def _is_hopeful(self, beside: CandidateContext, top: list[Trial], n_candidates: int) -> bool:
+        """Whether a candidate is worth a fit together with the modes."""
+        # Beside wrong modes a right effect gains where they are right, in a few blocks of rows,
+        # and is not significant; but it gains more than an effect must.
+        settings = self.context.settings
+        if not top:
+            return False
+        gain = float(beside.gains(top[:1]).sum())
+        is_large = beside.fit.n_modes > 1 and gain > settings.gain_a_row * self.context.n_rows
+        chance = n_candidates * beside.p_value(simplest(beside, top))
+        return is_large or chance <= settings.hopeful
 
     def _proposed(self, current: Structure, beside: CandidateContext) -> list[Structure]:
         """Structures with effects that are more than columns."""

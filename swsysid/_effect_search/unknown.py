@@ -15,7 +15,7 @@ import numpy as np
 from swsysid._effect_search.acceptance import Finding, channels_of, contains, is_promising
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid.effects import UnknownFunction
+from swsysid.effects import StructureEffect, UnknownFunction
 from swsysid.effects._shapes import finer, shapes
 
 
@@ -119,16 +119,19 @@ class Unknowns:
         )
 
     def _with_shape(self, structure: Structure, place: int, finding: Finding) -> Finding:
-        effect = structure.terms[place].effect
-        if not effect.terms or isinstance(effect, UnknownFunction):
+        group = _imitated(structure, place)
+        option = self._instead(structure, group) if group else structure
+        if option is structure:
             return finding
-        group = next((one for one in _of_one_channel(structure) if place in one), [place])
-        option = self._instead(structure, group)
         gain, error = self._gain(structure, option)
         # A few blocks that hold all of a gain leave its error open; an effect's worth does not. And
-        # several effects of a channel are to be worth their number beside one shape of it.
-        worth = self.named.settings.gain_a_row * self.named.n_rows
-        if option is structure or gain > (min(error, worth) if len(group) == 1 else worth):
+        # several effects of a channel are to be worth their number beside one shape of it, as is
+        # one more mode, which bends to anything.
+        settings = self.named.settings
+        is_mode = isinstance(structure.terms[place].effect, StructureEffect)
+        worth = settings.mode_gain_a_row if is_mode else settings.gain_a_row
+        worth *= self.named.n_rows
+        if gain > (min(error, worth) if len(group) == 1 and not is_mode else worth):
             return finding
         return replace(finding, rivals=(*finding.rivals, option.terms[-1]))
 
@@ -213,6 +216,18 @@ def _of_one_channel(structure: Structure) -> list[list[int]]:
         if len(channels) == 1 and not isinstance(term.effect, UnknownFunction):
             groups.setdefault((term.target, channels.pop()), []).append(place)
     return [group for group in groups.values() if len(group) > 1]
+
+
+def _imitated(structure: Structure, place: int) -> list[int]:
+    """Terms that one shape may be in the place of, that at `place` among them; none of a shape."""
+    effect = structure.terms[place].effect
+    if isinstance(effect, StructureEffect):  # and what is beside it may be what it has left over
+        others = enumerate(structure.terms)
+        shapes = [number for number, term in others if isinstance(term.effect, UnknownFunction)]
+        return sorted([place, *shapes])
+    if not effect.terms or isinstance(effect, UnknownFunction):
+        return []
+    return next((one for one in _of_one_channel(structure) if place in one), [place])
 
 
 def _nested(structure: Structure) -> list[list[int]]:
