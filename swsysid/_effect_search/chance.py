@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.special import logsumexp
 
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
 from swsysid._results import Array
@@ -142,6 +143,23 @@ def chance_of_slope(moments: Array, squares: Array) -> float:
     left = (moments - slope * squares) / (1.0 - share)
     error = float(np.sqrt(np.sum(left**2))) / float(squares.sum())
     return 0.0 if error == 0.0 else float(stats.t.sf(slope / error, count - 1.0))
+
+
+def chance_of_bets(values: Array, blocks: Rows, remembered: float) -> float:
+    r"""Probability of values of rows, each in [-1, 1], so often positive if no mean is positive.
+
+    Who stakes a share :math:`\lambda` on every row multiplies his wealth by :math:`1 + \lambda z`;
+    if the means are not positive its expectation stays one, and a wealth of W has probability 1 / W
+    at most (Ville 1939; Waudby-Smith, Ramdas 2024). Of rows that remember m others the m-th root
+    counts, for the rows of one remainder by m are independent (by Hölder's inequality). The block
+    that has won most is left out: what is seen once decides nothing.
+    """
+    # A test of sums asks that most blocks gain; a law that acts in a few of them can be as sure.
+    wealth = []
+    for stake in SETTINGS.stakes:
+        won = np.bincount(blocks, np.log1p(stake * values)) / remembered
+        wealth.append(float(won.sum() - max(won.max(), 0.0)))
+    return float(min(1.0, len(wealth) * np.exp(-logsumexp(wealth))))
 
 
 def memory(values: Array, series: list[Rows], settings: SearchSettings = SETTINGS) -> float:

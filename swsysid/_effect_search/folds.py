@@ -61,7 +61,11 @@ class Folds:
 
     def sums_over(self, values: Array, remembered: float) -> Array:
         """As `block_sums`, over blocks that are longer than so many rows are remembered."""
-        return _sums(independent_blocks(self.blocks, self.series, remembered), values)
+        return _sums(self.blocks_beyond(remembered), values)
+
+    def blocks_beyond(self, remembered: float) -> Rows:
+        """The block of each row, of those that are longer than so many rows are remembered."""
+        return independent_blocks(self.blocks, self.series, remembered)
 
 
 def _sums(blocks: Rows, values: Array) -> Array:

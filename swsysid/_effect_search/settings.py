@@ -22,6 +22,7 @@ class SearchSettings:
     settled: float = 5.0  # correlation times: a sum of correlations up to there is complete
     forgotten: float = 2.0  # rows: what remembers no more than the next one leaves no gap
     excited: float = 0.2  # of a channel's spread: where it moves less nothing of it is learned
+    stakes: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a wealth: one of them is near best
     gap: float = 0.01  # of a trajectory, between a held-out stretch and its neighbours
     shown: float = 2.0  # standard errors of a fall that enough untouched rows have to show
     rows_a_column: int = 8  # fewer rows than that are too short to hold any out

@@ -19,7 +19,7 @@ from swsysid._effect_search.candidates import (
     Trial,
     candidate_context,
 )
-from swsysid._effect_search.chance import BlockSum
+from swsysid._effect_search.chance import BlockSum, chance_of_bets
 from swsysid._effect_search.folds import SearchData, memory_of
 from swsysid._effect_search.held_out import held_out_cost, unseen_cost
 from swsysid._effect_search.scan import proposals, refined, scan
@@ -195,7 +195,10 @@ class SearchContext:
         left = after.fit.residuals(data.records, data.rows, data.targets)
         counted = [state for state in range(left.shape[1]) if state not in data.exact_states]
         remembered = memory_of(data.records.take(data.rows), left[:, counted])
-        chance = BlockSum.of(data.folds.sums_over(np.tanh(0.5 * gains), remembered)).chance
+        values = np.tanh(0.5 * gains)
+        chance = BlockSum.of(data.folds.sums_over(values, remembered)).chance
+        bets = chance_of_bets(values, data.folds.blocks_beyond(remembered), remembered)
+        chance = min(1.0, 2.0 * min(chance, bets))  # the clearer of two tests
         if after.fit.guard is None or before.fit.guard is not None:
             return chance
         # A guard that remembers concerns few rows in few blocks. None of them decides, for a sure

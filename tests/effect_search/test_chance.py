@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 from swsysid._effect_search.chance import (
     BlockSum,
     Slope,
+    chance_of_bets,
     chance_of_slope,
     independent_blocks,
     memory,
@@ -110,3 +111,36 @@ def test_p_values_of_slopes_are_uniform(factor):
     # 600 draws: standard errors 0.012 and 0.004
     assert shares[0] <= 0.14
     assert shares[1] <= 0.022
+
+
+def test_bets_by_hand():
+    blocks = np.repeat(np.arange(4), 2)
+    # nothing is won, nothing is lost, and the block that won most would not have counted
+    assert chance_of_bets(np.zeros(8), blocks, 1.0) == 1.0
+    assert chance_of_bets(np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), blocks, 1.0) == 1.0
+    # six rows that count multiply the wealth by one and the stake each; their cube root, by squares
+    won = [
+        np.mean([(1 + stake) ** power for stake in (0.1, 0.3, 0.5, 0.7, 0.9)]) for power in (6, 2)
+    ]
+    assert chance_of_bets(np.ones(8), blocks, 1.0) == pytest.approx(1 / won[0], rel=1e-12)
+    assert chance_of_bets(np.ones(8), blocks, 3.0) == pytest.approx(1 / won[1], rel=1e-12)
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.9])
+def test_bets_on_values_without_a_mean_are_not_won_more_often_than_they_say(factor):
+    rng, chances = np.random.default_rng(1), []
+    for _ in range(300):
+        values, series = autoregressive(rng, factor, 4, 250)
+        remembered = memory(values, series)
+        blocks = independent_blocks(np.repeat(np.arange(32), 32)[: len(values)], series, remembered)
+        chances.append(chance_of_bets(np.tanh(values), blocks, remembered))
+    # 3 of 300 are expected at most; 9 or more have a probability of 4e-3
+    assert np.sum(np.array(chances) <= 0.01) < 9
+    assert np.sum(np.array(chances) <= 0.1) <= 45  # 30 expected at most, 3 standard errors
+
+
+def test_bets_see_a_law_that_acts_in_few_blocks_where_a_sum_of_blocks_does_not():
+    blocks = np.repeat(np.arange(32), 20)
+    values = np.where((blocks < 5) & (np.arange(640) % 2 == 0), 0.99, -0.005)
+    assert BlockSum.of(np.bincount(blocks, values)).chance > 1e-3
+    assert chance_of_bets(values, blocks, 1.0) < 1e-9  # 40 rows at a stake of 0.9: 1e-11
