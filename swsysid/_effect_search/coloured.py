@@ -136,8 +136,11 @@ def white(y: Array) -> Coloured:
     return Coloured(0.0, 1.0, max(float(np.sqrt(np.mean(y**2))), 1e-300))
 
 
-def coloured(y: Array, where: Stretches) -> Coloured:
-    """Of highest likelihood, from where neighbours and the whole record say."""
+def coloured(y: Array, where: Stretches, slowest: float = np.inf) -> Coloured:
+    """Of highest likelihood, from where neighbours and the whole record say.
+
+    Of those that are forgotten within a time, if one is given.
+    """
     inside = where.inside[1:]
     steps = np.diff(where.t)[inside]
     whole = white(y).noise
@@ -146,7 +149,7 @@ def coloured(y: Array, where: Stretches) -> Coloured:
     apart = float(robust_scale(np.diff(y)[inside][:, None])[0]) / np.sqrt(2.0)
     noise = min(max(apart, 0.05 * whole), 0.95 * whole)
     step = where.step
-    longest = float(np.sum(steps))
+    longest = min(float(np.sum(steps)), slowest)
 
     def bounded(logs: Array) -> Coloured:
         size, time, floor = np.exp(np.clip(logs, -700.0, 700.0)).tolist()
@@ -155,7 +158,8 @@ def coloured(y: Array, where: Stretches) -> Coloured:
     def cost(logs: Array) -> float:
         return -float(bounded(logs).log_likelihood(y, where).sum())
 
-    starts = [np.log([np.sqrt(whole**2 - noise**2), many * step, noise]) for many in (4.0, 30.0)]
+    first, times = np.sqrt(whole**2 - noise**2), (4.0 * step, 30.0 * step)
+    starts = [np.log([first, min(time, 0.5 * longest), noise]) for time in times]
     found = [minimize(cost, start, method="Nelder-Mead") for start in starts]
     return bounded(min(found, key=lambda one: float(one.fun)).x)
 

@@ -139,13 +139,24 @@ class _Questions:
     def _p_value(self, model: Coloured, left: Array, target: int) -> float | None:
         """That of a force beneath residuals; None if it is not worth the name."""
         settings, squares = self.context.settings, self.context.declared_squares
-        gain = float(
-            np.sum(model.log_likelihood(left, self.where))
-            - np.sum(white(left).log_likelihood(left, self.where))
-        )
+        gain = self._lead(model, white(left), left)
         p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
         worth = model.size**2 >= settings.share_of_a_disturbance * squares[target]
         enough = gain >= settings.gain_a_row * len(left)
-        slow = model.time_constant >= self._steps(left) * self.where.step
-        significant = p_value <= self.context.significance
-        return p_value if enough and worth and slow and significant else None
+        if not (worth and enough and p_value <= self.context.significance):
+            return None
+        return p_value if self._is_slow(model, left) else None
+
+    def _is_slow(self, model: Coloured, left: Array) -> bool:
+        """Whether a force is surely remembered for longer than noise is."""
+        least = self._steps(left) * self.where.step
+        if model.time_constant < least:
+            return False
+        lead = self._lead(model, coloured(left, self.where, least), left)
+        # half of the estimates of a force at the limit are slower than it
+        return float(stats.chi2.sf(2.0 * max(lead, 0.0), 1)) <= 2.0 * self.context.significance
+
+    def _lead(self, one: Coloured, other: Coloured, left: Array) -> float:
+        """Gain in log likelihood of one model of residuals over another."""
+        each = (model.log_likelihood(left, self.where).sum() for model in (one, other))
+        return float(next(each) - next(each))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, RBFInterpolator
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor, load_model, save_model
@@ -250,6 +251,21 @@ def test_white_noise_has_no_force_beneath_it():
     where = Stretches(np.arange(800.0), np.arange(800) // 100)
     gain = coloured(y, where).log_likelihood(y, where) - white(y).log_likelihood(y, where)
     assert gain.sum() < 4.0  # of two parameters, one in fifty by chance
+
+
+def test_noise_with_a_short_memory_is_not_surely_slow():
+    # autoregressive noise of 0.5 is forgotten within 1.44 samples
+    where = Stretches(np.tile(np.arange(75.0), 4), np.repeat(np.arange(4), 75))
+    leads = []
+    for seed in range(40):
+        steps = np.sqrt(0.75) * np.random.default_rng(seed).standard_normal((75, 4))
+        y = lfilter([1.0], [1.0, -0.5], steps, axis=0).T.ravel()
+        free, fast = coloured(y, where), coloured(y, where, 4.0)
+        assert fast.time_constant <= 4.0
+        sums = [one.log_likelihood(y, where).sum() for one in (free, fast)]
+        leads.append(sums[0] - sums[1])
+    assert np.min(leads) > -1e-3  # what is free is as likely, to the tolerance of the optimiser
+    assert np.sum(np.array(leads) > 2.7) <= 2  # of 40, chi-square at 0.02: at most one expected
 
 
 @pytest.mark.parametrize("seed", [0, 1])
