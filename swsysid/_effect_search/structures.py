@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import prod
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from swsysid.effects._base import Place
 
 Modes = NDArray[np.intp]
 Terms = tuple[PlacedEffect, ...]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,9 @@ class SearchContext:
     lately: dict[tuple[int, int | None], CandidateContext] = field(
         default_factory=dict, repr=False
     )  # candidates beside fits, by the identity of the fit and what they are without
+    answers: dict[tuple[int, str | int], tuple[Structure, Any]] = field(
+        default_factory=dict, repr=False
+    )  # to the last questions that come back, by the identity of the structure in question
 
     @property
     def settings(self) -> SearchSettings:
@@ -147,6 +152,19 @@ class SearchContext:
 
     def without(self, structure: Structure, place: int) -> Structure:
         """The structure without one of its terms."""
+        return self._answer(structure, place, lambda: self._fitted_without(structure, place))
+
+    def _answer(self, structure: Structure, question: str | int, answer: Callable[[], T]) -> T:
+        """What is answered once about a structure, as long as it is remembered."""
+        key = (id(structure), question)
+        if key not in self.answers:
+            self.answers[key] = structure, answer()
+            while len(self.answers) > self.settings.n_answers:
+                del self.answers[next(iter(self.answers))]
+        answered: T = self.answers[key][1]
+        return answered
+
+    def _fitted_without(self, structure: Structure, place: int) -> Structure:
         fit = structure.fit
         terms, coef = ((*each[:place], *each[place + 1 :]) for each in (fit.terms, fit.coef))
         if not isinstance(fit.terms[place].effect, ResetEffect):
@@ -219,6 +237,9 @@ class SearchContext:
 
     def _unseen_cost(self, structure: Structure) -> Array:
         """Cost of every row, from a fit of the structure to the other folds."""
+        return self._answer(structure, "unseen", lambda: self._cost_unseen(structure))
+
+    def _cost_unseen(self, structure: Structure) -> Array:
         data, modes, cost = self.data, structure.fit.modes, np.empty(self.n_rows)
         for train, test in data.folds.parts:
             rows, targets = data.rows[train], data.targets[train]
