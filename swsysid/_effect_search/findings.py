@@ -148,9 +148,12 @@ def _rivals(ladder: Ladder, place: int, gaining: int) -> tuple[Rival, ...]:
     most = min(middle, ladder.context.settings.as_good * after[gaining]) if falls else np.inf
     if isinstance(ladder.terms[place].effect, UnknownFunction):
         most = np.inf
+    # in the place of one more mode there are those of the model before it
+    is_mode = isinstance(ladder.terms[place].effect, StructureEffect)
+    modes = ladder.fits[place].modes if is_mode else ladder.structure.fit.modes
     kept = []
     for rival in ladder.findings[place].rivals:
-        terms, modes = (*ladder.terms[:place], rival), ladder.structure.fit.modes
+        terms = (*ladder.terms[:place], rival)
         other = ladder.context.with_told_surface(ladder.context.structure(terms, modes).fit)
         errors = ladder.errors_of(other)[1]
         if errors[gaining] <= most:

@@ -156,9 +156,20 @@ class Unknowns:
         top, n_candidates = self.shapes.scanned(beside)
         if not top:
             return None, n_candidates
-        best, coarser = _simplest(beside, top), None
+        best = _simplest(beside, top)
+        if _n_arguments(best) > 1:  # with its own knots too few, one channel looks like two
+            first = next((trial for trial in top if _n_arguments(trial) == 1), None)
+            if first is not None:
+                finest, n_more = self._with_knots(beside, first)
+                best, n_candidates = _simplest(beside, [best, finest]), n_candidates + n_more
+        best, n_more = self._with_knots(beside, best)
+        return best, n_candidates + n_more
+
+    def _with_knots(self, beside: CandidateContext, best: Trial) -> tuple[Trial, int]:
+        """A shape with as many knots as it is better with, and how many shapes were tried."""
+        coarser, n_candidates, records = None, 0, self.named.data.records
         while best is not coarser:
-            coarser, records = best, self.named.data.records
+            coarser = best
             more = replace(self.shapes, effects=finer(_shape(best), records), kept={})
             others, n_more = more.scanned(replace(beside, kept={}))
             best, n_candidates = _simplest(beside, [best, *others]), n_candidates + n_more
