@@ -55,7 +55,7 @@ class SearchSettings:
     hopeful: float = 0.5  # p-value up to which a candidate is fitted together with the modes
     same_modes: float = 0.995  # share of the rows: then an effect has left the modes as they were
     n_lately: int = 4  # fits whose candidates are remembered
-    n_answers: int = 24  # about structures in question, that are remembered
+    n_answers: int = 12  # about structures in question, that are remembered, of each kind
     n_restarts: int = 10  # kinds with which the modes are sought anew
     n_questions: int = 3  # times that a term is scanned again at the modes found with it
 

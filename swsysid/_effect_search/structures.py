@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import prod
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,8 @@ from swsysid.effects._base import Place
 
 Modes = NDArray[np.intp]
 Terms = tuple[PlacedEffect, ...]
-T = TypeVar("T")
+Key = TypeVar("Key")
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -80,9 +81,12 @@ class SearchContext:
     lately: dict[tuple[int, int | None], CandidateContext] = field(
         default_factory=dict, repr=False
     )  # candidates beside fits, by the identity of the fit and what they are without
-    answers: dict[tuple[int, str | int], tuple[Structure, Any]] = field(
+    # Questions about a structure that come back, by its identity: it without each of its terms, and
+    # what it is worth on rows that none of it has seen.
+    fewer: dict[tuple[int, int], tuple[Structure, Structure]] = field(
         default_factory=dict, repr=False
-    )  # to the last questions that come back, by the identity of the structure in question
+    )
+    unseen: dict[tuple[int], tuple[Structure, Array]] = field(default_factory=dict, repr=False)
 
     @property
     def settings(self) -> SearchSettings:
@@ -152,17 +156,24 @@ class SearchContext:
 
     def without(self, structure: Structure, place: int) -> Structure:
         """The structure without one of its terms."""
-        return self._answer(structure, place, lambda: self._fitted_without(structure, place))
+        return self._once(
+            self.fewer, (id(structure), place), structure, self._fitted_without, place
+        )
 
-    def _answer(self, structure: Structure, question: str | int, answer: Callable[[], T]) -> T:
-        """What is answered once about a structure, as long as it is remembered."""
-        key = (id(structure), question)
-        if key not in self.answers:
-            self.answers[key] = structure, answer()
-            while len(self.answers) > self.settings.n_answers:
-                del self.answers[next(iter(self.answers))]
-        answered: T = self.answers[key][1]
-        return answered
+    def _once(
+        self,
+        known: dict[Key, tuple[Structure, Answer]],
+        key: Key,
+        structure: Structure,
+        answer: Callable[..., Answer],
+        *of: int,
+    ) -> Answer:
+        """What is asked about a structure, answered once as long as it is remembered."""
+        if key not in known:
+            known[key] = structure, answer(structure, *of)
+            while len(known) > self.settings.n_answers:
+                del known[next(iter(known))]
+        return known[key][1]
 
     def _fitted_without(self, structure: Structure, place: int) -> Structure:
         fit = structure.fit
@@ -237,7 +248,7 @@ class SearchContext:
 
     def _unseen_cost(self, structure: Structure) -> Array:
         """Cost of every row, from a fit of the structure to the other folds."""
-        return self._answer(structure, "unseen", lambda: self._cost_unseen(structure))
+        return self._once(self.unseen, (id(structure),), structure, self._cost_unseen)
 
     def _cost_unseen(self, structure: Structure) -> Array:
         data, modes, cost = self.data, structure.fit.modes, np.empty(self.n_rows)
