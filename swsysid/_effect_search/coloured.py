@@ -137,9 +137,9 @@ def white(y: Array) -> Coloured:
 
 
 def coloured(y: Array, where: Stretches, slowest: float = np.inf) -> Coloured:
-    """Of highest likelihood, from where neighbours and the whole record say.
+    """The model of highest likelihood, of those whose force is forgotten within a time.
 
-    Of those that are forgotten within a time, if one is given.
+    The search for it begins where neighbours and the whole record say.
     """
     inside = where.inside[1:]
     steps = np.diff(where.t)[inside]

@@ -158,5 +158,5 @@ class _Questions:
 
     def _lead(self, one: Coloured, other: Coloured, left: Array) -> float:
         """Gain in log likelihood of one model of residuals over another."""
-        each = (model.log_likelihood(left, self.where).sum() for model in (one, other))
-        return float(next(each) - next(each))
+        gains = one.log_likelihood(left, self.where) - other.log_likelihood(left, self.where)
+        return float(gains.sum())

@@ -55,13 +55,9 @@ class Folds:
         """Sums over the blocks, (n_blocks,) or (n_blocks, n_columns)."""
         return _sums(self.blocks, values)
 
-    def independent_sums(self, values: Array, like: Array | None = None) -> Array:
-        """As `block_sums`, over blocks that are longer than the values, or others, remember."""
-        return self.sums_over(values, memory(values if like is None else like, self.series))
-
-    def sums_over(self, values: Array, remembered: float) -> Array:
-        """As `block_sums`, over blocks that are longer than so many rows are remembered."""
-        return _sums(self.blocks_beyond(remembered), values)
+    def independent_sums(self, values: Array) -> Array:
+        """As `block_sums`, over blocks that are longer than the values remember."""
+        return _sums(self.blocks_beyond(memory(values, self.series)), values)
 
     def blocks_beyond(self, remembered: float) -> Rows:
         """The block of each row, of those that are longer than so many rows are remembered."""

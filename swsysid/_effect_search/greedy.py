@@ -122,8 +122,12 @@ class Search:
         top, n_candidates = self.context.scanned(beside)
         options = self._proposed(current, beside)
         n_candidates += len(options)
-        if self._is_hopeful(beside, top, n_candidates):
-            options += self._with_modes(current, simplest(beside, top).candidate, top)
+        if top:
+            first = simplest(beside, top)
+            if self._is_large(beside, top[0]) or (
+                n_candidates * beside.p_value(first) <= self.context.settings.hopeful
+            ):
+                options += self._with_modes(current, first.candidate, top)
         options = [option for option in options if option.cost < current.cost]
         options = self._without_delayed(current, options, n_candidates)
         options = self._compared_with_named(current, options, n_candidates)
@@ -141,17 +145,12 @@ class Search:
             ]
         return None
 
-    def _is_hopeful(self, beside: CandidateContext, top: list[Trial], n_candidates: int) -> bool:
-        """Whether a candidate is worth a fit together with the modes."""
+    def _is_large(self, beside: CandidateContext, best: Trial) -> bool:
+        """Whether a candidate beside several modes gains more than an effect must."""
         # Beside wrong modes a right effect gains where they are right, in a few blocks of rows,
-        # and is not significant; but it gains more than an effect must.
-        settings = self.context.settings
-        if not top:
-            return False
-        gain = float(beside.gains(top[:1]).sum())
-        is_large = beside.fit.n_modes > 1 and gain > settings.gain_a_row * self.context.n_rows
-        chance = n_candidates * beside.p_value(simplest(beside, top))
-        return is_large or chance <= settings.hopeful
+        # and is not significant.
+        least = self.context.settings.gain_a_row * self.context.n_rows
+        return beside.fit.n_modes > 1 and float(beside.gains([best]).sum()) > least
 
     def _proposed(self, current: Structure, beside: CandidateContext) -> list[Structure]:
         """Structures with effects that are more than columns."""

@@ -25,7 +25,7 @@ class SearchSettings:
     stakes: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a wealth: one of them is near best
     gap: float = 0.01  # of a trajectory, between a held-out stretch and its neighbours
     shown: float = 2.0  # standard errors of a fall that enough untouched rows have to show
-    rows_a_column: int = 8  # fewer rows than that are too short to hold any out
+    rows_a_column: int = 8  # fewer rows than that, or of a mode, are too few to hold any out
     fewest_rows: int = 40
 
     # -- velocities of recorded states -----------------------------------------------------------
@@ -55,7 +55,7 @@ class SearchSettings:
     hopeful: float = 0.5  # p-value up to which a candidate is fitted together with the modes
     same_modes: float = 0.995  # share of the rows: then an effect has left the modes as they were
     n_lately: int = 4  # fits whose candidates are remembered
-    n_answers: int = 12  # about structures in question, that are remembered, of each kind
+    n_answers: int = 12  # to each kind of question about structures that are remembered
     n_restarts: int = 10  # kinds with which the modes are sought anew
     n_questions: int = 3  # times that a term is scanned again at the modes found with it
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import prod
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +22,9 @@ from swsysid._effect_search.candidates import (
 from swsysid._effect_search.chance import BlockSum, chance_of_bets
 from swsysid._effect_search.folds import SearchData, memory_of
 from swsysid._effect_search.held_out import held_out_cost, unseen_cost
+from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.scan import proposals, refined, scan
-from swsysid._effect_search.settings import SearchSettings
+from swsysid._effect_search.settings import SETTINGS, SearchSettings
 from swsysid._effect_search.smears import is_unresolved
 from swsysid._effect_search.switches import gain_of_guard
 from swsysid._noise import robust_scale
@@ -34,8 +34,6 @@ from swsysid.effects._base import Place
 
 Modes = NDArray[np.intp]
 Terms = tuple[PlacedEffect, ...]
-Key = TypeVar("Key")
-Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -78,15 +76,15 @@ class SearchContext:
     declared: JointFit  # fitted to the rows of the search
     significance: float = 0.01  # largest probability of an addition by chance
     kept: Columns = field(default_factory=dict, repr=False)  # of candidates on this record
-    lately: dict[tuple[int, int | None], CandidateContext] = field(
-        default_factory=dict, repr=False
-    )  # candidates beside fits, by the identity of the fit and what they are without
-    # Questions about a structure that come back, by its identity: it without each of its terms, and
-    # what it is worth on rows that none of it has seen.
-    fewer: dict[tuple[int, int], tuple[Structure, Structure]] = field(
-        default_factory=dict, repr=False
-    )
-    unseen: dict[tuple[int], tuple[Structure, Array]] = field(default_factory=dict, repr=False)
+    lately: Remembered[CandidateContext] = field(
+        default_factory=lambda: Remembered(SETTINGS.n_lately), repr=False
+    )  # candidates beside fits
+    fewer: Remembered[Structure] = field(
+        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
+    )  # structures without one of their terms
+    unseen: Remembered[Array] = field(
+        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
+    )  # costs of rows that nothing of a structure has seen
 
     @property
     def settings(self) -> SearchSettings:
@@ -156,24 +154,7 @@ class SearchContext:
 
     def without(self, structure: Structure, place: int) -> Structure:
         """The structure without one of its terms."""
-        return self._once(
-            self.fewer, (id(structure), place), structure, self._fitted_without, place
-        )
-
-    def _once(
-        self,
-        known: dict[Key, tuple[Structure, Answer]],
-        key: Key,
-        structure: Structure,
-        answer: Callable[..., Answer],
-        *of: int,
-    ) -> Answer:
-        """What is asked about a structure, answered once as long as it is remembered."""
-        if key not in known:
-            known[key] = structure, answer(structure, *of)
-            while len(known) > self.settings.n_answers:
-                del known[next(iter(known))]
-        return known[key][1]
+        return self.fewer.of(structure, (place,), lambda: self._fitted_without(structure, place))
 
     def _fitted_without(self, structure: Structure, place: int) -> Structure:
         fit = structure.fit
@@ -225,9 +206,10 @@ class SearchContext:
         counted = [state for state in range(left.shape[1]) if state not in data.exact_states]
         remembered = memory_of(data.records.take(data.rows), left[:, counted])
         values = np.tanh(0.5 * gains)
-        chance = BlockSum.of(data.folds.sums_over(values, remembered)).chance
-        bets = chance_of_bets(values, data.folds.blocks_beyond(remembered), remembered)
-        chance = min(1.0, 2.0 * min(chance, bets))  # the clearer of two tests
+        blocks = data.folds.blocks_beyond(remembered)
+        sums = BlockSum.of(np.bincount(blocks, values).astype(float))
+        bets = chance_of_bets(values, blocks, remembered)
+        chance = min(1.0, 2.0 * min(sums.chance, bets))  # the clearer of two tests
         if after.fit.guard is None or before.fit.guard is not None:
             return chance
         # A guard that remembers concerns few rows in few blocks. None of them decides, for a sure
@@ -248,7 +230,7 @@ class SearchContext:
 
     def _unseen_cost(self, structure: Structure) -> Array:
         """Cost of every row, from a fit of the structure to the other folds."""
-        return self._once(self.unseen, (id(structure),), structure, self._cost_unseen)
+        return self.unseen.of(structure, (), lambda: self._cost_unseen(structure))
 
     def _cost_unseen(self, structure: Structure) -> Array:
         data, modes, cost = self.data, structure.fit.modes, np.empty(self.n_rows)
@@ -264,14 +246,11 @@ class SearchContext:
 
     def candidates(self, fit: JointFit, without: int | None = None) -> CandidateContext:
         """Candidates beside a fit, or in the place of one of its terms."""
-        # Questions come back to the same fit: what is known of the last ones is not made anew.
-        key = (id(fit), without)
-        if key not in self.lately:
-            made = candidate_context(fit, self.data, without, self.kept)
-            self.lately[key] = made
-            while len(self.lately) > self.settings.n_lately:
-                del self.lately[next(iter(self.lately))]
-        return self.lately[key]
+        # No place is -1, for which nothing is left out.
+        question = (-1 if without is None else without,)
+        return self.lately.of(
+            fit, question, lambda: candidate_context(fit, self.data, without, self.kept)
+        )
 
     def scanned(
         self, beside: CandidateContext, own: tuple | None = None

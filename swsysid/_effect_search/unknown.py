@@ -14,6 +14,8 @@ import numpy as np
 
 from swsysid._effect_search.acceptance import Finding, channels_of, contains, is_promising
 from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.remembered import Remembered
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid.effects import StructureEffect, UnknownFunction
 from swsysid.effects._shapes import finer, shapes
@@ -25,9 +27,9 @@ class Unknowns:
 
     named: SearchContext
     shapes: SearchContext  # the same data, with smooth functions in the place of the effects
-    _tried: dict[tuple[int, ...], tuple[Structure, Structure]] = field(
-        default_factory=dict, repr=False
-    )  # by a structure's identity and places of its terms: the structure and `_instead` of them
+    _tried: Remembered[Structure] = field(
+        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
+    )  # `_instead` of the terms of structures
 
     @classmethod
     def of(cls, context: SearchContext) -> Unknowns | None:
@@ -137,10 +139,7 @@ class Unknowns:
 
     def _instead(self, structure: Structure, group: list[int]) -> Structure:
         """The structure with the best shape in the place of some terms."""
-        key = (id(structure), *group)
-        if key not in self._tried:
-            self._tried[key] = structure, self._with_best(structure, group)
-        return self._tried[key][1]
+        return self._tried.of(structure, tuple(group), lambda: self._with_best(structure, group))
 
     def _with_best(self, structure: Structure, group: list[int]) -> Structure:
         fewer = structure
@@ -157,7 +156,7 @@ class Unknowns:
         if not top:
             return None, n_candidates
         best = _simplest(beside, top)
-        if _n_arguments(best) > 1:  # with its own knots too few, one channel looks like two
+        if _n_arguments(best) > 1:  # a function of one channel with few knots may look like it
             first = next((trial for trial in top if _n_arguments(trial) == 1), None)
             if first is not None:
                 finest, n_more = self._with_knots(beside, first)
@@ -232,7 +231,7 @@ def _of_one_channel(structure: Structure) -> list[list[int]]:
 def _imitated(structure: Structure, place: int) -> list[int]:
     """Terms that one shape may be in the place of, that at `place` among them; none of a shape."""
     effect = structure.terms[place].effect
-    if isinstance(effect, StructureEffect):  # and what is beside it may be what it has left over
+    if isinstance(effect, StructureEffect):  # shapes beside a mode may be what it has left over
         others = enumerate(structure.terms)
         shapes = [number for number, term in others if isinstance(term.effect, UnknownFunction)]
         return sorted([place, *shapes])
