@@ -56,7 +56,7 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     # multiplied by the number of all candidates that could have won. One of a term without columns
     # is of its gain on the structure without it, and on each of `fewer`.
     structure, place = _without_what_contains(context, structure, place)
-    term, beside = structure.terms[place], context.candidates(structure.fit, without=place)
+    term, beside = structure.terms[place], context.candidates(structure.fit, without=(place,))
     known = [
         other.terms[place]
         for other in context.corrections(structure, place, beside)

@@ -238,11 +238,11 @@ class CandidateContext:
 
 
 def candidate_context(
-    fit: JointFit, data: SearchData, without: int | None = None, kept: Columns | None = None
+    fit: JointFit, data: SearchData, without: tuple[int, ...] = (), kept: Columns | None = None
 ) -> CandidateContext:
     """Candidates are tried beside the library and the columns of the effects found so far."""
-    # The columns of the term `without` are left out, as if it had not been found.
-    others = [term for place, term in enumerate(fit.terms) if place != without]
+    # The columns of the terms `without` are left out, as if these had not been found.
+    others = [term for place, term in enumerate(fit.terms) if place not in without]
     records = corrected(others, data.records)
     features = fit.features(records)[data.rows]
     known = [

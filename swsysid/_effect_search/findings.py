@@ -80,7 +80,7 @@ class Ladder:
         if not isinstance(self.terms[place].effect, UnknownFunction):
             return ()
         number = self._order[place]
-        beside = self.context.candidates(self.structure.fit, without=number)
+        beside = self.context.candidates(self.structure.fit, without=(number,))
         return formulas(beside, self.structure.terms[number])
 
     def errors_of(self, fit: JointFit) -> tuple[Array, Array]:

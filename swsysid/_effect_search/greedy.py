@@ -279,7 +279,7 @@ class Search:
         """Question one term: scan at the modes found until effect and modes agree."""
         for _ in range(self.context.settings.n_questions):
             term = best.terms[place]
-            beside = self.context.candidates(best.fit, without=place)
+            beside = self.context.candidates(best.fit, without=(place,))
             top, _ = self.context.scanned(beside)
             if not term.effect.terms:
                 best, changed = self._or_columns(best, place, top, beside)
@@ -307,7 +307,7 @@ class Search:
         # With wrong modes no correction of a record lets the laws fit; with those found it may.
         if not best.terms[place].effect.terms:
             return best
-        beside = self.context.candidates(best.fit, without=place)
+        beside = self.context.candidates(best.fit, without=(place,))
         others = self.context.corrections(best, place, beside)
         cheapest = min(others, key=_price, default=best)
         return cheapest if cheapest.price < best.price - self.context.settings.tie else best

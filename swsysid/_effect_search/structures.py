@@ -244,12 +244,10 @@ class SearchContext:
 
     # -- candidates beside a structure -----------------------------------------------------------
 
-    def candidates(self, fit: JointFit, without: int | None = None) -> CandidateContext:
-        """Candidates beside a fit, or in the place of one of its terms."""
-        # No place is -1, for which nothing is left out.
-        question = (-1 if without is None else without,)
+    def candidates(self, fit: JointFit, without: tuple[int, ...] = ()) -> CandidateContext:
+        """Candidates beside a fit, or in the place of some of its terms."""
         return self.lately.of(
-            fit, question, lambda: candidate_context(fit, self.data, without, self.kept)
+            fit, without, lambda: candidate_context(fit, self.data, without, self.kept)
         )
 
     def scanned(

@@ -142,13 +142,16 @@ class Unknowns:
         return self._tried.of(structure, tuple(group), lambda: self._with_best(structure, group))
 
     def _with_best(self, structure: Structure, group: list[int]) -> Structure:
-        fewer = structure
-        for place in sorted(group, reverse=True):
-            fewer = self.named.without(fewer, place)
-        trial, _ = self._best(self.shapes.candidates(fewer.fit))
+        # The modes are those found with the terms, for without them they may be wrong; but those
+        # of one more mode have no laws where it is gone.
+        others = tuple(term for place, term in enumerate(structure.terms) if place not in group)
+        fit, without = structure.fit, tuple(group)
+        if any(isinstance(structure.terms[place].effect, StructureEffect) for place in group):
+            fit, without = self.named.structure(others, fit.modes).fit, ()
+        trial, _ = self._best(self.shapes.candidates(fit, without))
         if trial is None:
             return structure
-        return self.named.structure((*fewer.terms, trial.candidate), fewer.fit.modes)
+        return self.named.structure((*others, trial.candidate), fit.modes)
 
     def _best(self, beside: CandidateContext) -> tuple[Trial | None, int]:
         """The best shape: of those within a standard error one of few channels and parameters."""
