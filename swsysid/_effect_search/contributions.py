@@ -233,7 +233,7 @@ def _axis(term: PlacedEffect, records: Records) -> tuple[str, Array, NDArray[np.
     if isinstance(term.place, (int, np.integer)) and not in_time:
         return records.names[term.place], records.channel(int(term.place)), everything
     if isinstance(term.effect, UnknownFunction):
-        name = term.label(records.names).split(", ")[0]
+        name = term.effect.arguments(records.names)[0]
         return name, term.effect.points(records)[:, 0], everything
     if isinstance(term.place, tuple) and not in_time and term.effect.terms:
         channels = sorted(set(term.place))

@@ -75,13 +75,14 @@ class Expression(Effect):
         return tuple(Parameter(name, values[name]) for name in self.form.parameters)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        return self.form.law(self.shape.points(records)[:, 0], *theta)[:, None]
+        shape = self.shape
+        return (self.form.law(shape.points(records)[:, 0], *theta) * shape.factor(records))[:, None]
 
 
 def formulas(beside: CandidateContext, term: PlacedEffect) -> tuple[Formula, ...]:
     """Formulas of a shape beside a fit without it, the best for its parameters first."""
     shape = term.effect
-    if not isinstance(shape, UnknownFunction) or shape.points(beside.records).shape[1] > 1:
+    if not isinstance(shape, UnknownFunction) or shape.n_arguments > 1:
         return ()
     beside = replace(beside, kept={})
     own = _of_the_place(beside, term, shape)
@@ -96,10 +97,10 @@ def formulas(beside: CandidateContext, term: PlacedEffect) -> tuple[Formula, ...
         range(len(trials)),
         key=lambda place: behind[place] + a_parameter * trials[place].candidate.n_parameters,
     )
-    name = shape.label(term.place, beside.records.names)
+    names = beside.records.names
     least = _error(beside, own[0])
     return tuple(
-        _told(trials[place], name, _error(beside, trials[place]) / least, place in level)
+        _told(trials[place], names, _error(beside, trials[place]) / least, place in level)
         for place in order
     )
 
@@ -119,8 +120,12 @@ def _error(beside: CandidateContext, trial: Trial) -> float:
     return float(np.sqrt(np.average(left**2, weights=beside.regression.weight)))
 
 
-def _told(trial: Trial, name: str, error: float, ties: bool) -> Formula:
+def _told(trial: Trial, names: Sequence[str], error: float, ties: bool) -> Formula:
     effect, theta = trial.candidate.effect, trial.candidate.theta
     assert isinstance(effect, Expression)
+    (name,) = effect.shape.arguments(names)
     text = effect.form.text.format(f"({name})" if " " in name else name, *map(figure, theta))
+    if effect.shape.reference is not None:
+        factor = names[effect.shape.channels[1]]
+        text = factor + (text[1:] if text.startswith("1 /") else f" {text}")
     return Formula(text, dict(zip(effect.form.parameters, theta, strict=True)), error, ties)

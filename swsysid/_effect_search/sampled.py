@@ -33,8 +33,8 @@ def _curve(
 ) -> dict[str, Array]:
     """A shape along its argument, or at the knots of two, without what the law itself can take."""
     seen = corrected(fit.terms, records)
-    arguments, names = effect.points(seen), effect.label(fit.terms[place].place, records.names)
-    if arguments.shape[1] == 1:
+    arguments = effect.points(seen)
+    if effect.n_arguments == 1:
         along = np.linspace(arguments.min(), arguments.max(), REPORT.points)[:, None]
     else:
         along = np.array(effect.knots)
@@ -43,7 +43,7 @@ def _curve(
     variance = np.zeros(len(along))
     if len(covariance):
         variance = np.einsum("ij,jk,ik->i", basis, covariance, basis)
-    columns = dict(zip(names.split(", "), along.T, strict=True))
+    columns = dict(zip(effect.arguments(records.names), along.T, strict=True))
     half_width = _QUANTILE * np.sqrt(np.maximum(variance, 0.0))
     return {**columns, "contribution": contribution, "half_width": half_width}
 

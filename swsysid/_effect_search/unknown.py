@@ -192,16 +192,17 @@ def _simplest(beside: CandidateContext, trials: list[Trial]) -> Trial:
         if gains[of_one].max() > gains.max() - most:
             return _simplest(beside, [trials[place] for place in of_one])
 
-    def simplicity(place: int) -> tuple[int, bool, int]:
+    def simplicity(place: int) -> tuple[int, int, bool, int]:
         effect = _shape(trials[place])
-        return len(effect.channels), not effect.of_product, len(effect.knots)
+        own = len(effect.channels), effect.n_arguments
+        return *own, not effect.of_product, len(effect.knots)
 
     return trials[min(beside.level_with(best, trials), key=simplicity)]
 
 
 def _n_arguments(trial: Trial) -> int:
-    """Two of a function of two channels, one of a function of their product."""
-    return len(_shape(trial).knots[0])
+    """Of the function that a trial is of."""
+    return _shape(trial).n_arguments
 
 
 def _shape(trial: Trial) -> UnknownFunction:

@@ -1,5 +1,8 @@
 """A smooth function of one channel or of two that has no name: a regression spline.
 
+Of two channels it is any function of both, one of their product, or one of the first that the
+second is multiplied by: a gain or a damping that depends on where the plant is.
+
 Its columns are cardinal: a coefficient is the value of the function at a knot. Between the knots
 it is the cubic radial basis function with a linear part, which of one channel is the natural cubic
 spline: beyond the outermost knots it goes on as a straight line. Some knots may be where only rows
@@ -11,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -21,13 +24,16 @@ from scipy.stats import rankdata
 from sklearn.cluster import KMeans
 
 from swsysid._data.records import Records
+from swsysid._noise import root_mean_square
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Place, figure
 from swsysid.effects._settings import SETTINGS
 
+_TIMES = ", times "  # between the argument of a function and what it is multiplied by
+
 
 class UnknownFunction(Effect):
-    """``f(x)``, ``f(x v)`` or ``f(x, v)``: a smooth function that no effect with a name describes.
+    """``f(x)``, ``f(x) v``, ``f(x v)`` or ``f(x, v)``: a smooth function without a name.
 
     A search in whose library it stands says it where every effect with a name predicts worse than
     the best smooth function of the same channels, which it makes of the record.
@@ -40,6 +46,10 @@ class UnknownFunction(Effect):
         Points at which its values are free: the values of the channels at each of them.
     of_product : bool, default=False
         True for a function of the product of the channels, whose knots are values of that.
+    reference : float or None, default=None
+        For a function of the first channel times the second one: the value of the second for which
+        the function tells the contribution, in the unit of that channel. Its knots are values of
+        the first channel.
 
     Examples
     --------
@@ -62,10 +72,12 @@ class UnknownFunction(Effect):
         channels: tuple[int, ...] = (),
         knots: tuple[tuple[float, ...], ...] = (),
         of_product: bool = False,
+        reference: float | None = None,
     ):
         self.channels = channels
         self.knots = knots
         self.of_product = of_product
+        self.reference = reference
 
     @property
     def terms(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -84,15 +96,37 @@ class UnknownFunction(Effect):
             return [*records.states, *records.inputs]
         if len(self.channels) == 1:
             return [self.channels[0]]
-        # of two channels each stands for itself, of their product they are its factors
-        return [tuple(self.channels) if self.of_product else tuple((one,) for one in self.channels)]
+        if self.of_product:
+            return [tuple(self.channels)]
+        first, second = self.channels
+        return [((first,), (second,)) if self.reference is None else ((first,), second)]
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        return self.basis(self.points(records))
+        return self.basis(self.points(records)) * self.factor(records)[:, None]
+
+    def factor(self, records: Records) -> Array:
+        """What the function is multiplied by on every row, (n_samples,)."""
+        if self.reference is None:
+            return np.ones(len(records))
+        return records.channel(self.channels[1]) / self.reference
+
+    @property
+    def n_arguments(self) -> int:
+        """Two of a function of two channels, one of every other."""
+        is_of_one = self.of_product or self.reference is not None
+        return 1 if is_of_one else len(self.channels)
 
     def points(self, records: Records) -> Array:
         """Its arguments on every row, (n_samples, n_arguments)."""
-        return _points(records, self.channels, self.of_product)
+        listed = [records.channel(channel) for channel in self.channels]
+        if self.of_product:
+            return np.prod(listed, axis=0)[:, None]
+        return np.column_stack(listed[: self.n_arguments])
+
+    def arguments(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Names of its arguments."""
+        own = tuple(str(names[channel]) for channel in self.channels)
+        return (" ".join(own),) if self.of_product else own[: self.n_arguments]
 
     def basis(self, points: Array) -> Array:
         """Columns at some values of the channels, or of their product, (n_points, n_arguments)."""
@@ -102,8 +136,8 @@ class UnknownFunction(Effect):
     def label(self, place: Place, names: Sequence[str]) -> str:
         if not self.channels:
             return super().label(place, names)
-        joint = " " if self.of_product else ", "
-        return joint.join(str(names[channel]) for channel in self.channels)
+        factor = "" if self.reference is None else f"{_TIMES}{names[self.channels[1]]}"
+        return ", ".join(self.arguments(names)) + factor
 
     def physical(self, theta: Mapping[str, float], coef: Mapping[str, float]) -> dict[str, float]:
         """Its spread over the knots, which lie as densely as the samples, and its range."""
@@ -115,10 +149,21 @@ class UnknownFunction(Effect):
         }
 
     def written(self, label: str, theta: Sequence[float], coef: Array) -> list[tuple[float, str]]:
-        return [(1.0, f"f({label})")] if len(coef) else []
+        return [(1.0, self._text(label))] if len(coef) else []
 
     def formula(self, label: str, parameters: Mapping[str, float]) -> str:
-        return f"f({label}), size {parameters['size']:.4g}"
+        return f"{self._text(label)}, size {parameters['size']:.4g}"
+
+    def describe(self, label: str, target: str) -> str:
+        argument, *factor = label.split(_TIMES)
+        what = [f"what {name} does to {target}" for name in factor] or [target]
+        return self.meaning.format(channel=argument, target=what[0])
+
+    def _text(self, label: str) -> str:
+        argument, *factor = label.split(_TIMES)
+        return f"f({argument})" + "".join(
+            f" {name} / {figure(self.reference or 1.0)}" for name in factor
+        )
 
 
 @lru_cache(maxsize=256)
@@ -158,10 +203,15 @@ def shapes(records: Records) -> list[UnknownFunction]:
     """
     channels = [*records.states, *records.inputs]
     pairs = list(combinations(channels, 2))
-    sized: list[tuple[tuple[int, ...], bool, tuple[int, ...]]]
-    sized = [((channel,), False, SETTINGS.knots) for channel in channels]
-    sized += [(pair, True, SETTINGS.knots) for pair in pairs]
-    sized += [(pair, False, SETTINGS.knots_of_two) for pair in pairs]
+    plain = [UnknownFunction((channel,)) for channel in channels]
+    plain += [UnknownFunction(pair, of_product=True) for pair in pairs]
+    plain += [
+        UnknownFunction(pair, reference=float(root_mean_square(records.channel(pair[1]))))
+        for pair in permutations(channels, 2)
+        if records.channel(pair[1]).any()
+    ]
+    sized = [(shape, SETTINGS.knots) for shape in plain]
+    sized += [(UnknownFunction(pair), SETTINGS.knots_of_two) for pair in pairs]
     return [shape for each in sized for shape in _sized(records, *each)]
 
 
@@ -170,36 +220,30 @@ def finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction]:
 
     There is none after a smooth one, and none where the samples do not bear it.
     """
-    is_surface = len(shape.channels) > 1 and not shape.of_product
+    is_surface = shape.n_arguments > 1
     scanned = SETTINGS.knots_of_two if is_surface else SETTINGS.knots
     more = SETTINGS.more_knots_of_two if is_surface else SETTINGS.more_knots
     if len(shape.knots) < scanned[-1]:
         return []
     larger = [count for count in more if count > len(shape.knots)][:1]
-    return _sized(records, shape.channels, shape.of_product, larger)
+    return _sized(records, shape, larger)
 
 
 def _sized(
-    records: Records, place: tuple[int, ...], of_product: bool, counts: Sequence[int]
+    records: Records, shape: UnknownFunction, counts: Sequence[int]
 ) -> list[UnknownFunction]:
-    """Shapes with so many knots, where the samples bear them."""
-    points = _points(records, place, of_product)
+    """A shape with so many knots, where the samples bear them."""
+    points = shape.points(records)
     width = np.ptp(points, axis=0)
     if not width.all():
         return []
     # values that differ by rounding, as a filter leaves them of an input at rest, are one
     points = np.unique(np.round(points / width, SETTINGS.digits), axis=0) * width
     return [
-        UnknownFunction(place, _knots(points, count), of_product)
+        UnknownFunction(shape.channels, _knots(points, count), shape.of_product, shape.reference)
         for count in counts
         if len(points) > SETTINGS.samples_a_knot * count
     ]
-
-
-def _points(records: Records, channels: Sequence[int], of_product: bool) -> Array:
-    """Arguments of a shape on every row, (n_samples, n_arguments)."""
-    columns = [records.channel(channel) for channel in channels]
-    return np.prod(columns, axis=0)[:, None] if of_product else np.column_stack(columns)
 
 
 def _knots(points: Array, count: int) -> tuple[tuple[float, ...], ...]:
