@@ -80,12 +80,18 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     doubts = (FEW_STRETCHES,) if few else ()
     if structure.fit.n_modes == 1 or chance > context.significance:
         return Finding.of(term, count * chance, [*level, *known], doubts)
-    # The effect has helped to find the modes at which it is judged, and that is no proof: fits that
-    # have not seen the rows have to be better with it, too. Of two tests of the same effect the
-    # clearer one counts, corrected for both, and neither may fail.
     again = context.structural_chance(context.without(structure, place), structure)
-    chance = max(2.0 * count * min(chance, again), chance, again)
+    chance = at_modes_found_with_it(count, chance, again)
     return Finding.of(term, chance, [*level, *known], doubts)
+
+
+def at_modes_found_with_it(n_candidates: int, chance: float, again: float) -> float:
+    """p-value of an effect that has helped to find the modes at which it is judged.
+
+    That is no proof: fits that have not seen the rows have to be better with it, too (`again`). Of
+    two tests of the same effect the clearer one counts, corrected for both, and neither may fail.
+    """
+    return max(2.0 * n_candidates * min(chance, again), chance, again)
 
 
 def _without_what_contains(

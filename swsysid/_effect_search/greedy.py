@@ -14,8 +14,6 @@ from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
-from joblib import Parallel, delayed
-from tqdm import tqdm
 
 from swsysid._effect_search.acceptance import (
     Finding,
@@ -27,14 +25,15 @@ from swsysid._effect_search.acceptance import (
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.disturbance import with_disturbances
+from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.scan import proposals
+from swsysid._effect_search.splits import with_one_split
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
 from swsysid.effects import (
     GuardEffect,
     MeasurementEffect,
-    PlacedEffect,
     ResetEffect,
     StructureEffect,
 )
@@ -63,7 +62,7 @@ class Search:
     @cached_property
     def unknowns(self) -> Unknowns | None:
         """Functions without a name, if they are looked for."""
-        return Unknowns.of(self.context)
+        return Unknowns.of(self.context, self.n_jobs, self.verbose)
 
     def run(self) -> tuple[Structure, tuple[Finding, ...], list[Round]]:
         """Add effects until nothing significant is left, and keep those that remain significant."""
@@ -124,10 +123,15 @@ class Search:
         n_candidates += len(options)
         if top:
             first = simplest(beside, top)
-            if self._is_large(beside, top[0]) or (
+            if is_large(beside, top[0]) or (
                 n_candidates * beside.p_value(first) <= self.context.settings.hopeful
             ):
-                options += self._with_modes(current, first.candidate, top)
+                best_of_kind = {first.candidate.effect.kind: first.candidate}
+                for trial in top:
+                    best_of_kind.setdefault(trial.candidate.effect.kind, trial.candidate)
+                options += with_modes(
+                    self.context, current, [*best_of_kind.values()], self.n_jobs, self.verbose
+                )
         options = [option for option in options if option.cost < current.cost]
         options = self._without_delayed(current, options, n_candidates)
         options = self._compared_with_named(current, options, n_candidates)
@@ -145,13 +149,6 @@ class Search:
             ]
         return None
 
-    def _is_large(self, beside: CandidateContext, best: Trial) -> bool:
-        """Whether a candidate beside several modes gains more than an effect must."""
-        # Beside wrong modes a right effect gains where they are right, in a few blocks of rows,
-        # and is not significant.
-        least = self.context.settings.gain_a_row * self.context.n_rows
-        return beside.fit.n_modes > 1 and float(beside.gains([best]).sum()) > least
-
     def _proposed(self, current: Structure, beside: CandidateContext) -> list[Structure]:
         """Structures with effects that are more than columns."""
         context, options = self.context, []
@@ -168,6 +165,9 @@ class Search:
                 modes = current.fit.modes
                 if isinstance(effect, StructureEffect):
                     options.append(context.structure(terms, None, like=modes))
+                    split = with_one_split(beside) if effect.n_more_modes == 1 else None
+                    if split is not None:
+                        options.append(context.structure(terms, split))
                     continue
                 options.append(context.structure(terms, modes))
                 if isinstance(effect, GuardEffect):
@@ -189,33 +189,6 @@ class Search:
             for option in options
         )
         return [one for one in options if not (jumps and isinstance(one.last, GuardEffect))]
-
-    def _with_modes(
-        self, current: Structure, first: PlacedEffect, top: list[Trial]
-    ) -> list[Structure]:
-        """The best candidate with the present modes, and others with modes sought anew."""
-        terms, settings = current.terms, self.context.settings
-        warm = self.context.structure((*terms, first), current.fit.modes)
-        told = self.context.data.told
-        unchanged = np.mean(warm.fit.modes == current.fit.modes)
-        # Modes that are told may be wrong together with those of the declared model: few rows are
-        # left in the stays, and one that is wrong decides between two kinds.
-        if current.fit.n_modes == 1 or (told is None and unchanged >= settings.same_modes):
-            return [warm]  # the modes were right without the effect
-        best_of_kind = {first.effect.kind: first}
-        for trial in top:
-            best_of_kind.setdefault(trial.candidate.effect.kind, trial.candidate)
-        restarts = [
-            replace(candidate, mode=None, replaced=None)
-            for candidate in list(best_of_kind.values())[: settings.n_restarts]
-        ]
-        anew = Parallel(n_jobs=self.n_jobs)(
-            delayed(self.context.structure)((*terms, candidate), told, 1)
-            for candidate in tqdm(
-                restarts, desc="modes anew", leave=False, disable=not self.verbose
-            )
-        )
-        return [warm, *anew]
 
     def _compared_with_named(
         self, current: Structure, options: list[Structure], n_candidates: int

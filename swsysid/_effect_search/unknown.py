@@ -12,12 +12,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from swsysid._effect_search.acceptance import Finding, channels_of, contains, is_promising
+from swsysid._effect_search.acceptance import (
+    Finding,
+    at_modes_found_with_it,
+    channels_of,
+    contains,
+    is_promising,
+)
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.remembered import Remembered
+from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid.effects import StructureEffect, UnknownFunction
+from swsysid.effects import PlacedEffect, StructureEffect, UnknownFunction
 from swsysid.effects._shapes import finer, shapes
 
 
@@ -27,16 +34,21 @@ class Unknowns:
 
     named: SearchContext
     shapes: SearchContext  # the same data, with smooth functions in the place of the effects
+    n_jobs: int | None = None
+    verbose: int = 0
     _tried: Remembered[Structure] = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
     )  # `_instead` of the terms of structures
 
     @classmethod
-    def of(cls, context: SearchContext) -> Unknowns | None:
+    def of(
+        cls, context: SearchContext, n_jobs: int | None = None, verbose: int = 0
+    ) -> Unknowns | None:
         """None where nobody asks for them."""
         if not any(isinstance(effect, UnknownFunction) for effect in context.usable):
             return None
-        return cls(context, replace(context, effects=shapes(context.data.records), kept={}))
+        own = replace(context, effects=shapes(context.data.records), kept={})
+        return cls(context, own, n_jobs, verbose)
 
     # -- structures --------------------------------------------------------------------------------
 
@@ -101,18 +113,42 @@ class Unknowns:
 
     def added(self, structure: Structure) -> tuple[Finding, Structure, int] | None:
         """The shape that explains what is left over, None if none does."""
-        context = self.named
-        beside = self.shapes.candidates(structure.fit)
+        context, fit, place = self.named, structure.fit, len(structure.terms)
+        beside = self.shapes.candidates(fit)
         trial, n_candidates = self._best(beside)
         if trial is None:
             return None
-        p_value = n_candidates * beside.p_value(trial)
-        if p_value > context.significance:
-            return None
-        tried = context.structure((*structure.terms, trial.candidate), structure.fit.modes)
+        hopeful = n_candidates * beside.p_value(trial) <= context.settings.hopeful
+        anew = fit.n_modes > 1 and (hopeful or is_large(beside, trial))
+        if anew:
+            fit = self._with_modes(structure, beside, trial).fit
+            beside = self.shapes.candidates(fit, without=(place,))
+            trial, n_more = self._best(beside)
+            if trial is None:
+                return None
+            n_candidates += n_more + context.settings.n_restarts
+        tried = context.structure((*fit.terms[:place], trial.candidate), fit.modes)
         if not is_promising(context, structure, tried, n_candidates):
             return None
+        chance = beside.p_value(trial)
+        p_value = n_candidates * chance
+        if anew:
+            again = context.structural_chance(structure, tried)
+            p_value = at_modes_found_with_it(n_candidates, chance, again)
+        if p_value > context.significance:
+            return None
         return Finding.of(tried.terms[-1], p_value, ()), tried, n_candidates
+
+    def _with_modes(self, structure: Structure, beside: CandidateContext, best: Trial) -> Structure:
+        """The cheapest structure with the best shape, or one of each kind with modes anew."""
+        of_each: dict[tuple, PlacedEffect] = {}
+        for trial in self.shapes.scanned(beside)[0]:
+            if _n_arguments(trial) == 1:
+                key = (trial.candidate.place, trial.candidate.target)
+                of_each.setdefault(key, trial.candidate)
+        candidates = [best.candidate, *of_each.values()]
+        anew = with_modes(self.named, structure, candidates, self.n_jobs, self.verbose)
+        return min(anew, key=lambda option: option.price)
 
     def as_rivals(self, structure: Structure, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
         """Findings with the shape as a rival of a term that is not better by a standard error."""
