@@ -65,6 +65,12 @@ class Stretches:
             lag += 1
         return 2 * lag
 
+    def runs(self, chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """How many samples in a row are chosen, or not chosen, about each of them."""
+        changes = ~self.inside | (np.diff(chosen, prepend=chosen[:1]) != 0)
+        number = np.cumsum(changes) - 1
+        return np.bincount(number)[number]
+
     def apart(self, every: int) -> tuple[NDArray[np.intp], Stretches]:
         """An order of the samples in which each stretch is so many, of samples so far apart."""
         first = np.searchsorted(self.stretch, self.stretch)

@@ -83,12 +83,16 @@ class _Questions:
         return self._ordered[1]
 
     def residuals(self, structure: Structure, target: int) -> Array:
-        """What regressions leave over of rows they have not seen; gross errors say nothing."""
+        """What regressions leave over of rows they have not seen; a gross error says nothing."""
+        # What is gross for as long as a force is remembered is the force, far above the noise.
         left = self.context.candidates(structure.fit).held_out[:, target]
         gross = self.context.settings.gross * max(
             float(robust_scale(left[:, None])[0]), float(self.context.data.exact[target])
         )
-        return np.where(np.abs(left) <= gross, left, 0.0)[self._ordered[0]]
+        left = left[self._ordered[0]]
+        far = np.abs(left) > gross
+        lasting = self.where.runs(far) >= self.context.settings.slow_steps
+        return np.where(far & ~lasting, 0.0, left)
 
     def needed(self, structure: Structure) -> Structure:
         """The structure without the effects that predict no better than a disturbance would."""
