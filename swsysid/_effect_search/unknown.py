@@ -25,7 +25,7 @@ from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid.effects import PlacedEffect, StructureEffect, UnknownFunction
-from swsysid.effects._shapes import finer, shapes
+from swsysid.effects._shapes import finer, next_finer, shapes
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Unknowns:
             # of those within one standard error the one with the fewest terms
             level = [option for option in options if not self._is_better(best, option)]
             structure = min([best, *level], key=lambda option: (len(option.terms), option.cost))
-        return self._merged(self._one_for_several(structure))
+        return self._resolved(self._merged(self._one_for_several(structure)))
 
     def _one_for_several(self, structure: Structure) -> Structure:
         """One shape unless several effects with a name of the same channel are better than it.
@@ -86,6 +86,25 @@ class Unknowns:
             if not fewer:
                 break
             structure = min(fewer, key=lambda option: option.cost)
+        return structure
+
+    def _resolved(self, structure: Structure) -> Structure:
+        """The structure with as many knots of each shape as it is better with."""
+        # A scan gives the rows no weight that the shape at hand does not explain, and finds it fine
+        # enough; in a structure they count.
+        for place in range(len(structure.terms)):
+            options = [structure]
+            while options:
+                best = min(options, key=lambda option: option.cost)
+                if best is not structure and not self._is_better(best, structure):
+                    break
+                structure, term = best, best.terms[place]
+                if not isinstance(term.effect, UnknownFunction):
+                    break
+                options = [
+                    self.named.exchanged(structure, place, replace(term, effect=shape))
+                    for shape in next_finer(term.effect, self.named.data.records)
+                ]
         return structure
 
     def _is_better(self, option: Structure, than: Structure) -> bool:
@@ -128,6 +147,7 @@ class Unknowns:
                 return None
             n_candidates += n_more + context.settings.n_restarts
         tried = context.structure((*fit.terms[:place], trial.candidate), fit.modes)
+        tried = self._resolved(tried)
         if not is_promising(context, structure, tried, n_candidates):
             return None
         chance = beside.p_value(trial)
