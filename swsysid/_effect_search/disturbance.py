@@ -84,15 +84,18 @@ class _Questions:
 
     def residuals(self, structure: Structure, target: int) -> Array:
         """What regressions leave over of rows they have not seen; a gross error says nothing."""
-        # What is gross for as long as a force is remembered is the force, far above the noise.
+        # What is gross for as long as a force is remembered, and often, is the force, far above the
+        # noise; where it is rare it may be a place at which the structure is wrong.
+        settings = self.context.settings
         left = self.context.candidates(structure.fit).held_out[:, target]
-        gross = self.context.settings.gross * max(
+        gross = settings.gross * max(
             float(robust_scale(left[:, None])[0]), float(self.context.data.exact[target])
         )
         left = left[self._ordered[0]]
         far = np.abs(left) > gross
-        lasting = self.where.runs(far) >= self.context.settings.slow_steps
-        return np.where(far & ~lasting, 0.0, left)
+        lasting = far & (self.where.runs(far) >= settings.slow_steps)
+        often = lasting.mean() >= settings.often
+        return np.where(far & ~(lasting & often), 0.0, left)
 
     def needed(self, structure: Structure) -> Structure:
         """The structure without the effects that predict no better than a disturbance would."""

@@ -220,7 +220,9 @@ def finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction]:
 
     There is none after a smooth one, and none where the samples do not bear it.
     """
-    scanned, more = _counts(shape)
+    is_surface = shape.n_arguments > 1
+    scanned = SETTINGS.knots_of_two if is_surface else SETTINGS.knots
+    more = SETTINGS.more_knots_of_two if is_surface else SETTINGS.more_knots
     if len(shape.knots) < scanned[-1]:
         return []
     larger = [count for count in more if count > len(shape.knots)][:1]
@@ -228,17 +230,12 @@ def finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction]:
 
 
 def next_finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction]:
-    """The function of the same channels with the two next larger numbers of knots."""
-    scanned, more = _counts(shape)
-    larger = [count for count in (*scanned, *more) if count > len(shape.knots)][:2]
-    return _sized(records, shape, larger)
+    """The function of the same argument with the two next larger numbers of knots.
 
-
-def _counts(shape: UnknownFunction) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Numbers of knots of a first scan, and those tried after the last of them."""
-    if shape.n_arguments > 1:
-        return SETTINGS.knots_of_two, SETTINGS.more_knots_of_two
-    return SETTINGS.knots, SETTINGS.more_knots
+    None of two arguments: each of so many columns makes everything that is fitted beside it slow.
+    """
+    counts = () if shape.n_arguments > 1 else (*SETTINGS.knots, *SETTINGS.more_knots)
+    return _sized(records, shape, [count for count in counts if count > len(shape.knots)][:2])
 
 
 def _sized(
