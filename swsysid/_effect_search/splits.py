@@ -6,7 +6,8 @@ values of each channel, as the node of a regression tree is, with the whole libr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,58 +17,82 @@ from swsysid._noise import robust_scale
 from swsysid._results import Array
 
 
+@dataclass(frozen=True)
+class Cut:
+    """Rows on the far side of a threshold of a channel, and what a law of their own is worth."""
+
+    gain: float  # in log likelihood, of two laws over one
+    rows: NDArray[np.intp]
+
+
 def with_one_split(beside: CandidateContext) -> NDArray[np.intp] | None:
     """Modes of which one is two now; None if none has the rows for two laws."""
-    data, problem = beside.data, beside.regression
-    left = beside.fit.residuals(data.records, data.rows, data.targets)[:, beside.targets]
-    scale = np.maximum(robust_scale(left), data.exact[beside.targets])
-    gross = data.settings.gross * scale
-    left = np.clip(left, -gross, gross)
-    X = beside.records.X[data.rows]
-    best, answer = 0.0, None
+    data, problem, targets = beside.data, beside.regression, beside.targets
+    left = beside.fit.residuals(data.records, data.rows, data.targets)[:, targets]
+    floor = data.exact[targets]
+    gross = data.settings.gross * np.maximum(robust_scale(left), floor)
+    left, X = np.clip(left, -gross, gross), beside.records.X[data.rows]
+    least = data.settings.rows_a_column * problem.features.shape[1]
+    cuts = []
     for mode in range(problem.n_modes):
         own = np.flatnonzero(problem.modes == mode)
-        features, gone = problem.features[own], left[own]
-        least = data.settings.rows_a_column * features.shape[1]
-        before = _squares(features, gone, [len(own)])[0]
         for values in X[own].T:
-            order = np.argsort(values, kind="stable")
-            cuts = _cuts(values[order], least, data.settings.n_splits)
-            if not len(cuts):
-                continue
-            backwards = order[::-1]
-            below = _squares(features[order], gone[order], cuts)
-            above = _squares(features[backwards], gone[backwards], len(own) - cuts[::-1])[::-1]
-            after = np.maximum(below + above, len(own) * data.exact[beside.targets] ** 2)
-            gains = 0.5 * len(own) * np.log(np.maximum(before, after) / after).sum(axis=1)
-            if gains.max() > best:
-                best, answer = float(gains.max()), problem.modes.copy()
-                answer[own[order[cuts[int(gains.argmax())] :]]] = problem.n_modes
+            cut = best_cut(
+                problem.features[own], left[own], values, least, data.settings.n_splits, floor
+            )
+            cuts += [Cut(cut.gain, own[cut.rows])] if cut is not None else []
+    if not cuts:
+        return None
+    answer = problem.modes.copy()
+    answer[max(cuts, key=lambda cut: cut.gain).rows] = problem.n_modes
     return answer
 
 
-def _cuts(ordered: Array, least: int, most: int) -> NDArray[np.intp]:
+def best_cut(
+    features: Array, targets: Array, values: Array, least: int, most: int, floor: Array
+) -> Cut | None:
+    """Of so many thresholds at most the best; None if fewer rows than `least` are on each side.
+
+    `floor` are errors below which there is nothing to explain, (n_states,).
+    """
+    order, n_rows = np.argsort(values, kind="stable"), len(values)
+    counts = _counts(values[order], least, most)
+    if not len(counts):
+        return None
+    reverse = order[::-1]
+    below = _squares(features[order], targets[order], [*counts, n_rows])
+    above = _squares(features[reverse], targets[reverse], n_rows - counts[::-1])[::-1]
+    smallest = n_rows * floor**2 + np.finfo(float).tiny
+    one, two = np.maximum(below[-1], smallest), np.maximum(below[:-1] + above, smallest)
+    gains = 0.5 * n_rows * np.log(one / two).sum(axis=1)
+    best = int(gains.argmax())
+    return Cut(float(gains[best]), order[counts[best] :])
+
+
+def _counts(ordered: Array, least: int, most: int) -> NDArray[np.intp]:
     """Numbers of rows below thresholds, with so many on either side; equal values stay together."""
     if len(ordered) < 2 * least:
         return np.zeros(0, dtype=np.intp)
     ranks = np.linspace(least, len(ordered) - least, most).astype(np.intp)
-    cuts = np.unique(np.searchsorted(ordered, ordered[ranks - 1], side="right"))
-    return np.asarray(cuts[cuts <= len(ordered) - least])
+    counts = np.unique(np.searchsorted(ordered, ordered[ranks - 1], side="right"))
+    return np.asarray(counts[counts <= len(ordered) - least])
 
 
-def _squares(features: Array, targets: Array, cuts: NDArray[np.intp] | list[int]) -> Array:
-    """Sums of squares that a regression leaves of the first rows, (n_cuts, n_states)."""
-    return np.array(list(_each(features, targets, cuts)))
+def _squares(features: Array, targets: Array, counts: Sequence[int] | NDArray[np.intp]) -> Array:
+    """Sums of squares that a regression leaves of so many first rows, (n_counts, n_states)."""
+    return np.array(list(_left_of_the_first(features, targets, counts)))
 
 
-def _each(features: Array, targets: Array, cuts: NDArray[np.intp] | list[int]) -> Iterator[Array]:
-    # gram, moment and squares of the rows up to a cut are those up to the one before and a few more
+def _left_of_the_first(
+    features: Array, targets: Array, counts: Sequence[int] | NDArray[np.intp]
+) -> Iterator[Array]:
+    # the sums of the rows up to a threshold are those up to the one before, and of a few rows more
     width, start = features.shape[1], 0
     gram, moment = np.zeros((width, width)), np.zeros((width, targets.shape[1]))
     squares = np.zeros(targets.shape[1])
-    for cut in cuts:
-        some, wanted = features[start:cut], targets[start:cut]
+    for count in counts:
+        some, wanted = features[start:count], targets[start:count]
         gram, moment = gram + some.T @ some, moment + some.T @ wanted
-        squares, start = squares + np.sum(wanted**2, axis=0), cut
+        squares, start = squares + np.sum(wanted**2, axis=0), count
         coef = np.linalg.pinv(gram, hermitian=True) @ moment
         yield squares - np.sum(moment * coef, axis=0)
