@@ -176,6 +176,7 @@ class Shape:
     wanted: Array  # contribution and residual: what the measured velocities ask of the effect
     modes: NDArray[np.intp]  # 0 everywhere unless the effect has other coefficients in other modes
     is_function: bool  # of `values`; otherwise it is drawn as dots
+    where: str = ""  # the value of another channel for which all of it is told
 
 
 def effect_shape(
@@ -210,6 +211,15 @@ def effect_shape(
     axis, values, shown = _axis(term, records)
     if term.mode is not None:
         shown = shown[modes[shown] == term.mode]
+    wanted, where = (targets - predicted)[:, target] + contribution, ""
+    if isinstance(term.effect, UnknownFunction) and term.effect.reference is not None:
+        # what the data want of a function that is multiplied by little is noise
+        factor = term.effect.factor(corrected(fit.terms, records))
+        shown = shown[np.abs(factor[shown]) >= REPORT.smallest_factor]
+        factor = np.where(factor == 0.0, np.inf, factor)
+        contribution, wanted = contribution / factor, wanted / factor
+        half_width = half_width / np.abs(factor)
+        where = term.effect.condition(records.names)
     order = shown[np.argsort(values[shown], kind="stable")]
     own = modes if term.effect.terms and term.replaced is not None else np.zeros_like(modes)
     own, change = own[order], contribution[order]
@@ -220,9 +230,10 @@ def effect_shape(
         values=values[order],
         contribution=change,
         half_width=half_width[order],
-        wanted=((targets - predicted)[:, target] + contribution)[order],
+        wanted=wanted[order],
         modes=own,
         is_function=in_time or all(_is_function(change[own == mode]) for mode in np.unique(own)),
+        where=where,
     )
 
 

@@ -111,7 +111,7 @@ class Panels:
         frame_most(ax, shape.wanted, 0.08, whole=shape.contribution)
         ax.set(
             xlabel=axis_label(shape.axis, self.units),
-            ylabel=_wrapped(f"share of {self._rate(shape.target)}"),
+            ylabel=_wrapped(f"share of {self._rate(shape.target)}") + _told_where(shape),
         )
         legend_above(ax, 4, markerscale=2.5, **_SPACES)
 
@@ -186,6 +186,11 @@ def _draw_contribution(
         ax.fill_between(values, low, high, color=colour, alpha=0.3, linewidth=0, label=band)
     ax.plot(values, middle, color="white", linewidth=4.0)
     ax.plot(values, middle, color=colour, linewidth=2.2, label=name)
+
+
+def _told_where(shape: Shape) -> str:
+    """A line of the axis label for the value of another channel that the shape is told for."""
+    return f"\nwhere {shape.where}" if shape.where else ""
 
 
 def _wrapped(label: str) -> str:

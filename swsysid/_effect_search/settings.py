@@ -119,6 +119,7 @@ class ReportSettings:
     longest_label: int = 34  # letters on one line
     decades: float = 30.0  # errors that differ by a larger factor stand on a logarithmic axis
     jump: float = 0.02  # neighbours of a function differ by less than this share of its range
+    smallest_factor: float = 0.5  # of its usual size: a function is told where it is larger
     stretch: int = 300  # samples of one trajectory that are shown where time is the axis
 
 

@@ -123,6 +123,12 @@ class UnknownFunction(Effect):
             return np.prod(listed, axis=0)[:, None]
         return np.column_stack(listed[: self.n_arguments])
 
+    def condition(self, names: Sequence[str]) -> str:
+        """The value of the other channel for which the function is told; nothing without one."""
+        if self.reference is None:
+            return ""
+        return f"{names[self.channels[1]]} = {figure(self.reference)}"
+
     def arguments(self, names: Sequence[str]) -> tuple[str, ...]:
         """Names of its arguments."""
         own = tuple(str(names[channel]) for channel in self.channels)

@@ -283,6 +283,18 @@ def test_a_force_that_nobody_measured_is_a_disturbance(seed):
     assert np.sqrt(np.mean(apart**2)) < 0.2  # half of its size: the law took up some of it
 
 
+def test_a_force_far_above_the_noise_that_acts_at_times_is_no_outlier():
+    # a third of the rows has errors of twenty standard deviations, in stretches of some forty
+    (found,) = _search(lambda x, t: 1.0 * ((t / 2.3) % 3.0 < 1.0)).effects_
+    assert (found.kind, found.target) == ("unmeasured_disturbance", 0)
+
+
+def test_residuals_in_a_row_are_counted_in_their_stretch():
+    where = Stretches(np.arange(8.0), np.array([0, 0, 0, 0, 1, 1, 1, 1]))
+    chosen = np.array([0, 1, 1, 1, 1, 0, 0, 1], dtype=bool)
+    np.testing.assert_array_equal(where.runs(chosen), [1, 3, 3, 3, 1, 2, 2, 1])
+
+
 def test_a_clean_record_has_neither():
     assert not _search(lambda x, t: 0.0 * x, seed=3).effects_
 
