@@ -71,6 +71,10 @@ class Stretches:
         number = np.cumsum(changes) - 1
         return np.bincount(number)[number]
 
+    def taken(self, chosen: NDArray[np.bool_]) -> Stretches:
+        """Some of the samples, in the stretches that they are in."""
+        return Stretches(self.t[chosen], self.stretch[chosen])
+
     def apart(self, every: int) -> tuple[NDArray[np.intp], Stretches]:
         """An order of the samples in which each stretch is so many, of samples so far apart."""
         first = np.searchsorted(self.stretch, self.stretch)
@@ -109,6 +113,14 @@ class Coloured:
         course = cho_solve_banded((factor, False), y / self.noise**2)
         twice = 2.0 * np.log(factor[1]) - log_precision + white - y * course / self.noise**2
         return -0.5 * sums(twice)
+
+    def precise(self, columns: Array, where: Stretches) -> Array:
+        """The inverse of the covariance of all samples times some columns, shaped like these."""
+        scaled = columns / self.noise**2
+        if self.size == 0.0:
+            return scaled
+        factor, _ = self._factor(where)
+        return np.asarray(scaled - cho_solve_banded((factor, False), scaled) / self.noise**2)
 
     def course(self, y: Array, where: Stretches) -> tuple[Array, Array]:
         """The force at every sample and its standard deviation, from all samples (a smoother)."""
@@ -168,6 +180,26 @@ def coloured(y: Array, where: Stretches, slowest: float = np.inf) -> Coloured:
     starts = [np.log([first, min(time, 0.5 * longest), noise]) for time in times]
     found = [minimize(cost, start, method="Nelder-Mead") for start in starts]
     return bounded(min(found, key=lambda one: float(one.fun)).x)
+
+
+def beneath_a_law(features: Array, y: Array, where: Stretches) -> tuple[Coloured, Array]:
+    """Noise and force of highest likelihood beneath a linear law of the features, and residuals.
+
+    The states of the next samples remember the force, so that least squares gives their
+    coefficients what it does, and anything that tells the force from the states, such as the input
+    a while ago, seems to act. Generalised least squares does not.
+    """
+    coef = np.linalg.lstsq(features, y, rcond=None)[0]
+    left, before = y - features @ coef, -np.inf
+    for _ in range(SETTINGS.n_generalised):
+        model = coloured(left, where)
+        likelihood = float(model.log_likelihood(left, where).sum())
+        if likelihood < before + SETTINGS.same_likelihood:
+            break
+        precise, before = model.precise(features, where), likelihood
+        coef = np.linalg.lstsq(features.T @ precise, precise.T @ y, rcond=None)[0]
+        left = y - features @ coef
+    return coloured(left, where), left
 
 
 class _Sums:

@@ -19,6 +19,7 @@ from swsysid._effect_search.acceptance import Finding, confirmed
 from swsysid._effect_search.coloured import (
     Coloured,
     Stretches,
+    beneath_a_law,
     coloured,
     rows_in_order,
     white,
@@ -124,13 +125,28 @@ class _Questions:
         # A filter that smears what an effect does leaves jumps where the effect has none, and the
         # other way round, which neither has made: rows are compared that share no samples.
         beside = self.residuals(structure, target)
-        every = self._steps(beside)
-        order, where = self.where.apart(every)
+        every = self.where.smeared(beside)
+        usual = (without != 0.0) & (beside != 0.0)
+        order, where = self.where.taken(usual).apart(every)
+        rows = self._ordered[0][usual][order]
         gains = np.zeros(int(self.where.stretch.max()) + 1)
-        for sign, left in ((-1.0, without[order]), (1.0, beside[order])):
-            gain = sign * coloured(left, where).log_likelihood(left, where)
-            gains += np.bincount(np.arange(len(gain)) // every, gain) / every
-        return float(gains.sum() - gains.std(ddof=1) * np.sqrt(len(gains)))
+        for sign, option in ((-1.0, fewer), (1.0, structure)):
+            features, y = self._law(option, target)
+            model, left = beneath_a_law(features[rows], y[rows], where)
+            gain = sign * model.log_likelihood(left, where)
+            gains += np.bincount(np.arange(len(gain)) // every, gain, len(gains)) / every
+        more = structure.n_parameters - fewer.n_parameters  # each explains a nat of noise (Akaike)
+        return float(gains.sum() - more - gains.std(ddof=1) * np.sqrt(len(gains)))
+
+    def _law(self, structure: Structure, target: int) -> tuple[Array, Array]:
+        """Columns of all that acts on a state, mode by mode, and its velocities."""
+        problem = self.context.candidates(structure.fit).regression
+        each = [
+            problem.features[:, problem.support[mode, target]] * (problem.modes == mode)[:, None]
+            for mode in range(problem.n_modes)
+        ]
+        columns = np.column_stack(each)
+        return columns[:, columns.any(axis=0)], problem.targets[:, target]
 
     def _steps(self, left: Array) -> int:
         """Steps after which no noise, and no filter of it, is remembered."""

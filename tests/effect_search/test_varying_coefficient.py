@@ -102,6 +102,17 @@ def test_its_table_is_the_function_up_to_what_the_law_has(search):
     assert np.ptp(apart[inside]) < 0.03  # of a step of 0.87; two standard errors at the knots
 
 
+def test_it_is_drawn_as_a_function_of_its_argument(search):
+    (shape,) = search.report_.data.shapes
+    assert shape.is_function and (shape.axis, shape.where[:5]) == ("x0", "x1 = ")
+    reference = float(shape.where[5:])
+    apart = shape.contribution + _damping(shape.values) * reference
+    assert np.ptp(apart[np.abs(shape.values) < 0.95]) < 0.03  # as its table
+    # the data want it with the noise of a factor of one half at most
+    assert np.std(shape.wanted - shape.contribution) < 2.0 * NOISE
+    assert 0.0 < np.median(shape.half_width) < NOISE
+
+
 def test_units_of_the_channels_do_not_matter(search):
     (found,), (other,) = search.effects_, _search(1000.0).effects_
     assert other.place == found.place
