@@ -31,7 +31,7 @@ def test_records_are_of_one_size_and_finite():
 
 
 def test_a_stop_is_touched_by_few_rows_of_two_trajectories():
-    for seed in range(5):
+    for seed in (0, 1, 2, 700, 704):  # of the last two the first draws are in one trajectory
         data, at_stop = rare_record(seed)
         assert 20 <= at_stop.sum() <= 40  # what the benchmark says of its records
         assert len(np.unique(data.groups[at_stop])) >= 2
