@@ -100,25 +100,28 @@ class _Questions:
 
     def needed(self, structure: Structure) -> Structure:
         """The structure without the effects that predict no better than a disturbance would."""
+        # Several together may be what an observer makes of a force, from the inputs and states of
+        # a while ago: then none of them leaves a force behind that is surely slow, and all do.
         least = np.log(self.n_candidates / self.context.significance)
         while True:
-            asked = [
-                (self._gain_of(structure, place), place)
-                for place, term in enumerate(structure.terms)
-                if not isinstance(term.effect, (GuardEffect, MeasurementEffect, ResetEffect))
-            ]
-            gain, place = min(asked, default=(np.inf, -1))
+            asked = [(self._gain_of(structure, group), group) for group in _asked(structure)]
+            gain, group = min(asked, default=(np.inf, ()))
             if gain > least:
                 return structure
+            structure = self._without(structure, group)
+
+    def _without(self, structure: Structure, group: tuple[int, ...]) -> Structure:
+        for place in sorted(group, reverse=True):
             structure = self.context.without(structure, place)
+        return structure
 
-    def _gain_of(self, structure: Structure, place: int) -> float:
-        """By how much an effect raises the likelihood beside a disturbance, less its error.
+    def _gain_of(self, structure: Structure, group: tuple[int, ...]) -> float:
+        """By how much effects raise the likelihood beside a disturbance, less its error.
 
-        Infinite where there would be no disturbance without it.
+        Infinite where there would be no disturbance without them.
         """
-        target = structure.terms[place].target
-        fewer = self.context.without(structure, place)
+        target = structure.terms[group[0]].target
+        fewer = self._without(structure, group)
         without = self.residuals(fewer, target)
         if self._p_value(coloured(without, self.where), without, target) is None:
             return np.inf
@@ -183,3 +186,14 @@ class _Questions:
         """Gain in log likelihood of one model of residuals over another."""
         gains = one.log_likelihood(left, self.where) - other.log_likelihood(left, self.where)
         return float(gains.sum())
+
+
+def _asked(structure: Structure) -> list[tuple[int, ...]]:
+    """Effects that a disturbance may explain, one by one and all of an equation."""
+    by_target: dict[int, list[int]] = {}
+    for place, term in enumerate(structure.terms):
+        if not isinstance(term.effect, (GuardEffect, MeasurementEffect, ResetEffect)):
+            by_target.setdefault(term.target, []).append(place)
+    together = [tuple(places) for places in by_target.values()]
+    alone = [(place,) for places in together for place in places]
+    return list(dict.fromkeys([*alone, *together]))

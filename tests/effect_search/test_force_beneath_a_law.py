@@ -49,10 +49,12 @@ def test_states_that_remember_the_force_do_not_bias_the_law(seed):
     assert model.noise == pytest.approx(0.3, rel=0.25)
 
 
-def test_inputs_of_the_past_that_only_tell_the_force_are_no_lag():
-    # the states and the input a while ago say what the force was: a lag and a delay of the input
-    # lower the held-out error from 0.18 to 0.11, and neither is there
-    data = make_undeclared(unlisted="random_disturbance", system="discrete", random_state=60)
+# The states and the input a while ago say what the force was: lags and delays of the input lower
+# the held-out error by a third and more, and none of them is there. Of the second record several
+# together leave no force behind that is surely slow.
+@pytest.mark.parametrize("seed", [60, 80])
+def test_inputs_of_the_past_that_only_tell_the_force_are_no_lag(seed):
+    data = make_undeclared(unlisted="random_disturbance", system="discrete", random_state=seed)
     library = [Lag(), Delay(), Drift(), UnmeasuredDisturbance()]
     search = EffectSearchCV(data.estimator, effects=library)
     search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
