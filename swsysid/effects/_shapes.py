@@ -161,15 +161,16 @@ class UnknownFunction(Effect):
         return f"{self._text(label)}, size {parameters['size']:.4g}"
 
     def describe(self, label: str, target: str) -> str:
-        argument, *factor = label.split(_TIMES)
-        what = [f"what {name} does to {target}" for name in factor] or [target]
-        return self.meaning.format(channel=argument, target=what[0])
+        if self.reference is None:
+            return super().describe(label, target)
+        argument, factor = label.split(_TIMES)
+        return super().describe(argument, f"what {factor} does to {target}")
 
     def _text(self, label: str) -> str:
-        argument, *factor = label.split(_TIMES)
-        return f"f({argument})" + "".join(
-            f" {name} / {figure(self.reference or 1.0)}" for name in factor
-        )
+        if self.reference is None:
+            return f"f({label})"
+        argument, factor = label.split(_TIMES)
+        return f"f({argument}) {factor} / {figure(self.reference)}"
 
 
 @lru_cache(maxsize=256)
