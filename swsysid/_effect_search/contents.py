@@ -14,6 +14,7 @@ from swsysid._data.trajectories import label_text
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import Shape, effect_shape
 from swsysid._effect_search.rollouts import Rollout, rolled_out
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import exact_below, root_mean_square
 from swsysid._rendering.parts import Parts, entries_of
 from swsysid._residual_report.report import ResidualReport
@@ -116,6 +117,12 @@ class EffectData:
         """Root mean square error of each state, before and after."""
         before, after = map(root_mean_square, self.residuals)
         return before, after
+
+    @cached_property
+    def mode_known(self) -> NDArray[np.bool_]:
+        """Whether the model with the effects is sure of the mode, (n_rows,)."""
+        told = self.models[1].joint_fit_.mode_proba(self.records)[self.rows]
+        return np.asarray(told.max(axis=1) > 1.0 - SETTINGS.possible)
 
     @cached_property
     def stretches(self) -> list[tuple[str, NDArray[np.intp]]]:

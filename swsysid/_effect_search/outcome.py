@@ -115,7 +115,7 @@ def search_beside(
     )
     search = Search(context, most, choices.n_jobs, choices.verbose)
     structure, findings, rounds = search.run()
-    judge = Untouched(context, records, measured.targets, split.held_out, is_last)
+    judge = Untouched(context, records, measured.targets, split.held_out, measured.noise, is_last)
     steps = [one.structure for one in rounds]
     structure, findings, tried = judge.judged(structure, findings, steps)
     structure, findings = search.beside_the_unknown(structure, findings, rounds)

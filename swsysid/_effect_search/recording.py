@@ -35,6 +35,7 @@ from swsysid._effect_search.drawn import drawn
 from swsysid._effect_search.folds import Rows, Split
 from swsysid._effect_search.held_inputs import between_jumps
 from swsysid._effect_search.settings import SETTINGS
+from swsysid._effect_search.state_noise import StateNoise
 from swsysid._results import Array
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid.differentiation import differentiate
@@ -53,6 +54,7 @@ class Measured:
     rows: Rows
     window: int = 1  # samples that the velocity of a row is made of
     recorded: Records | None = None  # the states as they were measured, if velocities were not
+    noise: StateNoise | None = None  # of these
 
     def is_enough(self, parts: Split) -> bool:
         """Whether there are rows enough to hold some of them out."""
@@ -192,7 +194,8 @@ def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> 
     targets = np.einsum("nkf,nf->nk", laws, fit.features(seen)) + windows.slopes @ rest
     targets += seen.averaged(added[told.modes, every])
     rows = windows.whole(max(1, round(windows.length / SETTINGS.rows_a_window)))
-    return Measured(seen, targets, rows[told.sure[rows]], windows.length, records)
+    noise = StateNoise.of(rest, windows)
+    return Measured(seen, targets, rows[told.sure[rows]], windows.length, records, noise)
 
 
 def _windows(rest: Array, records: Records, modes: Modes, stretches: list[Rows]) -> Windows:

@@ -9,6 +9,7 @@ import numpy as np
 from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
 from swsysid._effect_search.settings import REPORT, SETTINGS
+from swsysid._noise import root_mean_square
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
 from swsysid.effects import FoundEffect, Rival, StructureEffect, UnknownFunction
@@ -107,11 +108,28 @@ def _risen(report: EffectContents) -> list[str]:
         return []
     both = zip(report.targets, *(report.errors[end]["held_out"] for end in (0, -1)), strict=True)
     risen = [
-        f"{rate(name, report.discrete)} ({after:.4g} instead of {before:.4g})"
-        for name, before, after in both
+        f"{rate(name, report.discrete)} ({after:.4g} instead of {before:.4g}"
+        f"{_on_the_surface(report, state)})"
+        for state, (name, before, after) in enumerate(both)
         if name not in report.exact and after > (1.0 + REPORT.worth_telling) * before
     ]
     return [f"The held-out error rises for {', '.join(risen)}."] if risen else []
+
+
+def _on_the_surface(report: EffectContents, state: int) -> str:
+    """What a rise is without the rows on a surface, which are in any mode by luck."""
+    if report.data is None:
+        return ""
+    known = report.data.mode_known
+    if known.all() or not known.any():
+        return ""
+    before, after = (
+        root_mean_square(errors[known][:, [state]])[0] for errors in report.data.residuals
+    )
+    return (
+        f"; without {np.sum(~known)} of {len(known)} rows, whose mode is not sure, "
+        f"{after:.4g} instead of {before:.4g}"
+    )
 
 
 def _rollouts_no_better(report: EffectContents) -> list[str]:

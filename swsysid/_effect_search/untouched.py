@@ -22,6 +22,7 @@ from swsysid._effect_search.acceptance import Finding, confirmed, without_terms
 from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.folds import Folds, make_folds
 from swsysid._effect_search.settings import REPORT, SETTINGS
+from swsysid._effect_search.state_noise import StateNoise
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
@@ -57,6 +58,11 @@ class Fall:
         return self.fall.value <= 0.0 or self.promised > SETTINGS.shown * self.error
 
     @property
+    def is_nowhere(self) -> bool:
+        """True if neither the searched rows nor those untouched have errors that fall."""
+        return self.promised < 0.0 and not self.fall.is_clear
+
+    @property
     def is_rise(self) -> bool:
         """True if the error clearly rises."""
         return replace(self.fall, value=-self.fall.value).is_clear
@@ -70,6 +76,7 @@ class Untouched:
     records: Records
     targets: Array  # of the whole record
     rows: NDArray[np.intp]
+    noise: StateNoise | None = None  # of the states, where velocities were made of them
     is_last: bool = True  # False where a recording will be better known with what is found
 
     @cached_property
@@ -84,13 +91,23 @@ class Untouched:
         errors = self.context.declared.residuals(data.records, data.rows, data.targets)
         return np.maximum(robust_scale(errors), data.exact)
 
+    def _units(self, fit: JointFit) -> Array:
+        """Usual errors of a fit, as far as the noise of the states is to blame for them."""
+        if self.noise is None:
+            return self._scale
+        every = np.concatenate([self.context.data.rows, self.rows])
+        own, declared = (
+            self.noise.errors(one, self.records, every) for one in (fit, self.context.declared)
+        )
+        return self._scale * own / declared
+
     def _errors(self, fit: JointFit, rows: NDArray[np.intp]) -> Array:
         return self.targets[rows] - fit.predict(self.records)[rows]
 
     def _falls(self, before: JointFit, after: JointFit, rows: NDArray[np.intp]) -> Array:
         """By how much the squares of the errors fall from one fit to another, (n_rows,)."""
         gross = self.context.settings.gross
-        sizes = [np.abs(self._errors(fit, rows)) / self._scale for fit in (before, after)]
+        sizes = [np.abs(self._errors(fit, rows)) / self._units(fit) for fit in (before, after)]
         losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
         # what is gross with the effect and without it says nothing of the effect
         judging = np.minimum(*(size.max(axis=1) for size in sizes)) < gross
@@ -123,8 +140,9 @@ class Untouched:
             shown = [self._shows(term) for term in structure.terms]
             useless = [
                 place
-                for place, one in enumerate(gains)
+                for place, (one, term) in enumerate(zip(gains, structure.terms, strict=True))
                 if (one.is_refuted if shown[place] else one.is_rise)
+                or (one.is_nowhere and term.effect.terms)
             ]
             if self.is_last and not useless and self._rises(structure.fit):
                 useless = list(range(len(fewer)))
@@ -152,14 +170,25 @@ class Untouched:
 
     def _rises(self, fit: JointFit) -> bool:
         """Whether the errors, gross ones and all, rise by a larger share than they fall."""
-        before, after = (
-            np.mean(self._errors(self.context.with_told_surface(one), self.rows) ** 2, axis=0)
-            for one in (self.context.declared, fit)
-        )
+        # Next to a surface a row may be on either side, and one of them decides a mean square: the
+        # effects are not to blame for a mode that even the model does not know.
+        declared, found = map(self.context.with_told_surface, (self.context.declared, fit))
+        before = np.mean(self._errors(declared, self.rows) ** 2, axis=0)
+        after = np.mean(self._least_errors(found) ** 2, axis=0)
         exact = self.context.data.exact_states
         judged = [state for state in range(len(before)) if state not in exact]
         ratios = np.sqrt(after[judged] / np.maximum(before[judged], np.finfo(float).tiny))
         return bool(ratios.sum() > len(judged) + REPORT.worth_telling)
+
+    def _least_errors(self, fit: JointFit) -> Array:
+        """Errors of each row in the best of the modes that a fit deems possible there."""
+        possible = fit.mode_proba(self.records)[self.rows] >= SETTINGS.possible
+        errors = self.targets[self.rows] - fit.mode_velocities(self.records)[:, self.rows]
+        sizes = np.sum((errors / self._scale) ** 2, axis=2).T
+        rows = np.arange(len(self.rows))
+        possible[rows, fit.predict_modes(self.records)[self.rows]] = True
+        best = np.argmin(np.where(possible, sizes, np.inf), axis=1)
+        return np.asarray(errors[best, rows])
 
     def _without(self, structure: Structure, place: int) -> JointFit:
         if len(structure.terms) == 1:

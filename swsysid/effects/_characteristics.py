@@ -148,10 +148,10 @@ class _TwoSided(OfAChannel):
     role = "replaces"
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        """Thresholds that the channel passes, on both sides if it has two."""
+        """Thresholds that the channel passes, on the side where it goes farther."""
         values, used, levels = records.channel(place), _sides(records, place), np.empty(0)
         if used:
-            highest = min(np.quantile(side, 0.95) for side in used)
+            highest = max(np.quantile(side, 0.95) for side in used)
             # narrower than that is friction, or nothing the samples could show
             lowest = max(np.quantile(np.abs(values), 0.03), SETTINGS.narrow * spread(values))
             if lowest < highest:

@@ -119,8 +119,10 @@ def _jumps(records: Records, velocity: Array, modes: Modes, target: int) -> _Jum
 def _between_stays(records: Records, velocity: Array, modes: Modes, target: int) -> _Jumps | None:
     """Moves between the stays that measured states have told, of the likeliest kind of crossing.
 
-    Both states are carried to the middle. The instant of a switch is not known better than that,
-    and a later one is worth the difference of the two velocities: as much of the moves is no jump.
+    Both states are carried to the middle, :math:`x + h v + h^2 a / 2`, with the acceleration of
+    their own stay. The instant of a switch is not known better than that, and a later one is worth
+    the difference of the two velocities: as much of the moves is no jump, and neither is as much as
+    the accelerations were needed for.
     """
     assert records.t is not None
     rows = np.concatenate(records.trajectories)
@@ -132,6 +134,9 @@ def _between_stays(records: Records, velocity: Array, modes: Modes, target: int)
     half, values = 0.5 * (records.t[last] - records.t[first]), records.channel(target)
     before = values[first] + half * velocity[first]
     moved = values[last] - half * velocity[last] - before
+    earlier, later = _accelerations(records, velocity, modes)
+    bend = 0.5 * half**2 * (later[last] - earlier[first])
+    before, moved = before + 0.5 * half**2 * earlier[first], moved + bend
     apart = velocity[last] - velocity[first]
     kinds = sorted(set(zip(modes[first].tolist(), modes[last].tolist(), strict=True)))
     found = []
@@ -144,13 +149,24 @@ def _between_stays(records: Records, velocity: Array, modes: Modes, target: int)
             # switch happens somewhere between its two samples: that alone does not explain the
             # moves, and it explains what the reset leaves of them. A state that is the same at all
             # crossings tells no factor.
-            late = half[own] * np.abs(apart[own])
+            late = half[own] * np.abs(apart[own]) + np.abs(bend[own])
             left = np.abs(moved[own] - jumps.slope * before[own])
             is_needed = np.median(np.abs(moved[own]) - late) > 0.0
             is_enough = np.median(left - late) <= SETTINGS.sure_jump * jumps.error
             if jumps.deviations >= SETTINGS.sure_jump and is_needed and is_enough:
                 found.append(jumps)
     return max(found, key=lambda jumps: jumps.gain, default=None)
+
+
+def _accelerations(records: Records, velocity: Array, modes: Modes) -> tuple[Array, Array]:
+    """From the sample before each in the same stay, and to the one after it; zero without one."""
+    assert records.t is not None
+    earlier, later = np.zeros((2, len(records)))
+    for rows in records.trajectories:
+        slope = np.diff(velocity[rows]) / np.diff(records.t[rows])
+        slope[np.diff(modes[rows]) != 0] = 0.0
+        earlier[rows[1:]], later[rows[:-1]] = slope, slope
+    return earlier, later
 
 
 def _without(values: Array, column: Array) -> Array:

@@ -1,5 +1,7 @@
 """Modes of recordings, told by the states: guards that remember and resets are found by them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,3 +75,30 @@ def test_stays_are_stretches_of_one_mode():
     modes = np.array([0, 0, -1, 1, 1, 1, 0])
     stays = stays_of(modes, [np.arange(4), np.arange(4, 7)])
     assert [stay.tolist() for stay in stays] == [[0, 1], [2], [3], [4, 5], [6]]
+
+
+def crossings(jump, seed=0):
+    """Forty stays of mode 0 then 1: in the first x is straight, in the second it bends with x."""
+    rng, half, bend = np.random.default_rng(seed), 2, 0.8
+    t = np.tile(0.1 * np.arange(-8, 9), 40)
+    level, slope = (np.repeat(rng.uniform(*limits, 40), 17) for limits in ((1, 3), (-2, 2)))
+    after = np.clip(t, 0.0, None)
+    # the velocities of the two samples next to a switch are the same
+    loss = -bend * level * 0.1 * half
+    x = level + slope * t + loss * after + 0.5 * bend * level * after**2
+    velocity = slope + (loss + bend * level * after) * (t > 0)
+    x, told = np.where(t > 0, (1 + jump) * x, x), np.where(t > 0, 1, 0)
+    velocity = np.where(t > 0, (1 + jump) * velocity, velocity)
+    told[np.abs(t) < 0.1 * half - 0.01] = -1
+    groups = np.repeat(np.arange(40), 17)
+    records = make_records(
+        (x + 1e-4 * rng.standard_normal(x.shape))[:, None], 1, t=t, groups=groups, names=["x"]
+    )
+    return replace(records, told=told), velocity[:, None], told
+
+
+def test_what_bends_between_two_stays_is_no_reset():
+    assert Reset().candidate(*crossings(0.0), 0) is None
+    crossing, (factor,) = Reset().candidate(*crossings(-0.3), 0)
+    assert crossing == (0, 1)
+    assert factor == pytest.approx(0.7, abs=0.02)

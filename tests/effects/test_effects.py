@@ -217,3 +217,9 @@ def test_a_guard_with_memory_is_told_in_the_sign_of_its_channel():
     assert low == pytest.approx(20.0, abs=0.1) and high == pytest.approx(22.0, abs=0.1)
     assert GuardHysteresis().label(guard, ["T_C"]) == "T_C"
     assert GuardHysteresis().label(Guard(((0,), (1,)), (1.0, -0.5), 0), ["a", "b"]) == "+1 a -0.5 b"
+
+
+def test_a_threshold_that_one_side_alone_reaches_is_scanned():
+    u = np.concatenate([np.linspace(-4.0, 0.0, 50), np.linspace(0.0, 10.0, 100)])
+    (parameter,) = Saturation().parameters(records(np.column_stack([u, u]), n_states=1), 1)
+    assert parameter.values.max() == pytest.approx(9.5, abs=0.1)  # 95 % of the longer side

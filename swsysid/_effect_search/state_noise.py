@@ -1,0 +1,51 @@
+r"""What the noise of measured states makes of the errors of velocities.
+
+The velocity of a row is a slope of noisy states, and what a law predicts for it is a mean over the
+same window of functions of noisy states. Even the true law f leaves over
+
+.. math:: \sigma^2_{\dot x} + \sum_j \big(\partial f / \partial x_j\big)^2 \sigma^2_j ,
+
+with the variances of a slope and of a mean of :math:`x_j`. A law with smaller coefficients hands
+less of it on; with an input's memory, which knows no such noise, in the place of what the states
+tell, least squares leave less over than the truth. So errors are compared in units of what the
+noise makes of them, as in a regression with errors in all its variables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.records import Records
+from swsysid._data.windows import Windows
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._noise import robust_scale
+from swsysid._results import Array
+
+
+@dataclass(frozen=True)
+class StateNoise:
+    """Standard deviations of the white noise of measured states, and of the slopes made of it."""
+
+    states: Array  # (n_states,)
+    slopes: Array  # (n_states,)
+
+    @classmethod
+    def of(cls, rest: Array, windows: Windows) -> StateNoise:
+        """The noise of states by what local polynomials leave of them, where windows are whole."""
+        rows = windows.whole()
+        left, own = (rest - windows.values @ rest)[rows], windows.values.diagonal()[rows]
+        # The weights of a projection: their squares sum to the one of the sample itself.
+        states = robust_scale(left / np.sqrt(1.0 - own)[:, None])
+        gain = np.sqrt(np.mean(windows.slopes[rows].power(2).sum(axis=1)))
+        return cls(states, gain * states)
+
+    def errors(self, fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Array:
+        """Root mean square of what the noise makes of the errors of a fit, (n_states,)."""
+        modes, noisy = fit.predict_modes(records), records.X.copy()
+        chance = np.random.RandomState(0).normal(size=(len(noisy), len(self.states)))
+        noisy[:, : len(self.states)] += self.states * chance
+        change = fit.predict(records.with_columns(noisy), modes) - fit.predict(records, modes)
+        return np.sqrt(self.slopes**2 + robust_scale(change[rows]) ** 2)
