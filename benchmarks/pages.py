@@ -61,7 +61,7 @@ RECORDINGS = (
 )
 FRESH = "python -m benchmarks.undeclared --fresh 60 --first-seed 3001 --docs docs"
 UNLISTED = (
-    "python -m benchmarks.undeclared --unlisted --seeds 1 --first-seed 30 --draw 36 --docs docs"
+    "python -m benchmarks.undeclared --unlisted --seeds 1 --first-seed 90 --draw 36 --docs docs"
 )
 SENSITIVITY = (
     "python -m benchmarks.sensitivity --records 8 --first-record 504 --constants held_out n_blocks "
