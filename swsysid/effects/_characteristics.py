@@ -151,11 +151,16 @@ class _TwoSided(OfAChannel):
         """Thresholds that the channel passes, on the side where it goes farther."""
         values, used, levels = records.channel(place), _sides(records, place), np.empty(0)
         if used:
-            highest = max(np.quantile(side, 0.95) for side in used)
+            ends = [float(np.quantile(side, 0.95)) for side in used]
+            highest, farthest = min(ends), max(ends)
             # narrower than that is friction, or nothing the samples could show
             lowest = max(np.quantile(np.abs(values), 0.03), SETTINGS.narrow * spread(values))
             if lowest < highest:
-                levels = np.linspace(lowest, highest, SETTINGS.n_levels)
+                levels, step = np.linspace(lowest, highest, SETTINGS.n_levels, retstep=True)
+                # as dense beyond what both sides reach, up to as many again
+                n_more = min(SETTINGS.n_levels, int(np.ceil((farthest - highest) / step)))
+                more = np.linspace(highest, farthest, n_more + 1)[1:]
+                levels = np.concatenate([levels, more])
         return (Parameter("threshold", levels, "{channel}"),)
 
 
