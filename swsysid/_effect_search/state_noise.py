@@ -33,9 +33,11 @@ class StateNoise:
     slopes: Array  # (n_states,)
 
     @classmethod
-    def of(cls, rest: Array, windows: Windows) -> StateNoise:
+    def of(cls, rest: Array, windows: Windows) -> StateNoise | None:
         """The noise of states by what local polynomials leave of them, where windows are whole."""
         rows = windows.whole()
+        if not len(rows):
+            return None
         left, own = (rest - windows.values @ rest)[rows], windows.values.diagonal()[rows]
         # The weights of a projection: their squares sum to the one of the sample itself.
         states = robust_scale(left / np.sqrt(1.0 - own)[:, None])
@@ -43,7 +45,10 @@ class StateNoise:
         return cls(states, gain * states)
 
     def errors(self, fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Array:
-        """Root mean square of what the noise makes of the errors of a fit, (n_states,)."""
+        """Standard deviations of the errors that the noise makes in a fit, (n_states,).
+
+        What it does to the predictions is seen by adding as much of it again.
+        """
         modes, noisy = fit.predict_modes(records), records.X.copy()
         chance = np.random.RandomState(0).normal(size=(len(noisy), len(self.states)))
         noisy[:, : len(self.states)] += self.states * chance

@@ -91,22 +91,29 @@ class Untouched:
         errors = self.context.declared.residuals(data.records, data.rows, data.targets)
         return np.maximum(robust_scale(errors), data.exact)
 
+    @cached_property
+    def _every(self) -> NDArray[np.intp]:
+        """The untouched rows, and then those of the search."""
+        return np.concatenate([self.rows, self.context.data.rows])
+
+    @cached_property
+    def _noise_of_declared(self) -> Array:
+        assert self.noise is not None
+        return self.noise.errors(self.context.declared, self.records, self._every)
+
     def _units(self, fit: JointFit) -> Array:
         """Usual errors of a fit, as far as the noise of the states is to blame for them."""
         if self.noise is None:
             return self._scale
-        every = np.concatenate([self.context.data.rows, self.rows])
-        own, declared = (
-            self.noise.errors(one, self.records, every) for one in (fit, self.context.declared)
-        )
-        return self._scale * own / declared
+        own = self.noise.errors(fit, self.records, self._every)
+        return np.asarray(self._scale * own / self._noise_of_declared)
 
     def _errors(self, fit: JointFit, rows: NDArray[np.intp]) -> Array:
         return self.targets[rows] - fit.predict(self.records)[rows]
 
-    def _falls(self, before: JointFit, after: JointFit, rows: NDArray[np.intp]) -> Array:
-        """By how much the squares of the errors fall from one fit to another, (n_rows,)."""
-        gross = self.context.settings.gross
+    def _falls(self, before: JointFit, after: JointFit) -> Array:
+        """By how much the squares of the errors of `_every` row fall from one fit to another."""
+        gross, rows = self.context.settings.gross, self._every
         sizes = [np.abs(self._errors(fit, rows)) / self._units(fit) for fit in (before, after)]
         losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
         # what is gross with the effect and without it says nothing of the effect
@@ -116,8 +123,8 @@ class Untouched:
     def gain(self, before: JointFit, after: JointFit) -> Fall:
         """By how much they fall in all, and by how much they were to fall."""
         before, after = map(self.context.with_told_surface, (before, after))
-        falls, data = self._falls(before, after, self.rows), self.context.data
-        searched = self._falls(before, after, data.rows)
+        data = self.context.data
+        falls, searched = np.split(self._falls(before, after), [len(self.rows)])
         in_search = BlockSum.of(data.folds.independent_sums(searched))
         share = np.count_nonzero(falls) / len(data.rows)
         return Fall(
