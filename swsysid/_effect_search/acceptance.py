@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.evidence import Evidence, structural_evidence
 from swsysid._effect_search.scan import scan
 from swsysid._effect_search.smears import is_smear
 from swsysid._effect_search.structures import SearchContext, Structure
@@ -52,10 +54,18 @@ class Finding:
 
 def finding(context: SearchContext, structure: Structure, place: int, *fewer: Structure) -> Finding:
     """p-value and rivals of one term in the light of all others."""
+    judged = _beside_the_others(context, *_without_what_contains(context, structure, place), fewer)
+    # without the shapes that contain it the modes of a fit may be numbered anew
+    return replace(judged, candidate=structure.terms[place])
+
+
+def _beside_the_others(
+    context: SearchContext, structure: Structure, place: int, fewer: Iterable[Structure]
+) -> Finding:
+    """p-value and rivals of one term of a structure without the shapes that contain it."""
     # This p-value is the only one by which an effect enters, stays and is reported, and it is
     # multiplied by the number of all candidates that could have won. One of a term without columns
     # is of its gain on the structure without it, and on each of `fewer`.
-    structure, place = _without_what_contains(context, structure, place)
     term, beside = structure.terms[place], context.candidates(structure.fit, without=(place,))
     known = [
         other.terms[place]
@@ -65,13 +75,13 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     top, n_trials = context.scanned(beside, term.signature)
     count = context.n_hypotheses(beside, n_trials)
     if not term.effect.terms:
-        return Finding.of(term, count * _chance(context, structure, place, beside, fewer), known)
+        gained = _of_a_structure(context, structure, place, beside, fewer)
+        few = count * gained.chance_by_blocks > context.significance
+        return Finding.of(term, count * gained.chance, known, (FEW_STRETCHES,) if few else ())
     if isinstance(term.effect, UnknownFunction):
         return _of_a_shape(term, beside, top, count)
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
-    if own is None:
-        return Finding.of(term, 1.0, known)
-    if is_smear(beside, own):
+    if own is None or is_smear(beside, own):
         return Finding.of(term, 1.0, known)
     level = [top[number].candidate for number in beside.level_with(own, top)]
     evidence = beside.evidence(own)
@@ -80,7 +90,7 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     doubts = (FEW_STRETCHES,) if few else ()
     if structure.fit.n_modes == 1 or chance > context.significance:
         return Finding.of(term, count * chance, [*level, *known], doubts)
-    again = context.structural_chance(context.without(structure, place), structure)
+    again = structural_evidence(context, context.without(structure, place), structure).chance
     chance = at_modes_found_with_it(count, chance, again)
     return Finding.of(term, chance, [*level, *known], doubts)
 
@@ -111,6 +121,11 @@ def _without_what_contains(
 
 
 def contains(shape: PlacedEffect, term: PlacedEffect) -> bool:
+    """Whether a term says nothing that a shape in the same equation and modes cannot say."""
+    return shape.mode in (None, term.mode) and shares_channels(shape, term)
+
+
+def shares_channels(shape: PlacedEffect, term: PlacedEffect) -> bool:
     """Whether a term depends on nothing but the channels of a shape in the same equation."""
     return (
         isinstance(shape.effect, UnknownFunction)
@@ -146,19 +161,21 @@ def _of_a_shape(
     return Finding.of(term, count * beside.p_value(own), rivals)
 
 
-def _chance(
+def _of_a_structure(
     context: SearchContext,
     structure: Structure,
     place: int,
     beside: CandidateContext,
     fewer: Iterable[Structure],
-) -> float:
+) -> Evidence:
     """Of what a term without columns gains."""
     effect, target = structure.terms[place].effect, structure.terms[place].target
     if isinstance(effect, ResetEffect):
-        return effect.gain(*beside.jumping, target)[1]
+        chance = effect.gain(*beside.jumping, target)[1]
+        return Evidence(chance, chance)
     others = (context.without(structure, place), *fewer)
-    return max(context.structural_chance(other, structure) for other in others)
+    evidence = [structural_evidence(context, other, structure) for other in others]
+    return max(evidence, key=attrgetter("chance"))
 
 
 def confirmed(

@@ -154,8 +154,7 @@ class CandidateContext:
     @property
     def targets(self) -> list[int]:
         """States whose equations may lack something."""
-        every = range(self.regression.targets.shape[1])
-        return [target for target in every if target not in self.data.exact_states]
+        return self.data.counted_states
 
     @property
     def most_switched_state(self) -> int:

@@ -88,6 +88,11 @@ class SearchData:
         folds = make_folds(records.take(rows), SETTINGS.n_folds, np.random.RandomState(0))
         return cls(records, rows, targets[rows], folds)
 
+    @cached_property
+    def counted_states(self) -> list[int]:
+        """States whose equations are in question, that is all but the exact ones."""
+        return [state for state in range(self.targets.shape[1]) if state not in self.exact_states]
+
     @property
     def told(self) -> Rows | None:
         """Modes of the rows that measured states have told."""

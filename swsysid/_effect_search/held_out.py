@@ -34,15 +34,19 @@ def held_out_cost(fit: JointFit, data: SearchData) -> Array:
     return _mixture_cost(errors, STUDENT.scale(own, data.exact), _mode_probabilities(fit, data))
 
 
-def unseen_cost(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> Array:
-    """Negative log likelihood of rows that no part of a fit to others has seen."""
+def unseen(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> tuple[Array, Array]:
+    """Negative log likelihood and errors of rows that no part of a fit to others has seen.
+
+    The errors (n_rows, n_states) are those of the mean over the modes of a row.
+    """
     # `train` and `test` are numbers among the rows of the search.
     velocities = fit.mode_velocities(data.records)
     rows, targets = data.rows[train], data.targets[train]
     scale = STUDENT.scale(targets - velocities[fit.modes, rows], exact_below(targets))
     errors = data.targets[test] - velocities[:, data.rows[test]]
     told = fit.mode_proba(data.records.take(data.rows[test]))
-    return _mixture_cost(errors, scale, _softened(told, data.settings.surprise))
+    cost = _mixture_cost(errors, scale, _softened(told, data.settings.surprise))
+    return cost, np.einsum("jnk,nj->nk", errors, told)
 
 
 def _mixture_cost(errors: Array, scale: Array, probabilities: Array) -> Array:

@@ -66,7 +66,7 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     """Those of some rows of a record, with the `targets` of all of it, that no mode explains."""
     # Nothing is chosen by them, so that rows that were held out may count. Their mode is the one
     # that suits them best: next to a surface a row of the other mode is no outlier.
-    counted = [state for state in range(targets.shape[1]) if state not in data.exact_states]
+    counted = data.counted_states
     usual = fit.residuals(data.records, data.rows, data.targets)
     scale = np.maximum(robust_scale(usual), data.exact)
     errors = ((targets - fit.mode_velocities(data.records)) / scale)[:, rows][:, :, counted]
@@ -109,7 +109,7 @@ def _event(
     judged = np.isin(np.arange(len(records)), rows)
     # what neighbours remember of one error are no rows of their own
     left = fit.residuals(records, data.rows, data.targets)
-    left = np.delete(left, list(data.exact_states), axis=1)
+    left = left[:, data.counted_states]
     fewest = settings.fewest_in_interval * memory_of(records.take(data.rows), left)
     each = [rows[judged[rows]] for rows in records.trajectories]
     filled = [_stretches_filled(own, aside, fewest) for own in each]
@@ -173,8 +173,8 @@ def _law_inside(fit: JointFit, data: SearchData, targets: Array, inside: Rows) -
     changing = np.ptp(features, axis=0) > 0.0
     many = len(inside) >= data.settings.rows_a_column * features.shape[1]
     used = fit.laws.support[usual] & (many | ~changing)
-    for state in range(targets.shape[1]):
-        if state not in data.exact_states and used[state].any():
+    for state in data.counted_states:
+        if used[state].any():
             columns = features[:, used[state]]
             law[state, used[state]] += robust_regression(columns, left[usual][:, state])
     return law

@@ -19,9 +19,8 @@ from swsysid._effect_search.candidates import (
     Trial,
     candidate_context,
 )
-from swsysid._effect_search.chance import BlockSum, chance_of_bets
-from swsysid._effect_search.folds import SearchData, memory_of
-from swsysid._effect_search.held_out import held_out_cost, unseen_cost
+from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.held_out import held_out_cost, unseen
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.scan import proposals, refined, scan
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
@@ -67,6 +66,14 @@ class Structure:
 
 
 @dataclass(frozen=True)
+class Unseen:
+    """Every row as predicted by fits of a structure to others."""
+
+    cost: Array  # negative log likelihoods, (n_rows,)
+    errors: Array  # of what is to be expected of all modes, (n_rows, n_states)
+
+
+@dataclass(frozen=True)
 class SearchContext:
     """The declared model, the data, the effects in question, and structures of them."""
 
@@ -82,9 +89,9 @@ class SearchContext:
     fewer: Remembered[Structure] = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
     )  # structures without one of their terms
-    unseen: Remembered[Array] = field(
+    unseen: Remembered[Unseen] = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # costs of rows that nothing of a structure has seen
+    )  # rows that nothing of a structure has seen
 
     @property
     def settings(self) -> SearchSettings:
@@ -190,33 +197,6 @@ class SearchContext:
         """`squared_errors` of the declared model."""
         return np.maximum(self.squared_errors(self.declared), self.data.exact**2)
 
-    def structural_chance(self, before: Structure, after: Structure) -> float:
-        """Of predictions that are so much better in each block of rows by chance."""
-        # Modes, a surface and weights that were fitted to all rows bend to those that are to be
-        # predicted; where there are several modes fits that have not seen the rows are judge.
-        gains = before.rows - after.rows
-        if after.fit.n_modes > 1 and after.fit.guard is None:
-            gains = self._unseen_cost(before) - self._unseen_cost(after)
-        # With likelihoods p of a row before and q after, (q - p) / (q + p) has no positive mean
-        # where p is true, whatever q is, for it is concave in q / p. Unlike the logarithm, of which
-        # a few rows hold most, it is bounded.
-        # What it remembers by chance is what the residuals do.
-        data = self.data
-        left = after.fit.residuals(data.records, data.rows, data.targets)
-        counted = [state for state in range(left.shape[1]) if state not in data.exact_states]
-        remembered = memory_of(data.records.take(data.rows), left[:, counted])
-        values = np.tanh(0.5 * gains)
-        blocks = data.folds.blocks_beyond(remembered)
-        sums = BlockSum.of(np.bincount(blocks, values).astype(float))
-        bets = chance_of_bets(values, blocks, remembered)
-        chance = min(1.0, 2.0 * min(sums.chance, bets))  # the clearer of two tests
-        if after.fit.guard is None or before.fit.guard is not None:
-            return chance
-        # A guard that remembers concerns few rows in few blocks. None of them decides, for a sure
-        # surface is wrong now and then; and chance makes a likelihood ratio r with 1 / r at most.
-        ratio = float(np.exp(min(0.0, (after.price - before.price) / remembered)))
-        return min(1.0, 2.0 * min(chance, ratio))
-
     def n_hypotheses(self, beside: CandidateContext, n_trials: int) -> int:
         """So many candidates could have won, those of later scans and of restarts included."""
         records, count = beside.searched, n_trials
@@ -228,19 +208,20 @@ class SearchContext:
             return count  # a scan once more is of the same candidates
         return count * (1 + self.settings.n_questions) + self.settings.n_restarts
 
-    def _unseen_cost(self, structure: Structure) -> Array:
-        """Cost of every row, from a fit of the structure to the other folds."""
-        return self.unseen.of(structure, (), lambda: self._cost_unseen(structure))
+    def unseen_rows(self, structure: Structure) -> Unseen:
+        """What fits of the structure to the other folds make of every row."""
+        return self.unseen.of(structure, (), lambda: self._fitted_to_others(structure))
 
-    def _cost_unseen(self, structure: Structure) -> Array:
-        data, modes, cost = self.data, structure.fit.modes, np.empty(self.n_rows)
+    def _fitted_to_others(self, structure: Structure) -> Unseen:
+        data, modes = self.data, structure.fit.modes
+        cost, errors = np.empty(self.n_rows), np.empty(data.targets.shape)
         for train, test in data.folds.parts:
             rows, targets = data.rows[train], data.targets[train]
             fit = fit_jointly(
                 self.model, structure.terms, data.records, rows, targets, modes[train], 1
             )
-            cost[test] = unseen_cost(fit, data, train, test)
-        return cost
+            cost[test], errors[test] = unseen(fit, data, train, test)
+        return Unseen(cost, errors)
 
     # -- candidates beside a structure -----------------------------------------------------------
 

@@ -16,10 +16,11 @@ from swsysid._effect_search.acceptance import (
     Finding,
     at_modes_found_with_it,
     channels_of,
-    contains,
     is_promising,
+    shares_channels,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.evidence import structural_evidence
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.settings import SETTINGS
@@ -153,7 +154,7 @@ class Unknowns:
         chance = beside.p_value(trial)
         p_value = n_candidates * chance
         if anew:
-            again = context.structural_chance(structure, tried)
+            again = structural_evidence(context, structure, tried).chance
             p_value = at_modes_found_with_it(n_candidates, chance, again)
         if p_value > context.significance:
             return None
@@ -320,5 +321,5 @@ def _nested(structure: Structure) -> list[list[int]]:
         [place, number]
         for place, shape in enumerate(structure.terms)
         for number, term in enumerate(structure.terms)
-        if contains(shape, term)
+        if shares_channels(shape, term)
     ]

@@ -141,6 +141,7 @@ class Untouched:
         What such an effect has driven out comes back: `earlier` are structures on the way.
         """
         tried: list[Tried] = []
+        refused: set[tuple] = set()
         while structure.terms:
             fewer = [self._without(structure, place) for place in range(len(structure.terms))]
             gains = [self.gain(fit, structure.fit) for fit in fewer]
@@ -168,9 +169,9 @@ class Untouched:
             )
             lost = findings[worst]
             tried.append(Tried(lost.candidate, lost.p_value, before, after))
-            known = {one.candidate.signature for one in tried}
+            refused.add(structure.terms[worst].signature)
             options = [self.context.without(structure, worst)]
-            options += without_terms(earlier, known)
+            options += without_terms(earlier, refused)
             structure = min(options, key=lambda option: option.price)
             structure, findings = confirmed(self.context, structure)
         return structure, findings, tuple(tried)
@@ -182,8 +183,7 @@ class Untouched:
         declared, found = map(self.context.with_told_surface, (self.context.declared, fit))
         before = np.mean(self._errors(declared, self.rows) ** 2, axis=0)
         after = np.mean(self._least_errors(found) ** 2, axis=0)
-        exact = self.context.data.exact_states
-        judged = [state for state in range(len(before)) if state not in exact]
+        judged = self.context.data.counted_states
         ratios = np.sqrt(after[judged] / np.maximum(before[judged], np.finfo(float).tiny))
         return bool(ratios.sum() > len(judged) + REPORT.worth_telling)
 

@@ -195,6 +195,14 @@ def test_a_term_beside_a_shape_that_contains_it_is_a_special_case():
     assert not contains(shape, elsewhere) and not contains(shape, PlacedEffect(Lag(), 1, 1))
 
 
+@pytest.mark.parametrize(("of_shape", "of_term", "expected"), [
+    (None, 0, True), (0, 0, True), (0, 1, False), (0, None, False),
+])  # fmt: skip
+def test_a_shape_in_one_mode_contains_nothing_of_another(of_shape, of_term, expected):
+    shape = PlacedEffect(UnknownFunction((1,), ((0.0,), (1.0,))), (1,), 1, of_shape)
+    assert contains(shape, PlacedEffect(CoulombFriction(), 1, 1, of_term)) is expected
+
+
 def test_a_guard_that_makes_the_error_rise_is_seen_to():
     """Velocities do not show a guard, and yet they can show that there is none."""
     falls = [Fall(BlockSum(value, 1.0, 12), 0.0, 1.0) for value in (-5.0, -0.5, 5.0)]
