@@ -169,10 +169,15 @@ def _of_a_structure(
     fewer: Iterable[Structure],
 ) -> Evidence:
     """Of what a term without columns gains."""
-    effect, target = structure.terms[place].effect, structure.terms[place].target
+    term = structure.terms[place]
+    effect, target = term.effect, term.target
     if isinstance(effect, ResetEffect):
         chance = effect.gain(*beside.jumping, target)[1]
         return Evidence(chance, chance)
+    # A guard that remembers nothing may tell the modes better than the surface all the same.
+    told = beside.records, beside.known_modes
+    if isinstance(effect, GuardEffect) and not effect.needs_memory(term.place, *told, *term.theta):
+        return Evidence(1.0, 1.0)
     others = (context.without(structure, place), *fewer)
     evidence = [structural_evidence(context, other, structure) for other in others]
     return max(evidence, key=attrgetter("chance"))

@@ -64,7 +64,7 @@ class GuardHysteresis(GuardEffect):
     def candidates(self, records: Records, modes: Modes) -> Iterator[tuple[Guard, Band]]:
         """Guards with a band, of few monomials and of more."""
         for one in _worthwhile(guards_of(records, modes)):
-            if _needs_its_band(one, records, modes):
+            if self.needs_memory(one.guard, records, modes, *one.band):
                 yield one.guard, one.band
 
     def refitted(self, place: Guard, records: Records, modes: Modes) -> tuple[Guard, Band]:
@@ -84,6 +84,14 @@ class GuardHysteresis(GuardEffect):
 
     def switched(self, records: Records, place: Guard, *theta: float) -> Modes:
         return place.modes(records, *theta)
+
+    def needs_memory(self, place: Guard, records: Records, modes: Modes, *theta: float) -> bool:
+        """Whether the modes agree better with the band than with any single threshold."""
+        known, values = modes >= 0, place(records.X)
+        above = np.where(modes == place.upper_mode, 1.0, -1.0)[known][np.argsort(values[known])]
+        single = 0.5 + 0.5 * np.abs(2.0 * np.cumsum(above) - above.sum()).max() / len(above)
+        agreement = np.mean((place.modes(records, *theta) == modes)[known])
+        return bool(agreement > single + SETTINGS.worth_a_band)
 
     def crossings(self, place: Guard, n_columns: int, *theta: float) -> list[Crossing]:
         powers = np.array(
@@ -208,14 +216,46 @@ def _with_band(guard: Guard, records: Records, modes: Modes) -> _Banded:
         ordered = [pair for pair in product(lows, highs) if pair[0] <= pair[1]]
         excess, band = best_band(ordered, records, values, sides)
         step *= 0.5
+    for edge in (0, 1):
+        excess, band = _midway(edge, band, records, values, sides)
     agreement = 0.5 * (1.0 + excess / known.sum())
-    return _Banded(agreement, guard, (float(band[0]), float(band[1])))
+    return _Banded(agreement, guard, band)
+
+
+def _midway(
+    edge: int, band: Band, records: Records, values: Array, sides: Array
+) -> tuple[float, Band]:
+    """The band with one of its edges in the middle of where it agrees best, and how well."""
+    # The modes are the same wherever an edge lies between two samples, and a trajectory that turns
+    # back between it and the true one is in the wrong mode for a whole stay.
+    levels = np.unique(values)
+    place, most = int(np.searchsorted(levels, band[edge])), SETTINGS.n_thresholds
+    near = levels[max(0, place - most) : place + most]
+    other = band[1 - edge]
+    near = near[near <= other] if edge == 0 else near[near >= other]
+    if len(near) < 2:
+        return float(_excesses([band], records, values, sides)[0]), band
+    middles = 0.5 * (near[1:] + near[:-1])
+    bands = [(middle, other) if edge == 0 else (other, middle) for middle in middles.tolist()]
+    excesses = _excesses(bands, records, values, sides)
+    best = np.flatnonzero(excesses == excesses.max())
+    runs = np.split(best, np.flatnonzero(np.diff(best) > 1) + 1)
+    widest = max(runs, key=lambda run: float(near[run[-1] + 1] - near[run[0]]))
+    value = 0.5 * float(near[widest[0]] + near[widest[-1] + 1])
+    return float(excesses.max()), (value, other) if edge == 0 else (other, value)
 
 
 def best_band(
     bands: list[Band], records: Records, values: Array, sides: Array
 ) -> tuple[float, Band]:
     """The band whose remembered sides agree best with `sides`, and agreeing rows less others."""
+    excesses = _excesses(bands, records, values, sides)
+    best = int(np.argmax(excesses))
+    return float(excesses[best]), bands[best]
+
+
+def _excesses(bands: list[Band], records: Records, values: Array, sides: Array) -> Array:
+    """For each band the rows whose remembered side agrees with `sides` less all others."""
     # Rows that follow each other between the same two edges have the same side whatever the band,
     # so that the first of them stands for all.
     edges, order = np.unique(bands), np.concatenate(records.trajectories)
@@ -226,19 +266,7 @@ def best_band(
     first = order[begins]
     votes = np.bincount(np.cumsum(begins) - 1, weights=sides[order])
     some, part = records.take(first), values[first]
-    excesses = [float(votes @ _remembered(some, part, *band)) for band in bands]
-    best = int(np.argmax(excesses))
-    return excesses[best], bands[best]
-
-
-def _needs_its_band(one: _Banded, records: Records, modes: Modes) -> bool:
-    """True if the modes agree better with the band than with any single threshold."""
-    known, guard = modes >= 0, one.guard
-    values = guard(records.X)[known]
-    above = np.where(modes[known] == guard.upper_mode, 1.0, -1.0)[np.argsort(values)]
-    single = 0.5 + 0.5 * np.abs(2.0 * np.cumsum(above) - above.sum()).max() / len(above)
-    agreement = np.mean(guard.modes(records, *one.band)[known] == modes[known])
-    return bool(agreement > single + SETTINGS.worth_a_band)
+    return np.array([float(votes @ _remembered(some, part, *band)) for band in bands])
 
 
 def _remembered(records: Records, values: Array, low: float, high: float) -> Array:

@@ -190,8 +190,7 @@ def _surprising(records: Records, velocity: Array, modes: Modes, target: int) ->
             # half a step with each of the two laws is all the velocities explain
             before.append(values[rows[place]] + 0.5 * step[place] * rates[place])
             after.append(values[rows[place + 1]] - 0.5 * step[place] * rates[place + 1])
-            early, late = rows[max(place - 1, 0)], rows[min(place + 2, len(rows) - 1)]
-            crossings.append((int(modes[early]), int(modes[late])))
+            crossings.append(crossing_of(modes[rows], place))
     if not crossings:
         return None
     crossing = max(set(crossings), key=crossings.count)
@@ -200,6 +199,16 @@ def _surprising(records: Records, velocity: Array, modes: Modes, target: int) ->
         return None
     moved = np.array(after)[kept] - np.array(before)[kept]
     return _Jumps(np.array(before)[kept], moved, crossing)
+
+
+def crossing_of(modes: Modes, place: int) -> tuple[int, int]:
+    """The modes between which a trajectory moves from a sample to the next one."""
+    # Next to a surface a sample may be told on the wrong side of it: the modes one sample farther
+    # away count then. Where it is crossed there and back at once, these are the same.
+    here, there = int(modes[place]), int(modes[place + 1])
+    if here != there:
+        return here, there
+    return int(modes[max(place - 1, 0)]), int(modes[min(place + 2, len(modes) - 1)])
 
 
 class ExtraMode(StructureEffect):

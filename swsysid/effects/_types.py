@@ -87,6 +87,10 @@ class GuardEffect(WithoutColumns):
         """Modes along the trajectories."""
         raise NotImplementedError
 
+    def needs_memory(self, place: Place, records: Records, modes: Modes, *theta: float) -> bool:
+        """False if a guard without a memory tells some modes, -1 where not known, as well."""
+        return True
+
     def crossings(self, place: Place, n_columns: int, *theta: float) -> Sequence[Crossing]:
         """Where each mode is left, for columns of X; none if these are no polynomials."""
         return ()

@@ -31,6 +31,7 @@ from swsysid.effects import (
     special_effects,
 )
 from swsysid.effects._guards import Guard, best_band, guards_of
+from swsysid.effects._switching import crossing_of
 
 
 def records(X, **options):
@@ -217,6 +218,25 @@ def test_a_guard_with_memory_is_told_in_the_sign_of_its_channel():
     assert low == pytest.approx(20.0, abs=0.1) and high == pytest.approx(22.0, abs=0.1)
     assert GuardHysteresis().label(guard, ["T_C"]) == "T_C"
     assert GuardHysteresis().label(Guard(((0,), (1,)), (1.0, -0.5), 0), ["a", "b"]) == "+1 a -0.5 b"
+
+
+def test_the_edges_of_a_band_lie_midway_between_the_samples_that_bound_them():
+    # on from the sample at 4, off from that at 1: the edges are somewhere in (3, 4] and [1, 2)
+    up_and_down = np.tile([0.0, 1, 2, 3, 4, 5, 4, 3, 2, 1], 8)
+    data = records(up_and_down[:, None], t=np.arange(80.0), groups=np.zeros(80, dtype=int))
+    modes = np.tile([0, 0, 0, 0, 1, 1, 1, 1, 1, 0], 8)
+    best = max(guards_of(data, modes)[:2], key=lambda option: option.agreement)
+    assert best.band == (1.5, 3.5) and best.agreement == 1.0
+
+
+@pytest.mark.parametrize(("modes", "place", "expected"), [
+    ([0, 0, 1, 0, 0], 2, (1, 0)),  # there and back at once
+    ([0, 0, 1, 0, 0], 1, (0, 1)),
+    ([1, 1, 0, 0], 2, (1, 0)),  # told too early by one sample
+    ([0, 0, 0, 0], 0, (0, 0)),
+])  # fmt: skip
+def test_the_modes_between_which_a_state_jumps(modes, place, expected):
+    assert crossing_of(np.array(modes), place) == expected
 
 
 def test_a_threshold_that_one_side_alone_reaches_is_scanned():
