@@ -136,6 +136,7 @@ def run_drawn(drawn: Drawn) -> dict:
         "is_recording": drawn.is_recording,
         "found": first,
         "rivals": [[rival.kind for rival in one.rivals] for one in search.effects_],
+        "doubts": [list(one.doubts) for one in search.effects_],
         "verdict": _verdict(search, data, drawn),
         "visible": _visible_of(data, drawn),
         "errors": errors,

@@ -128,7 +128,7 @@ class _Questions:
         # A filter that smears what an effect does leaves jumps where the effect has none, and the
         # other way round, which neither has made: rows are compared that share no samples.
         beside = self.residuals(structure, target)
-        every = self.where.smeared(beside)
+        every = self._smeared(beside)
         usual = (without != 0.0) & (beside != 0.0)
         order, where = self.where.taken(usual).apart(every)
         rows = self._ordered[0][usual][order]
@@ -151,9 +151,16 @@ class _Questions:
         columns = np.column_stack(each)
         return columns[:, columns.any(axis=0)], problem.targets[:, target]
 
+    def _smeared(self, left: Array) -> int:
+        """Over how many steps a filter has smeared residuals, one where none has."""
+        # The filter of a recording is known; that of velocities as they are given is not.
+        if self.context.data.records.average is not None:
+            return self.context.settings.rows_a_window
+        return self.where.smeared(left)
+
     def _steps(self, left: Array) -> int:
         """Steps after which no noise, and no filter of it, is remembered."""
-        return max(self.context.settings.slow_steps, self.where.smeared(left))
+        return max(self.context.settings.slow_steps, self._smeared(left))
 
     def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
         """The force beneath what a structure leaves over of a state, and its p-value."""

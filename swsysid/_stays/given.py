@@ -13,6 +13,7 @@ from swsysid._data.trajectories import group_labels, trajectories
 from swsysid._results import Array, Trajectory
 from swsysid.refinement._trajectories import Record
 
+INPUTS = ("u", "U", "input")  # what others call inputs
 FEWEST_SAMPLES = 8  # of a recording: a filter of five with two more to each side than it needs
 
 
@@ -76,6 +77,9 @@ def _of_recordings(listed: list) -> Given:
         for name in ("t", "x"):
             if fields.get(name) is None:
                 raise ValueError(f"recording {place} has no {name}; give a dict with t and x.")
+        lost = [name for name in INPUTS if fields.get(name) is not None]
+        if lost and fields.get("inputs") is None:
+            raise ValueError(f"recording {place} has {lost[0]!r}; name it 'inputs'.")
         own = _of_rows(
             f" of recording {place}",
             fields["x"], fields["t"], fields.get("groups"), fields.get("inputs"),

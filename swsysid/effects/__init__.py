@@ -56,6 +56,7 @@ def all_effects() -> list[Effect]:
         Trigonometric(),
         StribeckFriction(),
         AsymmetricFriction(),
+        LoadFriction(),
         SensorOffset(),
         ClockLag(),
         GuardHysteresis(),
@@ -80,7 +81,6 @@ def special_effects() -> list[Effect]:
     >>> search = EffectSearchCV(SwitchingSystemRegressor(1), effects=library)
     """
     return [
-        LoadFriction(),
         InputGain(),
         SoftSaturation(),
         Hill(),

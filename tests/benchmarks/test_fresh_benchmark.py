@@ -161,3 +161,10 @@ def test_what_once_had_a_wrong_name_or_channel_is_unknown(number, kind, place):
     assert record["kind"] == kind
     assert record["found"] == [f"unknown_function of {place}"]
     assert record["told_change"] < 0.75  # of two equations, one of which falls to a tenth
+
+
+def test_a_force_in_a_recording_is_remembered_for_longer_than_its_filter():
+    # over ten rows, of which the filter joins three; what it joins was taken to be eight
+    (record,) = run_fresh(8001)
+    assert record["kind"] == "random_disturbance"
+    assert record["found"] == ["unmeasured_disturbance of time"]

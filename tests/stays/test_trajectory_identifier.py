@@ -224,6 +224,7 @@ REFUSED = {
     "refine": (lambda d: (d.x, d.t, d.groups), {"refine": 2}, "refine=2"),
     "twice": (lambda d: (d.recordings(), d.t), {}, "leave out t"),
     "no x": (lambda d: ([{"t": d.t}],), {}, "recording 0 has no x"),
+    "u": (lambda d: ([{"t": d.t, "x": d.x, "u": d.x}],), {}, "recording 0 has 'u'; name it 'in"),
 }
 
 

@@ -1,0 +1,1 @@
+"""Recordings as a laboratory makes them, of five rigs whose declared laws lack something."""
