@@ -52,6 +52,15 @@ class JointFit:
         """The effect that takes the place of the surface, if there is one."""
         return next((term for term in self.terms if isinstance(term.effect, GuardEffect)), None)
 
+    @property
+    def remembers(self) -> bool:
+        """Whether its modes depend on those of before."""
+        guard = self.guard
+        if guard is None:
+            return False
+        assert isinstance(guard.effect, GuardEffect)
+        return guard.effect.remembers(*guard.theta)
+
     def library(self, records: Records) -> Array:
         """Library of the declared model on corrected records, (n_samples, n_features_out)."""
         laws = self.laws

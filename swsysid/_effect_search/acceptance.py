@@ -174,11 +174,10 @@ def _of_a_structure(
     if isinstance(effect, ResetEffect):
         chance = effect.gain(*beside.jumping, target)[1]
         return Evidence(chance, chance)
-    # A guard that remembers nothing may tell the modes better than the surface all the same.
-    told = beside.records, beside.known_modes
-    if isinstance(effect, GuardEffect) and not effect.needs_memory(term.place, *told, *term.theta):
-        return Evidence(1.0, 1.0)
-    others = (context.without(structure, place), *fewer)
+    others = [context.without(structure, place), *fewer]
+    if isinstance(effect, GuardEffect):
+        # one that remembers nothing may tell the modes better than the surface all the same
+        others.append(context.without_memory(structure, place, beside.known_modes))
     evidence = [structural_evidence(context, other, structure) for other in others]
     return max(evidence, key=attrgetter("chance"))
 

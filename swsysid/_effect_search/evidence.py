@@ -57,7 +57,7 @@ def _chance_of_gains(context: SearchContext, before: Structure, after: Structure
     sums = BlockSum.of(np.bincount(blocks, values).astype(float))
     bets = chance_of_bets(values, blocks, remembered)
     chance = min(1.0, 2.0 * min(sums.chance, bets))  # the clearer of two tests
-    if after.fit.guard is None or before.fit.guard is not None:
+    if not after.fit.remembers or before.fit.remembers:
         return chance
     # A guard that remembers concerns few rows in few blocks. None of them decides, for a sure
     # surface is wrong now and then; and chance makes a likelihood ratio r with 1 / r at most.

@@ -28,7 +28,14 @@ from swsysid._effect_search.smears import is_unresolved
 from swsysid._effect_search.switches import gain_of_guard
 from swsysid._noise import robust_scale
 from swsysid._results import Array
-from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, ResetEffect, StructureEffect
+from swsysid.effects import (
+    Effect,
+    GuardEffect,
+    MeasurementEffect,
+    PlacedEffect,
+    ResetEffect,
+    StructureEffect,
+)
 from swsysid.effects._base import Place
 
 Modes = NDArray[np.intp]
@@ -154,6 +161,14 @@ class SearchContext:
         """The structure with another effect in the place of one of its terms."""
         terms = (*structure.terms[:place], candidate, *structure.terms[place + 1 :])
         return self.structure(terms, structure.fit.modes)
+
+    def without_memory(self, structure: Structure, place: int, modes: Modes) -> Structure:
+        """The structure with a guard that remembers nothing, for the modes of the whole record."""
+        fit, term = structure.fit, structure.terms[place]
+        assert isinstance(term.effect, GuardEffect)
+        theta = term.effect.without_memory(term.place, self.data.records, modes, *term.theta)
+        terms = (*fit.terms[:place], replace(term, theta=theta), *fit.terms[place + 1 :])
+        return self.priced(replace(fit, terms=terms))
 
     def with_told_surface(self, fit: JointFit) -> JointFit:
         """A fit with the surface between all modes that the searched part of a recording tells."""

@@ -64,7 +64,12 @@ class GuardHysteresis(GuardEffect):
     def candidates(self, records: Records, modes: Modes) -> Iterator[tuple[Guard, Band]]:
         """Guards with a band, of few monomials and of more."""
         for one in _worthwhile(guards_of(records, modes)):
-            if self.needs_memory(one.guard, records, modes, *one.band):
+            single = self.without_memory(one.guard, records, modes, *one.band)
+            with_band, without = (
+                np.mean((one.guard.modes(records, *band) == modes)[modes >= 0])
+                for band in (one.band, single)
+            )
+            if with_band > without + SETTINGS.worth_a_band:
                 yield one.guard, one.band
 
     def refitted(self, place: Guard, records: Records, modes: Modes) -> tuple[Guard, Band]:
@@ -85,13 +90,22 @@ class GuardHysteresis(GuardEffect):
     def switched(self, records: Records, place: Guard, *theta: float) -> Modes:
         return place.modes(records, *theta)
 
-    def needs_memory(self, place: Guard, records: Records, modes: Modes, *theta: float) -> bool:
-        """Whether the modes agree better with the band than with any single threshold."""
+    def remembers(self, *theta: float) -> bool:
+        lower, upper = theta
+        return upper > lower
+
+    def without_memory(
+        self, place: Guard, records: Records, modes: Modes, *theta: float
+    ) -> tuple[float, ...]:
         known, values = modes >= 0, place(records.X)
-        above = np.where(modes == place.upper_mode, 1.0, -1.0)[known][np.argsort(values[known])]
-        single = 0.5 + 0.5 * np.abs(2.0 * np.cumsum(above) - above.sum()).max() / len(above)
-        agreement = np.mean((place.modes(records, *theta) == modes)[known])
-        return bool(agreement > single + SETTINGS.worth_a_band)
+        order = np.argsort(values[known])
+        level = values[known][order]
+        above = np.where(modes[known][order] == place.upper_mode, 1.0, -1.0)
+        # of the rows above a threshold those in the upper mode less the others; it lies below all
+        # rows, between two of them, or above all
+        edges = np.concatenate([level[:1], 0.5 * (level[1:] + level[:-1]), level[-1:]])
+        best = int(np.argmax(above.sum() - 2.0 * np.concatenate([[0.0], np.cumsum(above)])))
+        return (float(edges[best]),) * 2
 
     def crossings(self, place: Guard, n_columns: int, *theta: float) -> list[Crossing]:
         powers = np.array(

@@ -87,9 +87,15 @@ class GuardEffect(WithoutColumns):
         """Modes along the trajectories."""
         raise NotImplementedError
 
-    def needs_memory(self, place: Place, records: Records, modes: Modes, *theta: float) -> bool:
-        """False if a guard without a memory tells some modes, -1 where not known, as well."""
+    def remembers(self, *theta: float) -> bool:
+        """False for parameters with which the modes are a function of the present state."""
         return True
+
+    def without_memory(
+        self, place: Place, records: Records, modes: Modes, *theta: float
+    ) -> tuple[float, ...]:
+        """Of the parameters of a guard that remembers nothing those that suit some modes best."""
+        raise NotImplementedError
 
     def crossings(self, place: Place, n_columns: int, *theta: float) -> Sequence[Crossing]:
         """Where each mode is left, for columns of X; none if these are no polynomials."""

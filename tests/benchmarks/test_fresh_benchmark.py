@@ -168,3 +168,10 @@ def test_a_force_in_a_recording_is_remembered_for_longer_than_its_filter():
     (record,) = run_fresh(8001)
     assert record["kind"] == "random_disturbance"
     assert record["found"] == ["unmeasured_disturbance of time"]
+
+
+def test_a_guard_that_suits_the_modes_better_than_the_surface_need_not_remember():
+    # the band was half as wide as the noise of the state; the surface is one of 77 rows
+    (record,) = run_fresh(10004)
+    assert record["kind"] == "saturation"
+    assert not any(one.startswith("guard_hysteresis") for one in record["found"])

@@ -229,6 +229,22 @@ def test_the_edges_of_a_band_lie_midway_between_the_samples_that_bound_them():
     assert best.band == (1.5, 3.5) and best.agreement == 1.0
 
 
+def test_of_the_guards_without_a_memory_that_which_agrees_best():
+    data = records([[0.0], [1.0], [2.0], [3.0], [4.0]], groups=np.zeros(5, dtype=int))
+    effect, guard = GuardHysteresis(), Guard(((0,),), (1.0,), 1)
+    cases = {
+        (0, 0, 1, 1, 1): 1.5,
+        (0, 1, 0, 1, 1): 0.5,
+        (1, 1, 1, 1, 1): 0.0,
+        (0, 0, -1, 1, 1): 2.0,
+    }
+    for modes, threshold in cases.items():
+        single = effect.without_memory(guard, data, np.array(modes), 0.5, 2.5)
+        assert single == (threshold, threshold)
+        assert not effect.remembers(*single)
+    assert effect.remembers(0.5, 2.5)
+
+
 @pytest.mark.parametrize(("modes", "place", "expected"), [
     ([0, 0, 1, 0, 0], 2, (1, 0)),  # there and back at once
     ([0, 0, 1, 0, 0], 1, (0, 1)),
