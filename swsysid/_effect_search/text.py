@@ -8,7 +8,7 @@ import numpy as np
 
 from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
-from swsysid._effect_search.settings import REPORT, SETTINGS
+from swsysid._effect_search.settings import REPORT
 from swsysid._noise import root_mean_square
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
@@ -213,7 +213,9 @@ def aside(report: EffectContents) -> str:
     if not one["n_together"]:
         return f"{told}; no two of them follow each other."
     low, high = one["interval"]
-    anywhere = one["others"] > SETTINGS.nowhere
+    # a place at which the usual law holds in more rows is not where the other one acts
+    others = one["others"] * (report.n_search + report.n_held_out - one["n_together"])
+    anywhere = others > one["n_together"]
     where = (
         f"{one['channel']} between {low:.4g} and {high:.4g} "
         f"(where {one['others']:.1%} of the others are)"

@@ -76,6 +76,7 @@ def test_rows_that_fill_an_interval_of_time_are_an_event_with_its_limits_and_its
     report = searched(X, Xdot, t, groups)
     assert report.time_interval is None
     assert report.acts_rarely
+    assert "at no place of their own: another law acts at times" in str(report)
 
 
 def test_an_event_may_be_seen_several_times_among_scattered_errors():
