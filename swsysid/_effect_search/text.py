@@ -8,7 +8,7 @@ import numpy as np
 
 from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
-from swsysid._effect_search.settings import REPORT
+from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._noise import root_mean_square
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
@@ -213,9 +213,7 @@ def aside(report: EffectContents) -> str:
     if not one["n_together"]:
         return f"{told}; no two of them follow each other."
     low, high = one["interval"]
-    # a place at which the usual law holds in more rows is not where the other one acts
-    others = one["others"] * (report.n_search + report.n_held_out - one["n_together"])
-    anywhere = others > one["n_together"]
+    anywhere = one["others"] > SETTINGS.nowhere
     where = (
         f"{one['channel']} between {low:.4g} and {high:.4g} "
         f"(where {one['others']:.1%} of the others are)"
@@ -240,8 +238,11 @@ def aside(report: EffectContents) -> str:
         )
     if not one["is_finding"]:
         return f"{told}; {place}."
+    # a place in which the usual law holds in more rows is not all that the other one needs
+    others = one["others"] * (report.n_search + report.n_held_out - one["n_together"])
+    when = "there" if others <= one["n_together"] else "at times" if anywhere else "there at times"
     return (
-        f"{told}; {place}: another law acts {'at times' if anywhere else 'there'}, one more mode, "
+        f"{told}; {place}: another law acts {when}, one more mode, "
         f"a stop or a collision ({probability(one['p_value'])})."
     )
 
