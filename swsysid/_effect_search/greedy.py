@@ -34,6 +34,7 @@ from swsysid._rendering.progress import progress
 from swsysid.effects import (
     GuardEffect,
     MeasurementEffect,
+    PlacedEffect,
     ResetEffect,
     StructureEffect,
 )
@@ -214,6 +215,7 @@ class Search:
         """An addition whose effect and modes agree and that is significant, or None."""
         place = len(current.terms)
         best = self._agreed(self.context.with_modes_anew(best), place)
+        best = self._or_of_its_channel(best, place)
         best = self._or_corrected(best, place)
         if not is_promising(self.context, current, best, n_candidates):
             return None
@@ -273,6 +275,31 @@ class Search:
             best = tried
             if same:
                 break
+        return best
+
+    def _or_of_its_channel(self, best: Structure, place: int) -> Structure:
+        """The structure or, where that is clearly better, another effect of a term's channel."""
+        # In a scan rows have no weight that are gross with the term at hand, and these may be what
+        # tells it from another effect. In whole structures each has its own weights.
+        term, context = best.terms[place], self.context
+        if not term.effect.terms:
+            return best
+        beside = context.candidates(best.fit, without=(place,))
+        top, _ = context.scanned(beside)
+        least = context.settings.gain_a_row * context.n_rows
+        others: dict[str, PlacedEffect] = {}
+        for trial in top:
+            other = trial.candidate
+            same = (other.place, other.target) == (term.place, term.target)
+            if same and other.effect.kind != term.effect.kind:
+                if float(beside.gains([trial]).sum()) > least:
+                    others.setdefault(other.effect.kind, other)
+        options = [context.exchanged(best, place, other) for other in others.values()]
+        cheapest = min(options, key=_price, default=best)
+        gains = context.data.folds.block_sums(best.rows - cheapest.rows)
+        error = float(gains.std(ddof=1) * np.sqrt(len(gains)))
+        if cheapest.price < best.price - max(least, error):
+            return self._agreed(cheapest, place)
         return best
 
     def _or_corrected(self, best: Structure, place: int) -> Structure:
