@@ -31,7 +31,9 @@ from swsysid.effects import UnknownFunction
 def run_cell(name: str, seed: int) -> list[dict]:
     """The record of one search."""
     rig = RIGS[name](np.random.default_rng([1607, seed]))
-    recordings = [{"t": run.t, "x": run.x, "inputs": run.u} for run in rig.runs]
+    recordings = [
+        {"t": run.t, "x": run.x} | ({"inputs": run.u} if run.u.shape[1] else {}) for run in rig.runs
+    ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         start = time.process_time()

@@ -136,6 +136,8 @@ def test_constants_that_change_an_answer_come_first_and_the_others_are_named():
         (2027, "dead_zone", "x2"),
         # it acts in an eighth of the rows: few blocks of a test see it
         (2038, "extra_mode", "modes"),
+        # two effects with a name, one the other's opposite, were a step that a mode begins with
+        (11019, "extra_mode", "modes"),
         # a tenth of the rows were gross errors of every law but the right one, and had no weight
         (11028, "power_law", "x2"),
     ],
