@@ -118,7 +118,22 @@ class Untouched:
         losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
         # what is gross with the effect and without it says nothing of the effect
         judging = np.minimum(*(size.max(axis=1) for size in sizes)) < gross
+        judging &= ~(self._at_a_jump(before, rows) | self._at_a_jump(after, rows))
         return np.where(judging, losses[0] - losses[1], 0.0)
+
+    def _at_a_jump(self, fit: JointFit, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Rows next to the level of a state where an effect jumps, nearer than its noise tells.
+
+        A plant that sticks stays there, with any force that holds it.
+        """
+        near = np.zeros(len(rows), dtype=bool)
+        if self.noise is None:
+            return near
+        for term in fit.terms:
+            for channel, level in term.effect.breaks(term.place, *term.theta):
+                reach = SETTINGS.shown * self.noise.states[channel]
+                near |= np.abs(self.records.X[rows, channel] - level) <= reach
+        return near
 
     def gain(self, before: JointFit, after: JointFit) -> Fall:
         """By how much they fall in all, and by how much they were to fall."""
@@ -181,8 +196,11 @@ class Untouched:
         # Next to a surface a row may be on either side, and one of them decides a mean square: the
         # effects are not to blame for a mode that even the model does not know.
         declared, found = map(self.context.with_told_surface, (self.context.declared, fit))
-        before = np.mean(self._errors(declared, self.rows) ** 2, axis=0)
-        after = np.mean(self._least_errors(found) ** 2, axis=0)
+        told = ~self._at_a_jump(found, self.rows)
+        if not told.any():
+            return False
+        before = np.mean(self._errors(declared, self.rows)[told] ** 2, axis=0)
+        after = np.mean(self._least_errors(found)[told] ** 2, axis=0)
         judged = self.context.data.counted_states
         ratios = np.sqrt(after[judged] / np.maximum(before[judged], np.finfo(float).tiny))
         return bool(ratios.sum() > len(judged) + REPORT.worth_telling)
