@@ -14,6 +14,7 @@ from pathlib import Path
 
 from benchmarks.automata import tables as automata
 from benchmarks.calibration import tables as calibration
+from benchmarks.laboratory import tables as laboratory
 from benchmarks.measured import tables as measured
 from benchmarks.paper import tables as paper
 from benchmarks.quality import tables as quality
@@ -59,7 +60,7 @@ RECORDINGS = (
     "python -m benchmarks.undeclared --recordings --seeds 10 --first-seed 10 --pairs 0 --clean 9 "
     "--draw 54 --docs docs"
 )
-FRESH = "python -m benchmarks.undeclared --fresh 60 --first-seed 4001 --docs docs"
+FRESH = "python -m benchmarks.undeclared --fresh 40 --first-seed 11001 --docs docs"
 UNLISTED = (
     "python -m benchmarks.undeclared --unlisted --seeds 1 --first-seed 90 --draw 36 --docs docs"
 )
@@ -68,7 +69,8 @@ SENSITIVITY = (
     "shown surprise gross tie hopeful gain_a_row share share_of_a_mode share_of_a_disturbance "
     "slow_steps --docs docs"
 )
-CALIBRATION = "python -m benchmarks.calibration --docs docs"
+CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 700 --docs docs"
+LABORATORY = "python -m benchmarks.laboratory --docs docs"
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
     Page("measured_effects.md", "measured", "make bench-measured", measured.effects),
@@ -77,6 +79,7 @@ PAGES = (
     Page("unlisted_table.md", "unlisted", UNLISTED, unlisted.unlisted_tables),
     Page("sensitivity_table.md", "sensitivity", SENSITIVITY, sensitivity.tables),
     Page("recordings_table.md", "recordings", RECORDINGS, undeclared.recording_tables),
+    Page("laboratory_table.md", "laboratory", LABORATORY, laboratory.tables),
     Page("calibration_table.md", "calibration", CALIBRATION, calibration.tables),
     Page("speed_tables.md", "speed", "make bench-speed", speed.table),
     Page("quality_summary.md", "quality", "make bench-quality", quality.summary),

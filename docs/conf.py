@@ -39,6 +39,7 @@ exclude_patterns = [
     "automata_tables.md",
     "calibration_table.md",
     "fresh_table.md",
+    "laboratory_table.md",
     "sensitivity_table.md",
     "unlisted_table.md",
     "measured_effects.md",
