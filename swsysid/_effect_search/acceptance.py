@@ -237,6 +237,12 @@ def is_promising(
     return gain >= settings.gain_a_row * context.n_rows and bool(explained >= needed)
 
 
+def leaves_a_mode(context: SearchContext, current: Structure) -> bool:
+    """Whether a structure leaves as much as one more mode has to explain (`is_promising`)."""
+    left = context.squared_errors(current.fit) / context.declared_squares
+    return bool(np.max(left) >= context.settings.share_of_a_mode)
+
+
 def preferred(context: SearchContext, options: list[Structure]) -> Structure:
     """The cheapest structure; of those as cheap, the simplest explanation."""
     least = min(option.price for option in options)

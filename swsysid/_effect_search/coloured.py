@@ -178,7 +178,8 @@ def coloured(y: Array, where: Stretches, slowest: float = np.inf) -> Coloured:
 
     first, times = np.sqrt(whole**2 - noise**2), (4.0 * step, 30.0 * step)
     starts = [np.log([first, min(time, 0.5 * longest), noise]) for time in times]
-    found = [minimize(cost, start, method="Nelder-Mead") for start in starts]
+    enough = {"xatol": SETTINGS.fine_scale, "fatol": SETTINGS.fine_scale}
+    found = [minimize(cost, start, method="Nelder-Mead", options=enough) for start in starts]
     return bounded(min(found, key=lambda one: float(one.fun)).x)
 
 

@@ -20,10 +20,12 @@ from swsysid._effect_search.acceptance import (
     confirmed,
     finding,
     is_promising,
+    leaves_a_mode,
     preferred,
     simplest,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.scan import proposals
@@ -157,7 +159,10 @@ class Search:
         """Structures with effects that are more than columns."""
         context, options = self.context, []
         found = {term.signature for term in current.terms}
+        modes_pay = leaves_a_mode(context, current)
         for effect in context.usable:
+            if isinstance(effect, StructureEffect) and not modes_pay:
+                continue
             for candidate in proposals(effect, beside):
                 if candidate.signature in found:
                     continue
@@ -216,7 +221,10 @@ class Search:
 
     def _accepted(self, current: Structure, best: Structure, n_candidates: int) -> Round | None:
         """An addition whose effect and modes agree and that is significant, or None."""
-        place = len(current.terms)
+        # The regression of one mode has been refined already, and questions change it little.
+        place, least = len(current.terms), self.context.settings.gain_a_row * self.context.n_rows
+        if best.fit.n_modes == 1 and best.last.terms and current.cost - best.cost < 0.5 * least:
+            return None
         best = self._agreed(self.context.with_modes_anew(best), place)
         best = self._or_of_its_channel(best, place)
         best = self._or_corrected(best, place)
@@ -299,9 +307,8 @@ class Search:
                     others.setdefault(other.effect.kind, other)
         options = [context.exchanged(best, place, other) for other in others.values()]
         cheapest = min(options, key=_price, default=best)
-        gains = context.data.folds.block_sums(best.rows - cheapest.rows)
-        error = float(gains.std(ddof=1) * np.sqrt(len(gains)))
-        if cheapest.price < best.price - max(least, error):
+        gained = BlockSum.of(context.data.folds.block_sums(best.rows - cheapest.rows))
+        if cheapest.price < best.price - least and gained.chance <= context.significance:
             return self._agreed(cheapest, place)
         return best
 

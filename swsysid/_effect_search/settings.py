@@ -80,6 +80,7 @@ class SearchSettings:
     share_of_a_disturbance: float = 0.05  # what effects leave over a little is no force
     slow_steps: int = 4  # steps of the record that a force is remembered for, unlike noise
     n_generalised: int = 12  # times at most that a law and the noise beneath it are fitted in turn
+    fine_scale: float = 0.01  # of sizes and times of a force, and nats: below every standard error
     same_likelihood: float = 0.5  # nats: a gain by which neither of them changes
     often: float = 0.1  # share of the rows with gross errors that last: then they are a force
     gap_steps: float = 1.5  # steps of the record: samples farther apart are no neighbours

@@ -32,7 +32,8 @@ class MisfitSettings:
     # they are no neighbours: so many, and this share of the rows if that is more.
     apart: int = 50
     apart_share: float = 0.02
-    n_neighbours: int = 128  # among which one that is far enough in time is looked for
+    n_neighbours: int = 128  # among which one that is far enough in time is looked for ...
+    more_neighbours: int = 8  # ... so many times as many each time that there is none
     # A constant is missed if it explains this share of the squared residuals of a mode, and this
     # share of the spread of the velocity.
     explained: float = 0.3
@@ -135,20 +136,21 @@ def _pairs(points, modes, trajectory, time, settings) -> tuple[NDArray[np.intp],
     """Rows, and the nearest neighbour of each; rows without one among the nearest are left out."""
     n_apart = max(settings.apart, int(settings.apart_share * len(points)))
     step = max(1, len(points) // settings.most_rows)
-    firsts, seconds = [], []
+    most = 2 if time is None else settings.n_neighbours
+    nearest = np.full(len(points), -1)
     for mode in np.unique(modes):
         members = np.flatnonzero(modes == mode)
-        if len(members) < 2:
-            continue
-        chosen = members[::step]
-        count = min(2 if time is None else settings.n_neighbours, len(members))
-        found = members[cKDTree(points[members]).query(points[chosen], count)[1]]
-        allowed = found != chosen[:, None]
-        if time is not None:
-            other = trajectory[found] != trajectory[chosen, None]
-            allowed &= other | (np.abs(time[found] - time[chosen, None]) > n_apart)
-        has_one = allowed.any(axis=1)
-        firsts.append(chosen[has_one])
-        seconds.append(found[has_one, allowed[has_one].argmax(axis=1)])
-    nothing = np.empty(0, dtype=np.intp)
-    return np.concatenate([nothing, *firsts]), np.concatenate([nothing, *seconds])
+        tree, chosen, count = cKDTree(points[members]), members[::step], 1
+        # Most rows have one among their first few; the others ask for more.
+        while len(chosen) and count < min(most, len(members)):
+            count = min(settings.more_neighbours * count, most, len(members))
+            found = members[tree.query(points[chosen], count)[1]]
+            allowed = found != chosen[:, None]
+            if time is not None:
+                other = trajectory[found] != trajectory[chosen, None]
+                allowed &= other | (np.abs(time[found] - time[chosen, None]) > n_apart)
+            has_one = allowed.any(axis=1)
+            nearest[chosen[has_one]] = found[has_one, allowed[has_one].argmax(axis=1)]
+            chosen = chosen[~has_one]
+    first = np.flatnonzero(nearest >= 0)
+    return first, nearest[first]

@@ -228,6 +228,8 @@ def _fit_gates(
             good = tried <= before[waiting] + length[waiting] * descent[waiting]
             after[waiting[good]] = tried[good]
             waiting = waiting[~good]
+            if not waiting.size:
+                break
             length[waiting] *= 0.5
         length[waiting] = 0.0
         coef[active] = at + length[:, None] * step
