@@ -15,6 +15,7 @@ import numpy as np
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.evidence import Evidence, structural_evidence
+from swsysid._effect_search.explainable import explainable_share
 from swsysid._effect_search.scan import scan
 from swsysid._effect_search.smears import is_smear
 from swsysid._effect_search.structures import SearchContext, Structure
@@ -238,9 +239,13 @@ def is_promising(
 
 
 def leaves_a_mode(context: SearchContext, current: Structure) -> bool:
-    """Whether a structure leaves as much as one more mode has to explain (`is_promising`)."""
-    left = context.squared_errors(current.fit) / context.declared_squares
-    return bool(np.max(left) >= context.settings.share_of_a_mode)
+    """Whether a structure may leave as much as one more mode has to explain (`is_promising`)."""
+    settings, counted = context.settings, context.data.counted_states
+    errors = context.cut_errors(current.fit)[:, counted]
+    left = np.mean(errors**2, axis=0) / context.declared_squares[counted]
+    points = context.data.records.X[context.data.rows]
+    share = explainable_share(points, errors, settings.shown)
+    return bool(np.max(left * share, initial=0.0) >= settings.share_of_a_mode)
 
 
 def preferred(context: SearchContext, options: list[Structure]) -> Structure:

@@ -197,15 +197,19 @@ class SearchContext:
 
     # -- what is left over -----------------------------------------------------------------------
 
-    def squared_errors(self, fit: JointFit, like: JointFit | None = None) -> Array:
-        """Mean squares of what a fit leaves over in each state, gross errors cut off."""
+    def cut_errors(self, fit: JointFit, like: JointFit | None = None) -> Array:
+        """What a fit leaves over of every row, gross errors cut off, (n_rows, n_states)."""
         # What is gross may be said by another fit: of two models the one that explains most rows
         # exactly and the others not at all would otherwise have no errors.
         data = self.data
         errors = fit.residuals(data.records, data.rows, data.targets)
         usual = errors if like is None else like.residuals(data.records, data.rows, data.targets)
         gross = self.settings.gross * np.maximum(robust_scale(usual), data.exact)
-        return np.asarray(np.mean(np.minimum(np.abs(errors), gross) ** 2, axis=0))
+        return np.clip(errors, -gross, gross)
+
+    def squared_errors(self, fit: JointFit, like: JointFit | None = None) -> Array:
+        """Mean squares of `cut_errors` in each state."""
+        return np.asarray(np.mean(self.cut_errors(fit, like) ** 2, axis=0))
 
     @cached_property
     def declared_squares(self) -> Array:
