@@ -19,6 +19,7 @@ from swsysid._effect_search.explainable import explainable_share
 from swsysid._effect_search.scan import scan
 from swsysid._effect_search.smears import is_smear
 from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._results import Array
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
 
 FEW_STRETCHES = (
@@ -238,14 +239,30 @@ def is_promising(
     return gain >= settings.gain_a_row * context.n_rows and bool(explained >= needed)
 
 
-def leaves_a_mode(context: SearchContext, current: Structure) -> bool:
-    """Whether a structure may leave as much as one more mode has to explain (`is_promising`)."""
-    settings, counted = context.settings, context.data.counted_states
-    errors = context.cut_errors(current.fit)[:, counted]
-    left = np.mean(errors**2, axis=0) / context.declared_squares[counted]
+def leaves_a_mode(context: SearchContext, current: Structure, named: Structure | None) -> bool:
+    """Whether one more mode may explain what it has to, beside what a name explains.
+
+    Of what a structure leaves it has to explain a share (`is_promising`), and it has to be better
+    than the best addition with a name by much.
+    """
+    settings, declared = context.settings, context.declared_squares
+    squares, share = _explainable(context, current)
+    if np.max(squares * share / declared, initial=0.0) < settings.share_of_a_mode:
+        return False
+    if named is None:
+        return True
+    _, share = _explainable(context, named)
+    gain_a_row = -0.5 * float(np.log1p(-np.minimum(share, 1.0 - 1e-12)).sum())
+    return gain_a_row >= settings.mode_gain_a_row
+
+
+def _explainable(context: SearchContext, structure: Structure) -> tuple[Array, Array]:
+    """Squares that a structure leaves in each state, and what share functions may explain."""
+    errors = context.cut_errors(structure.fit)
     points = context.data.records.X[context.data.rows]
-    share = explainable_share(points, errors, settings.shown)
-    return bool(np.max(left * share, initial=0.0) >= settings.share_of_a_mode)
+    share = explainable_share(points, errors, context.settings.shown)
+    share[sorted(context.data.exact_states)] = 0.0
+    return np.mean(errors**2, axis=0), share
 
 
 def preferred(context: SearchContext, options: list[Structure]) -> Structure:

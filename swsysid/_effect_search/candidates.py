@@ -42,6 +42,7 @@ class Scan:
 
     effects: tuple[Effect, ...]
     trials: list[Trial]
+    gains: Array  # of each, (n_trials,)
     refined: dict[int, Trial] = field(default_factory=dict)
 
 

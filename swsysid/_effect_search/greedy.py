@@ -125,19 +125,15 @@ class Search:
         """The effect that explains most of what is left, None if none is significant."""
         beside = self.context.candidates(current.fit)
         top, n_candidates = self.context.scanned(beside)
-        options = self._proposed(current, beside)
-        n_candidates += len(options)
-        if top:
-            first = simplest(beside, top)
-            if is_large(beside, top[0]) or (
-                n_candidates * beside.p_value(first) <= self.context.settings.hopeful
-            ):
-                best_of_kind = {first.candidate.effect.kind: first.candidate}
-                for trial in top:
-                    best_of_kind.setdefault(trial.candidate.effect.kind, trial.candidate)
-                options += with_modes(
-                    self.context, current, [*best_of_kind.values()], self.n_jobs, self.verbose
-                )
+        named = self._with_columns(current, beside, top, n_candidates)
+        proposed = self._proposed(current, beside)
+        n_candidates += len(proposed)
+        options = [*proposed, *named]
+        with_name = self._promising(current, options, n_candidates)
+        if leaves_a_mode(self.context, current, min(with_name, key=_price, default=None)):
+            modes = self._with_modes(current, beside)
+            n_candidates += len(modes)
+            options = [*modes, *options]
         options = [option for option in options if option.cost < current.cost]
         options = self._without_delayed(current, options, n_candidates)
         options = self._compared_with_named(current, options, n_candidates)
@@ -159,9 +155,8 @@ class Search:
         """Structures with effects that are more than columns."""
         context, options = self.context, []
         found = {term.signature for term in current.terms}
-        modes_pay = leaves_a_mode(context, current)
         for effect in context.usable:
-            if isinstance(effect, StructureEffect) and not modes_pay:
+            if isinstance(effect, StructureEffect):
                 continue
             for candidate in proposals(effect, beside):
                 if candidate.signature in found:
@@ -172,17 +167,51 @@ class Search:
                     continue
                 terms = (*current.terms, candidate)
                 modes = current.fit.modes
-                if isinstance(effect, StructureEffect):
-                    options.append(context.structure(terms, None, like=modes))
-                    split = with_one_split(beside) if effect.n_more_modes == 1 else None
-                    if split is not None:
-                        options.append(context.structure(terms, split))
-                    continue
                 options.append(context.structure(terms, modes))
                 if isinstance(effect, GuardEffect):
                     own = candidate.switched(context.data.records)[context.data.rows]
                     options.append(context.structure(terms, own))
         return options
+
+    def _with_columns(
+        self, current: Structure, beside: CandidateContext, top: list[Trial], n_candidates: int
+    ) -> list[Structure]:
+        """Structures with the most promising effects of a scan."""
+        if not top:
+            return []
+        first = simplest(beside, top)
+        chance = n_candidates * beside.p_value(first)
+        if not is_large(beside, top[0]) and chance > self.context.settings.hopeful:
+            return []
+        best_of_kind = {first.candidate.effect.kind: first.candidate}
+        for trial in top:
+            best_of_kind.setdefault(trial.candidate.effect.kind, trial.candidate)
+        candidates = [*best_of_kind.values()]
+        return with_modes(self.context, current, candidates, self.n_jobs, self.verbose)
+
+    def _with_modes(self, current: Structure, beside: CandidateContext) -> list[Structure]:
+        """Structures with more modes, sought from the start and where a split of one suggests."""
+        context, modes, options = self.context, current.fit.modes, []
+        for effect in context.usable:
+            if not isinstance(effect, StructureEffect):
+                continue
+            for candidate in proposals(effect, beside):
+                terms = (*current.terms, candidate)
+                options.append(context.structure(terms, None, like=modes))
+                split = with_one_split(beside) if effect.n_more_modes == 1 else None
+                if split is not None:
+                    options.append(context.structure(terms, split))
+        return options
+
+    def _promising(
+        self, current: Structure, options: list[Structure], n_candidates: int
+    ) -> list[Structure]:
+        """Options with a name that may enter."""
+        return [
+            option
+            for option in options
+            if not option.adds_a_mode and is_promising(self.context, current, option, n_candidates)
+        ]
 
     def _without_delayed(
         self, current: Structure, options: list[Structure], n_candidates: int
@@ -206,12 +235,7 @@ class Search:
         # The weights of the first scan are those of a model without the effect, and its parameters
         # are poor where what is missing is large; in a second scan they are found again. One more
         # mode stays where it is far better than every effect that has a name.
-        context = self.context
-        with_name = [
-            option
-            for option in options
-            if not option.adds_a_mode and is_promising(context, current, option, n_candidates)
-        ]
+        context, with_name = self.context, self._promising(current, options, n_candidates)
         if with_name and min(options, key=_price).adds_a_mode:
             again = self._agreed(min(with_name, key=_price), len(current.terms))
             options, with_name = [*options, again], [*with_name, again]

@@ -18,6 +18,7 @@ from swsysid._effect_search.folds import Folds
 from swsysid._results import Array
 
 _COLLINEAR = 1e-10  # share of a column's square that the library must leave over
+_INDEPENDENT = 1e-10  # smallest singular value of the library, relative to the largest
 _RANK = 1e-11  # smallest eigenvalue of a correlation matrix that is solved as it is
 
 
@@ -137,12 +138,16 @@ class Background:
 
     def __init__(self, problem: Regression, train: NDArray[np.intp]):
         self.problem, self.train = problem, train
-        self._modes = problem.modes[train]
-        self._rows = [train[self._modes == mode] for mode in range(problem.n_modes)]
-        self._solvers = {
+        modes = problem.modes[train]
+        self._places = [np.flatnonzero(modes == mode) for mode in range(problem.n_modes)]
+        self._rows = [train[places] for places in self._places]
+        self._roots = [np.sqrt(problem.weight[rows]) for rows in self._rows]
+        self._projections = {
             int(states[0]): [
-                self._solver(rows, problem.support[mode, states[0]])
-                for mode, rows in enumerate(self._rows)
+                _Projection.of(root[:, None] * problem.features[rows], terms)
+                for rows, root, terms in zip(
+                    self._rows, self._roots, problem.support[:, states[0]], strict=True
+                )
             ]
             for states in problem.alike
         }
@@ -151,22 +156,16 @@ class Background:
             self._first[states] = states[0]
         self.left_over = self.errors(train)
 
-    def _solver(self, rows: NDArray[np.intp], terms: NDArray[np.bool_]) -> Array:
-        """The matrix that takes the targets of the rows of a mode to coefficients."""
-        root = np.sqrt(self.problem.weight[rows])
-        design = root[:, None] * self.problem.features[rows]
-        design[:, ~terms] = 0.0
-        size = np.linalg.norm(design, axis=0)
-        size[size == 0.0] = 1.0
-        return np.linalg.pinv(design / size, rcond=1e-10) * root / size[:, None]
-
     def coefficients(self, values: Array, target: int) -> list[Array]:
         """Coefficients (n_features, n_columns) of each mode for columns (n_samples, n_columns).
 
         The features are those that the law of a state may have; the others get zero.
         """
-        solvers = self._solvers[int(self._first[target])]
-        return [solver @ values[rows] for solver, rows in zip(solvers, self._rows, strict=True)]
+        projections = self._projections[int(self._first[target])]
+        return [
+            projection.coefficients(root[:, None] * values[rows])
+            for projection, root, rows in zip(projections, self._roots, self._rows, strict=True)
+        ]
 
     def errors(self, rows: NDArray[np.intp]) -> Array:
         """What the library leaves of the targets of some rows, (n_rows, n_states)."""
@@ -195,31 +194,55 @@ class Background:
         return AllEquations(parts)
 
     def _equations(self, columns: Array, states: NDArray[np.intp], prior: Array) -> NormalEquations:
-        residuals = self.residuals(columns, self.train, int(states[0]))
+        # Of scaled columns A and the library's basis Q: A'A - (Q'A)'(Q'A), and A' times what the
+        # library leaves of the targets. The residuals of all candidates need not be written down.
+        flat, (_, *shape) = columns.reshape(len(columns), -1), columns.shape
         grams, moments, sizes = [], [], []
-        for mode in range(self.problem.n_modes):
-            chosen = np.flatnonzero(self._modes == mode)
-            weight = self.problem.weight[self.train[chosen]]
-            part = residuals[chosen]
-            weighted = weight[:, None, None] * part
-            grams.append(_grams(weighted, part))
-            flat = weighted.reshape(len(chosen), columns.shape[1] * columns.shape[2])
-            moment = flat.T @ self.left_over[np.ix_(chosen, states)]
-            moments.append(moment.reshape(*columns.shape[1:], -1))
-            raw = columns[self.train[chosen]]
-            sizes.append(np.einsum("i,igq,igq->gq", weight, raw, raw))
+        projections = self._projections[int(states[0])]
+        for projection, root, rows, places in zip(
+            projections, self._roots, self._rows, self._places, strict=True
+        ):
+            scaled = root[:, None] * flat[rows]
+            whole = _grams(scaled.reshape(-1, *shape))
+            grams.append(whole - _grams((projection.basis.T @ scaled).reshape(-1, *shape)))
+            left = root[:, None] * self.left_over[np.ix_(places, states)]
+            moments.append((scaled.T @ left).reshape(*shape, -1))
+            sizes.append(np.einsum("gqq->gq", whole))
         return NormalEquations(np.stack(grams), np.stack(moments), np.stack(sizes), prior)
 
 
-def _grams(weighted: Array, part: Array) -> Array:
-    """Gram matrices of the candidates, (G, n_terms, n_terms)."""
+@dataclass(frozen=True)
+class _Projection:
+    """Onto the scaled library on the training rows of a mode."""
+
+    basis: Array  # (n_rows, rank), orthonormal
+    back: Array  # (n_features, rank): coefficients of what has these in the basis
+
+    @classmethod
+    def of(cls, design: Array, terms: NDArray[np.bool_]) -> _Projection:
+        """Onto the columns of a design that are `terms`; the others get zero."""
+        size = np.linalg.norm(design, axis=0)
+        used = np.flatnonzero(terms & (size > 0.0))
+        left, values, right = np.linalg.svd(design[:, used] / size[used], full_matrices=False)
+        rank = int(np.sum(values > _INDEPENDENT * values.max(initial=0.0)))
+        back = np.zeros((design.shape[1], rank))
+        back[used] = right[:rank].T / values[:rank] / size[used, None]
+        return cls(left[:, :rank], back)
+
+    def coefficients(self, scaled: Array) -> Array:
+        """Of scaled columns on the library, (n_features, n_columns)."""
+        return np.asarray(self.back @ (self.basis.T @ scaled))
+
+
+def _grams(part: Array) -> Array:
+    """Gram matrices of the candidates, (G, n_terms, n_terms), of columns (n_rows, G, n_terms)."""
     n_terms = part.shape[2]
     if n_terms > part.shape[1]:
-        return np.matmul(weighted.transpose(1, 2, 0), part.transpose(1, 0, 2))
+        return np.matmul(part.transpose(1, 2, 0), part.transpose(1, 0, 2))
     # One product at a time: the columns are few and the candidates many.
     gram = np.empty((part.shape[1], n_terms, n_terms))
     for row in range(n_terms):
         for column in range(row, n_terms):
-            value = np.einsum("ig,ig->g", weighted[:, :, row], part[:, :, column])
+            value = np.einsum("ig,ig->g", part[:, :, row], part[:, :, column])
             gram[:, row, column] = gram[:, column, row] = value
     return gram

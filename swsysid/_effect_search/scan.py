@@ -89,16 +89,15 @@ def _scan(
     for background, full, test in zip(
         context.backgrounds(replaced), context.backgrounds(), context.tests, strict=True
     ):
-        some = _promising(background, columns, context.data.settings.most_scanned)
-        equations = background.normal_equations(columns[:, some], effect.prior)
+        equations = background.normal_equations(columns, effect.prior)
         solved = {mode: equations.solve(mode) for group in groups for mode in group}
         gains = {group: sum(solved[mode].gain for mode in group) for group in groups}
         best = {group: np.asarray(gain).argmax(axis=0) for group, gain in gains.items()}
         for group in groups:
-            chosen[group].append(some[best[group]])
+            chosen[group].append(best[group])
         if test is None:
             continue
-        added = _added(background, full, test, columns[:, some], solved, best)
+        added = _added(background, full, test, columns, solved, best)
         for group in groups:
             change[group][test] = added[group]
     for group, target in product(groups, targets):
@@ -116,19 +115,6 @@ def _scan(
         mode = group[0] if replaced is None else None
         candidate = PlacedEffect(effect, place, target, mode, replaced, theta)
         yield Trial(candidate, change[group][:, target], grid, by_fold)
-
-
-def _promising(background: Background, columns: Array, most: int) -> NDArray[np.intp]:
-    """Values of the parameters worth a full regression, by plain correlation."""
-    if columns.shape[1] <= most:
-        return np.arange(columns.shape[1])
-    train, weight = background.train, background.problem.weight[background.train]
-    some = columns[train].reshape(len(train), -1)
-    left = background.left_over / np.sqrt((weight @ background.left_over**2) + 1e-300)
-    moment = some.T @ (weight[:, None] * left)
-    share = moment**2 / (weight @ (some * some) + 1e-300)[:, None]
-    gain = share.reshape(*columns.shape[1:], -1).sum(axis=1).max(axis=1)
-    return np.sort(np.argsort(-gain)[:most])
 
 
 def _added(

@@ -41,8 +41,8 @@ class SearchSettings:
     # -- candidates beside a model ---------------------------------------------------------------
     sure: float = 0.95  # a row whose mode is less sure than this says nothing about the laws
     most_unsure: float = 0.4  # share of the rows; where more are unsure all count
-    most_scanned: int = 48  # values of a parameter that get the full regression
     n_refined: int = 16  # trials whose parameters are refined, besides the best of every kind
+    between_values: float = 0.25  # share of a gain that the nearest value of a scan shows at least
     fine: float = 1e-3  # of the distance between two values of a scan: below every interval
     n_sweeps: int = 5  # over parameters of one effect that trade off
     foreseen: float = 0.5  # share of what the past explains: where the future does it is a filter

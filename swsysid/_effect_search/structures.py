@@ -259,20 +259,29 @@ class SearchContext:
         known = beside.scans.get(tuple(map(id, effects)))
         if known is None:
             trials = [trial for effect in effects for trial in scan(beside, effect)]
-            known = Scan(effects, _best_first(beside, trials) if trials else [])
+            known = Scan(effects, *_best_first(beside, trials))
             beside.scans[tuple(map(id, effects))] = known
         kinds: set[str] = set()
-        chosen = []
+        chosen, least = [], self._worth_refining(beside, known)
         for rank, trial in enumerate(known.trials):
-            kind = trial.candidate.effect.kind
-            hopeful = rank < self.settings.n_refined or kind not in kinds
-            if hopeful or trial.candidate.signature == own:
-                if rank not in known.refined:
+            kind, is_own = trial.candidate.effect.kind, trial.candidate.signature == own
+            if rank < self.settings.n_refined or kind not in kinds or is_own:
+                if rank not in known.refined and (is_own or known.gains[rank] >= least):
                     known.refined[rank] = refined(beside, trial)
-                if not is_unresolved(beside, known.refined[rank]):
-                    chosen.append(known.refined[rank])
+                best = known.refined.get(rank, trial)
+                if not is_unresolved(beside, best):
+                    chosen.append(best)
             kinds.add(kind)
-        return _best_first(beside, chosen) if chosen else [], len(known.trials)
+        return _best_first(beside, chosen)[0], len(known.trials)
+
+    def _worth_refining(self, beside: CandidateContext, known: Scan) -> float:
+        """The gain at the values of a scan from which refined ones may win, or pay."""
+        # Between the values a gain is no several times that at the nearest of them. Beside several
+        # modes even the right effect gains little where they are wrong.
+        largest = known.gains[0] if len(known.gains) else 0.0
+        if beside.fit.n_modes == 1:
+            largest = max(largest, self.settings.gain_a_row * self.n_rows)
+        return float(self.settings.between_values * largest)
 
     def corrections(
         self, structure: Structure, place: int, beside: CandidateContext
@@ -300,6 +309,10 @@ class SearchContext:
         )
 
 
-def _best_first(beside: CandidateContext, trials: list[Trial]) -> list[Trial]:
-    order = np.argsort(-beside.gains(trials).sum(axis=1), kind="stable")
-    return [trials[place] for place in order]
+def _best_first(beside: CandidateContext, trials: list[Trial]) -> tuple[list[Trial], Array]:
+    """Trials in the order of their gains, and these."""
+    if not trials:
+        return [], np.zeros(0)
+    gains = beside.gains(trials).sum(axis=1)
+    order = np.argsort(-gains, kind="stable")
+    return [trials[place] for place in order], gains[order]
