@@ -71,7 +71,7 @@ def _beside_the_others(
     term, beside = structure.terms[place], context.candidates(structure.fit, without=(place,))
     known = [
         other.terms[place]
-        for other in context.corrections(structure, place, beside)
+        for other in context.corrections(structure, place)
         if other.price <= structure.price + context.settings.tie
     ]
     top, n_trials = context.scanned(beside, term.signature)

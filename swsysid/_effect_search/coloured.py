@@ -154,10 +154,12 @@ def white(y: Array) -> Coloured:
     return Coloured(0.0, 1.0, max(float(np.sqrt(np.mean(y**2))), 1e-300))
 
 
-def coloured(y: Array, where: Stretches, slowest: float = np.inf) -> Coloured:
+def coloured(
+    y: Array, where: Stretches, slowest: float = np.inf, near: Coloured | None = None
+) -> Coloured:
     """The model of highest likelihood, of those whose force is forgotten within a time.
 
-    The search for it begins where neighbours and the whole record say.
+    The search for it begins at one that is `near`, or where neighbours and the whole record say.
     """
     inside = where.inside[1:]
     steps = np.diff(where.t)[inside]
@@ -178,6 +180,8 @@ def coloured(y: Array, where: Stretches, slowest: float = np.inf) -> Coloured:
 
     first, times = np.sqrt(whole**2 - noise**2), (4.0 * step, 30.0 * step)
     starts = [np.log([first, min(time, 0.5 * longest), noise]) for time in times]
+    if near is not None and near.size > 0.0:
+        starts = [np.log([near.size, near.time_constant, near.noise])]
     enough = {"xatol": SETTINGS.fine_scale, "fatol": SETTINGS.fine_scale}
     found = [minimize(cost, start, method="Nelder-Mead", options=enough) for start in starts]
     return bounded(min(found, key=lambda one: float(one.fun)).x)
@@ -191,16 +195,16 @@ def beneath_a_law(features: Array, y: Array, where: Stretches) -> tuple[Coloured
     a while ago, seems to act. Generalised least squares does not.
     """
     coef = np.linalg.lstsq(features, y, rcond=None)[0]
-    left, before = y - features @ coef, -np.inf
+    left, before, model = y - features @ coef, -np.inf, None
     for _ in range(SETTINGS.n_generalised):
-        model = coloured(left, where)
+        model = coloured(left, where, near=model)
         likelihood = float(model.log_likelihood(left, where).sum())
         if likelihood < before + SETTINGS.same_likelihood:
             break
         precise, before = model.precise(features, where), likelihood
         coef = np.linalg.lstsq(features.T @ precise, precise.T @ y, rcond=None)[0]
         left = y - features @ coef
-    return coloured(left, where), left
+    return coloured(left, where, near=model), left
 
 
 class _Sums:

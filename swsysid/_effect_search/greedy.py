@@ -341,8 +341,7 @@ class Search:
         # With wrong modes no correction of a record lets the laws fit; with those found it may.
         if not best.terms[place].effect.terms:
             return best
-        beside = self.context.candidates(best.fit, without=(place,))
-        others = self.context.corrections(best, place, beside)
+        others = self.context.corrections(best, place)
         cheapest = min(others, key=_price, default=best)
         return cheapest if cheapest.price < best.price - self.context.settings.tie else best
 

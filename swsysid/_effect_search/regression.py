@@ -202,7 +202,8 @@ class Background:
         for projection, root, rows, places in zip(
             projections, self._roots, self._rows, self._places, strict=True
         ):
-            scaled = root[:, None] * flat[rows]
+            scaled = flat[rows]
+            scaled *= root[:, None]
             whole = _grams(scaled.reshape(-1, *shape))
             grams.append(whole - _grams((projection.basis.T @ scaled).reshape(-1, *shape)))
             left = root[:, None] * self.left_over[np.ix_(places, states)]

@@ -265,9 +265,11 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
 
 @proposals.register
 def _(effect: GuardEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
-    """Guards between two modes, if there is none that remembers yet."""
-    if context.fit.n_modes == 2 and context.fit.guard is None:
-        for guard, theta in effect.candidates(context.records, context.known_modes):
+    """Guards between two modes, if there is none that remembers yet and the surface is wrong."""
+    known = context.known_modes
+    is_wrong = np.any((known >= 0) & (known != context.surface_modes))
+    if is_wrong and context.fit.n_modes == 2 and context.fit.guard is None:
+        for guard, theta in effect.candidates(context.records, known):
             yield PlacedEffect(effect, guard, context.most_switched_state, theta=theta)
 
 

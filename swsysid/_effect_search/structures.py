@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import prod
@@ -96,6 +96,9 @@ class SearchContext:
     fewer: Remembered[Structure] = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
     )  # structures without one of their terms
+    corrected: Remembered[list[Structure]] = field(
+        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
+    )  # structures with a sensor's or clock's effect instead of a term
     unseen: Remembered[Unseen] = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
     )  # rows that nothing of a structure has seen
@@ -283,14 +286,19 @@ class SearchContext:
             largest = max(largest, self.settings.gain_a_row * self.n_rows)
         return float(self.settings.between_values * largest)
 
-    def corrections(
-        self, structure: Structure, place: int, beside: CandidateContext
-    ) -> Iterator[Structure]:
+    def corrections(self, structure: Structure, place: int) -> list[Structure]:
         """Structures with an effect of a sensor or clock in the place of a term."""
-        for effect in self.usable:
-            if isinstance(effect, MeasurementEffect):
-                for candidate in proposals(effect, beside):
-                    yield self.exchanged(structure, place, candidate)
+        question = (place, *map(id, self.effects))
+        return self.corrected.of(structure, question, lambda: self._corrections(structure, place))
+
+    def _corrections(self, structure: Structure, place: int) -> list[Structure]:
+        beside = self.candidates(structure.fit, without=(place,))
+        return [
+            self.exchanged(structure, place, candidate)
+            for effect in self.usable
+            if isinstance(effect, MeasurementEffect)
+            for candidate in proposals(effect, beside)
+        ]
 
     def spanned(self) -> tuple[tuple[str, str], ...]:
         """Kinds and places of columns that the declared library spans already on these data."""
