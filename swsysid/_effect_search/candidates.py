@@ -277,7 +277,7 @@ def _support(fit: JointFit, n_known: int) -> NDArray[np.bool_]:
 
 
 def row_weights(fit: JointFit, data: SearchData) -> Array:
-    """Small for outliers, none where the mode is uncertain or the surface and the data differ."""
+    """Small for outliers, none where the mode is in doubt or the plant may stick."""
     residuals = fit.residuals(data.records, data.rows, data.targets)
     weight = robust_weights(residuals, data.exact)
     searched = data.records.take(data.rows)
@@ -285,6 +285,8 @@ def row_weights(fit: JointFit, data: SearchData) -> Array:
     sure &= fit.surface_modes(searched) == fit.modes
     if np.mean(~sure) <= data.settings.most_unsure:
         weight = np.where(sure, weight, 0.0)
+    if data.noise is not None:
+        weight = np.where(data.noise.hides(fit.terms, data.records, data.rows), 0.0, weight)
     return np.where(_is_told(fit, data), weight, 0.0)
 
 

@@ -89,8 +89,12 @@ class _Questions:
         # noise; where it is rare it may be a place at which the structure is wrong.
         settings = self.context.settings
         left = self.context.candidates(structure.fit).held_out[:, target]
+        data = self.context.data
+        if data.noise is not None:  # what holds a plant that sticks is a reaction, and no force
+            held = data.noise.hides(structure.fit.terms, data.records, data.rows)
+            left = np.where(held, 0.0, left)
         gross = settings.gross * max(
-            float(robust_scale(left[:, None])[0]), float(self.context.data.exact[target])
+            float(robust_scale(left[:, None])[0]), float(data.exact[target])
         )
         left = left[self._ordered[0]]
         far = np.abs(left) > gross

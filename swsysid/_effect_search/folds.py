@@ -17,6 +17,7 @@ from scipy.ndimage import maximum_filter1d
 from swsysid._data.records import Records
 from swsysid._effect_search.chance import independent_blocks, memory
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
+from swsysid._effect_search.state_noise import StateNoise
 from swsysid._noise import exact_below, robust_weights, root_mean_square
 from swsysid._results import Array
 
@@ -80,6 +81,7 @@ class SearchData:
     folds: Folds  # of the rows
     part: Rows | None = None  # samples of the record that a search may look at; None is all
     exact_states: frozenset[int] = frozenset()  # whose declared equation leaves rounding only
+    noise: StateNoise | None = None  # of the states, where velocities were made of them
     settings: SearchSettings = SETTINGS
 
     @classmethod

@@ -109,13 +109,14 @@ def search_beside(
             folds=choices.folds(records.take(rows), targets, left[:, ~exact], rng),
             part=parts.search,
             exact_states=frozenset(np.flatnonzero(exact).tolist()),
+            noise=measured.noise,
         ),
         declared=first,
         significance=choices.significance,
     )
     search = Search(context, most, choices.n_jobs, choices.verbose)
     structure, findings, rounds = search.run()
-    judge = Untouched(context, records, measured.targets, split.held_out, measured.noise, is_last)
+    judge = Untouched(context, records, measured.targets, split.held_out, is_last)
     steps = [one.structure for one in rounds]
     structure, findings, tried = judge.judged(structure, findings, steps)
     structure, findings = search.beside_the_unknown(structure, findings, rounds)

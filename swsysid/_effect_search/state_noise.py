@@ -13,6 +13,7 @@ noise makes of them, as in a regression with errors in all its variables.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +22,10 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._data.windows import Windows
 from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import robust_scale
 from swsysid._results import Array
+from swsysid.effects import PlacedEffect
 
 
 @dataclass(frozen=True)
@@ -54,3 +57,17 @@ class StateNoise:
         noisy[:, : len(self.states)] += self.states * chance
         change = fit.predict(records.with_columns(noisy), modes) - fit.predict(records, modes)
         return np.sqrt(self.slopes**2 + robust_scale(change[rows]) ** 2)
+
+    def hides(
+        self, terms: Sequence[PlacedEffect], records: Records, rows: NDArray[np.intp]
+    ) -> NDArray[np.bool_]:
+        """Rows next to the level of a state where an effect jumps, nearer than the noise tells.
+
+        A plant that sticks stays there, with any force that holds it.
+        """
+        near = np.zeros(len(rows), dtype=bool)
+        for term in terms:
+            for channel, level in term.effect.breaks(term.place, *term.theta):
+                reach = SETTINGS.shown * self.states[channel]
+                near |= np.abs(records.X[rows, channel] - level) <= reach
+        return near

@@ -76,8 +76,12 @@ class Untouched:
     records: Records
     targets: Array  # of the whole record
     rows: NDArray[np.intp]
-    noise: StateNoise | None = None  # of the states, where velocities were made of them
     is_last: bool = True  # False where a recording will be better known with what is found
+
+    @property
+    def noise(self) -> StateNoise | None:
+        """Of the states, where velocities were made of them."""
+        return self.context.data.noise
 
     @cached_property
     def _folds(self) -> Folds:
@@ -122,18 +126,10 @@ class Untouched:
         return np.where(judging, losses[0] - losses[1], 0.0)
 
     def _at_a_jump(self, fit: JointFit, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Rows next to the level of a state where an effect jumps, nearer than its noise tells.
-
-        A plant that sticks stays there, with any force that holds it.
-        """
-        near = np.zeros(len(rows), dtype=bool)
+        """Rows at which a plant may stick, as far as the noise of its states tells."""
         if self.noise is None:
-            return near
-        for term in fit.terms:
-            for channel, level in term.effect.breaks(term.place, *term.theta):
-                reach = SETTINGS.shown * self.noise.states[channel]
-                near |= np.abs(self.records.X[rows, channel] - level) <= reach
-        return near
+            return np.zeros(len(rows), dtype=bool)
+        return self.noise.hides(fit.terms, self.records, rows)
 
     def gain(self, before: JointFit, after: JointFit) -> Fall:
         """By how much they fall in all, and by how much they were to fall."""
