@@ -13,6 +13,8 @@ from swsysid._checks.arrays import labels, table
 from swsysid._data.trajectories import increasing_times, places_along
 from swsysid._results import Array
 
+Rows = NDArray[np.intp]
+
 
 @dataclass(frozen=True)
 class Records:
@@ -37,8 +39,8 @@ class Records:
     timed : bool
         True if the times were measured.
     average : callable or None
-        What a filter that has made velocities of measured states does to any column of the rows;
-        None where velocities were measured.
+        What a filter that has made velocities of measured states does to any columns of all rows,
+        as all rows show it or some (None is all); None where velocities were measured.
     told : ndarray of shape (n_samples,), int, or None
         Modes that the measured states themselves have told, -1 where they take no part; None where
         velocities were measured.
@@ -55,7 +57,7 @@ class Records:
     signals: Array
     names: tuple[str, ...]
     timed: bool
-    average: Callable[[Array], Array] | None = None
+    average: Callable[[Array, Rows | None], Array] | None = None
     told: NDArray[np.intp] | None = None
     rates: frozenset[int] = frozenset()
     positions: frozenset[int] = frozenset()
@@ -126,9 +128,11 @@ class Records:
             answer[rows] = operator(self.t[rows], values[rows])
         return answer
 
-    def averaged(self, columns: Array) -> Array:
-        """Columns of all rows as the velocities show them."""
-        return columns if self.average is None else self.average(columns)
+    def averaged(self, columns: Array, rows: Rows | None = None) -> Array:
+        """Columns of all rows as the velocities show them, on some rows or all."""
+        if self.average is not None:
+            return self.average(columns, rows)
+        return columns if rows is None else columns[rows]
 
     def take(self, rows: NDArray) -> Records:
         """The same record on some rows only, which no filter can work on."""

@@ -66,9 +66,9 @@ class JointFit:
         laws = self.laws
         return np.asarray(laws.feature_map(laws.seen(records.X)))
 
-    def features(self, records: Records) -> Array:
-        """The library as the velocities show it."""
-        return records.averaged(self.library(records))
+    def features(self, records: Records, rows: NDArray[np.intp] | None = None) -> Array:
+        """The library as the velocities of some rows or all show it."""
+        return records.averaged(self.library(records), rows)
 
     def predict_modes(self, records: Records) -> Modes:
         """Modes along the trajectories."""
@@ -100,20 +100,24 @@ class JointFit:
         features = laws.feature_map(laws.seen(X))
         return np.asarray(np.matmul(features, laws.coef.transpose(0, 2, 1)))
 
-    def mode_velocities(self, records: Records) -> Array:
-        """Velocity in every mode, effects included, (n_modes, n_samples, n_states)."""
+    def mode_velocities(self, records: Records, rows: NDArray[np.intp] | None = None) -> Array:
+        """Velocity in every mode, effects included, (n_modes, n_samples, n_states).
+
+        Of all samples, or of some.
+        """
         known = corrected(self.terms, records)
         if records.average is None:
-            fields = self.declared_velocities(known.X)
+            fields = self.declared_velocities(known.X if rows is None else known.X[rows])
         else:
-            fields = np.einsum("jkf,nf->jnk", self.laws.coef, self.features(known))
-        return fields + self._added(known)
+            fields = np.einsum("jkf,nf->jnk", self.laws.coef, self.features(known, rows))
+        return fields + self._added(known, rows)
 
-    def _added(self, known: Records) -> Array:
+    def _added(self, known: Records, rows: NDArray[np.intp] | None = None) -> Array:
         """What the effects with columns add in every mode, on corrected records."""
-        fields = np.zeros((self.n_modes, len(known), known.n_states))
+        count = len(known) if rows is None else len(rows)
+        fields = np.zeros((self.n_modes, count, known.n_states))
         for term, coef in zip(self.terms, self.coef, strict=True):
-            columns = term.columns(known)
+            columns = term.columns(known, rows)
             for mode in range(self.n_modes):
                 own = term.in_mode(coef, mode, self.n_modes)
                 if len(own):
@@ -130,14 +134,18 @@ class JointFit:
             return np.zeros_like(declared)
         return self.mode_velocities(replace(records, average=None)) - declared
 
-    def predict(self, records: Records, modes: Modes | None = None) -> Array:
-        """Velocities, shape (n_samples, n_states)."""
+    def predict(
+        self, records: Records, modes: Modes | None = None, rows: NDArray[np.intp] | None = None
+    ) -> Array:
+        """Velocities of all samples or of some, shape (n_samples, n_states); modes are of all."""
         modes = self.predict_modes(records) if modes is None else modes
-        return np.asarray(self.mode_velocities(records)[modes, np.arange(len(modes))])
+        modes = modes if rows is None else modes[rows]
+        return np.asarray(self.mode_velocities(records, rows)[modes, np.arange(len(modes))])
 
     def residuals(self, records: Records, rows: NDArray[np.intp], targets: Array) -> Array:
         """What the fit leaves over of the targets of its own rows of a record."""
-        return targets - self.predict(records, self.modes_along(records, rows))[rows]
+        fields = self.mode_velocities(records, rows)
+        return np.asarray(targets - fields[self.modes, np.arange(len(rows))])
 
 
 def fit_jointly(
@@ -168,7 +176,7 @@ def fit_jointly(
             declared = declared.extended(term.effect)
     whole = corrected(terms, records)
     seen = whole.take(rows)
-    columns = [term.columns(whole)[rows] for term in terms]
+    columns = [term.columns(whole, rows) for term in terms]
     if not any(part.shape[1] for part in columns):
         fitted = declared.fitted(seen, targets, modes)
         if whole.average is not None:
@@ -276,7 +284,7 @@ def _libraries(declared: Declared, whole: Records, rows: NDArray[np.intp]) -> tu
         features = declared.library(whole.X[rows])
         return features, features
     features = declared.library(whole.X)
-    return whole.averaged(features)[rows], features[rows]
+    return whole.averaged(features, rows), features[rows]
 
 
 def _sharpened(

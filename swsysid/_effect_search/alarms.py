@@ -23,7 +23,7 @@ def alarms(
     records, targets = measured.records, measured.targets[rows]
     left = fit.residuals(records, rows, targets)
     exact, told = exact_states(left, targets), []
-    features = fit.features(records)[rows]
+    features = fit.features(records, rows)
     for state in np.flatnonzero(~exact):
         share = _explained(left[:, state], targets[:, state])
         if share >= SETTINGS.explains_nothing:

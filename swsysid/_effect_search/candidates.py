@@ -97,8 +97,8 @@ class CandidateContext:
         # Those with a memory are computed along whole trajectories and cut to the rows afterwards.
         listed = [effect.columns(self.records, place, *theta) for theta in grid]
         stacked = np.stack(listed, axis=1)
-        flat = self.records.averaged(stacked.reshape(len(stacked), -1))
-        return flat.reshape(stacked.shape)[self.data.rows]
+        flat = self.records.averaged(stacked.reshape(len(stacked), -1), self.data.rows)
+        return flat.reshape(-1, *stacked.shape[1:])
 
     def scanned_columns(self, effect: Effect, place: Place, grid: Array) -> Array:
         """As `columns`, and kept: the next scan of the same record asks for them again."""
@@ -176,7 +176,7 @@ class CandidateContext:
     def misfit(self, records: Records) -> float:
         """Negative log likelihood of what the laws leave over on other records."""
         problem, floor = self.regression, self.data.exact
-        features = self.fit.features(records)[self.data.rows]
+        features = self.fit.features(records, self.data.rows)
         known = problem.features[:, features.shape[1] :]
         other = replace(problem, features=np.column_stack([features, known]))
         again = replace(other, weight=robust_weights(other.background(None).left_over, floor))
@@ -244,9 +244,9 @@ def candidate_context(
     # The columns of the terms `without` are left out, as if these had not been found.
     others = [term for place, term in enumerate(fit.terms) if place not in without]
     records = corrected(others, data.records)
-    features = fit.features(records)[data.rows]
+    features = fit.features(records, data.rows)
     known = [
-        term.design(term.columns(records)[data.rows], fit.modes, fit.n_modes) for term in others
+        term.design(term.columns(records, data.rows), fit.modes, fit.n_modes) for term in others
     ]
     ends = features.shape[1] + np.cumsum([0, *(part.shape[1] for part in known)])
     regression = Regression(

@@ -104,7 +104,9 @@ class EffectData:
     @cached_property
     def predicted(self) -> tuple[Array, Array]:
         """Predictions of `rows` by each of the two models."""
-        before, after = (model.joint_fit_.predict(self.records)[self.rows] for model in self.models)
+        before, after = (
+            model.joint_fit_.predict(self.records, rows=self.rows) for model in self.models
+        )
         return before, after
 
     @cached_property

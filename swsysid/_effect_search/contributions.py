@@ -54,7 +54,7 @@ def term_covariances(fit: JointFit, data: SearchData) -> list[Array]:
     weight = row_weights(fit, data)
     errors = fit.residuals(data.records, data.rows, data.targets)
     seen = corrected(fit.terms, data.records)
-    features = fit.features(seen)[data.rows]
+    features = fit.features(seen, data.rows)
     answers = [np.empty((0, 0)) for _ in fit.terms]
     for target in range(data.targets.shape[1]):
         columns = {
@@ -85,7 +85,7 @@ def linearised(
     term, coef = fit.terms[place], fit.coef[place]
 
     def columns(theta: tuple[float, ...]) -> Array:
-        values = replace(term, theta=theta).columns(records)[rows]
+        values = replace(term, theta=theta).columns(records, rows)
         return term.design(values, modes, fit.n_modes)
 
     parts = [columns(term.theta)]

@@ -95,7 +95,7 @@ def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
     """Held-out errors of every row in every mode, (n_modes, n_rows, n_states)."""
     seen = corrected(fit.terms, data.records)
     regression = Regression(
-        features=fit.features(seen)[data.rows],
+        features=fit.features(seen, data.rows),
         targets=data.targets,
         modes=fit.modes,
         n_modes=fit.n_modes,
@@ -107,7 +107,7 @@ def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
     modes, errors = range(fit.n_modes), np.empty((fit.n_modes, *data.targets.shape))
     for target, values in enumerate(data.targets.T):
         terms = [term for term in fit.terms if term.target == target and term.effect.terms]
-        columns = [(term, term.columns(seen)[data.rows]) for term in terms]
+        columns = [(term, term.columns(seen, data.rows)) for term in terms]
         here = _design(columns, fit.modes, fit.n_modes)
         prior = block_diag(*(term.prior(fit.n_modes) for term in terms))
         in_mode = [_design(columns, np.full_like(fit.modes, mode), fit.n_modes) for mode in modes]

@@ -20,6 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from swsysid._data.records import Records, next_states
 from swsysid._data.windows import Windows, stays_of
@@ -34,6 +35,7 @@ from swsysid._effect_model.joint_fit import JointFit, as_stated, fit_jointly, to
 from swsysid._effect_search.drawn import drawn
 from swsysid._effect_search.folds import Rows, Split
 from swsysid._effect_search.held_inputs import between_jumps
+from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.state_noise import StateNoise
 from swsysid._results import Array
@@ -186,8 +188,13 @@ def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> 
     shown = np.zeros((len(records), 1), dtype=bool)
     shown[windows.whole()] = True
 
-    def average(columns: Array) -> Array:
-        return np.where(shown, windows.means @ columns, columns)
+    kept = Remembered[tuple[Array, csr_matrix]](2)
+
+    def average(columns: Array, rows: Rows | None = None) -> Array:
+        if rows is None:
+            return np.where(shown, windows.means @ columns, columns)
+        seen, means = kept.of(rows, (), lambda: (shown[rows], windows.means[rows]))
+        return np.where(seen, means @ columns, columns[rows])
 
     seen = replace(records, X=X, average=average, told=modes)
     laws, every = fit.laws.coef[told.modes], np.arange(len(records))

@@ -13,13 +13,13 @@ class Remembered(Generic[Answer]):
 
     def __init__(self, most: int):
         self._most = most
-        # An object that is kept keeps its identity.
+        # An object that is kept keeps its identity, unless it comes from another process.
         self._answers: dict[tuple[int, ...], tuple[object, Answer]] = {}
 
     def of(self, about: object, question: tuple[int, ...], answer: Callable[[], Answer]) -> Answer:
         """The answer to a question about this very object, worked out if it is not known."""
         key = (id(about), *question)
-        if key not in self._answers:
+        if key not in self._answers or self._answers[key][0] is not about:
             self._answers[key] = about, answer()
             while len(self._answers) > self._most:
                 del self._answers[next(iter(self._answers))]

@@ -309,7 +309,7 @@ def _leftover(fit: JointFit, ladder: Ladder, names: NDArray | None) -> ResidualR
         fit.estimator,
         records.take(rows),
         ladder.targets[rows],
-        fit.predict(records, modes)[rows],  # whose memory has seen the rows before
+        fit.predict(records, modes, rows),  # whose memory has seen the rows before
         modes[rows],
         [None] if names is None else names.tolist(),
     )

@@ -55,8 +55,10 @@ class StateNoise:
         modes, noisy = fit.predict_modes(records), records.X.copy()
         chance = np.random.RandomState(0).normal(size=(len(noisy), len(self.states)))
         noisy[:, : len(self.states)] += self.states * chance
-        change = fit.predict(records.with_columns(noisy), modes) - fit.predict(records, modes)
-        return np.sqrt(self.slopes**2 + robust_scale(change[rows]) ** 2)
+        with_noise, without = (
+            fit.predict(one, modes, rows) for one in (records.with_columns(noisy), records)
+        )
+        return np.sqrt(self.slopes**2 + robust_scale(with_noise - without) ** 2)
 
     def hides(
         self, terms: Sequence[PlacedEffect], records: Records, rows: NDArray[np.intp]

@@ -113,7 +113,7 @@ class Untouched:
         return np.asarray(self._scale * own / self._noise_of_declared)
 
     def _errors(self, fit: JointFit, rows: NDArray[np.intp]) -> Array:
-        return self.targets[rows] - fit.predict(self.records)[rows]
+        return self.targets[rows] - fit.predict(self.records, rows=rows)
 
     def _falls(self, before: JointFit, after: JointFit) -> Array:
         """By how much the squares of the errors of `_every` row fall from one fit to another."""
@@ -204,7 +204,7 @@ class Untouched:
     def _least_errors(self, fit: JointFit) -> Array:
         """Errors of each row in the best of the modes that a fit deems possible there."""
         possible = fit.mode_proba(self.records)[self.rows] >= SETTINGS.possible
-        errors = self.targets[self.rows] - fit.mode_velocities(self.records)[:, self.rows]
+        errors = self.targets[self.rows] - fit.mode_velocities(self.records, self.rows)
         sizes = np.sum((errors / self._scale) ** 2, axis=2).T
         rows = np.arange(len(self.rows))
         possible[rows, fit.predict_modes(self.records)[self.rows]] = True

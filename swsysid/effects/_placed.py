@@ -58,9 +58,9 @@ class PlacedEffect:
 
     # -- its columns -----------------------------------------------------------------------------
 
-    def columns(self, records: Records) -> Array:
-        """Columns of the effect as the velocities show them, shape (n_samples, n_terms)."""
-        return records.averaged(self.effect.columns(records, self.place, *self.theta))
+    def columns(self, records: Records, rows: NDArray[np.intp] | None = None) -> Array:
+        """Columns of the effect as the velocities of some rows or all show them, by terms."""
+        return records.averaged(self.effect.columns(records, self.place, *self.theta), rows)
 
     def design(self, columns: Array, modes: Modes, n_modes: int) -> Array:
         """Columns that multiply the coefficients: all, those of one mode, or those of each."""
