@@ -250,6 +250,7 @@ class EffectContents(Parts):
     held_out: str
     n_search: int
     n_held_out: int
+    n_may_stick: int = 0
     n_candidates: int = 0
     errors: list[RungErrors] = field(default_factory=list)
     effects: tuple[FoundEffect, ...] = ()

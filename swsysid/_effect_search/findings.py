@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.acceptance import Finding
 from swsysid._effect_search.contributions import parameter_intervals
-from swsysid._effect_search.folds import Split
+from swsysid._effect_search.folds import Rows, Split
 from swsysid._effect_search.formulas import formulas
 from swsysid._effect_search.further_mode import FurtherMode
 from swsysid._effect_search.sampled import table_of
@@ -84,13 +85,21 @@ class Ladder:
         return formulas(beside, self.structure.terms[number])
 
     def errors_of(self, fit: JointFit) -> tuple[Array, Array]:
-        """Those of a fit, (n_states,) each."""
+        """Those of a fit, (n_states,) each, on the rows at which the plant surely moves."""
         squares = (self.targets - fit.predict(self.records)) ** 2
         searched, held_out = (
-            np.sqrt(np.mean(squares[rows], axis=0))
+            np.sqrt(np.mean(squares[rows[~self.may_stick(rows)]], axis=0))
             for rows in (self.split.search, self.split.held_out)
         )
         return searched, held_out
+
+    def may_stick(self, rows: Rows) -> NDArray[np.bool_]:
+        """Rows at which an effect found may hold the plant, with a force that no law tells."""
+        noise = self.context.data.noise
+        held = np.zeros(len(rows), dtype=bool)
+        if noise is not None:
+            held = noise.hides(self.structure.terms, self.records, rows)
+        return held & ~held.all()
 
 
 def describe_findings(

@@ -55,6 +55,7 @@ def effect_page(
     rows = (
         f"{report.n_search} rows were searched; {report.n_held_out} rows ({report.held_out}) "
         "took no part in any choice, and all errors below are theirs unless said otherwise."
+        f"{text.at_rest(report)}"
     )
     parts = [paragraph(text.summary(report), "verdict"), paragraph(rows, "note")]
     if report.data is not None:

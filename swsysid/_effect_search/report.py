@@ -54,6 +54,9 @@ class EffectReport(EffectContents):
         What took no part in any choice.
     n_search, n_held_out : int
         Rows of the two parts.
+    n_may_stick : int
+        Rows held out at which dry friction that was found may hold the plant, as far as the noise
+        of a recording tells: no law says with what force, and their errors do not count.
     n_candidates : int
         Candidates tried in all rounds.
     errors : list of dict
@@ -135,6 +138,7 @@ class EffectReport(EffectContents):
             held_out=split.how,
             n_search=len(split.search),
             n_held_out=len(split.held_out),
+            n_may_stick=int(ladder.may_stick(split.held_out).sum()),
             n_candidates=max((one.n_candidates for one in rounds), default=0),
             errors=_errors_told(ladder, effects),
             effects=tuple(effects),

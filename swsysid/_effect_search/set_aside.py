@@ -73,6 +73,8 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     best = np.argmin(np.sum(errors**2, axis=2), axis=0)
     errors = errors[best, np.arange(len(rows))]
     far = np.any(np.abs(errors) > data.settings.gross, axis=1)
+    if data.noise is not None:  # where a plant may stick no law of its motion acts
+        far &= ~data.noise.hides(fit.terms, data.records, rows)
     seen, names = data.records.take(rows), data.records.names
     pairs = _neighbours(seen)
     both = pairs[far[pairs].all(axis=1)]

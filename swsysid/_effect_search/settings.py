@@ -25,7 +25,7 @@ class SearchSettings:
     stakes: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a wealth: one of them is near best
     gap: float = 0.01  # of a trajectory, between a held-out stretch and its neighbours
     possible: float = 0.05  # probability of a mode that a row next to a surface may be in
-    shown: float = 2.0  # standard errors of a fall that enough untouched rows have to show
+    shown: float = 2.0  # standard errors within which noise hides what is there
     rows_a_column: int = 8  # fewer rows than that, or of a mode, are too few to hold any out
     fewest_rows: int = 40
 

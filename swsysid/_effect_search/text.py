@@ -96,6 +96,13 @@ def _outcome(report: EffectContents) -> str:
     )
 
 
+def at_rest(report: EffectContents) -> str:
+    """A sentence on rows whose errors do not count, "" if there are none."""
+    if not report.n_may_stick:
+        return ""
+    return f" At {report.n_may_stick} of them it may stick, and no error there counts."
+
+
 def _leaves_noise(report: EffectContents) -> bool:
     """True if nothing but noise is left of the equations that are not exact."""
     left = report.residual_before
@@ -265,7 +272,7 @@ def report_lines(report: EffectContents) -> Iterator[str]:
     """The whole report."""
     yield (
         f"Effect search: {report.n_search} rows searched, {report.n_held_out} held out "
-        f"({report.held_out})."
+        f"({report.held_out}).{at_rest(report)}"
     )
     yield summary(report)
     if report.errors:
