@@ -2,8 +2,8 @@
 
 Neither significance nor a gain in the folds is proof that a model with the effect predicts what no
 choice has seen. An effect stays if its error there falls by more than the standard error of that
-fall, from block to block; otherwise it is listed as tried. Only where none of these rows shows it,
-as the one trajectory in four in which an event does not occur, they say nothing: it stays, and the
+fall, from block to block; otherwise it is listed as tried. Where the part is too short to show the
+fall that the searched rows promise, a smaller one is no proof against the effect: it stays, and the
 doubt is told with it.
 """
 
@@ -28,7 +28,7 @@ from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect
 
-NOT_SHOWN = "no row held out shows it"
+NOT_SHOWN = "the held-out error falls by less than its standard error"
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,15 @@ class Fall:
     """By how much the error of the untouched rows falls, and by how much it was to fall."""
 
     fall: BlockSum
-    promised: float  # by the searched rows, for as many rows as show anything
+    promised: float  # by the searched rows
+    error: float  # standard error of what is promised for so few rows
 
     @property
     def is_refuted(self) -> bool:
-        """True if it does not clearly fall where it was to."""
-        return self.promised > 0.0 and not self.fall.is_clear
+        """True if it does not fall, or not clearly where so many rows were to show it."""
+        if self.fall.is_clear or self.promised <= 0.0:
+            return False
+        return self.fall.value <= 0.0 or self.promised > SETTINGS.shown * self.error
 
     @property
     def is_nowhere(self) -> bool:
@@ -133,8 +136,13 @@ class Untouched:
         before, after = map(self.context.with_told_surface, (before, after))
         data = self.context.data
         falls, searched = np.split(self._falls(before, after), [len(self.rows)])
+        in_search = BlockSum.of(data.folds.independent_sums(searched))
         share = np.count_nonzero(falls) / len(data.rows)
-        return Fall(BlockSum.of(self._folds.independent_sums(falls)), share * float(searched.sum()))
+        return Fall(
+            BlockSum.of(self._folds.independent_sums(falls)),
+            share * in_search.value,
+            float(np.sqrt(share)) * in_search.error,
+        )
 
     def judged(
         self, structure: Structure, findings: tuple[Finding, ...], earlier: Sequence[Structure]

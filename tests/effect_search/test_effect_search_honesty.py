@@ -205,5 +205,5 @@ def test_a_shape_in_one_mode_contains_nothing_of_another(of_shape, of_term, expe
 
 def test_a_guard_that_makes_the_error_rise_is_seen_to():
     """Velocities do not show a guard, and yet they can show that there is none."""
-    falls = [Fall(BlockSum(value, 1.0, 12), 0.0) for value in (-5.0, -0.5, 5.0)]
+    falls = [Fall(BlockSum(value, 1.0, 12), 0.0, 1.0) for value in (-5.0, -0.5, 5.0)]
     assert [fall.is_rise for fall in falls] == [True, False, False]

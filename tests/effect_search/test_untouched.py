@@ -39,17 +39,18 @@ def test_two_rows_on_the_surface_are_no_veto():
     [
         (BlockSum(3.0, 1.0, 8), 3.0, False),
         (BlockSum(0.5, 1.0, 8), 3.0, True),  # less than its standard error
-        (BlockSum(-1.0, 1.0, 8), 3.0, True),
+        (BlockSum(0.5, 1.0, 8), 1.5, False),  # which so few rows promise no more than
+        (BlockSum(-1.0, 1.0, 8), 1.5, True),
         (BlockSum(0.0, 0.0, 8), 0.0, False),  # none of these rows shows it
     ],
 )
-def test_an_effect_stays_if_the_error_clearly_falls(fall, promised, is_refuted):
-    assert Fall(fall, promised).is_refuted == is_refuted
+def test_an_effect_stays_if_the_error_falls_as_clearly_as_it_was_to(fall, promised, is_refuted):
+    assert Fall(fall, promised, 1.0).is_refuted == is_refuted
 
 
 def test_what_is_refused_does_not_come_back(monkeypatch):
     # whatever is found, the untouched rows refute it
-    refuted = Fall(BlockSum(-1.0, 0.1, 8), 1.0)
+    refuted = Fall(BlockSum(-1.0, 0.1, 8), 1.0, 0.1)
     monkeypatch.setattr(Untouched, "gain", lambda *fits: refuted)
     planted = ("coulomb_friction", "drift")
     data = make_undeclared(planted, system="pendulum", n_samples=800, random_state=0)
