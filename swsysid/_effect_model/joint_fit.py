@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 from swsysid._data.matching import best_matching, contingency
 from swsysid._data.records import Records
-from swsysid._effect_model.declared import Declared, FittedLaws, Modes
+from swsysid._effect_model.declared import Declared, FittedDeclared, FittedLaws, Modes
 from swsysid._effect_model.decoding import told_by_velocities
 from swsysid._effect_model.models import laws_of
 from swsysid._effect_model.settings import SETTINGS
@@ -178,12 +178,7 @@ def fit_jointly(
     seen = whole.take(rows)
     columns = [term.columns(whole, rows) for term in terms]
     if not any(part.shape[1] for part in columns):
-        fitted = declared.fitted(seen, targets, modes)
-        if whole.average is not None:
-            blurred, sharp = _libraries(declared, whole, rows)
-            for _ in range(SETTINGS.sharpenings):
-                at_instants = _sharpened(declared, targets, blurred, sharp, fitted.modes)
-                fitted = declared.fitted(seen, at_instants, fitted.modes)
+        fitted = _without_effects(declared, whole, rows, targets, modes)
         no_coef = tuple(np.zeros(0) for _ in terms)
         fit = JointFit(fitted.estimator, terms, no_coef, fitted.modes, fitted.doubts)
         return _with_guards(fit, whole, rows)
@@ -276,6 +271,33 @@ def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:
     for doubt in fit.doubts:
         if fit.guard is None or not isinstance(doubt, GuardWarning):
             warnings.warn(doubt, stacklevel=stacklevel + 1)
+
+
+def _without_effects(
+    declared: Declared,
+    whole: Records,
+    rows: NDArray[np.intp],
+    targets: Array,
+    modes: Modes | None,
+) -> FittedDeclared:
+    """The declared model fitted to some rows of a record, of which a filter may show means."""
+    seen = whole.take(rows)
+    if whole.average is None:
+        return declared.fitted(seen, targets, modes)
+    blurred, sharp = _libraries(declared, whole, rows)
+    # Where modes are known their laws are sharpened before the first fit: one of smeared velocities
+    # to the library at the instants takes rows of another mode for its own.
+    if modes is None:
+        modes = declared.fitted(seen, targets, None).modes
+
+    def with_laws_of(modes: Modes) -> FittedDeclared:
+        at_instants = _sharpened(declared, targets, blurred, sharp, modes)
+        return declared.fitted(seen, at_instants, modes)
+
+    fitted = with_laws_of(modes)
+    for _ in range(SETTINGS.sharpenings - 1):
+        fitted = with_laws_of(fitted.modes)
+    return fitted
 
 
 def _libraries(declared: Declared, whole: Records, rows: NDArray[np.intp]) -> tuple[Array, Array]:
