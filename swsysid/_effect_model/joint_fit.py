@@ -285,19 +285,25 @@ def _without_effects(
     if whole.average is None:
         return declared.fitted(seen, targets, modes)
     blurred, sharp = _libraries(declared, whole, rows)
-    # Where modes are known their laws are sharpened before the first fit: one of smeared velocities
-    # to the library at the instants takes rows of another mode for its own.
-    if modes is None:
-        modes = declared.fitted(seen, targets, None).modes
 
-    def with_laws_of(modes: Modes) -> FittedDeclared:
-        at_instants = _sharpened(declared, targets, blurred, sharp, modes)
-        return declared.fitted(seen, at_instants, modes)
+    def sharpened(modes: Modes) -> FittedDeclared:
+        for _ in range(SETTINGS.sharpenings):
+            at_instants = _sharpened(declared, targets, blurred, sharp, modes)
+            fitted = declared.fitted(seen, at_instants, modes)
+            modes = fitted.modes
+        return fitted
 
-    fitted = with_laws_of(modes)
-    for _ in range(SETTINGS.sharpenings - 1):
-        fitted = with_laws_of(fitted.modes)
-    return fitted
+    def lost(fitted: FittedDeclared) -> float:
+        laws = laws_of(fitted.estimator).coef[fitted.modes]
+        errors = np.abs(targets - np.einsum("nkf,nf->nk", laws, blurred)).mean(axis=0)
+        return float(np.log(np.maximum(errors, np.finfo(float).tiny)).sum())  # of Laplace's law
+
+    # Modes that are known may be wrong where an effect is missing, and a fit to smeared velocities
+    # finds others; but these obey no law of the library at the instants, and it may go astray.
+    starts = [declared.fitted(seen, targets, modes).modes]
+    if modes is not None:
+        starts.append(modes)
+    return min(map(sharpened, starts), key=lost)
 
 
 def _libraries(declared: Declared, whole: Records, rows: NDArray[np.intp]) -> tuple[Array, Array]:
