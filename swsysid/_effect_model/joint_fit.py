@@ -12,10 +12,11 @@ from scipy.linalg import block_diag
 
 from swsysid._data.matching import best_matching, contingency
 from swsysid._data.records import Records
-from swsysid._effect_model.declared import Declared, FittedDeclared, FittedLaws, Modes
+from swsysid._effect_model.declared import Declared, FittedLaws, Modes
 from swsysid._effect_model.decoding import told_by_velocities
 from swsysid._effect_model.models import laws_of
 from swsysid._effect_model.settings import SETTINGS
+from swsysid._effect_model.sharpening import fitted_alone, libraries, sharpened_velocities
 from swsysid._noise import robust_regression
 from swsysid._results import Array, GuardWarning
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
@@ -178,11 +179,11 @@ def fit_jointly(
     seen = whole.take(rows)
     columns = [term.columns(whole, rows) for term in terms]
     if not any(part.shape[1] for part in columns):
-        fitted = _without_effects(declared, whole, rows, targets, modes)
+        fitted = fitted_alone(declared, whole, rows, targets, modes)
         no_coef = tuple(np.zeros(0) for _ in terms)
         fit = JointFit(fitted.estimator, terms, no_coef, fitted.modes, fitted.doubts)
         return _with_guards(fit, whole, rows)
-    features, sharp = _libraries(declared, whole, rows)
+    features, sharp = libraries(declared, whole, rows)
     if modes is None:
         beside = columns
         if like is not None and max(part.shape[1] for part in columns) > SETTINGS.most_sought:
@@ -201,7 +202,7 @@ def fit_jointly(
         for term, part, values in zip(terms, columns, coef, strict=True):
             rest[:, term.target] -= term.design(part, modes, len(replaced)) @ values
         if whole.average is not None:
-            rest = _sharpened(declared, rest, features, sharp, modes)
+            rest = sharpened_velocities(declared, rest, features, sharp, modes)
         fitted = declared.fitted(seen, rest, modes)
         order, laws = _matching(modes, fitted.modes), laws_of(fitted.estimator).coef
         for mode, own in enumerate(replaced):
@@ -271,66 +272,6 @@ def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:
     for doubt in fit.doubts:
         if fit.guard is None or not isinstance(doubt, GuardWarning):
             warnings.warn(doubt, stacklevel=stacklevel + 1)
-
-
-def _without_effects(
-    declared: Declared,
-    whole: Records,
-    rows: NDArray[np.intp],
-    targets: Array,
-    modes: Modes | None,
-) -> FittedDeclared:
-    """The declared model fitted to some rows of a record, of which a filter may show means."""
-    seen = whole.take(rows)
-    if whole.average is None:
-        return declared.fitted(seen, targets, modes)
-    blurred, sharp = _libraries(declared, whole, rows)
-
-    def sharpened(modes: Modes) -> FittedDeclared:
-        for _ in range(SETTINGS.sharpenings):
-            at_instants = _sharpened(declared, targets, blurred, sharp, modes)
-            fitted = declared.fitted(seen, at_instants, modes)
-            modes = fitted.modes
-        return fitted
-
-    def lost(fitted: FittedDeclared) -> float:
-        laws = laws_of(fitted.estimator).coef[fitted.modes]
-        errors = np.abs(targets - np.einsum("nkf,nf->nk", laws, blurred)).mean(axis=0)
-        return float(np.log(np.maximum(errors, np.finfo(float).tiny)).sum())  # of Laplace's law
-
-    # Modes that are known may be wrong where an effect is missing, and a fit to smeared velocities
-    # finds others; but these obey no law of the library at the instants, and it may go astray.
-    starts = [declared.fitted(seen, targets, modes).modes]
-    if modes is not None:
-        starts.append(modes)
-    return min(map(sharpened, starts), key=lost)
-
-
-def _libraries(declared: Declared, whole: Records, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-    """The library on some rows as the velocities show it, and as it is at their instants."""
-    if whole.average is None:
-        features = declared.library(whole.X[rows])
-        return features, features
-    features = declared.library(whole.X)
-    return whole.averaged(features, rows), features[rows]
-
-
-def _sharpened(
-    declared: Declared, targets: Array, blurred: Array, sharp: Array, modes: Modes
-) -> Array:
-    """Velocities as a filter shows them with the laws at the instants of the rows instead.
-
-    The declared model knows its library at the instants only.
-    """
-    answer = targets.copy()
-    support = declared.support(int(modes.max()) + 1, targets.shape[1], sharp.shape[1])
-    for mode in np.unique(modes):
-        rows = modes == mode
-        for target in range(targets.shape[1]):
-            terms = support[mode, target]
-            law = robust_regression(blurred[np.ix_(rows, terms)], targets[rows, target])
-            answer[rows, target] += (sharp - blurred)[np.ix_(rows, terms)] @ law
-    return answer
 
 
 # -- the effects -----------------------------------------------------------------------------------

@@ -1,0 +1,73 @@
+"""The declared model alone, fitted to velocities of which a filter shows means."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.records import Records
+from swsysid._effect_model.declared import Declared, FittedDeclared, Modes
+from swsysid._effect_model.models import laws_of
+from swsysid._effect_model.settings import SETTINGS
+from swsysid._noise import robust_regression
+from swsysid._results import Array
+
+
+def fitted_alone(
+    declared: Declared,
+    whole: Records,
+    rows: NDArray[np.intp],
+    targets: Array,
+    modes: Modes | None,
+) -> FittedDeclared:
+    """The declared model fitted to some rows of a record, of which a filter may show means."""
+    seen = whole.take(rows)
+    if whole.average is None:
+        return declared.fitted(seen, targets, modes)
+    blurred, sharp = libraries(declared, whole, rows)
+
+    def sharpened(modes: Modes) -> FittedDeclared:
+        for _ in range(SETTINGS.sharpenings):
+            at_instants = sharpened_velocities(declared, targets, blurred, sharp, modes)
+            fitted = declared.fitted(seen, at_instants, modes)
+            modes = fitted.modes
+        return fitted
+
+    def lost(fitted: FittedDeclared) -> float:
+        laws = laws_of(fitted.estimator).coef[fitted.modes]
+        errors = np.abs(targets - np.einsum("nkf,nf->nk", laws, blurred)).mean(axis=0)
+        return float(np.log(np.maximum(errors, np.finfo(float).tiny)).sum())  # of Laplace's law
+
+    # Modes that are known may be wrong where an effect is missing, and a fit to smeared velocities
+    # finds others; but these obey no law of the library at the instants, and it may go astray.
+    starts = [declared.fitted(seen, targets, modes).modes]
+    if modes is not None:
+        starts.append(modes)
+    return min(map(sharpened, starts), key=lost)
+
+
+def libraries(declared: Declared, whole: Records, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+    """The library on some rows as the velocities show it, and as it is at their instants."""
+    if whole.average is None:
+        features = declared.library(whole.X[rows])
+        return features, features
+    features = declared.library(whole.X)
+    return whole.averaged(features, rows), features[rows]
+
+
+def sharpened_velocities(
+    declared: Declared, targets: Array, blurred: Array, sharp: Array, modes: Modes
+) -> Array:
+    """Velocities as a filter shows them with the laws at the instants of the rows instead.
+
+    The declared model knows its library at the instants only.
+    """
+    answer = targets.copy()
+    support = declared.support(int(modes.max()) + 1, targets.shape[1], sharp.shape[1])
+    for mode in np.unique(modes):
+        rows = modes == mode
+        for target in range(targets.shape[1]):
+            terms = support[mode, target]
+            law = robust_regression(blurred[np.ix_(rows, terms)], targets[rows, target])
+            answer[rows, target] += (sharp - blurred)[np.ix_(rows, terms)] @ law
+    return answer
