@@ -285,8 +285,7 @@ def row_weights(fit: JointFit, data: SearchData) -> Array:
     sure &= fit.surface_modes(searched) == fit.modes
     if np.mean(~sure) <= data.settings.most_unsure:
         weight = np.where(sure, weight, 0.0)
-    if data.noise is not None:
-        weight = np.where(data.noise.hides(fit.terms, data.records, data.rows), 0.0, weight)
+    weight = np.where(data.may_stick(fit.terms, data.records, data.rows), 0.0, weight)
     return np.where(_is_told(fit, data), weight, 0.0)
 
 

@@ -90,9 +90,8 @@ class _Questions:
         settings = self.context.settings
         left = self.context.candidates(structure.fit).held_out[:, target]
         data = self.context.data
-        if data.noise is not None:  # what holds a plant that sticks is a reaction, and no force
-            held = data.noise.hides(structure.fit.terms, data.records, data.rows)
-            left = np.where(held, 0.0, left)
+        # what holds a plant that sticks is a reaction, and no force
+        left = np.where(data.may_stick(structure.fit.terms, data.records, data.rows), 0.0, left)
         gross = settings.gross * max(
             float(robust_scale(left[:, None])[0]), float(data.exact[target])
         )

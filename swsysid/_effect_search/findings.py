@@ -95,10 +95,7 @@ class Ladder:
 
     def may_stick(self, rows: Rows) -> NDArray[np.bool_]:
         """Rows at which an effect found may hold the plant, with a force that no law tells."""
-        noise = self.context.data.noise
-        held = np.zeros(len(rows), dtype=bool)
-        if noise is not None:
-            held = noise.hides(self.structure.terms, self.records, rows)
+        held = self.context.data.may_stick(self.structure.terms, self.records, rows)
         return held & ~held.all()
 
 

@@ -7,6 +7,7 @@ next to the part that is held out are used for nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,6 +21,7 @@ from swsysid._effect_search.settings import SETTINGS, SearchSettings
 from swsysid._effect_search.state_noise import StateNoise
 from swsysid._noise import exact_below, robust_weights, root_mean_square
 from swsysid._results import Array
+from swsysid.effects import PlacedEffect
 
 Rows = NDArray[np.intp]
 
@@ -94,6 +96,14 @@ class SearchData:
     def counted_states(self) -> list[int]:
         """States whose equations are in question, that is all but the exact ones."""
         return [state for state in range(self.targets.shape[1]) if state not in self.exact_states]
+
+    def may_stick(
+        self, terms: Sequence[PlacedEffect], records: Records, rows: Rows
+    ) -> NDArray[np.bool_]:
+        """Rows at which effects may hold the plant; none where the noise of states is not known."""
+        if self.noise is None:
+            return np.zeros(len(rows), dtype=bool)
+        return self.noise.hides(terms, records, rows)
 
     @property
     def told(self) -> Rows | None:

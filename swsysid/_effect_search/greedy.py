@@ -131,7 +131,7 @@ class Search:
         options = [*proposed, *named]
         with_name = self._promising(current, options, n_candidates)
         if leaves_a_mode(self.context, current, min(with_name, key=_price, default=None)):
-            modes = self._with_modes(current, beside)
+            modes = self._with_more_modes(current, beside)
             n_candidates += len(modes)
             options = [*modes, *options]
         options = [option for option in options if option.cost < current.cost]
@@ -189,7 +189,7 @@ class Search:
         candidates = [*best_of_kind.values()]
         return with_modes(self.context, current, candidates, self.n_jobs, self.verbose)
 
-    def _with_modes(self, current: Structure, beside: CandidateContext) -> list[Structure]:
+    def _with_more_modes(self, current: Structure, beside: CandidateContext) -> list[Structure]:
         """Structures with more modes, sought from the start and where a split of one suggests."""
         context, modes, options = self.context, current.fit.modes, []
         for effect in context.usable:
@@ -246,8 +246,9 @@ class Search:
     def _accepted(self, current: Structure, best: Structure, n_candidates: int) -> Round | None:
         """An addition whose effect and modes agree and that is significant, or None."""
         # The regression of one mode has been refined already, and questions change it little.
-        place, least = len(current.terms), self.context.settings.gain_a_row * self.context.n_rows
-        if best.fit.n_modes == 1 and best.last.terms and current.cost - best.cost < 0.5 * least:
+        place, settings = len(current.terms), self.context.settings
+        least = settings.worth_a_question * settings.gain_a_row * self.context.n_rows
+        if best.fit.n_modes == 1 and best.last.terms and current.cost - best.cost < least:
             return None
         best = self._agreed(self.context.with_modes_anew(best), place)
         best = self._or_of_its_channel(best, place)

@@ -73,8 +73,7 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     best = np.argmin(np.sum(errors**2, axis=2), axis=0)
     errors = errors[best, np.arange(len(rows))]
     far = np.any(np.abs(errors) > data.settings.gross, axis=1)
-    if data.noise is not None:  # where a plant may stick no law of its motion acts
-        far &= ~data.noise.hides(fit.terms, data.records, rows)
+    far &= ~data.may_stick(fit.terms, data.records, rows)  # no law of its motion acts there
     seen, names = data.records.take(rows), data.records.names
     pairs = _neighbours(seen)
     both = pairs[far[pairs].all(axis=1)]

@@ -122,14 +122,12 @@ class Untouched:
         losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
         # what is gross with the effect and without it says nothing of the effect
         judging = np.minimum(*(size.max(axis=1) for size in sizes)) < gross
-        judging &= ~(self._at_a_jump(before, rows) | self._at_a_jump(after, rows))
+        judging &= ~(self._may_stick(before, rows) | self._may_stick(after, rows))
         return np.where(judging, losses[0] - losses[1], 0.0)
 
-    def _at_a_jump(self, fit: JointFit, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def _may_stick(self, fit: JointFit, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Rows at which a plant may stick, as far as the noise of its states tells."""
-        if self.noise is None:
-            return np.zeros(len(rows), dtype=bool)
-        return self.noise.hides(fit.terms, self.records, rows)
+        return self.context.data.may_stick(fit.terms, self.records, rows)
 
     def gain(self, before: JointFit, after: JointFit) -> Fall:
         """By how much they fall in all, and by how much they were to fall."""
@@ -192,7 +190,7 @@ class Untouched:
         # Next to a surface a row may be on either side, and one of them decides a mean square: the
         # effects are not to blame for a mode that even the model does not know.
         declared, found = map(self.context.with_told_surface, (self.context.declared, fit))
-        told = ~self._at_a_jump(found, self.rows)
+        told = ~self._may_stick(found, self.rows)
         if not told.any():
             return False
         before = np.mean(self._errors(declared, self.rows)[told] ** 2, axis=0)
