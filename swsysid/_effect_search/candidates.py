@@ -16,7 +16,7 @@ from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_search.chance import Slope, memory
 from swsysid._effect_search.folds import SearchData
-from swsysid._effect_search.regression import Background, Regression
+from swsysid._effect_search.regression import Background, Regression, SharedSums
 from swsysid._noise import STUDENT, robust_weights
 from swsysid._results import Array
 from swsysid.effects import Effect, PlacedEffect
@@ -59,6 +59,8 @@ class CandidateContext:
     kept: Columns = field(repr=False)  # that were computed before
     scans: dict[tuple[int, ...], Scan] = field(default_factory=dict, repr=False)
     _backgrounds: dict[int | None, list[Background]] = field(default_factory=dict, repr=False)
+    _sums: dict[int | None, SharedSums] = field(default_factory=dict, repr=False)
+    _lost: dict[int | None, Array] = field(default_factory=dict, repr=False)
 
     @property
     def records(self) -> Records:
@@ -66,6 +68,10 @@ class CandidateContext:
         return self.data.records
 
     # -- regressions -----------------------------------------------------------------------------
+
+    def problem(self, without: int | None = None) -> Regression:
+        """The regression, perhaps without one feature."""
+        return self.backgrounds(without)[-1].problem
 
     def backgrounds(self, without: int | None = None) -> list[Background]:
         """Regressions of each fold, and of all rows at the end; perhaps without one feature."""
@@ -75,6 +81,18 @@ class CandidateContext:
             self._backgrounds[without] = [problem.background(fold) for fold in folds]
         return self._backgrounds[without]
 
+    def sums(self, without: int | None = None) -> SharedSums:
+        """What the same regressions share."""
+        if without not in self._sums:
+            self._sums[without] = SharedSums(self.backgrounds(without))
+        return self._sums[without]
+
+    def lost(self, without: int | None = None) -> Array:
+        """What a missing feature changes in the predictions of held-out rows."""
+        if without not in self._lost:
+            self._lost[without] = self.held_out - self._held_out(without)
+        return self._lost[without]
+
     @property
     def tests(self) -> list[NDArray[np.intp] | None]:
         """Rows on which the background of each fold is tested; None for that of all rows."""
@@ -83,9 +101,12 @@ class CandidateContext:
     @cached_property
     def held_out(self) -> Array:
         """Residuals of the fit on rows that its regressions have not seen."""
+        return self._held_out(None)
+
+    def _held_out(self, without: int | None) -> Array:
         residuals = np.empty_like(self.regression.targets)
         for background, (_, test) in zip(
-            self.backgrounds(), self.regression.folds.parts, strict=False
+            self.backgrounds(without), self.regression.folds.parts, strict=False
         ):
             residuals[test] = background.errors(test)
         return residuals

@@ -14,6 +14,7 @@ times of the samples, and :math:`A^{-1} y / \sigma^2` is the smoothed course of 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,9 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 
+# First steps in the logarithms of a ratio and a time: by a factor of two.
+_SIMPLEX = np.log(2.0) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+
 
 @dataclass(frozen=True)
 class Stretches:
@@ -33,10 +37,16 @@ class Stretches:
     t: Array  # (n_samples,)
     stretch: NDArray[np.intp]  # (n_samples,), numbered from 0
 
-    @property
+    @cached_property
     def inside(self) -> NDArray[np.bool_]:
         """Whether a sample has its predecessor in the same stretch."""
         return np.diff(self.stretch, prepend=-1) == 0
+
+    @cached_property
+    def waits(self) -> Array:
+        """Time from the sample before in the same stretch, infinite where there is none."""
+        # times begin anew with each trajectory
+        return np.where(self.inside, np.abs(np.diff(self.t, prepend=np.nan)), np.inf)
 
     @property
     def step(self) -> float:
@@ -105,48 +115,56 @@ class Coloured:
 
     def log_likelihood(self, y: Array, where: Stretches) -> Array:
         """Of every stretch."""
-        sums = _Sums(where.stretch)
-        white = np.log(2.0 * np.pi * self.noise**2) + (y / self.noise) ** 2
+        determinants, squares = self.parts(y, where)
+        noise = self.noise**2
+        return -0.5 * _Sums(where.stretch)(
+            np.log(2.0 * np.pi * noise) + determinants + squares / noise
+        )
+
+    def parts(self, y: Array, where: Stretches) -> tuple[Array, Array]:
+        """What each sample has of the covariance's log determinant, and of the square of y in it.
+
+        Both are in units of the noise, and depend on the ratio of force and noise alone.
+        """
         if self.size == 0.0:
-            return -0.5 * sums(white)
+            return np.zeros_like(y), y**2
         factor, log_precision = self._factor(where)
-        course = cho_solve_banded((factor, False), y / self.noise**2)
-        twice = 2.0 * np.log(factor[1]) - log_precision + white - y * course / self.noise**2
-        return -0.5 * sums(twice)
+        course = _solved(factor, y)
+        return 2.0 * np.log(factor[1]) - log_precision, y * (y - course)
 
     def precise(self, columns: Array, where: Stretches) -> Array:
         """The inverse of the covariance of all samples times some columns, shaped like these."""
-        scaled = columns / self.noise**2
         if self.size == 0.0:
-            return scaled
+            return columns / self.noise**2
         factor, _ = self._factor(where)
-        return np.asarray(scaled - cho_solve_banded((factor, False), scaled) / self.noise**2)
+        return (columns - _solved(factor, columns)) / self.noise**2
 
     def course(self, y: Array, where: Stretches) -> tuple[Array, Array]:
         """The force at every sample and its standard deviation, from all samples (a smoother)."""
         if self.size == 0.0:
             return np.zeros_like(y), np.zeros_like(y)
         factor, _ = self._factor(where)
-        mean = cho_solve_banded((factor, False), y / self.noise**2)
+        mean = _solved(factor, y)
         # the diagonal of the inverse of U' U with a bidiagonal U, from its end
         variance, later = np.empty_like(y), 0.0
         for place in range(len(y) - 1, -1, -1):
             coupling = factor[0, place + 1] if place + 1 < len(y) else 0.0
             later = (1.0 + coupling**2 * later) / factor[1, place] ** 2
             variance[place] = later
-        return np.asarray(mean), np.sqrt(variance)
+        return mean, self.noise * np.sqrt(variance)
 
     def _factor(self, where: Stretches) -> tuple[Array, Array]:
-        """Cholesky factor of A, upper banded, and the log of what Q has of each sample."""
-        inside = where.inside
-        kept = np.zeros(len(inside))
-        # times begin anew with each trajectory
-        kept[1:] = np.exp(-np.abs(np.diff(where.t)) / self.time_constant)
-        kept = np.clip(np.where(inside, kept, 0.0), 0.0, 1.0 - 1e-9)
-        new = 1.0 / (self.size**2 * (1.0 - kept**2))  # precision of each sample given the last
-        diagonal = new + 1.0 / self.noise**2
+        """Cholesky factor of A, upper banded, and the log of what Q has of each sample.
+
+        Both are in units of the noise.
+        """
+        kept = np.minimum(np.exp(-where.waits / self.time_constant), 1.0 - 1e-9)
+        # precision of each sample given the last
+        new = (self.noise / self.size) ** 2 / (1.0 - kept**2)
+        diagonal = new + 1.0
         diagonal[:-1] += (kept**2 * new)[1:]
-        return cholesky_banded(np.stack([-kept * new, diagonal])), np.log(new)
+        banded = np.stack([-kept * new, diagonal])
+        return cholesky_banded(banded, check_finite=False), np.log(new)
 
 
 def white(y: Array) -> Coloured:
@@ -171,20 +189,31 @@ def coloured(
     step = where.step
     longest = min(float(np.sum(steps)), slowest)
 
-    def bounded(logs: Array) -> Coloured:
-        size, time, floor = np.exp(np.clip(logs, -700.0, 700.0)).tolist()
-        return Coloured(size, min(max(time, 0.5 * step), longest), max(floor, 1e-4 * whole))
+    def bounded(logs: Array) -> tuple[Coloured, float]:
+        # the noise of highest likelihood is known for each ratio of the force to it
+        ratio, time = np.exp(np.clip(logs, -300.0, 300.0)).tolist()
+        unit = Coloured(ratio, min(max(time, 0.5 * step), longest), 1.0)
+        determinants, squares = unit.parts(y, where)
+        variance = max(float(squares.mean()), (1e-4 * whole) ** 2)
+        cost = 0.5 * float(np.sum(np.log(variance) + determinants + squares / variance))
+        noise = float(np.sqrt(variance))
+        return Coloured(ratio * noise, unit.time_constant, noise), cost
 
-    def cost(logs: Array) -> float:
-        return -float(bounded(logs).log_likelihood(y, where).sum())
-
-    first, times = np.sqrt(whole**2 - noise**2), (4.0 * step, 30.0 * step)
-    starts = [np.log([first, min(time, 0.5 * longest), noise]) for time in times]
+    ratio, times = np.sqrt(whole**2 - noise**2) / noise, (4.0 * step, 30.0 * step)
+    starts = [np.log([ratio, min(time, 0.5 * longest)]) for time in times]
     if near is not None and near.size > 0.0:
-        starts = [np.log([near.size, near.time_constant, near.noise])]
+        starts = [np.log([near.size / near.noise, near.time_constant])]
     enough = {"xatol": SETTINGS.fine_scale, "fatol": SETTINGS.fine_scale}
-    found = [minimize(cost, start, method="Nelder-Mead", options=enough) for start in starts]
-    return bounded(min(found, key=lambda one: float(one.fun)).x)
+    found = [
+        minimize(
+            lambda logs: bounded(logs)[1],
+            start,
+            method="Nelder-Mead",
+            options=enough | {"initial_simplex": start + _SIMPLEX},
+        )
+        for start in starts
+    ]
+    return bounded(min(found, key=lambda one: float(one.fun)).x)[0]
 
 
 def beneath_a_law(features: Array, y: Array, where: Stretches) -> tuple[Coloured, Array]:
@@ -205,6 +234,11 @@ def beneath_a_law(features: Array, y: Array, where: Stretches) -> tuple[Coloured
         coef = np.linalg.lstsq(features.T @ precise, precise.T @ y, rcond=None)[0]
         left = y - features @ coef
     return coloured(left, where, near=model), left
+
+
+def _solved(factor: Array, columns: Array) -> Array:
+    """A's inverse times columns."""
+    return np.asarray(cho_solve_banded((factor, False), columns, check_finite=False))
 
 
 class _Sums:

@@ -115,7 +115,7 @@ def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
             coef = np.zeros(0)
             if terms:
                 equations = background.normal_equations(here[:, None, :], prior)
-                coef = equations.solve(None).coef[0, :, target]
+                coef = equations.solve(None).coef[0, 0, :, target]
             library = background.coefficients((values - here @ coef)[:, None], target)
             for mode in modes:
                 predicted = regression.features[test] @ library[mode][:, 0]

@@ -8,6 +8,7 @@ one regression of all columns of all candidates serves every state and every mod
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._effect_search.folds import Folds
+from swsysid._effect_search.normal_equations import AllEquations, NormalEquations, grams
 from swsysid._results import Array
 
-_COLLINEAR = 1e-10  # share of a column's square that the library must leave over
 _INDEPENDENT = 1e-10  # smallest singular value of the library, relative to the largest
-_RANK = 1e-11  # smallest eigenvalue of a correlation matrix that is solved as it is
+_MOVES = 1e-12  # smallest eigenvalue of the library's products on a part of the rows, relative
 
 
 @dataclass(frozen=True)
@@ -62,75 +63,6 @@ class Regression:
     def block_sums(self, values: Array) -> Array:
         """Weighted sums over the blocks, (n_blocks,) or (n_blocks, n_columns)."""
         return self.folds.block_sums((self.weight * values.T).T)
-
-
-@dataclass(frozen=True)
-class Solution:
-    """Coefficients of the columns of G candidates for every state."""
-
-    coef: Array  # (G, n_terms, n_states)
-    gain: Array  # (G, n_states): by how much the weighted sum of squares falls
-
-
-@dataclass(frozen=True)
-class NormalEquations:
-    """Those of the columns of G candidates after regression on the library, mode by mode.
-
-    They are those of some states, whose laws may have the same terms.
-    """
-
-    gram: Array  # (n_modes, G, n_terms, n_terms)
-    moment: Array  # (n_modes, G, n_terms, n_states)
-    size: Array  # (n_modes, G, n_terms): squares of the columns before that regression
-    prior: Array  # (n_rows, n_terms): rows beside the data, whose targets are zero
-
-    @property
-    def spanned(self) -> NDArray[np.bool_]:
-        """Columns of which the library leaves nothing in any mode, shape (G, n_terms)."""
-        return _is_spanned(self.gram.sum(axis=0), self.size.sum(axis=0))
-
-    def solve(self, mode: int | None) -> Solution:
-        """Solution for effects that act in one mode, or in all modes alike (None)."""
-        # A column that the library spans gets the equation coefficient = 0, and no gain.
-        gram, moment, size = (
-            part.sum(axis=0) if mode is None else part[mode]
-            for part in (self.gram, self.moment, self.size)
-        )
-        spanned = _is_spanned(gram, size)
-        gram = gram + self.prior.T @ self.prior
-        scale = np.sqrt(np.where(spanned, 1.0, np.einsum("gqq->gq", gram)))
-        correlation = gram / (scale[:, :, None] * scale[:, None, :])
-        free = ~spanned[:, :, None] & ~spanned[:, None, :]
-        ridge = np.eye(gram.shape[1]) * np.where(spanned[:, :, None], 1.0, _RANK)
-        right = np.where(spanned[:, :, None], 0.0, moment / scale[:, :, None])
-        coef = np.linalg.solve(np.where(free, correlation, 0.0) + ridge, right)
-        coef = coef / scale[:, :, None]
-        return Solution(coef, np.einsum("gqk,gqk->gk", coef, moment))
-
-
-@dataclass(frozen=True)
-class AllEquations:
-    """Normal equations of all states."""
-
-    parts: list[tuple[NDArray[np.intp], NormalEquations]]  # states, and theirs
-
-    @property
-    def spanned(self) -> NDArray[np.bool_]:
-        """Columns of which no library leaves anything, shape (G, n_terms)."""
-        return np.asarray(np.all([part.spanned for _, part in self.parts], axis=0))
-
-    def solve(self, mode: int | None) -> Solution:
-        """Solution for effects that act in one mode, or in all modes alike (None)."""
-        if len(self.parts) == 1:
-            return self.parts[0][1].solve(mode)
-        solved = [part.solve(mode) for _, part in self.parts]
-        order = np.argsort(np.concatenate([states for states, _ in self.parts]))
-        coef = np.concatenate([one.coef for one in solved], axis=2)[:, :, order]
-        return Solution(coef, np.concatenate([one.gain for one in solved], axis=1)[:, order])
-
-
-def _is_spanned(gram: Array, size: Array) -> NDArray[np.bool_]:
-    return (np.einsum("gqq->gq", gram) <= _COLLINEAR * size) | (size == 0.0)
 
 
 class Background:
@@ -188,28 +120,33 @@ class Background:
         return left.reshape(len(rows), *values.shape[1:])
 
     def normal_equations(self, columns: Array, prior: Array | None = None) -> AllEquations:
-        """Of columns (n_samples, G, n_terms), and rows (n_rows, n_terms) of zero targets."""
-        known = np.zeros((0, columns.shape[2])) if prior is None else prior
-        parts = [(one, self._equations(columns, one, known)) for one in self.problem.alike]
-        return AllEquations(parts)
+        """Those of this regression alone; see `SharedSums`."""
+        return self._alone.normal_equations(columns, prior)
 
-    def _equations(self, columns: Array, states: NDArray[np.intp], prior: Array) -> NormalEquations:
-        # Of scaled columns A and the library's basis Q: A'A - (Q'A)'(Q'A), and A' times what the
-        # library leaves of the targets. The residuals of all candidates need not be written down.
-        flat, (_, *shape) = columns.reshape(len(columns), -1), columns.shape
-        grams, moments, sizes = [], [], []
-        projections = self._projections[int(states[0])]
-        for projection, root, rows, places in zip(
-            projections, self._roots, self._rows, self._places, strict=True
-        ):
-            scaled = flat[rows]
-            scaled *= root[:, None]
-            whole = _grams(scaled.reshape(-1, *shape))
-            grams.append(whole - _grams((projection.basis.T @ scaled).reshape(-1, *shape)))
-            left = root[:, None] * self.left_over[np.ix_(places, states)]
-            moments.append((scaled.T @ left).reshape(*shape, -1))
-            sizes.append(np.einsum("gqq->gq", whole))
-        return NormalEquations(np.stack(grams), np.stack(moments), np.stack(sizes), prior)
+    @cached_property
+    def _alone(self) -> SharedSums:
+        return SharedSums([self])
+
+    def own(self, states: NDArray[np.intp], mode: int, places: NDArray[np.intp]) -> Array:
+        """Scaled basis of the library and left over of states alike, side by side.
+
+        They are those of the training rows at these places, which are of that mode. The basis has
+        as many columns as there are features, the last of them empty where it has a lower rank.
+        """
+        basis = self._projections[int(states[0])][mode].basis
+        answer = np.zeros((len(places), self.problem.features.shape[1] + len(states)))
+        answer[:, : basis.shape[1]] = basis[np.searchsorted(self._places[mode], places)]
+        root = np.sqrt(self.problem.weight[self.train[places]])
+        answer[:, -len(states) :] = root[:, None] * self.left_over[np.ix_(places, states)]
+        return answer
+
+    def back(self, states: NDArray[np.intp]) -> Array:
+        """From coefficients in the basis of `own` to those of features, (n_modes, ...)."""
+        n_features = self.problem.features.shape[1]
+        answer = np.zeros((self.problem.n_modes, n_features, n_features))
+        for mode, projection in enumerate(self._projections[int(states[0])]):
+            answer[mode, :, : projection.back.shape[1]] = projection.back
+        return answer
 
 
 @dataclass(frozen=True)
@@ -235,15 +172,96 @@ class _Projection:
         return np.asarray(self.back @ (self.basis.T @ scaled))
 
 
-def _grams(part: Array) -> Array:
-    """Gram matrices of the candidates, (G, n_terms, n_terms), of columns (n_rows, G, n_terms)."""
-    n_terms = part.shape[2]
-    if n_terms > part.shape[1]:
-        return np.matmul(part.transpose(1, 2, 0), part.transpose(1, 0, 2))
-    # One product at a time: the columns are few and the candidates many.
-    gram = np.empty((part.shape[1], n_terms, n_terms))
-    for row in range(n_terms):
-        for column in range(row, n_terms):
-            value = np.einsum("ig,ig->g", part[:, :, row], part[:, :, column])
-            gram[:, row, column] = gram[:, column, row] = value
-    return gram
+@dataclass(frozen=True)
+class _Cell:
+    """Scaled rows of one mode of which the same regressions are made."""
+
+    rows: slice  # among the rows in order
+    own: list[Array]  # basis of the library and left over, for each set of states alike
+
+
+class SharedSums:
+    r"""Normal equations of several regressions whose rows are parts of those of the last.
+
+    Each is made of sums over cells of rows, which are computed once for all: of the columns A, the
+    library's basis Q on all rows and what the library leaves of the targets there, E. With
+    :math:`K = Q^\top Q` on the rows of a regression, the columns' residuals have the products
+    :math:`A^\top A - A^\top Q K^{-1} Q^\top A` and, with the targets,
+    :math:`A^\top E - A^\top Q K^{-1} Q^\top E`; they need not be written down.
+    """
+
+    def __init__(self, backgrounds: Sequence[Background]):
+        whole = backgrounds[-1]
+        self._problem = problem = whole.problem
+        used = [np.isin(whole.train, background.train) for background in backgrounds]
+        kinds, kind = np.unique([problem.modes[whole.train], *used], axis=1, return_inverse=True)
+        order = np.argsort(kind, kind="stable")
+        self._rows = whole.train[order]
+        self._root = np.sqrt(problem.weight[self._rows])
+        ends = np.cumsum([0, *np.bincount(kind, minlength=kinds.shape[1])])
+        self._cells = [
+            _Cell(rows, [whole.own(states, mode, order[rows]) for states in problem.alike])
+            for mode, rows in zip(kinds[0].tolist(), map(slice, ends, ends[1:]), strict=True)
+        ]
+        in_mode = kinds[0] == np.arange(problem.n_modes)[:, None]
+        self._uses = (kinds[1:, None] * in_mode).astype(float)  # (n_parts, n_modes, n_cells)
+        self._bases = [
+            _Basis.of(states, whole.back(states), self._squares(number))
+            for number, states in enumerate(problem.alike)
+        ]
+
+    def _squares(self, number: int) -> Array:
+        return self._added_up([cell.own[number].T @ cell.own[number] for cell in self._cells])
+
+    def _added_up(self, of_cells: list[Array]) -> Array:
+        """Sums over the cells of each regression and mode, (n_parts, n_modes, ...)."""
+        return np.tensordot(self._uses, np.stack(of_cells), axes=1)
+
+    def normal_equations(self, columns: Array, prior: Array | None = None) -> AllEquations:
+        """Of columns (n_samples, G, n_terms), and rows (n_rows, n_terms) of zero targets."""
+        known = np.zeros((0, columns.shape[2])) if prior is None else prior
+        scaled = columns.reshape(len(columns), -1)[self._rows]
+        scaled *= self._root[:, None]
+        cells = [(scaled[cell.rows], cell.own) for cell in self._cells]
+        gram = self._added_up([grams(part.reshape(-1, *columns.shape[1:])) for part, _ in cells])
+        parts = []
+        for number, basis in enumerate(self._bases):
+            products = self._added_up([own[number].T @ part for part, own in cells])
+            parts.append((basis.states, basis.equations(gram, products, known)))
+        return AllEquations(parts)
+
+
+@dataclass(frozen=True)
+class _Basis:
+    """The library of states alike on the rows of each regression, (n_parts, n_modes, ...)."""
+
+    states: NDArray[np.intp]
+    root: Array  # F with F'F the inverse of K, (..., n_features, n_features)
+    left: Array  # F Q'E, (..., n_features, n_states)
+    back: Array  # from coordinates F Q'A to coefficients of the features
+
+    @classmethod
+    def of(cls, states: NDArray[np.intp], back: Array, squares: Array) -> _Basis:
+        """From the products (..., n_features + n_states, same) of a basis and the left over."""
+        n_features = back.shape[-1]
+        values, vectors = np.linalg.eigh(squares[..., :n_features, :n_features])
+        used = values > _MOVES * values.max(axis=-1, initial=0.0, keepdims=True)
+        scales = np.where(used, 1.0 / np.sqrt(np.where(used, values, 1.0)), 0.0)
+        root = scales[..., None] * vectors.swapaxes(-1, -2)
+        left = root @ squares[..., :n_features, n_features:]
+        return cls(states, root, left, back @ root.swapaxes(-1, -2))
+
+    def equations(self, gram: Array, products: Array, prior: Array) -> NormalEquations:
+        """From the columns' squares, and the products of `own` with them."""
+        n_features, shape = self.root.shape[-1], gram.shape[2:4]
+        along = self.root @ products[..., :n_features, :]
+        moment = products[..., n_features:, :].swapaxes(-1, -2) - along.swapaxes(-1, -2) @ self.left
+        apart = along.reshape(*along.shape[:-1], *shape)
+        library = self.back @ along
+        return NormalEquations(
+            gram=gram - np.einsum("pmfgq,pmfgr->pmgqr", apart, apart),
+            moment=moment.reshape(*gram.shape[:4], -1),
+            size=np.einsum("...qq->...q", gram),
+            library=library.reshape(apart.shape),
+            prior=prior,
+        )

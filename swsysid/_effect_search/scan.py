@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.regression import Background, Solution
+from swsysid._effect_search.normal_equations import AllEquations, Solution
+from swsysid._effect_search.regression import Background, Regression
 from swsysid._results import Array
 from swsysid.effects import (
     Effect,
@@ -83,66 +84,53 @@ def _scan(
 ) -> Iterator[Trial]:
     """Trials of the best value of the grid for each target and each group of modes."""
     # Columns in the place of a feature have coefficients in each mode, and all modes are one group.
-    problem = context.regression
-    change = {group: np.zeros(problem.targets.shape) for group in groups}
-    chosen: dict[tuple[Mode, ...], list[Array]] = {group: [] for group in groups}
-    for background, full, test in zip(
-        context.backgrounds(replaced), context.backgrounds(), context.tests, strict=True
-    ):
-        equations = background.normal_equations(columns, effect.prior)
-        solved = {mode: equations.solve(mode) for group in groups for mode in group}
-        gains = {group: sum(solved[mode].gain for mode in group) for group in groups}
-        best = {group: np.asarray(gain).argmax(axis=0) for group, gain in gains.items()}
-        for group in groups:
-            chosen[group].append(best[group])
-        if test is None:
-            continue
-        added = _added(background, full, test, columns, solved, best)
-        for group in groups:
-            change[group][test] = added[group]
+    # Without a feature there are the regressions of another library on the same rows.
+    problem = context.problem(replaced)
+    change = {group: context.lost(replaced).copy() for group in groups}
+    equations = context.sums(replaced).normal_equations(columns, effect.prior)
+    solved = {mode: equations.solve(mode) for group in groups for mode in group}
+    gains = {group: np.sum([solved[mode].gain for mode in group], axis=0) for group in groups}
+    best = {group: gain.argmax(axis=1) for group, gain in gains.items()}
+    for part, (_, test) in enumerate(problem.folds.parts):
+        values = {group: chosen[part] for group, chosen in best.items()}
+        for group, added in _added(problem, test, columns, equations, solved, values, part).items():
+            change[group][test] += added
     for group, target in product(groups, targets):
+        value = best[group][-1, target]  # that of all rows
         if replaced is None:
-            # `solved`, `gains` and `best` are now those of all rows
-            value = best[group][target]
-            coef = solved[group[0]].coef[value, :, target]
-            if np.asarray(gains[group])[value, target] <= 0.0:
+            coef = solved[group[0]].coef[-1, value, :, target]
+            if gains[group][-1, value, target] <= 0.0:
                 continue  # the library can do all this by itself
             signs = (1.0,) if target in context.records.rates else (1.0, -1.0)
             if not any(effect.plausible(sign * coef) for sign in signs):
                 continue  # physics cannot
-        by_fold = tuple(int(fold[target]) for fold in chosen[group])
-        theta = tuple(grid[by_fold[-1]].tolist())
+        theta = tuple(grid[value].tolist())
         mode = group[0] if replaced is None else None
         candidate = PlacedEffect(effect, place, target, mode, replaced, theta)
+        by_fold = tuple(best[group][:, target].tolist())
         yield Trial(candidate, change[group][:, target], grid, by_fold)
 
 
 def _added(
-    background: Background,
-    full: Background,
-    test: NDArray[np.intp],
+    problem: Regression,
+    rows: NDArray[np.intp],
     columns: Array,
+    equations: AllEquations,
     solved: Solutions,
     best: dict[tuple[Mode, ...], NDArray[np.intp]],
+    part: int = 0,
 ) -> dict[tuple[Mode, ...], Array]:
-    """What the best values of each group of modes add to the predictions of held-out rows."""
-    # There is one best value for every state. Columns in the place of a feature change what the
-    # library predicts as well, from that of `full` to that of `background`.
-    problem, needed = background.problem, np.unique(np.concatenate(list(best.values())))
-    left: dict[int, Array] = {}
-    for states in problem.alike:
-        own = background.residuals(columns[:, needed], test, int(states[0]))
-        left |= dict.fromkeys(states.tolist(), own)
-    lost = np.zeros((len(test), problem.targets.shape[1]))
-    if background is not full:
-        lost = full.errors(test) - background.errors(test)
-    answer = {}
+    """What the best values of each group of modes add to one regression's predictions of rows."""
+    # There is one best value for every state.
+    needed = np.unique(np.concatenate(list(best.values())))
+    features, modes, answer = problem.features[rows], problem.modes[rows], {}
+    left = equations.residuals(columns[:, needed][rows], features, modes, part, needed)
     for group, values in best.items():
-        answer[group] = lost.copy()
+        answer[group] = np.zeros((len(rows), len(values)))
         for mode, (target, value) in product(group, enumerate(values)):
-            rows = slice(None) if mode is None else problem.modes[test] == mode
-            coef = solved[mode].coef[value, :, target]
-            answer[group][rows, target] += left[target][rows, np.searchsorted(needed, value)] @ coef
+            own = slice(None) if mode is None else modes == mode
+            coef = solved[mode].coef[part, value, :, target]
+            answer[group][own, target] += left[target][own, np.searchsorted(needed, value)] @ coef
     return answer
 
 
@@ -154,22 +142,18 @@ def refined(context: CandidateContext, trial: Trial) -> Trial:
     candidate = trial.candidate
     if not candidate.theta:
         return trial
-    change = np.zeros(len(context.regression.modes))
-    theta = candidate.theta
-    for background, full, test, start in zip(
-        context.backgrounds(candidate.replaced),
-        context.backgrounds(),
-        context.tests,
-        trial.by_fold,
-        strict=True,
+    target, problem = candidate.target, context.regression
+    change, theta = context.lost(candidate.replaced)[:, target].copy(), candidate.theta
+    for background, test, start in zip(
+        context.backgrounds(candidate.replaced), context.tests, trial.by_fold, strict=True
     ):
         theta = _best_near(context, background, candidate, trial.grid, start)
         if test is None:
             continue
-        columns, solved = solved_at(context, background, candidate, theta)
-        group, first = tuple(solved), np.zeros(context.regression.targets.shape[1], dtype=np.intp)
-        added = _added(background, full, test, columns, solved, {group: first})
-        change[test] = added[group][:, candidate.target]
+        columns, equations, solved = solved_at(context, background, candidate, theta)
+        group, first = tuple(solved), np.zeros(problem.targets.shape[1], dtype=np.intp)
+        added = _added(background.problem, test, columns, equations, solved, {group: first})
+        change[test] += added[group][:, target]
     return replace(trial, candidate=replace(candidate, theta=theta), change=change)
 
 
@@ -185,8 +169,8 @@ def _best_near(
     settings = context.data.settings
 
     def loss(theta: Sequence[float]) -> float:
-        _, solved = solved_at(context, background, candidate, theta)
-        return -float(sum(one.gain[0, candidate.target] for one in solved.values()))
+        *_, solved = solved_at(context, background, candidate, theta)
+        return -float(sum(one.gain[0, 0, candidate.target] for one in solved.values()))
 
     least = loss(theta) if theta else 0.0
     for _ in range(settings.n_sweeps if len(theta) > 1 else 1):
@@ -222,13 +206,13 @@ def solved_at(
     background: Background,
     candidate: PlacedEffect,
     theta: Sequence[float],
-) -> tuple[Array, Solutions]:
-    """Columns and solutions of one value, in each mode where the columns replace a feature."""
+) -> tuple[Array, AllEquations, Solutions]:
+    """Of one value: columns, equations, solutions, in each mode where a feature is replaced."""
     columns = context.columns(candidate.effect, candidate.place, np.array([theta]))
     equations = background.normal_equations(columns, candidate.effect.prior)
     replacing = candidate.replaced is not None
     modes = range(context.regression.n_modes) if replacing else [candidate.mode]
-    return columns, {mode: equations.solve(mode) for mode in modes}
+    return columns, equations, {mode: equations.solve(mode) for mode in modes}
 
 
 # -- candidates without columns --------------------------------------------------------------------

@@ -85,5 +85,5 @@ def _gain_of(context: CandidateContext, trial: Trial) -> float:
     """Coefficient of a trial with one column on all rows, summed over its modes."""
     candidate = trial.candidate
     background = context.backgrounds(candidate.replaced)[-1]
-    _, solved = solved_at(context, background, candidate, candidate.theta)
-    return float(sum(one.coef[0, 0, candidate.target] for one in solved.values()))
+    *_, solved = solved_at(context, background, candidate, candidate.theta)
+    return float(sum(one.coef[0, 0, 0, candidate.target] for one in solved.values()))

@@ -1,5 +1,8 @@
 """The regressions of a scan, against the library and the candidate in one least-squares problem."""
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,7 @@ from swsysid._effect_model.models import declared_model
 from swsysid._effect_search.explainable import explainable_share
 from swsysid._effect_search.folds import make_folds
 from swsysid._effect_search.recording import from_states
-from swsysid._effect_search.regression import Regression
+from swsysid._effect_search.regression import Regression, SharedSums
 from swsysid.datasets import make_undeclared
 
 N_ROWS = 240
@@ -54,16 +57,34 @@ def in_one_problem(problem, train, column, target):
     return coef[-1] / np.linalg.norm(root * column[train]), squares[0] - squares[1]
 
 
-@pytest.mark.parametrize("fold", [0, 3, None])
-def test_a_candidate_is_worth_what_it_is_worth_in_one_problem_with_the_library(problem, fold):
+def test_a_candidate_is_worth_what_it_is_worth_in_one_problem_with_the_library(problem):
     columns = np.random.default_rng(1).standard_normal((N_ROWS, 4, 1))
-    background = problem.background(fold)
-    solved = background.normal_equations(columns).solve(None)
-    for candidate in range(4):
-        for target in range(2):
+    backgrounds = [problem.background(fold) for fold in (0, 3, None)]
+    solved = SharedSums(backgrounds).normal_equations(columns).solve(None)
+    for part, background in enumerate(backgrounds):
+        alone = background.normal_equations(columns).solve(None)
+        np.testing.assert_allclose(solved.coef[part], alone.coef[0], rtol=1e-9)
+        np.testing.assert_allclose(solved.gain[part], alone.gain[0], rtol=1e-9)
+        for candidate, target in product(range(4), range(2)):
             coef, gain = in_one_problem(problem, background.train, columns[:, candidate, 0], target)
-            assert solved.coef[candidate, 0, target] == pytest.approx(coef, rel=1e-7)
-            assert solved.gain[candidate, target] == pytest.approx(gain, rel=1e-7)
+            assert solved.coef[part, candidate, 0, target] == pytest.approx(coef, rel=1e-7)
+            assert solved.gain[part, candidate, target] == pytest.approx(gain, rel=1e-7)
+
+
+def test_what_the_library_leaves_of_rows_that_it_has_not_seen(problem):
+    # Rows next to those of a fold are used for nothing, and one mode is never in one training.
+    gap = [np.flatnonzero((np.arange(N_ROWS) > 60) & (problem.modes == 0)), np.arange(50)]
+    folds = replace(problem.folds, parts=[*problem.folds.parts, tuple(gap)])
+    problem = replace(problem, folds=folds)
+    columns = np.random.default_rng(1).standard_normal((N_ROWS, 4, 2))
+    backgrounds = [problem.background(fold) for fold in (*range(6), None)]
+    equations, values = SharedSums(backgrounds).normal_equations(columns), np.array([1, 3])
+    for part, (_, rows) in enumerate(folds.parts):
+        features, modes = problem.features[rows], problem.modes[rows]
+        left = equations.residuals(columns[rows][:, values], features, modes, part, values)
+        for target in range(2):
+            alone = backgrounds[part].residuals(columns[:, values], rows, target)
+            np.testing.assert_allclose(left[target], alone, atol=1e-9)
 
 
 def test_a_candidate_that_the_library_spans_gains_nothing(problem):
