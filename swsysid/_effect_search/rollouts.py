@@ -12,7 +12,7 @@ from swsysid._data.records import Records
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.settings import REPORT
 from swsysid._noise import root_mean_square
-from swsysid._results import Array, Trajectory
+from swsysid._results import Array, Status, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +66,12 @@ class Rollout:
         )
         return before, after
 
+    @property
+    def chatters(self) -> bool:
+        """True if the simulation with the effects slides along a surface, and therefore ended."""
+        # That is the end of what is simulated, not a fault of the laws.
+        return self.ended[1].startswith(Status.SWITCH_LIMIT.value)
+
     def to_dict(self) -> dict[str, object]:
         """Name, duration and errors."""
         before, after = self.errors
@@ -105,14 +111,17 @@ def errors_of_all(rollouts: Sequence[Rollout]) -> tuple[float, float]:
     return before, after
 
 
-def are_worse(rollouts: Sequence[Rollout]) -> bool:
-    """True if each is worse with the effects, and all together clearly; or one ends early."""
+def are_worse(rollouts: Sequence[Rollout], *, in_doubt: bool = False) -> bool:
+    """True if each is worse with the effects, and all together clearly; or one fails.
+
+    Effects that are in doubt already need not make each of them worse.
+    """
     if not rollouts:
         return False
-    if any(one.ended[1] and not one.ended[0] for one in rollouts):
+    if any(one.ended[1] and not one.ended[0] and not one.chatters for one in rollouts):
         return True
     each = [one.relative_errors for one in rollouts]
-    if not all(after > before for before, after in each):
+    if not in_doubt and not all(after > before for before, after in each):
         return False
     before, after = errors_of_all(rollouts)
     return after > (1.0 + REPORT.clearly_worse) * before

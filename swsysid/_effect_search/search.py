@@ -312,12 +312,14 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return search_beside(self._declared, plain, measured, parts, rng, choices, most, is_last)
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
-        """A report of the effects with which recordings roll out, and the fit to all rows."""
+        """A report of the effects that rollouts do not speak against, and the fit to all rows."""
+        # Given velocities are the better witness, except where they leave an effect in doubt.
         while True:
             final, ladder = self._reported(measured, found, plain)
-            judging = ladder.terms and measured.recorded is not None
+            in_doubt = bool(ladder.terms) and bool(found.findings[-1].doubts)
+            judging = ladder.terms and (in_doubt or measured.recorded is not None)
             rollouts = self.report_.data.rollouts if judging else ()
-            if not are_worse(rollouts):
+            if not are_worse(rollouts, in_doubt=in_doubt):
                 return final
             (_, before), (_, after) = ladder.errors[-2:]
             found = found.without_last(before, after, errors_of_all(rollouts))

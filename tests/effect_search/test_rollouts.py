@@ -35,7 +35,21 @@ def test_errors_of_all_are_root_mean_squares_in_spreads():
             True,
         ),  # it ends early
         ([rollout(0.2, 0.1, ("state limit at 2", "state limit at 3"))], False),
+        ([rollout(0.2, 0.1, ("", "switch limit at 3"))], False),  # it slides along a surface
+        ([rollout(0.1, 0.2, ("", "switch limit at 3"))], True),  # and is farther from the data
     ],
 )
 def test_worse_is_each_rollout_and_all_of_them_clearly(rollouts, worse):
     assert are_worse(rollouts) is worse
+
+
+@pytest.mark.parametrize(
+    ("rollouts", "worse"),
+    [
+        ([rollout(0.1, 0.3), rollout(0.1, 0.09)], True),  # .22 instead of .1
+        ([rollout(0.1, 0.11), rollout(0.1, 0.09)], False),  # .1005
+        ([], False),
+    ],
+)
+def test_what_is_in_doubt_already_need_not_make_each_rollout_worse(rollouts, worse):
+    assert are_worse(rollouts, in_doubt=True) is worse
