@@ -192,9 +192,10 @@ class SharedSums:
 
     def __init__(self, backgrounds: Sequence[Background]):
         whole = backgrounds[-1]
-        self._problem = problem = whole.problem
+        problem = whole.problem
         used = [np.isin(whole.train, background.train) for background in backgrounds]
         kinds, kind = np.unique([problem.modes[whole.train], *used], axis=1, return_inverse=True)
+        kind = kind.ravel()
         order = np.argsort(kind, kind="stable")
         self._rows = whole.train[order]
         self._root = np.sqrt(problem.weight[self._rows])
