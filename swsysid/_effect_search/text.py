@@ -205,7 +205,9 @@ def _of_rollouts(errors: Sequence[float] | None) -> str:
     if errors is None:
         return ""
     before, after = errors
-    return f", of rollouts {before:.3g} -> {after:.3g} of the spread of what was measured"
+    told = f", of rollouts {before:.3g} -> {after:.3g} of the spread of what was measured"
+    # that they come nearer is then only half of the story
+    return told if after > before else f"{told}, but with it the simulation of one ends early"
 
 
 def aside(report: EffectContents) -> str:
