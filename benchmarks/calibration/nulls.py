@@ -12,7 +12,15 @@ from swsysid import SwitchingSystemRegressor
 from swsysid.datasets import make_undeclared
 from swsysid.differentiation import differentiate
 
-__all__ = ["DISTURBED", "NULLS", "Record", "null_record"]
+__all__ = [
+    "DISTURBED",
+    "NULLS",
+    "Record",
+    "clean_record",
+    "noisy_states",
+    "null_record",
+    "random_numbers",
+]
 
 Array = np.ndarray
 # Of the noise, relative to the spread of each velocity; the library's own benchmark has 0.02.
@@ -78,9 +86,14 @@ def _slow_disturbance(record: Record, rng: np.random.Generator) -> Record:
     return _with_noise(slow, rng.standard_normal(record.Xdot.shape), 0.4 * NOISE)
 
 
-def _differentiated(record: Record, rng: np.random.Generator) -> Record:
+def noisy_states(record: Record, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Measured states of a record, and its inputs."""
     x, u = np.split(record.X, [record.n_states], axis=1)
-    x = x + STATE_NOISE * x.std(axis=0) * rng.standard_normal(x.shape)
+    return x + STATE_NOISE * x.std(axis=0) * rng.standard_normal(x.shape), u
+
+
+def _differentiated(record: Record, rng: np.random.Generator) -> Record:
+    x, u = noisy_states(record, rng)
     rows = differentiate(x, record.t, record.groups, inputs=u if u.shape[1] else None)
     return replace(record, X=rows.X, Xdot=rows.Xdot, t=rows.t, groups=rows.groups)
 
@@ -143,13 +156,9 @@ NULLS: dict[str, Callable[[Record, np.random.Generator], Record] | None] = {
 DISTURBED = frozenset({"ar 0.9", "ar 0.98", "slow disturbance", "closed loop"})
 
 
-def null_record(kind: str, seed: int) -> Record:
-    """A record with nothing missing; plants and sizes take turns with the seed."""
-    rng = np.random.default_rng([1600, seed])
+def clean_record(seed: int) -> Record:
+    """A record without noise; plants and sizes take turns with the seed."""
     n_samples, n_trajectories = SIZES[seed % len(SIZES)]
-    noisy = NULLS[kind]
-    if noisy is None:
-        return _closed_loop(n_samples, n_trajectories, rng)
     data = make_undeclared(
         None,
         system=SYSTEMS[seed % len(SYSTEMS)],
@@ -158,5 +167,17 @@ def null_record(kind: str, seed: int) -> Record:
         noise=0.0,
         random_state=seed,
     )
-    clean = Record(data.estimator, data.X, data.Xdot, data.t, data.groups, data.Xdot.shape[1])
-    return noisy(clean, rng)
+    return Record(data.estimator, data.X, data.Xdot, data.t, data.groups, data.Xdot.shape[1])
+
+
+def null_record(kind: str, seed: int) -> Record:
+    """A record with nothing missing, of the size whose turn it is."""
+    rng, noisy = random_numbers(seed), NULLS[kind]
+    if noisy is None:
+        return _closed_loop(*SIZES[seed % len(SIZES)], rng)
+    return noisy(clean_record(seed), rng)
+
+
+def random_numbers(seed: int) -> np.random.Generator:
+    """Those of the noise of a record."""
+    return np.random.default_rng([1600, seed])

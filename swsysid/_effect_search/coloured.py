@@ -45,7 +45,7 @@ class Stretches:
     @cached_property
     def waits(self) -> Array:
         """Time from the sample before in the same stretch, infinite where there is none."""
-        # times begin anew with each trajectory
+        # The clock may begin anew with each trajectory.
         return np.where(self.inside, np.abs(np.diff(self.t, prepend=np.nan)), np.inf)
 
     @property
@@ -117,14 +117,13 @@ class Coloured:
         """Of every stretch."""
         determinants, squares = self.parts(y, where)
         noise = self.noise**2
-        return -0.5 * _Sums(where.stretch)(
-            np.log(2.0 * np.pi * noise) + determinants + squares / noise
-        )
+        twice = np.log(2.0 * np.pi * noise) + determinants + squares / noise
+        return -0.5 * np.bincount(where.stretch, twice).astype(float)
 
     def parts(self, y: Array, where: Stretches) -> tuple[Array, Array]:
-        """What each sample has of the covariance's log determinant, and of the square of y in it.
+        """What each sample has of log det C and of y'C^-1 y, for the covariance C of all samples.
 
-        Both are in units of the noise, and depend on the ratio of force and noise alone.
+        C is in units of the noise, and depends on its ratio to the force and on the time alone.
         """
         if self.size == 0.0:
             return np.zeros_like(y), y**2
@@ -239,13 +238,3 @@ def beneath_a_law(features: Array, y: Array, where: Stretches) -> tuple[Coloured
 def _solved(factor: Array, columns: Array) -> Array:
     """A's inverse times columns."""
     return np.asarray(cho_solve_banded((factor, False), columns, check_finite=False))
-
-
-class _Sums:
-    """Sums over stretches."""
-
-    def __init__(self, stretch: NDArray[np.intp]):
-        self.stretch = stretch
-
-    def __call__(self, values: Array) -> Array:
-        return np.bincount(self.stretch, values).astype(float)

@@ -97,21 +97,6 @@ class AllEquations:
         coef = np.concatenate([one.coef for one in solved], axis=3)[..., order]
         return Solution(coef, np.concatenate([one.gain for one in solved], axis=2)[..., order])
 
-    def residuals(
-        self,
-        columns: Array,
-        features: Array,
-        modes: NDArray[np.intp],
-        part: int,
-        values: NDArray[np.intp],
-    ) -> dict[int, Array]:
-        """For each state: see `NormalEquations.residuals`."""
-        left: dict[int, Array] = {}
-        for states, equations in self.parts:
-            own = equations.residuals(columns, features, modes, part, values)
-            left |= dict.fromkeys(states.tolist(), own)
-        return left
-
 
 def _is_spanned(gram: Array, size: Array) -> NDArray[np.bool_]:
     return (np.einsum("...qq->...q", gram) <= _COLLINEAR * size) | (size == 0.0)

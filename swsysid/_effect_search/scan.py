@@ -121,16 +121,19 @@ def _added(
     part: int = 0,
 ) -> dict[tuple[Mode, ...], Array]:
     """What the best values of each group of modes add to one regression's predictions of rows."""
-    # There is one best value for every state.
+    # Every state has a best value of its own; all of them are worked out together.
     needed = np.unique(np.concatenate(list(best.values())))
     features, modes, answer = problem.features[rows], problem.modes[rows], {}
-    left = equations.residuals(columns[:, needed][rows], features, modes, part, needed)
+    left: dict[int, Array] = {}
+    for states, own in equations.parts:
+        rest = own.residuals(columns[:, needed][rows], features, modes, part, needed)
+        left |= dict.fromkeys(states.tolist(), rest)
     for group, values in best.items():
         answer[group] = np.zeros((len(rows), len(values)))
         for mode, (target, value) in product(group, enumerate(values)):
-            own = slice(None) if mode is None else modes == mode
+            here = slice(None) if mode is None else modes == mode
             coef = solved[mode].coef[part, value, :, target]
-            answer[group][own, target] += left[target][own, np.searchsorted(needed, value)] @ coef
+            answer[group][here, target] += left[target][here, np.searchsorted(needed, value)] @ coef
     return answer
 
 

@@ -206,7 +206,7 @@ def _of_rollouts(errors: Sequence[float] | None) -> str:
         return ""
     before, after = errors
     told = f", of rollouts {before:.3g} -> {after:.3g} of the spread of what was measured"
-    # that they come nearer is then only half of the story
+    # An effect with which rollouts come nearer is refused only where one of them fails.
     return told if after > before else f"{told}, but with it the simulation of one ends early"
 
 

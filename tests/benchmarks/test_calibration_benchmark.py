@@ -3,10 +3,18 @@
 import json
 
 import numpy as np
+import pytest
 
 from benchmarks.calibration.__main__ import main
-from benchmarks.calibration.nulls import NULLS, null_record
+from benchmarks.calibration.nulls import (
+    NULLS,
+    clean_record,
+    noisy_states,
+    null_record,
+    random_numbers,
+)
 from benchmarks.calibration.rare import rare_record
+from swsysid import EffectSearchCV
 
 
 def test_one_null_and_one_stop(tmp_path, capsys):
@@ -35,3 +43,12 @@ def test_a_stop_is_touched_by_few_rows_of_two_trajectories():
         data, at_stop = rare_record(seed)
         assert 20 <= at_stop.sum() <= 40  # what the benchmark says of its records
         assert len(np.unique(data.groups[at_stop])) >= 2
+
+
+@pytest.mark.parametrize("seed", [800, 900, 902])
+def test_states_say_nothing_where_their_differentiated_velocities_gave_an_alarm(seed):
+    data = clean_record(seed)
+    x, u = noisy_states(data, random_numbers(seed))
+    search = EffectSearchCV(data.estimator)
+    search.fit(x, inputs=u if u.shape[1] else None, t=data.t, groups=data.groups)
+    assert search.effects_ == []

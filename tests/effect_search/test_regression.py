@@ -79,12 +79,13 @@ def test_what_the_library_leaves_of_rows_that_it_has_not_seen(problem):
     columns = np.random.default_rng(1).standard_normal((N_ROWS, 4, 2))
     backgrounds = [problem.background(fold) for fold in (*range(6), None)]
     equations, values = SharedSums(backgrounds).normal_equations(columns), np.array([1, 3])
+    assert len(equations.parts) == 2  # laws of other terms: each state has a library of its own
     for part, (_, rows) in enumerate(folds.parts):
         features, modes = problem.features[rows], problem.modes[rows]
-        left = equations.residuals(columns[rows][:, values], features, modes, part, values)
-        for target in range(2):
+        for (target,), own in equations.parts:
+            left = own.residuals(columns[rows][:, values], features, modes, part, values)
             alone = backgrounds[part].residuals(columns[:, values], rows, target)
-            np.testing.assert_allclose(left[target], alone, atol=1e-9)
+            np.testing.assert_allclose(left, alone, atol=1e-9)
 
 
 def test_a_candidate_that_the_library_spans_gains_nothing(problem):
