@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
+from functools import lru_cache
 from itertools import combinations
 from math import comb, prod
 
@@ -61,12 +62,11 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
 
     def transform(self, X):
         """Values of all functions, shape (n_samples, n_features_out)."""
-        X = rows_of(self, X)
-        columns = [
-            _values(function, pattern, X[:, list(group)].T)
-            for function, pattern, group in self._terms()
-        ]
-        return np.column_stack(columns)
+        return self._values(rows_of(self, X))
+
+    def at(self, point: np.ndarray) -> np.ndarray:
+        """Values at one point, (n_features_in,) -> (n_features_out,), without checks."""
+        return self._values(point[None, :])[0]
 
     def get_feature_names_out(self, input_features=None):
         """Names of the functions of the columns."""
@@ -77,6 +77,13 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
             for _, pattern, group in self._terms()
         ]
         return np.array(names, dtype=object)
+
+    def _values(self, X: np.ndarray) -> np.ndarray:
+        columns = X.T
+        values = np.empty((len(terms := self._terms()), len(X)))
+        for out, (function, pattern, group) in zip(values, terms, strict=True):
+            out[:] = _values(function, pattern, [columns[place] for place in group])
+        return values.T
 
     def _terms(self):
         """Every function with its format and the columns it is applied to."""
@@ -89,8 +96,19 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
 
 
 def _arity(function) -> int:
+    """Number of columns that a function takes."""
     if isinstance(function, np.ufunc):
         return function.nin
+    return (
+        _n_required(function)
+        if isinstance(function, Hashable)
+        else _n_required.__wrapped__(function)
+    )
+
+
+@lru_cache
+def _n_required(function) -> int:
+    """Number of positional arguments without a default; a signature takes longer than a value."""
     parameters = inspect.signature(function).parameters.values()
     return sum(
         p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
@@ -123,14 +141,14 @@ def _check_patterns(names, n_functions: int) -> None:
 
 
 def _values(function, pattern: str, columns) -> np.ndarray:
-    """Values of one function, shape (n_samples,); a scalar is a constant column."""
+    """Values of one function, shape (n_samples,), or a scalar for all of them."""
     values, n_samples = np.asarray(function(*columns), dtype=float), len(columns[0])
     if values.shape not in ((), (n_samples,)):
         raise ValueError(
             f"the function {pattern!r} returned an array of shape {values.shape} for {n_samples} "
             "samples; it must return one value for each sample."
         )
-    return np.broadcast_to(values, n_samples)
+    return values
 
 
 def _default_formats(functions) -> list[str]:
@@ -231,9 +249,10 @@ class FeatureMap:
         A simulation asks for one point at a time, where a transformer's checks cost more than
         its work.
         """
-        if self._monomials is not None:
-            return self._monomials.at(point)
-        return np.asarray(self.library.transform(point[None, :]), dtype=float)[0]
+        known = self.library if self._monomials is None else self._monomials
+        if isinstance(known, (Monomials, FunctionLibrary)):
+            return known.at(point)
+        return np.asarray(known.transform(point[None, :]), dtype=float)[0]
 
     @property
     def powers(self) -> np.ndarray | None:

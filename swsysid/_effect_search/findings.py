@@ -62,6 +62,23 @@ class Ladder:
         """The effects."""
         return tuple(self.structure.terms[place] for place in self._order)
 
+    @property
+    def least(self) -> int:
+        """The place in the structure of the effect without which least is lost."""
+        return self._order[-1]
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """True if that effect is found with doubts."""
+        return bool(self.found[self.least].doubts)
+
+    @property
+    def is_plain(self) -> bool:
+        """True if it is not, and leaves little of an error on the untouched rows."""
+        (_, before), (_, after) = self.errors[-2:]
+        judged, most = self.context.data.counted_states, self.context.settings.plain
+        return not self.is_in_doubt and bool(np.any(after[judged] < most * before[judged]))
+
     @cached_property
     def fits(self) -> tuple[JointFit, ...]:
         """The declared model, then one effect more each; fitted to the rows of the search."""

@@ -64,18 +64,19 @@ class Outcome:
     rounds: list[Round]
     tried: tuple[Tried, ...]
 
-    def without_last(self, before: Array, after: Array, rollouts: tuple[float, float]) -> Outcome:
-        """The same without the effect found last, which makes rollouts of recordings worse.
+    def without(
+        self, place: int, before: Array, after: Array, rollouts: tuple[float, float]
+    ) -> Outcome:
+        """The same without one of the effects, with which rollouts become worse.
 
         `before` and `after` are errors on the untouched rows, (n_states,), without it and with it.
         """
-        place = len(self.structure.terms) - 1
-        last = self.findings[place]
+        lost = self.findings[place]
         return replace(
             self,
             structure=self.context.without(self.structure, place),
-            findings=self.findings[:place],
-            tried=(*self.tried, Tried(last.candidate, last.p_value, before, after, rollouts)),
+            findings=(*self.findings[:place], *self.findings[place + 1 :]),
+            tried=(*self.tried, Tried(lost.candidate, lost.p_value, before, after, rollouts)),
         )
 
 

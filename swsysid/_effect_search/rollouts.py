@@ -129,6 +129,7 @@ def are_worse(rollouts: Sequence[Rollout], *, in_doubt: bool = False) -> bool:
 
 def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) -> Trajectory:
     """A simulation from the first state of a measured part of a trajectory."""
+    spread = np.std(part.X[:, : part.n_states], axis=0)
     simulated: Trajectory = model.simulate(
         part.X[0, : part.n_states],
         t,
@@ -136,6 +137,8 @@ def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) ->
         signals=part.signals if part.signals.shape[1] else None,
         input_hold="zero" if discrete else "linear",
         mode=model.joint_fit_.first_mode(part),
+        rtol=REPORT.rollout_accuracy,
+        atol=REPORT.rollout_accuracy * float(spread[spread > 0.0].min(initial=1.0)),
     )
     return simulated
 

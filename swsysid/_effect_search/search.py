@@ -313,16 +313,16 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects that rollouts do not speak against, and the fit to all rows."""
-        # Given velocities are the better witness, except where they leave an effect in doubt.
+        # Velocities that were measured are the better witness of an effect that is plain in them.
         while True:
             final, ladder = self._reported(measured, found, plain)
-            in_doubt = bool(ladder.terms) and bool(found.findings[-1].doubts)
-            judging = ladder.terms and (in_doubt or measured.recorded is not None)
-            rollouts = self.report_.data.rollouts if judging else ()
-            if not are_worse(rollouts, in_doubt=in_doubt):
+            if not ladder.terms or (measured.recorded is None and ladder.is_plain):
+                return final
+            rollouts = self.report_.data.rollouts
+            if not are_worse(rollouts, in_doubt=ladder.is_in_doubt):
                 return final
             (_, before), (_, after) = ladder.errors[-2:]
-            found = found.without_last(before, after, errors_of_all(rollouts))
+            found = found.without(ladder.least, before, after, errors_of_all(rollouts))
 
     def _reported(
         self, measured: Measured, found: Outcome, plain: JointFit

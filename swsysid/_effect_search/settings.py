@@ -87,6 +87,7 @@ class SearchSettings:
     gap_steps: float = 1.5  # steps of the record: samples farther apart are no neighbours
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
 
+    plain: float = 0.5  # share of a held-out error: velocities that tell more need no rollout
     n_nearest: int = 3  # effects with a name that are told beside a function without one
 
     # -- what is said of the result --------------------------------------------------------------
@@ -114,6 +115,7 @@ class ReportSettings:
     # -- rollouts -----------------------------------------------------------------------------
     clearly_worse: float = 0.05  # share by which rollouts of recordings rise: beyond their luck
     most_rollouts: int = 4  # each has a picture of its own
+    rollout_accuracy: float = 1e-5  # of the spreads of the states: no one measures more
     most_samples: int = 1000  # of one rollout: seconds of work, and all that a picture resolves
 
     # -- pictures -----------------------------------------------------------------------------

@@ -52,3 +52,12 @@ def test_states_say_nothing_where_their_differentiated_velocities_gave_an_alarm(
     search = EffectSearchCV(data.estimator)
     search.fit(x, inputs=u if u.shape[1] else None, t=data.t, groups=data.groups)
     assert search.effects_ == []
+
+
+def test_what_makes_every_rollout_worse_is_only_tried_although_velocities_show_it():
+    data = null_record("differentiated", 902)
+    search = EffectSearchCV(data.estimator)
+    search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
+    assert search.effects_ == []
+    before, after = search.report_.tried[0]["rollouts"]
+    assert after > 2.0 * before

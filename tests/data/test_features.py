@@ -62,6 +62,20 @@ def test_functions_of_one_and_of_two_columns():
     assert list(names) == ["square(x0)", "square(x1)", "f(x0, x1)", "arctan2(x0, x1)"]
 
 
+def test_functions_at_one_point_are_those_of_its_row():
+    class Doubled:
+        __hash__ = None  # as an object with its own equality has it
+
+        def __call__(self, x):
+            return 2 * x
+
+    functions = [np.square, lambda a, b: a * b, lambda x: 3.0, lambda x, power=2: x**power]
+    feature_map = FeatureMap(FunctionLibrary([*functions, Doubled()]), X, ["x", "v"])
+    assert np.array_equal([feature_map.at(row) for row in X], feature_map(X))
+    expected = [1.0, 4.0, 2.0, 3.0, 3.0, 1.0, 4.0, 2.0, 4.0]
+    assert np.array_equal(feature_map.at(X[0]), expected)
+
+
 def test_one_function_twice_keeps_both_names():
     library = FunctionLibrary([np.sin, np.sin], names=["sin({})", "again({})"]).fit(X[:, :1])
     assert list(library.get_feature_names_out(["x"])) == ["sin(x)", "again(x)"]
