@@ -6,7 +6,13 @@ import pytest
 from benchmarks.sensitivity.__main__ import Change, constants
 from benchmarks.sensitivity.tables import BASE, condensed
 from benchmarks.sensitivity.tables import tables as sensitivity_tables
-from benchmarks.undeclared.fresh import Drawn, fresh_counts, fresh_tables, run_fresh
+from benchmarks.undeclared.fresh import (
+    Drawn,
+    fresh_counts,
+    fresh_tables,
+    in_short_stays,
+    run_fresh,
+)
 from benchmarks.undeclared.fresh_plants import FRESH_PLANTS
 from swsysid._effect_search.settings import SETTINGS
 from swsysid.datasets import unlisted_kinds
@@ -49,6 +55,18 @@ def test_nothing_slides_along_a_guard(name):
         assert np.mean(fields[0] * fields[1] < 0.0) == 0.0
 
 
+def test_short_stays_by_hand():
+    # stays of 2, 3, 4 and 1 samples between a first and a last one; then none that ends
+    chatters = [0, 0, 1, 1, 0, 0, 0, 1, 1, 1, 1, 0, 1, 1, 1]
+    modes = np.column_stack([chatters, np.ones(15, dtype=int)])
+    assert in_short_stays(modes) == (2 + 3 + 1) / 30
+
+
+def test_a_heater_at_its_guard_slides_and_a_motor_does_not():
+    assert Drawn.of(13031).plant.name == "heater" and Drawn.of(13031).slides
+    assert Drawn.of(13024).plant.name == "motor" and not Drawn.of(13024).slides
+
+
 def test_a_faster_record_is_of_the_same_plant_under_the_same_drive():
     slow, fast = (FRESH_PLANTS["motor"](np.random.RandomState(0), rate) for rate in (1.0, 2.0))
     np.testing.assert_array_equal(slow.coef, fast.coef)
@@ -80,7 +98,7 @@ def _is_small(drawn):
     return drawn.missing == "nothing" and drawn.n_samples < 600 and not drawn.is_recording
 
 
-def test_a_miss_counts_as_too_small_only_where_the_truth_says_so():
+def test_a_miss_counts_as_too_small_only_where_the_truth_says_so_and_what_slides_counts_apart():
     one = {
         "plant": "beam",
         "cell": 0,
@@ -90,9 +108,17 @@ def test_a_miss_counts_as_too_small_only_where_the_truth_says_so():
         "kind": "lag",
     }
     one |= {"kind": "lag", "missing": "listed", "found": [], "told_change": 1.0, "seconds": 1.0}
-    small, large = ({**one, "verdict": "missed", "visible": seen} for seen in (1.01, 1.5))
-    listed = fresh_counts([small, large])["counts"]["all"]["listed"]
-    assert listed == {"too small": 1, "missed": 1}
+    one |= {"verdict": "missed", "visible": 1.5, "slides": False}
+    apart = {**one, "slides": True}
+    counts = fresh_counts([{**one, "visible": 1.01}, one, apart])
+    assert counts["counts"]["all"]["listed"] == {"too small": 1, "missed": 1}
+    assert (len(counts["wrong"]), counts["sliding"], len(counts["wrong_where_it_slides"])) == (
+        2,
+        1,
+        1,
+    )
+    text = fresh_tables({"searches": counts | {"origin": {"commit": "a", "day": "b"}}})
+    assert "Of 1 more records, whose plants slide along their guards" in text
 
 
 # -- sensitivity -----------------------------------------------------------------------------------
