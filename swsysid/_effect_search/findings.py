@@ -74,7 +74,7 @@ class Ladder:
 
     @property
     def is_plain(self) -> bool:
-        """True if it is not, and leaves little of an error on the untouched rows."""
+        """True if it is not, and an error on the untouched rows clearly falls with it."""
         (_, before), (_, after) = self.errors[-2:]
         judged, most = self.context.data.counted_states, self.context.settings.plain
         return not self.is_in_doubt and bool(np.any(after[judged] < most * before[judged]))

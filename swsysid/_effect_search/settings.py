@@ -87,7 +87,7 @@ class SearchSettings:
     gap_steps: float = 1.5  # steps of the record: samples farther apart are no neighbours
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
 
-    plain: float = 0.5  # share of a held-out error: velocities that tell more need no rollout
+    plain: float = 0.9  # share of a held-out error: velocities that leave less need no rollout
     n_nearest: int = 3  # effects with a name that are told beside a function without one
 
     # -- what is said of the result --------------------------------------------------------------
