@@ -12,12 +12,13 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: help demo test lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
+.PHONY: help demo test nightly lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
 	bench-undeclared bench-measured bench-speed bench-trajectories bench-automata figures clean
 
 help:
 	@echo "make demo      identify the built-in example and draw it"
 	@echo "make test      run the tests, warnings as errors"
+	@echo "make nightly   the tests that take minutes each, warnings as errors"
 	@echo "make lint      ruff and mypy"
 	@echo "make examples  run every example, headless, and compare what it prints"
 	@echo "make examples-record  keep what every example prints now as the expected output"
@@ -40,6 +41,9 @@ demo: $(VENV)/.installed-plot
 
 test: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n $(WORKERS)
+
+nightly: $(VENV)/.installed-test
+	$(BIN)/python -m pytest -n $(WORKERS) -m nightly
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

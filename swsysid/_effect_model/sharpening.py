@@ -30,6 +30,8 @@ def fitted_alone(
         for _ in range(SETTINGS.sharpenings):
             at_instants = sharpened_velocities(declared, targets, blurred, sharp, modes)
             fitted = declared.fitted(seen, at_instants, modes)
+            if np.array_equal(fitted.modes, modes):
+                break  # the same modes make the same velocities
             modes = fitted.modes
         return fitted
 
@@ -41,7 +43,7 @@ def fitted_alone(
     # Modes that are known may be wrong where an effect is missing, and a fit to smeared velocities
     # finds others; but these obey no law of the library at the instants, and it may go astray.
     starts = [declared.fitted(seen, targets, modes).modes]
-    if modes is not None:
+    if modes is not None and not np.array_equal(starts[0], modes):
         starts.append(modes)
     return min(map(sharpened, starts), key=lost)
 
