@@ -45,6 +45,7 @@ def test_a_stop_is_touched_by_few_rows_of_two_trajectories():
         assert len(np.unique(data.groups[at_stop])) >= 2
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", [800, 900, 902])
 def test_states_say_nothing_where_their_differentiated_velocities_gave_an_alarm(seed):
     data = clean_record(seed)
@@ -54,6 +55,7 @@ def test_states_say_nothing_where_their_differentiated_velocities_gave_an_alarm(
     assert search.effects_ == []
 
 
+@pytest.mark.nightly
 def test_what_makes_every_rollout_worse_is_only_tried_although_velocities_show_it():
     data = null_record("differentiated", 902)
     search = EffectSearchCV(data.estimator)
