@@ -75,7 +75,6 @@ def _recorded(samples: Samples) -> str:
 def _saved(found: HybridAutomatonRegressor, text: str, folder: Path) -> int:
     """Write automaton, text and picture; the exit code is 2 if they cannot be written."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         told = json.dumps(found.to_dict(), indent=1)
         (folder / "automaton.json").write_text(told + "\n", encoding="utf-8")
         (folder / "identification.txt").write_text(text + "\n", encoding="utf-8")

@@ -28,6 +28,7 @@ PAGE = "swsysid_diagnosis.html"
 
 def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
     """Identify, print and save; the exit code is 1 for a failed solver."""
+    _make(arguments.output)
     if arguments.automaton:
         return run_automaton(table, _options(arguments, measurement), arguments.output)
     search, page, effects = None, None, []
@@ -112,6 +113,14 @@ def _chosen_effects(kinds: Sequence[str]) -> list[Effect]:
                 f"{', '.join(library)}."
             )
     return [library[kind] for kind in library if kind in kinds] if kinds else all_effects()
+
+
+def _make(folder: Path) -> None:
+    """Make the folder of the results before the work is done."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TableError(f"--output {folder} cannot be written: {error.strerror}.") from error
 
 
 def _page_path(path: Path | None) -> Path:

@@ -23,7 +23,6 @@ def save(
         smoothing=_smoothing_of(samples),
     )
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         save_model(result.model, folder / "model.json", recording=recording)
         (folder / "identification.txt").write_text(text + "\n", encoding="utf-8")
         drawn = _draw(result, folder / "phase_portrait.png")
