@@ -62,11 +62,11 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
 
     def transform(self, X):
         """Values of all functions, shape (n_samples, n_features_out)."""
-        return self._values(rows_of(self, X))
+        return self._features(rows_of(self, X))
 
     def at(self, point: np.ndarray) -> np.ndarray:
         """Values at one point, (n_features_in,) -> (n_features_out,), without checks."""
-        return self._values(point[None, :])[0]
+        return self._features(point[None, :])[0]
 
     def get_feature_names_out(self, input_features=None):
         """Names of the functions of the columns."""
@@ -78,12 +78,12 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
         ]
         return np.array(names, dtype=object)
 
-    def _values(self, X: np.ndarray) -> np.ndarray:
-        columns = X.T
-        values = np.empty((len(terms := self._terms()), len(X)))
-        for out, (function, pattern, group) in zip(values, terms, strict=True):
+    def _features(self, X: np.ndarray) -> np.ndarray:
+        columns, terms = X.T, self._terms()
+        features = np.empty((len(terms), len(X)))
+        for out, (function, pattern, group) in zip(features, terms, strict=True):
             out[:] = _values(function, pattern, [columns[place] for place in group])
-        return values.T
+        return features.T
 
     def _terms(self):
         """Every function with its format and the columns it is applied to."""
@@ -99,16 +99,14 @@ def _arity(function) -> int:
     """Number of columns that a function takes."""
     if isinstance(function, np.ufunc):
         return function.nin
-    return (
-        _n_required(function)
-        if isinstance(function, Hashable)
-        else _n_required.__wrapped__(function)
-    )
+    # a signature takes longer than the values at a point
+    count = _n_required if isinstance(function, Hashable) else _n_required.__wrapped__
+    return count(function)
 
 
 @lru_cache
 def _n_required(function) -> int:
-    """Number of positional arguments without a default; a signature takes longer than a value."""
+    """Number of positional arguments without a default."""
     parameters = inspect.signature(function).parameters.values()
     return sum(
         p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)

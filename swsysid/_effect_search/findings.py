@@ -69,12 +69,12 @@ class Ladder:
 
     @property
     def is_in_doubt(self) -> bool:
-        """True if that effect is found with doubts."""
+        """True if there are doubts about the effect without which least is lost."""
         return bool(self.found[self.least].doubts)
 
     @property
     def is_plain(self) -> bool:
-        """True if it is not, and an error on the untouched rows clearly falls with it."""
+        """True if there are none, and an error on the untouched rows clearly falls with it."""
         (_, before), (_, after) = self.errors[-2:]
         judged, most = self.context.data.counted_states, self.context.settings.plain
         return not self.is_in_doubt and bool(np.any(after[judged] < most * before[judged]))

@@ -313,7 +313,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects that rollouts do not speak against, and the fit to all rows."""
-        # Velocities that were measured are the better witness of what is plain in them, no other.
+        # Measured velocities are the better witness of what is plain in them, and of nothing else.
         given = measured.recorded is None
         while True:
             final, ladder = self._reported(measured, found, plain)
