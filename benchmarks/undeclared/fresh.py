@@ -180,8 +180,8 @@ def _verdict(search, data, drawn: Drawn) -> str:
 
 
 def _visible_of(data, drawn: Drawn) -> float | None:
-    """None where nothing is missing, and of a jump, which is in no velocity."""
-    if drawn.missing != "listed" or drawn.is_recording or drawn.kind == "reset":
+    """None where nothing is missing, of states, and of a jump, which is in no velocity."""
+    if drawn.missing == "nothing" or drawn.is_recording or drawn.kind == "reset":
         return None
     return _visible(data, drawn.plant)
 
@@ -285,7 +285,7 @@ def fresh_tables(parts: dict[str, dict]) -> str:
     """Shares of each group beside their goals, then what was found where it is not right."""
     found = parts["searches"]
     head = ["records", "listed effect right", "wrong name", "missed", "too small to see"]
-    head += ["no name: right", "wrong name", "false alarms"]
+    head += ["no name: right", "wrong name", "too small to see", "false alarms"]
     rows = [[name, *_shares(counts)] for name, counts in found["counts"].items()]
     lines = [*table(head, rows, "l" + "r" * (len(head) - 1)), ""]
     never, of = found["never_worse"], found["of"]
@@ -319,5 +319,6 @@ def _shares(counts: dict[str, dict[str, int]]) -> list[str]:
         str(listed.get("too small", 0)),
         f"{unlisted.get('right', 0)}/{n_unlisted}",
         str(unlisted.get("wrong name", 0)),
+        str(unlisted.get("too small", 0)),
         f"{clean.get('false alarm', 0)}/{n_clean}",
     ]

@@ -91,7 +91,7 @@ def test_a_search_in_a_drawn_record_is_told_with_its_verdict():
     counts = fresh_counts([record])
     assert counts["counts"]["all"]["nothing"] == {"right": 1}
     text = fresh_tables({"searches": counts | {"origin": {"commit": "a", "day": "b"}}})
-    assert "| all | 0/0 | 0 | 0 | 0 | 0/0 | 0 | 0/1 |" in text
+    assert "| all | 0/0 | 0 | 0 | 0 | 0/0 | 0 | 0 | 0/1 |" in text
 
 
 def _is_small(drawn):
@@ -117,6 +117,8 @@ def test_a_miss_counts_as_too_small_only_where_the_truth_says_so_and_what_slides
         1,
         1,
     )
+    no_name = fresh_counts([{**one, "missing": "unlisted", "visible": 1.01}])
+    assert no_name["counts"]["all"]["unlisted"] == {"too small": 1}
     text = fresh_tables({"searches": counts | {"origin": {"commit": "a", "day": "b"}}})
     assert "Of 1 more records, whose plants slide along their guards" in text
 
