@@ -1,4 +1,4 @@
-"""What is said before any search: a declared model that explains nothing finds nothing either."""
+"""What is said before any search: of velocities and of a declared model that are none."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.differences import states_differentiated
 from swsysid._effect_search.folds import exact_states
 from swsysid._effect_search.recording import Measured
 from swsysid._effect_search.settings import SETTINGS
@@ -15,6 +16,29 @@ from swsysid._results import Array
 
 
 def alarms(
+    declared: Declared, fit: JointFit, measured: Measured, rows: NDArray[np.intp]
+) -> tuple[str, ...]:
+    """Sentences on velocities that nobody measured, and on laws that explain next to nothing."""
+    return (*_of_differences(declared, measured), *_of_the_laws(declared, fit, measured, rows))
+
+
+def _of_differences(declared: Declared, measured: Measured) -> tuple[str, ...]:
+    """A sentence on velocities that are differences of the states beside them."""
+    records = measured.records
+    if measured.recorded is not None or declared.discrete_time:
+        return ()
+    made = states_differentiated(records, measured.targets)
+    if not made:
+        return ()
+    names = ", ".join(f"{records.names[state]}'" for state in made)
+    return (
+        f"Nobody has measured {names}: it is a slope of neighbouring samples, which share their "
+        "noise and smear what jumps; give the states and their times without velocities, fit(X, "
+        "t=t, inputs=inputs), and the search makes them itself.",
+    )
+
+
+def _of_the_laws(
     declared: Declared, fit: JointFit, measured: Measured, rows: NDArray[np.intp]
 ) -> tuple[str, ...]:
     """A sentence for each equation of which the fit to some rows explains next to nothing."""

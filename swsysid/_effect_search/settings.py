@@ -63,6 +63,9 @@ class SearchSettings:
 
     # -- before a search -------------------------------------------------------------------------
     explains_nothing: float = 0.1  # of a velocity's variance: a declared model with less is none
+    differentiated_rows: int = 500  # of one trajectory: velocities are differences in all of it
+    fewest_differentiated: int = 100  # rows that cannot be differences by chance, nor too few
+    longest_differentiator: int = 51  # samples of a moving polynomial
 
     # -- rows set aside --------------------------------------------------------------------------
     fewest_in_interval: int = 5  # rows of an event in time: fewer are an accident

@@ -1,0 +1,74 @@
+"""Velocities that are differences of their states are told from those that were measured."""
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter
+
+from swsysid import EffectSearchCV, SwitchingSystemRegressor
+from swsysid._data.records import make_records
+from swsysid._effect_search.differences import states_differentiated
+from swsysid._results import IdentificationWarning
+from swsysid.effects import QuadraticDrag
+
+STEP = 0.02
+T = STEP * np.arange(400.0)
+
+
+def swing(noise):
+    """``x' = v, v' = -4 x`` exactly: states, velocities, with noise on the states."""
+    rng = np.random.default_rng(0)
+    X = np.column_stack([np.cos(2.0 * T), -2.0 * np.sin(2.0 * T)])
+    return X + noise * rng.standard_normal(X.shape), np.column_stack([X[:, 1], -4.0 * X[:, 0]])
+
+
+def made(X, Xdot, t=T, groups=None):
+    return states_differentiated(make_records(X, 2, t=t, groups=groups, names=["x", "v"]), Xdot)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_measured_velocities_are_no_differences(noise):
+    X, Xdot = swing(noise)
+    assert made(X, Xdot) == []
+    assert made(X, Xdot + 0.01 * np.random.default_rng(1).standard_normal(X.shape)) == []
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize(
+    "differentiated",
+    [
+        lambda x: np.gradient(x, T),
+        lambda x: np.gradient(x, STEP),
+        lambda x: savgol_filter(x, 11, 3, deriv=1, delta=STEP),
+        lambda x: savgol_filter(x, 31, 2, deriv=1, delta=STEP),
+    ],
+)
+def test_slopes_of_the_samples_are_found_in_the_state_that_has_them(differentiated, noise):
+    X, Xdot = swing(noise)
+    Xdot[:, 1] = differentiated(X[:, 1])
+    assert made(X, Xdot) == [1]
+
+
+def test_smooth_samples_in_small_steps_do_not_tell():
+    t = 1e-5 * np.arange(400.0)  # a central difference errs by less than the rounding
+    X = np.column_stack([np.cos(t), -np.sin(t)])
+    assert made(X, np.column_stack([X[:, 1], -X[:, 0]]), t) == []
+
+
+def test_steps_of_any_size_and_each_trajectory_for_itself():
+    rng = np.random.default_rng(2)
+    X, Xdot = swing(0.01)
+    t, groups = T.copy(), np.repeat([0, 1], 200)
+    t += rng.uniform(0.0, 0.5 * STEP, len(t))
+    for rows in (slice(0, 200), slice(200, 400)):
+        Xdot[rows] = np.gradient(X[rows], t[rows], axis=0)
+    assert made(X, Xdot, t, groups) == [0, 1]
+    assert made(X, Xdot, None, None) == []  # rows without times are in no order
+
+
+def test_the_report_begins_with_it():
+    X, _ = swing(0.01)
+    declared = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
+    search = EffectSearchCV(declared, effects=[QuadraticDrag()])
+    with pytest.warns(IdentificationWarning, match="Nobody has measured x0', x1': it is a slope"):
+        search.fit(X, np.gradient(X, STEP, axis=0), t=T)
+    assert search.report_.summary.startswith("Nobody has measured x0', x1'")
