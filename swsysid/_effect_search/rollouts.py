@@ -111,10 +111,12 @@ def errors_of_all(rollouts: Sequence[Rollout]) -> tuple[float, float]:
     return before, after
 
 
-def are_worse(rollouts: Sequence[Rollout], *, in_doubt: bool = False) -> bool:
+def are_worse(rollouts: Sequence[Rollout], *, gained: float = 1.0, in_doubt: bool = False) -> bool:
     """True if each is worse with the effects, and all together clearly; or one fails.
 
-    Effects that are in doubt already need not make each of them worse.
+    Clearly is by more than luck, and by a larger factor than errors of velocities have fallen by,
+    which is what was `gained`. Effects that are in doubt already have gained nothing, and need not
+    make each rollout worse.
     """
     if not rollouts:
         return False
@@ -124,7 +126,8 @@ def are_worse(rollouts: Sequence[Rollout], *, in_doubt: bool = False) -> bool:
     if not in_doubt and not all(after > before for before, after in each):
         return False
     before, after = errors_of_all(rollouts)
-    return after > (1.0 + REPORT.clearly_worse) * before
+    luck = 1.0 + REPORT.clearly_worse
+    return after > (luck if in_doubt else max(luck, gained)) * before
 
 
 def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) -> Trajectory:

@@ -314,13 +314,13 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects that rollouts do not speak against, and the fit to all rows."""
         # Measured velocities are the better witness of what is plain in them, and of nothing else.
-        given = measured.recorded is None
         while True:
             final, ladder = self._reported(measured, found, plain)
-            if not ladder.terms or (given and ladder.is_plain):
+            if not ladder.terms or (measured.recorded is None and ladder.is_plain):
                 return final
             rollouts = self.report_.data.rollouts
-            if not are_worse(rollouts, in_doubt=given or ladder.is_in_doubt):
+            in_doubt = measured.recorded is None or ladder.is_in_doubt
+            if not are_worse(rollouts, gained=ladder.gained, in_doubt=in_doubt):
                 return final
             (_, before), (_, after) = ladder.errors[-2:]
             found = found.without(ladder.least, before, after, errors_of_all(rollouts))

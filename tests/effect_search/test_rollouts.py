@@ -53,3 +53,17 @@ def test_worse_is_each_rollout_and_all_of_them_clearly(rollouts, worse):
 )
 def test_what_is_in_doubt_already_need_not_make_each_rollout_worse(rollouts, worse):
     assert are_worse(rollouts, in_doubt=True) is worse
+
+
+@pytest.mark.parametrize(
+    ("rollouts", "options", "worse"),
+    [
+        ([rollout(0.1, 0.15)], {"gained": 2.0}, False),  # velocities gain more than rollouts lose
+        ([rollout(0.1, 0.15)], {"gained": 1.4}, True),
+        ([rollout(0.1, 0.15)], {"gained": 2.0, "in_doubt": True}, True),
+        ([rollout(0.1, 0.15, ("", "state limit at 3"))], {"gained": 2.0}, True),
+        ([rollout(0.1, 1e8)], {"gained": 7.0}, True),  # a lag of a state rebuilds its derivative
+    ],
+)
+def test_what_velocities_gain_is_weighed_against_what_rollouts_lose(rollouts, options, worse):
+    assert are_worse(rollouts, **options) is worse
