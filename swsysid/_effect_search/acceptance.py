@@ -217,7 +217,24 @@ def without_terms(structures: Iterable[Structure], refused: set[tuple]) -> list[
 def simplest(beside: CandidateContext, top: list[Trial]) -> Trial:
     """The trial with the fewest parameters within one standard error of the best."""
     behind = beside.level_with(top[0], top)
-    return top[min(behind, key=lambda place: (top[place].candidate.n_parameters, behind[place]))]
+    place = min(behind, key=lambda place: (top[place].candidate.n_parameters, behind[place]))
+    return _special_case(beside, top[place], top)
+
+
+def _special_case(beside: CandidateContext, best: Trial, top: list[Trial]) -> Trial:
+    """The best of the trials that are special cases of one and explain as much, or that one."""
+    own, least = best.candidate, 1.0 - beside.data.settings.trifle
+    cases = [
+        trial
+        for trial in top
+        if trial.candidate.effect.kind in own.effect.special_cases
+        and (trial.candidate.place, trial.candidate.target) == (own.place, own.target)
+        and trial.candidate.mode == own.mode
+    ]
+    explained, *others = beside.gains([best, *cases]).sum(axis=1)
+    return next(
+        (case for case, gain in zip(cases, others, strict=True) if gain >= least * explained), best
+    )
 
 
 def is_promising(

@@ -90,6 +90,8 @@ class SearchSettings:
     gap_steps: float = 1.5  # steps of the record: samples farther apart are no neighbours
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
 
+    # A filter and a law that is not known yet leave a gain of a few per cent where there is none.
+    trifle: float = 0.005  # share of what an effect explains, without which it is a special case
     plain: float = 0.9  # share of a held-out error: velocities that leave less need no rollout
     n_nearest: int = 3  # effects with a name that are told beside a function without one
 

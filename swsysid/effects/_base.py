@@ -66,6 +66,9 @@ class Effect(BaseEstimator):
         What becomes of the channel's own linear term, if the declared library has one: it stays,
         the columns take its place (as a dead zone of an actuator does), or either is tried. An
         effect "beside" it, or "instead" of it, makes no sense where there is none.
+    special_cases : frozenset of str
+        Kinds that the effect becomes where one of its gains vanishes. Such a kind is found in its
+        stead where it explains all but a trifle of the same.
     prior : ndarray of shape (n_rows, n_terms)
         Rows beside those of the data that say of some sums of coefficients that they are zero:
         more than none only where the data may say nothing of a coefficient.
@@ -92,6 +95,7 @@ class Effect(BaseEstimator):
     terms: ClassVar[tuple[str, ...]] = ("coefficient",)
     needs: ClassVar[frozenset[str]] = frozenset()
     role: ClassVar[str] = "adds"
+    special_cases: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def prior(self) -> Array:

@@ -203,6 +203,7 @@ class GainChange(_BeyondAThreshold):
     meaning = "the gain of {channel} changes at a threshold, and is zero on neither side"
     terms = ("change",)
     role = "beside"
+    special_cases = frozenset({"saturation", "dead_zone"})
 
 
 class PowerLaw(OfAChannel):
