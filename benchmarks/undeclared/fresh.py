@@ -103,7 +103,7 @@ class Drawn:
 
 
 def _declarable(name: str, rate: float, rng: np.random.RandomState) -> Plant:
-    """A plant that spends some time in each mode and not all of it between them."""
+    """A plant that spends some time in each mode and does not switch all the time."""
     while True:
         plant = FRESH_PLANTS[name](rng, rate)
         modes = reference_run(plant).modes

@@ -2,8 +2,9 @@
 
 Each is a function from a source of chance and a factor on the sampling rate to a plant; physical
 parameters are drawn within a third of their usual values. A drive is the same in time at all rates.
-A mode changes what its guard's own state does not feel at once, or only how fast it moves: nothing
-slides along a guard, where the declared modes would be no modes of the recording.
+A mode changes what its guard's own state does not feel at once, or only how fast it moves: at no
+sample do both laws push a state back to its guard. A heater may still come back to it within a few
+samples, again and again, and such records are counted apart (`fresh.py`).
 """
 
 from __future__ import annotations

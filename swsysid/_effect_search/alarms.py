@@ -1,4 +1,4 @@
-"""What is said before any search: of velocities and of a declared model that are none."""
+"""What is said before any search: velocities that nobody measured, laws that explain nothing."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def _of_differences(declared: Declared, measured: Measured) -> tuple[str, ...]:
         return ()
     names = ", ".join(f"{records.names[state]}'" for state in made)
     return (
-        f"Nobody has measured {names}: it is a slope of neighbouring samples, which share their "
-        "noise and smear what jumps; give the states and their times without velocities, fit(X, "
-        "t=t, inputs=inputs), and the search makes them itself.",
+        f"Nobody has measured {names}: these are slopes of neighbouring samples, which share their "
+        "noise and smear what jumps; give the states and their times without velocities, fit(x, "
+        "t=t, groups=groups, inputs=inputs), and the search makes them itself.",
     )
 
 

@@ -63,8 +63,8 @@ class SearchSettings:
 
     # -- before a search -------------------------------------------------------------------------
     explains_nothing: float = 0.1  # of a velocity's variance: a declared model with less is none
-    differentiated_rows: int = 500  # of one trajectory: velocities are differences in all of it
-    fewest_differentiated: int = 100  # rows that cannot be differences by chance, nor too few
+    differentiated_rows: int = 500  # of one trajectory: a difference is one in all of its rows
+    fewest_differentiated: int = 100  # rows: of fewer nobody says that they are differences
     longest_differentiator: int = 51  # samples of a moving polynomial
 
     # -- rows set aside --------------------------------------------------------------------------
@@ -91,7 +91,7 @@ class SearchSettings:
     mode_gain_a_row: float = 0.25  # by which one more mode must be better than a named effect
 
     # A filter and a law that is not known yet leave a gain of a few per cent where there is none.
-    trifle: float = 0.005  # share of what an effect explains, without which it is a special case
+    trifle: float = 0.005  # share of what an effect explains that its special case may lack
     plain: float = 0.9  # share of a held-out error: velocities that leave less need no rollout
     n_nearest: int = 3  # effects with a name that are told beside a function without one
 

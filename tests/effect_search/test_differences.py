@@ -69,6 +69,8 @@ def test_the_report_begins_with_it():
     X, _ = swing(0.01)
     declared = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
     search = EffectSearchCV(declared, effects=[QuadraticDrag()])
-    with pytest.warns(IdentificationWarning, match="Nobody has measured x0', x1': it is a slope"):
+    with pytest.warns(
+        IdentificationWarning, match="Nobody has measured x0', x1': these are slopes"
+    ):
         search.fit(X, np.gradient(X, STEP, axis=0), t=T)
     assert search.report_.summary.startswith("Nobody has measured x0', x1'")
