@@ -16,17 +16,19 @@ def states_differentiated(records: Records, targets: Array) -> list[int]:
     """States whose velocities are their own central differences, or slopes of a moving fit.
 
     What a sensor measures is no function of neighbouring samples of the state, not to rounding.
-    Forward differences are left out: a plant that was simulated by Euler's steps has them.
+    Forward differences are left out: a plant that was simulated by Euler's steps has them. And so
+    is a velocity that is a column of X itself, as in x' = v: it is exact, whoever has made v.
     """
     if not records.timed:
         return []
     assert records.t is not None
     rows = max(records.trajectories, key=len)[: SETTINGS.differentiated_rows]
-    t = records.t[rows]
+    X, t, velocities = records.X[rows], records.t[rows], targets[rows]
     return [
         state
         for state in records.states
-        if _is_made_of(records.X[rows, state], t, targets[rows, state])
+        if not (X == velocities[:, [state]]).all(axis=0).any()
+        and _is_made_of(X[:, state], t, velocities[:, state])
     ]
 
 

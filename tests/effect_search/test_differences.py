@@ -65,6 +65,14 @@ def test_steps_of_any_size_and_each_trajectory_for_itself():
     assert made(X, Xdot, None, None) == []  # rows without times are in no order
 
 
+def test_a_rate_that_is_a_state_itself_is_exact():
+    X, Xdot = swing(0.01)
+    X[:, 1] = Xdot[:, 0] = np.gradient(X[:, 0], T)  # x' = v, and what v does was measured
+    assert made(X, Xdot) == []
+    Xdot[:, 1] = np.gradient(X[:, 1], T)
+    assert made(X, Xdot) == [1]
+
+
 def test_the_report_begins_with_it():
     X, _ = swing(0.01)
     declared = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
