@@ -50,7 +50,9 @@ def at(transition, *columns):
     return transition.guard.values(np.atleast_2d(np.array(columns, dtype=float)))[0]
 
 
-@pytest.mark.parametrize(("noise", "tolerance"), [(0.0, 1e-5), (0.01, 0.1)])
+@pytest.mark.parametrize(
+    ("noise", "tolerance"), [(0.0, 1e-5), pytest.param(0.01, 0.1, marks=pytest.mark.nightly)]
+)
 def test_a_thermostat_has_one_guard_for_each_direction(noise, tolerance):
     starts = [([15.0 + k], 0) for k in range(3)] + [([25.0 - k], 1) for k in range(3)]
     data, runs = recorded(THERMOSTAT, starts, np.arange(0.0, 30.0, 0.1), noise)
@@ -71,7 +73,9 @@ def test_a_thermostat_has_one_guard_for_each_direction(noise, tolerance):
         np.testing.assert_allclose(again.x, truth.x, atol=1e-5)
 
 
-@pytest.mark.parametrize(("noise", "tolerance"), [(0.0, 1e-6), (0.03, 0.02)])
+@pytest.mark.parametrize(
+    ("noise", "tolerance"), [(0.0, 1e-6), pytest.param(0.03, 0.02, marks=pytest.mark.nightly)]
+)
 def test_a_ball_has_one_mode_and_jumps_within_it(noise, tolerance):
     starts = [([5.0 + 0.7 * k, 0.3 * k], 0) for k in range(6)]
     data, _ = recorded(BALL, starts, np.arange(0.0, 3.0, 0.01), noise)
@@ -110,6 +114,7 @@ def test_without_noise_nothing_is_refined():
         np.testing.assert_array_equal(one.guard.coef, other.guard.coef)
 
 
+@pytest.mark.nightly
 def test_one_surface_comes_out_as_the_regressor_gives_it():
     spring = HybridAutomaton.stated(
         [{"x": "v", "v": "-x - 0.1 v"}, {"x": "v", "v": "-4 x - 0.1 v"}],
@@ -270,6 +275,7 @@ def test_memory_is_found_with_its_lags():
     assert found.automaton_.lags == 1
 
 
+@pytest.mark.nightly
 def test_each_mode_has_the_order_that_its_held_out_rollouts_ask_for():
     plant = HybridAutomaton.stated(
         [{"y": "1.4 y - 0.6 y[k-1] + 0.5 u"}, {"y": "0.5 y - u"}],
@@ -361,7 +367,16 @@ def test_the_warning_is_one_of_identification():
     assert issubclass(GuardWarning, IdentificationWarning)
 
 
-@pytest.mark.parametrize("name", ["two rooms", "hopping robot", "Duffing oscillator"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hopping robot",
+        *(
+            pytest.param(name, marks=pytest.mark.nightly)
+            for name in ("two rooms", "Duffing oscillator")
+        ),
+    ],
+)
 def test_automata_in_clean_recordings_are_found_to_rounding(name):
     """Stays between two samples; stays of four samples; jumps of a twentieth of a speed."""
     plant = PLANTS[name]

@@ -122,6 +122,7 @@ def test_the_stay_in_between_is_told(rising):
 # -- the whole ---------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_small_resets_are_found_in_noise():
     plant = HybridAutomaton.stated(
         [{"x": "1 - 0.2 x"}, {"x": "-0.5 - 0.2 x"}],

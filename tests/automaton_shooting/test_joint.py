@@ -198,6 +198,7 @@ def test_the_truth_is_found_from_a_start_some_way_off(plant, make, noise):
     assert (np.abs(off) < 4.0 * errors.coef[truth.laws.free]).all()
 
 
+@pytest.mark.nightly
 def test_intervals_of_guards_and_resets_hold_the_truth_as_often_as_they_say():
     scores = []
     for seed in range(50):

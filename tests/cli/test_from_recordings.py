@@ -72,6 +72,7 @@ def test_quick_stops_at_derivatives(contact, tmp_path, capsys):
     assert "Identified from" not in text
 
 
+@pytest.mark.nightly
 def test_positions_with_lost_values(contact, tmp_path, capsys):
     lines = Path(contact[0]).read_text(encoding="utf-8").splitlines(keepends=True)
     rows = [line.split(",") for line in lines]

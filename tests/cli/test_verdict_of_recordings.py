@@ -63,6 +63,7 @@ def test_a_bumper_switches():
     assert "held-out error: RMSE of rollouts over stretches of 30 samples" in text
 
 
+@pytest.mark.nightly
 def test_the_last_stretch_is_held_out_of_few_recordings():
     result = judged(CONTACT, n_runs=4)
     assert not result.split.whole_groups
@@ -70,6 +71,7 @@ def test_the_last_stretch_is_held_out_of_few_recordings():
     assert left(result, result.comparison.errors) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.nightly
 def test_two_straight_springs_of_a_cubic_one_are_no_modes():
     result = judged(DUFFING)
     assert result.comparison.verdict is Verdict.SMOOTH
@@ -104,6 +106,7 @@ def push(run):
     return 0.9 * np.sin((0.7 + 0.1 * run) * T + run) + 0.5 * np.sin(2.3 * T + 2 * run)
 
 
+@pytest.mark.nightly
 def test_dry_friction_switches():
     sides = [[0.15, -1.0, -0.05, 1.0], [-0.15, -1.0, -0.05, 1.0]]  # v < 0, v > 0
     laws = [[[0.0, 0.0, 1.0, 0.0], side] for side in sides]

@@ -13,8 +13,17 @@ import pytest
 from example_output import EXAMPLES, differences, recorded_output, run_example
 from example_pictures import complaints
 
+# minutes each: whole searches of long records
+LONG = {"plot_mr_damper", "plot_emps", "plot_rc_vehicle"}
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(path, id=path.stem, marks=[pytest.mark.nightly] if path.stem in LONG else [])
+        for path in EXAMPLES
+    ],
+)
 def test_example_prints_what_was_recorded(example, tmp_path):
     done = run_example(example, tmp_path)
     # an example whose data cannot be had ends with the sentence of the error

@@ -183,6 +183,7 @@ def test_other_dry_frictions_stop_a_mass_as_well(effect, theta, coef, force):
     np.testing.assert_allclose(rollout.x[t > stop, 0], rest, atol=1e-6)
 
 
+@pytest.mark.nightly
 def test_two_masses_come_to_rest_at_once():
     law = [
         [

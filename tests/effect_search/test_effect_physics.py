@@ -91,6 +91,7 @@ def test_what_gives_power_is_no_friction(pendulum):
     assert held.effects_[0].parameters["friction"] == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.nightly
 def test_a_relay_of_the_position_is_no_friction(pendulum):
     force = with_force(pendulum, -2.0 * np.sign(pendulum.X[:, 0]))
     found = search(pendulum, force, FRICTIONS).effects_

@@ -113,6 +113,7 @@ def test_leftovers_say_rightly_why_no_surface_was_looked_at(report):
     assert report.residual_before.skipped["surface"] == "the model has one mode"
 
 
+@pytest.mark.nightly
 def test_one_more_mode_has_neither_an_empty_table_nor_an_empty_bracket(data):
     extra = make_undeclared("extra_mode", system="pendulum", n_samples=1200, random_state=3)
     found = EffectSearchCV(extra.estimator, effects=[ExtraMode()])
@@ -306,6 +307,7 @@ def test_axes_of_the_user_are_used_and_a_wrong_wish_is_refused(report):
         report.plot(effect=1)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("effect", "axis", "is_function", "has_band"),
     [

@@ -64,6 +64,7 @@ PLANTED = [
     ("guard_hysteresis", "oscillator", STRUCTURES, None, None, 0.0),
     ("extra_mode", "pendulum", STRUCTURES, None, None, 0.0),
 ]
+NIGHTLY, LONG = [pytest.mark.nightly], {("sensor_offset", "two_mass")}
 
 
 def search(data, effects="all", **options):
@@ -73,8 +74,10 @@ def search(data, effects="all", **options):
 
 @pytest.mark.parametrize(
     ("kind", "system", "library", "planted", "name", "tolerance"),
-    PLANTED,
-    ids=[f"{row[0]}-{row[1]}" for row in PLANTED],
+    [
+        pytest.param(*row, id=f"{row[0]}-{row[1]}", marks=NIGHTLY if row[:2] in LONG else [])
+        for row in PLANTED
+    ],
 )
 def test_a_planted_effect_is_found(kind, system, library, planted, name, tolerance):
     data = make_undeclared(kind, system=system, random_state=3)

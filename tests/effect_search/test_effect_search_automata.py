@@ -207,6 +207,7 @@ def thermostat(start, offset, t, coupling):
     return integrated([law(30.0), law(10.0)], transitions, 0, [start], t)
 
 
+@pytest.mark.nightly
 def test_an_automaton_is_identified_again_with_the_effect_inside():
     # while the outside temperature is missing, guards are found for switches that there are not
     t, rng, parts = np.arange(0.0, 30.0, 0.1), np.random.default_rng(0), []
@@ -287,7 +288,10 @@ def driven(kind, x0, t, phase):
     return states, modes, force
 
 
-@pytest.mark.parametrize("declared", [SwitchingSystemRegressor, TrajectoryIdentifier])
+@pytest.mark.parametrize(
+    "declared",
+    [SwitchingSystemRegressor, pytest.param(TrajectoryIdentifier, marks=pytest.mark.nightly)],
+)
 @pytest.mark.parametrize("kind", ["guard_hysteresis", "reset"])
 def test_what_is_found_at_the_switches_becomes_transitions(kind, declared):
     t, rng, listed = np.arange(0.0, 12.0, 0.02), np.random.default_rng(0), []
