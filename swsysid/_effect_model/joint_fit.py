@@ -253,7 +253,7 @@ def with_told_surface(fit: JointFit, records: Records, rows: NDArray[np.intp]) -
     """The fit with a surface between all modes that measured states tell, those of `rows` or not.
 
     The rows of a recording are a few from the middle of its stays, which say little of where the
-    modes change.
+    modes change. The fit keeps its own surface where the modes that it has itself contradict this.
     """
     # One more mode is in nothing that was told before it was found.
     told = -1 if records.average is None or records.told is None else records.told.max()
@@ -263,7 +263,10 @@ def with_told_surface(fit: JointFit, records: Records, rows: NDArray[np.intp]) -
     sure = known >= 0
     if np.all(fit.surface_modes(records)[sure] == known[sure]):
         return fit
-    return replace(fit, estimator=fit.laws.with_surface_between(records.X[sure], known[sure]))
+    told_so = replace(fit, estimator=fit.laws.with_surface_between(records.X[sure], known[sure]))
+    # Modes that were told by laws without an effect may be others than those that it leaves.
+    own, others = (np.mean(one.surface_modes(records)[rows] != fit.modes) for one in (fit, told_so))
+    return told_so if others <= own + SETTINGS.told_otherwise else fit
 
 
 def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:

@@ -41,7 +41,7 @@ class ClockLag(MeasurementEffect):
 
     kind = "clock_lag"
     meaning = "the sensor of {channel} is late"
-    needs = frozenset({"order"})
+    needs = frozenset({"order", "velocities"})
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         return (Parameter("delay", _delays(records), "{time}"),)

@@ -181,6 +181,8 @@ def test_a_gain_of_two_per_cent_beyond_a_threshold_is_a_saturation():
         (11019, "extra_mode", "modes"),
         # a tenth of the rows were gross errors of every law but the right one, and had no weight
         (11028, "power_law", "x2"),
+        # modes told by laws that lack it put the surface where only one was left
+        (14023, "power_law", "x2"),
     ],
 )
 def test_what_was_once_missed_or_misnamed_is_found(number, kind, place):

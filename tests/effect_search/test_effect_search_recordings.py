@@ -1,5 +1,7 @@
 """The search in recordings: noisy states and their times, no velocities."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -175,6 +177,20 @@ def test_modes_that_were_told_before_one_more_was_found_move_no_surface():
     three = fit_jointly(declared.with_modes(3), (), seen, rows, measured.targets[rows])
     assert three.n_modes == 3
     assert with_told_surface(three, seen, rows) is three
+
+
+def test_modes_told_by_laws_that_lack_an_effect_move_no_surface():
+    """Told modes that contradict those of a fit were told before its effects were known."""
+    data, x, u = recorded(None, "tanks", seed=0)
+    names = ["x0", "x1", "x2"]
+    records = make_records(np.hstack([x, u]), 2, t=data.t, groups=data.groups, names=names)
+    declared = declared_model(data.estimator.set_params(random_state=0), records)
+    measured = from_states(declared, records)
+    seen, rows = measured.records, measured.rows
+    fit = fit_jointly(declared.with_modes(2), (), seen, rows, measured.targets[rows])
+    assert with_told_surface(fit, seen, rows) is not fit  # those that the states do tell
+    by_the_input = (seen.X[:, 2] > np.median(seen.X[:, 2])).astype(np.intp)
+    assert with_told_surface(fit, replace(seen, told=by_the_input), rows) is fit
 
 
 def test_a_window_leaves_a_mode_of_short_stays_rows_enough():
