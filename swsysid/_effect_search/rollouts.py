@@ -29,6 +29,9 @@ class Rollout:
         Of the declared model and of the one with the effects; shorter if it ended early.
     ended : tuple of str
         Why each of the two ended early; "" if it did not.
+    chatters : bool
+        True if the simulation with the effects slides along a surface, and therefore ended: the
+        end of what is simulated, and no fault of the laws.
     """
 
     name: str
@@ -37,6 +40,7 @@ class Rollout:
     before: Array
     after: Array
     ended: tuple[str, str]
+    chatters: bool = False
 
     @property
     def compared(self) -> float:
@@ -66,12 +70,6 @@ class Rollout:
         )
         return before, after
 
-    @property
-    def chatters(self) -> bool:
-        """True if the simulation with the effects slides along a surface, and therefore ended."""
-        # That is the end of what is simulated, not a fault of the laws.
-        return self.ended[1].startswith(Status.SWITCH_LIMIT.value)
-
     def to_dict(self) -> dict[str, object]:
         """Name, duration and errors."""
         before, after = self.errors
@@ -100,7 +98,8 @@ def rolled_out(
             t = np.asarray(part.t if part.timed else np.arange(len(part)), dtype=float)
             before, after = (_rollout(model, part, t, discrete) for model in models)
             measured, ended = part.X[:, : part.n_states], (_why(before), _why(after))
-            done.append(Rollout(name, t, measured, before.x, after.x, ended))
+            slides = after.status is Status.SWITCH_LIMIT
+            done.append(Rollout(name, t, measured, before.x, after.x, ended, slides))
     return tuple(done)
 
 

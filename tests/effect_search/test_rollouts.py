@@ -11,9 +11,9 @@ MEASURED = np.array([[-1.0], [1.0], [-1.0], [1.0], [0.0]])
 SPREAD = np.sqrt(0.8)  # of these five values
 
 
-def rollout(before, after, ended=("", "")):
+def rollout(before, after, ended=("", ""), chatters=False):
     """Simulations that are off by a constant."""
-    return Rollout("1", T, MEASURED, MEASURED + before, MEASURED - after, ended)
+    return Rollout("1", T, MEASURED, MEASURED + before, MEASURED - after, ended, chatters)
 
 
 def test_errors_of_all_are_root_mean_squares_in_spreads():
@@ -35,8 +35,11 @@ def test_errors_of_all_are_root_mean_squares_in_spreads():
             True,
         ),  # it ends early
         ([rollout(0.2, 0.1, ("state limit at 2", "state limit at 3"))], False),
-        ([rollout(0.2, 0.1, ("", "switch limit at 3"))], False),  # it slides along a surface
-        ([rollout(0.1, 0.2, ("", "switch limit at 3"))], True),  # and is farther from the data
+        ([rollout(0.2, 0.1, ("", "switch limit at 3"), True)], False),  # it slides along a surface
+        (
+            [rollout(0.1, 0.2, ("", "switch limit at 3"), True)],
+            True,
+        ),  # and is farther from the data
     ],
 )
 def test_worse_is_each_rollout_and_all_of_them_clearly(rollouts, worse):
