@@ -15,12 +15,13 @@ from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared, FittedLaws, Modes
 from swsysid._effect_model.decoding import told_by_velocities
 from swsysid._effect_model.models import laws_of
+from swsysid._effect_model.on_time import on_time
 from swsysid._effect_model.settings import SETTINGS
 from swsysid._effect_model.sharpening import fitted_alone, libraries, sharpened_velocities
 from swsysid._noise import robust_regression
 from swsysid._results import Array, GuardWarning
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
-from swsysid.effects._placed import corrected
+from swsysid.effects._placed import corrected, late_records
 
 
 @dataclass(frozen=True)
@@ -104,14 +105,32 @@ class JointFit:
     def mode_velocities(self, records: Records, rows: NDArray[np.intp] | None = None) -> Array:
         """Velocity in every mode, effects included, (n_modes, n_samples, n_states).
 
-        Of all samples, or of some.
+        Of all samples, or of some; as it is recorded, late where its sensor is.
         """
         known = corrected(self.terms, records)
-        if records.average is None:
+        fields = self._fields(known, rows)
+        for term, late in late_records(self.terms, known):
+            fields[:, :, term.place] = self._fields(late, rows)[:, :, term.place]
+        return fields
+
+    def _fields(self, known: Records, rows: NDArray[np.intp] | None) -> Array:
+        """Velocity in every mode on corrected records, at the instants of the samples."""
+        if known.average is None:
             fields = self.declared_velocities(known.X if rows is None else known.X[rows])
         else:
             fields = np.einsum("jkf,nf->jnk", self.laws.coef, self.features(known, rows))
         return fields + self._added(known, rows)
+
+    def on_time(self, records: Records, rows: NDArray[np.intp], targets: Array) -> Array:
+        """Targets of its own rows as they would be if no velocity were late with its state."""
+        known, answer = corrected(self.terms, records), targets.copy()
+        for term, late in late_records(self.terms, known):
+            now, then = (
+                self._fields(one, rows)[self.modes, np.arange(len(rows)), term.place]
+                for one in (known, late)
+            )
+            answer[:, term.place] += now - then
+        return answer
 
     def _added(self, known: Records, rows: NDArray[np.intp] | None = None) -> Array:
         """What the effects with columns add in every mode, on corrected records."""
@@ -178,6 +197,7 @@ def fit_jointly(
     whole = corrected(terms, records)
     seen = whole.take(rows)
     columns = [term.columns(whole, rows) for term in terms]
+    targets = on_time(declared, terms, whole, rows, targets, modes)
     if not any(part.shape[1] for part in columns):
         fitted = fitted_alone(declared, whole, rows, targets, modes)
         no_coef = tuple(np.zeros(0) for _ in terms)
@@ -263,7 +283,8 @@ def with_told_surface(fit: JointFit, records: Records, rows: NDArray[np.intp]) -
     sure = known >= 0
     if np.all(fit.surface_modes(records)[sure] == known[sure]):
         return fit
-    told_so = replace(fit, estimator=fit.laws.with_surface_between(records.X[sure], known[sure]))
+    X = corrected(fit.terms, records).X
+    told_so = replace(fit, estimator=fit.laws.with_surface_between(X[sure], known[sure]))
     # Modes that were told by laws without an effect may be others than those that it leaves.
     own, others = (np.mean(one.surface_modes(records)[rows] != fit.modes) for one in (fit, told_so))
     return told_so if others <= own + SETTINGS.told_otherwise else fit

@@ -194,15 +194,24 @@ class CandidateContext:
                 own += range(columns.start, columns.stop)
         return own
 
-    def misfit(self, records: Records) -> float:
-        """Negative log likelihood of what the laws leave over on other records."""
+    def misfit(self, records: Records, own: Records, state: int) -> float:
+        """Negative log likelihood of what the laws leave over on other records.
+
+        The equation of a state may have records of its `own`.
+        """
+        left = self._left_over(records)
+        if own is not records:
+            left[:, state] = self._left_over(own)[:, state]
+        return float(STUDENT.cost(left, STUDENT.scale(left, self.data.exact)).sum())
+
+    def _left_over(self, records: Records) -> Array:
+        """What the laws leave over of the rows on other records."""
         problem, floor = self.regression, self.data.exact
         features = self.fit.features(records, self.data.rows)
         known = problem.features[:, features.shape[1] :]
         other = replace(problem, features=np.column_stack([features, known]))
         again = replace(other, weight=robust_weights(other.background(None).left_over, floor))
-        left = again.background(None).left_over
-        return float(STUDENT.cost(left, STUDENT.scale(left, floor)).sum())
+        return again.background(None).left_over
 
     # -- what a trial is worth -------------------------------------------------------------------
 
@@ -263,7 +272,9 @@ def candidate_context(
 ) -> CandidateContext:
     """Candidates are tried beside the library and the columns of the effects found so far."""
     # The columns of the terms `without` are left out, as if these had not been found.
-    others = [term for place, term in enumerate(fit.terms) if place not in without]
+    left = [place for place in range(len(fit.terms)) if place not in without]
+    others = [fit.terms[place] for place in left]
+    rest = replace(fit, terms=tuple(others), coef=tuple(fit.coef[place] for place in left))
     records = corrected(others, data.records)
     features = fit.features(records, data.rows)
     known = [
@@ -272,7 +283,7 @@ def candidate_context(
     ends = features.shape[1] + np.cumsum([0, *(part.shape[1] for part in known)])
     regression = Regression(
         features=np.column_stack([features, *known]),
-        targets=data.targets,
+        targets=rest.on_time(data.records, data.rows, data.targets),
         modes=fit.modes,
         n_modes=int(fit.modes.max()) + 1,
         weight=row_weights(fit, data),

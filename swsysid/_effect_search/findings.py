@@ -27,7 +27,6 @@ from swsysid.effects import (
     UnknownFunction,
     UnmeasuredDisturbance,
 )
-from swsysid.effects._memory import Remembering
 
 
 @dataclass(frozen=True)
@@ -72,13 +71,6 @@ class Ladder:
     def is_in_doubt(self) -> bool:
         """True if there are doubts about the effect without which least is lost."""
         return bool(self.found[self.least].doubts)
-
-    @property
-    def may_be_of_a_sensor(self) -> bool:
-        """True of a recording where that effect remembers: a late sensor looks much the same."""
-        # Its own velocity is late with it, and so is all that its equation depends on.
-        is_recording = self.context.data.noise is not None
-        return is_recording and isinstance(self.terms[-1].effect, Remembering)
 
     @property
     def gained(self) -> float:

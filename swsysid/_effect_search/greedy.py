@@ -29,6 +29,7 @@ from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.scan import proposals
+from swsysid._effect_search.smears import is_smear
 from swsysid._effect_search.splits import with_one_split
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
@@ -358,9 +359,10 @@ class Search:
                 if candidate.signature == best.terms[place].signature:
                     tried = self.context.exchanged(best, place, candidate)
                     best = min(best, tried, key=_price)
-        if not top:
-            return best, False
-        tried = self.context.exchanged(best, place, simplest(beside, top).candidate)
+        trial = simplest(beside, top) if top else None
+        if trial is None or is_smear(beside, trial):
+            return best, False  # as nothing that is physical, it would be refused in the end
+        tried = self.context.exchanged(best, place, trial.candidate)
         tried = self.context.with_modes_anew(tried)
         if tried.price < best.price - self.context.settings.tie:
             return tried, True

@@ -94,9 +94,10 @@ def _next_to_a_switch(t: Array, modes: Array) -> Array:
 def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
     """Held-out errors of every row in every mode, (n_modes, n_rows, n_states)."""
     seen = corrected(fit.terms, data.records)
+    targets = fit.on_time(data.records, data.rows, data.targets)
     regression = Regression(
         features=fit.features(seen, data.rows),
-        targets=data.targets,
+        targets=targets,
         modes=fit.modes,
         n_modes=fit.n_modes,
         weight=robust_weights(fit.residuals(data.records, data.rows, data.targets), data.exact),
@@ -104,8 +105,8 @@ def _errors_by_mode(fit: JointFit, data: SearchData) -> Array:
         support=fit.laws.support,
     )
     folds = [(regression.background(fold), test) for fold, (_, test) in enumerate(data.folds.parts)]
-    modes, errors = range(fit.n_modes), np.empty((fit.n_modes, *data.targets.shape))
-    for target, values in enumerate(data.targets.T):
+    modes, errors = range(fit.n_modes), np.empty((fit.n_modes, *targets.shape))
+    for target, values in enumerate(targets.T):
         terms = [term for term in fit.terms if term.target == target and term.effect.terms]
         columns = [(term, term.columns(seen, data.rows)) for term in terms]
         here = _design(columns, fit.modes, fit.n_modes)

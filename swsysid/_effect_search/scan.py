@@ -232,13 +232,16 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
     """The correction of each sensor that lets the declared laws fit best."""
     records, settings = context.records, context.data.settings
     (along, velocities, _), discrete = context.jumping, bool(context.fit.laws.discrete_time)
+    if context.data.noise is not None:
+        effect = effect.of_a_recording()
     for place in effect.places(along) if context.targets else ():
         if not effect.is_possible(along, place, velocities, discrete):
             continue
         (parameter,) = effect.parameters(context.searched, place)
 
         def misfit(value: float, place: int = place) -> float:
-            return context.misfit(effect.corrected(records, place, value))
+            known = effect.corrected(records, place, value)
+            return context.misfit(known, effect.of_its_velocity(known, place, value), place)
 
         losses = [misfit(value) for value in parameter.values]
         best = int(np.argmin(losses))

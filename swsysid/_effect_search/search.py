@@ -319,7 +319,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             if not ladder.terms or (measured.recorded is None and ladder.is_plain):
                 return final
             rollouts = self.report_.data.rollouts
-            in_doubt = measured.recorded is None or ladder.is_in_doubt or ladder.may_be_of_a_sensor
+            in_doubt = measured.recorded is None or ladder.is_in_doubt
             if not are_worse(rollouts, gained=ladder.gained, in_doubt=in_doubt):
                 return final
             (_, before), (_, after) = ladder.errors[-2:]

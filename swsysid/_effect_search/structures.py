@@ -120,8 +120,6 @@ class SearchContext:
 
     def why_not(self, effect: Effect) -> str | None:
         """Why an effect is not looked for; None if it is."""
-        if "velocities" in effect.needs and self.data.noise is not None:
-            return "needs measured velocities: those made of states are late with them"
         return effect.missing(self.data.records) or self.model.refuses(effect)
 
     @property

@@ -61,8 +61,7 @@ class Effect(BaseEstimator):
     terms : tuple of str
         Names of the coefficients c.
     needs : frozenset of str
-        What the data must come with: ``"order"`` (groups or times), ``"time"``, ``"signals"``,
-        ``"velocities"`` (measured by sensors of their own).
+        What the data must come with: ``"order"`` (groups or times), ``"time"``, ``"signals"``.
     role : {"adds", "replaces", "either", "beside", "instead"}
         What becomes of the channel's own linear term, if the declared library has one: it stays,
         the columns take its place (as a dead zone of an actuator does), or either is tried. An

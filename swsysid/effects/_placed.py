@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -101,6 +101,12 @@ class PlacedEffect:
         """The records as they would be without it, if it is one of the measurement."""
         if isinstance(self.effect, MeasurementEffect):
             return self.effect.corrected(records, self.place, *self.theta)
+        return records
+
+    def of_its_velocity(self, records: Records) -> Records:
+        """Corrected records at the instants of which the velocity of its place tells."""
+        if isinstance(self.effect, MeasurementEffect):
+            return self.effect.of_its_velocity(records, self.place, *self.theta)
         return records
 
     def recorded(self, records: Records) -> Records:
@@ -262,6 +268,16 @@ class FoundEffect:
 
 
 # -- several ---------------------------------------------------------------------------------------
+
+
+def late_records(
+    terms: Sequence[PlacedEffect], known: Records
+) -> Iterator[tuple[PlacedEffect, Records]]:
+    """Terms that make a velocity late, and the corrected records at the instants it tells of."""
+    for term in terms:
+        late = term.of_its_velocity(known)
+        if late is not known:
+            yield term, late
 
 
 def corrected(terms: Sequence[PlacedEffect], records: Records) -> Records:

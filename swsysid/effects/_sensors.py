@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
@@ -37,11 +38,24 @@ class SensorOffset(MeasurementEffect):
 
 
 class ClockLag(MeasurementEffect):
-    """The record says ``x(t - delay)`` where the state is x(t)."""
+    """The record says ``x(t - delay)`` where the state is x(t).
+
+    Parameters
+    ----------
+    same_sensor : bool, default=False
+        The velocity of the state is made of the same samples, and is as late. In its own equation
+        all else is then early; in the others the state alone is late.
+    """
 
     kind = "clock_lag"
     meaning = "the sensor of {channel} is late"
-    needs = frozenset({"order", "velocities"})
+    needs = frozenset({"order"})
+
+    def __init__(self, same_sensor: bool = False):
+        self.same_sensor = same_sensor
+
+    def of_a_recording(self) -> ClockLag:
+        return ClockLag(same_sensor=True)
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         return (Parameter("delay", _delays(records), "{time}"),)
@@ -57,6 +71,8 @@ class ClockLag(MeasurementEffect):
         Where both come from one sensor they agree, and to move the state alone towards its
         future would only leak what is to be predicted.
         """
+        if self.same_sensor:
+            return not discrete
         if velocities.shape[1] <= place:
             return False
         errors = [
@@ -66,13 +82,24 @@ class ClockLag(MeasurementEffect):
         return min(errors) < SETTINGS.mismatch * errors[0]
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
-        def read_later(t: Array, values: Array) -> Array:
-            return np.interp(t + theta[0], t, values)
-
+        read_later = partial(_smoothly_read, theta[0])
         return records.with_channel(place, records.along(read_later, records.channel(place)))
 
     def recorded(self, records: Records, place: Place, *theta: float) -> Records:
         return self.corrected(records, place, -theta[0])
+
+    def of_its_velocity(self, records: Records, place: Place, *theta: float) -> Records:
+        if not self.same_sensor:
+            return records
+
+        smoothly, straight = (partial(read, -theta[0]) for read in (_smoothly_read, _read))
+        every = [
+            smoothly if place in records.states else straight for place in range(records.X.shape[1])
+        ]
+        columns = [
+            records.along(read, values) for read, values in zip(every, records.X.T, strict=True)
+        ]
+        return records.with_columns(np.column_stack(columns))
 
     def instants(self, t: Array, *theta: float) -> Array:
         return t - theta[0]
@@ -119,6 +146,18 @@ class Quantisation(MeasurementEffect):
         if step == 0.0:
             return records
         return records.with_channel(place, step * np.round(records.channel(place) / step))
+
+
+def _read(later: float, t: Array, values: Array) -> Array:
+    """Values so much later, straight between the samples, and no others beyond the ends."""
+    return np.interp(t + later, t, values)
+
+
+def _smoothly_read(later: float, t: Array, values: Array) -> Array:
+    """The same of what moves smoothly: straight lines would make its noise the smaller between."""
+    if len(t) < 3:
+        return _read(later, t, values)
+    return np.asarray(Akima1DInterpolator(t, values)(np.clip(t + later, t[0], t[-1])))
 
 
 def _step_of(values: Array) -> float:

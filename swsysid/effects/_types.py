@@ -57,6 +57,17 @@ class MeasurementEffect(WithoutColumns):
         """What the sensor makes of the true states, the inverse of `corrected`."""
         raise NotImplementedError
 
+    def of_its_velocity(self, records: Records, place: Place, *theta: float) -> Records:
+        """Corrected records at the instants of which the recorded velocity of the state tells.
+
+        Others than their own where that velocity is as late as the state.
+        """
+        return records
+
+    def of_a_recording(self) -> MeasurementEffect:
+        """The same of a sensor whose samples are all that is known of the state's velocity."""
+        return self
+
     def is_possible(
         self, records: Records, place: Place, velocities: Array, discrete: bool
     ) -> bool:
