@@ -15,7 +15,7 @@ from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared, FittedLaws, Modes
 from swsysid._effect_model.decoding import told_by_velocities
 from swsysid._effect_model.models import laws_of
-from swsysid._effect_model.on_time import on_time
+from swsysid._effect_model.on_time import as_shown, as_they_were, on_time
 from swsysid._effect_model.settings import SETTINGS
 from swsysid._effect_model.sharpening import fitted_alone, libraries, sharpened_velocities
 from swsysid._noise import robust_regression
@@ -159,8 +159,19 @@ class JointFit:
     ) -> Array:
         """Velocities of all samples or of some, shape (n_samples, n_states); modes are of all."""
         modes = self.predict_modes(records) if modes is None else modes
-        modes = modes if rows is None else modes[rows]
-        return np.asarray(self.mode_velocities(records, rows)[modes, np.arange(len(modes))])
+        some = slice(None) if rows is None else rows
+        fields, every = self.mode_velocities(records, rows), np.arange(len(modes[some]))
+        answer = np.asarray(fields[modes[some], every])
+        for term, _ in late_records(self.terms, records):
+            then = as_shown(term, records, modes)[some]
+            answer[:, term.place] = fields[then, every, term.place]
+        return answer
+
+    def most_switched_state(self, records: Records) -> int:
+        """State whose laws differ most between the modes."""
+        coef, sizes = self.laws.coef, np.abs(self.library(records)).mean(axis=0)
+        usual = np.maximum(np.abs(coef).mean(axis=0) @ sizes, np.finfo(float).tiny)
+        return int(np.argmax(np.ptp(coef, axis=0) @ sizes / usual))
 
     def residuals(self, records: Records, rows: NDArray[np.intp], targets: Array) -> Array:
         """What the fit leaves over of the targets of its own rows of a record."""
@@ -257,7 +268,8 @@ def told_on_rows(
 def known_modes(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Modes:
     """Modes of a whole record from the data, -1 where they say nothing.
 
-    On the rows of the fit they are its own, elsewhere those that measured states have told.
+    On the rows of the fit they are its own, elsewhere those that measured states have told. Where a
+    late velocity tells them apart they are brought to the time of the states.
     """
     known = np.full(len(records), -1)
     if records.told is not None:
@@ -266,6 +278,9 @@ def known_modes(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Mode
         known[inside] = order[records.told[inside]]
         known[known >= fit.n_modes] = -1  # a mode that a fit has lost
     known[rows] = fit.modes
+    for term, _ in late_records(fit.terms, records):
+        if term.place == fit.most_switched_state(records):
+            known = as_they_were(term, records, known)
     return known
 
 

@@ -1,4 +1,4 @@
-"""Velocities that are as late as the states they are made of, brought to the time of the others."""
+"""Velocities as late as the states they are made of, and modes that they tell, brought to time."""
 
 from __future__ import annotations
 
@@ -38,3 +38,27 @@ def on_time(
         changed = sharpened_velocities(declared, targets, then, now, modes)
         answer[:, term.place] = changed[:, term.place]
     return answer
+
+
+def as_shown(term: PlacedEffect, records: Records, modes: Modes) -> Modes:
+    """Modes that a late velocity shows at every sample, for those that there are."""
+
+    def read(t: Array, values: Array) -> Array:
+        return _nearest(term.effect.instants(t, *term.theta), t, values)
+
+    return records.along(read, modes.astype(float)).astype(np.intp)
+
+
+def as_they_were(term: PlacedEffect, records: Records, shown: Modes) -> Modes:
+    """Modes at every sample, for those that a late velocity shows; -1 where it shows no more."""
+
+    def read(t: Array, values: Array) -> Array:
+        instants = term.effect.instants(t, *term.theta)
+        return np.where(t > instants[-1], -1, _nearest(t, instants, values))
+
+    return records.along(read, shown.astype(float)).astype(np.intp)
+
+
+def _nearest(asked: Array, t: Array, values: Array) -> Array:
+    """Of values at increasing times those nearest to some times."""
+    return values[np.rint(np.interp(asked, t, np.arange(len(t)))).astype(np.intp)]

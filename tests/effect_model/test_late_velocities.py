@@ -8,6 +8,7 @@ from swsysid import SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid._effect_model.joint_fit import fit_jointly
 from swsysid._effect_model.models import declared_model
+from swsysid._effect_model.on_time import as_shown, as_they_were
 from swsysid.effects import ClockLag, PlacedEffect
 
 TURNING = [[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]]  # x' = y, y' = -x
@@ -53,3 +54,12 @@ def test_laws_of_a_late_record_are_those_of_the_plant():
     states = make_records(np.column_stack([np.sin(T), np.cos(T)]), 2, t=T, names=["x", "y"])
     laws = fit.library(states)[INSIDE] @ fit.laws.coef[0].T
     np.testing.assert_allclose(laws, ON_TIME[INSIDE], atol=1e-3)
+
+
+def test_modes_that_a_late_velocity_shows_are_those_of_earlier_instants():
+    modes = np.repeat([0, 1, 0], [30, 40, 31])  # of the states, a twentieth apart
+    shown = as_shown(late_sensor(True), records(), modes)
+    # late by 2.6 samples: to the nearest
+    assert shown.tolist() == np.repeat([0, 1, 0], [33, 40, 28]).tolist()
+    back = as_they_were(late_sensor(True), records(), shown)
+    assert back.tolist() == [*modes[:-3], -1, -1, -1]  # of the end nothing has been shown
