@@ -155,6 +155,7 @@ def test_constants_that_change_an_answer_come_first_and_the_others_are_named():
     assert "No answer changes with `tie`." in text
 
 
+@pytest.mark.nightly
 def test_a_mode_that_acts_in_an_eighth_of_the_rows_is_found():
     (record,) = run_fresh(2038)  # few blocks of a test see it
     assert record["kind"] == "extra_mode"
@@ -162,6 +163,7 @@ def test_a_mode_that_acts_in_an_eighth_of_the_rows_is_found():
     assert record["told_change"] < 0.8  # of two equations, one of which falls to a tenth or so
 
 
+@pytest.mark.nightly
 def test_a_gain_of_two_per_cent_beyond_a_threshold_is_a_saturation():
     (record,) = run_fresh(14028)  # by 2 of 2900 nats, of which a filter makes as much
     assert record["found"] == ["saturation of x2"]

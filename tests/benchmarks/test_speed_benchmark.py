@@ -81,6 +81,7 @@ def test_direct_equals_stand_beside_what_they_equal():
     assert "| 1700 (0.5 to 2000) | 24.8 µs / 41.8 ms | at least 500, reached |" in lines[0]
 
 
+@pytest.mark.nightly
 def test_rows_growth_memory_and_imports_are_measured(tmp_path):
     options = ["--repeats", "1", "--output", str(tmp_path), "--largest", "1.2e4"]
     parts = ["rows", "growth", "memory", "on_disk", "imports"]

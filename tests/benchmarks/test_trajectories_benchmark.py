@@ -37,6 +37,7 @@ def test_told_the_stays_the_laws_of_an_exact_recording_are_found():
     assert figures(plant, model)["field"] < 1e-4  # quadrature of the weak form
 
 
+@pytest.mark.nightly
 def test_a_cell_is_run_once_and_printed(tmp_path, capsys):
     arguments = ["--output", str(tmp_path), "--plants", "one mode, linear", "--seeds", "1"]
     arguments += ["--noise", "0.01", "--per-period", "20", "--recordings", "4"]

@@ -2,9 +2,12 @@
 
 import json
 
+import pytest
+
 from benchmarks.undeclared.__main__ import main
 
 
+@pytest.mark.nightly
 def test_the_fast_part_finds_what_was_planted(tmp_path, capsys):
     main(["--fast", "--output", str(tmp_path)])
     lines = (tmp_path / "undeclared.jsonl").read_text().splitlines()

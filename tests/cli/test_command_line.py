@@ -102,6 +102,7 @@ def test_a_csv_becomes_equations_surface_error_model_and_picture(recording, tmp_
     np.testing.assert_allclose(model.predict(far), rates, atol=0.02)
 
 
+@pytest.mark.nightly
 def test_positions_alone_give_the_same_law(recording, tmp_path, capsys):
     arguments = [recording, "--states", "x", "--order", "2", *NAMES, "--output", str(tmp_path)]
     text = text_of(arguments, capsys)
@@ -206,6 +207,7 @@ def test_cells_without_a_measurement_are_counted(
     assert_is_the_oscillator(text, 0.01)
 
 
+@pytest.mark.nightly
 def test_runs_that_are_not_named_are_found_where_the_time_starts_again(recording, tmp_path, capsys):
     named = [recording, "--states", "x", "v", "--time", "t", "--output", str(tmp_path)]
     assert main([*named, "--groups", "run"]) == 0

@@ -80,6 +80,7 @@ def test_two_straight_springs_of_a_cubic_one_are_no_modes():
     assert "Do not trust the modes" in render(result)
 
 
+@pytest.mark.nightly
 def test_auto_gives_modes_up_for_a_cubic_law_and_delivers_it(monkeypatch):
     regressor = JobOptions.regressor
     monkeypatch.setattr(
