@@ -94,7 +94,8 @@ class ClockLag(MeasurementEffect):
 
         smoothly, straight = (partial(read, -theta[0]) for read in (_smoothly_read, _read))
         every = [
-            smoothly if place in records.states else straight for place in range(records.X.shape[1])
+            smoothly if channel in records.states else straight
+            for channel in range(records.X.shape[1])
         ]
         columns = [
             records.along(read, values) for read, values in zip(every, records.X.T, strict=True)
