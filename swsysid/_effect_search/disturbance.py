@@ -129,10 +129,11 @@ class _Questions:
         if self._p_value(coloured(without, self.where), without, target) is None:
             return np.inf
         # A filter that smears what an effect does leaves jumps where the effect has none, and the
-        # other way round, which neither has made: rows are compared that share no samples.
+        # other way round, which neither has made: rows are compared that share no samples. What is
+        # gross without the effects and not with them is what they explain, and no force.
         beside = self.residuals(structure, target)
         every = self._smeared(beside)
-        usual = (without != 0.0) & (beside != 0.0)
+        usual = beside != 0.0
         order, where = self.where.taken(usual).apart(every)
         rows = self._ordered[0][usual][order]
         gains = np.zeros(int(self.where.stretch.max()) + 1)
