@@ -53,7 +53,7 @@ def test_held_out_stretches_choose_the_law_that_made_the_record():
 @pytest.mark.nightly
 @pytest.mark.measured
 def test_what_a_heater_explains_in_one_episode_is_no_force():
-    """Rows that are gross errors without the lag of the heater, and of a record that mostly rests."""
+    """Its rows are gross errors without the lag of the heater, far above any slow force."""
     found = _searched("incubator", *_incubator())
     assert found.found.startswith("lag of heater")
     assert found.after < 0.5 * found.before  # .47 instead of 1.41 on the test records
