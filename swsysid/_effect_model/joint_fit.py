@@ -167,11 +167,15 @@ class JointFit:
             answer[:, term.place] = fields[then, every, term.place]
         return answer
 
-    def most_switched_state(self, records: Records) -> int:
-        """State whose laws differ most between the modes."""
-        coef, sizes = self.laws.coef, np.abs(self.library(records)).mean(axis=0)
-        usual = np.maximum(np.abs(coef).mean(axis=0) @ sizes, np.finfo(float).tiny)
-        return int(np.argmax(np.ptp(coef, axis=0) @ sizes / usual))
+    def most_switched_state(self, features: Array, scale: Array | None = None) -> int:
+        """State whose laws differ most between the modes, for some rows of the library.
+
+        In units of `scale`, (n_states,), or of what the terms of each law usually sum up to.
+        """
+        coef, sizes = self.laws.coef, np.abs(features).mean(axis=0)
+        if scale is None:
+            scale = np.maximum(np.abs(coef).mean(axis=0) @ sizes, np.finfo(float).tiny)
+        return int(np.argmax((np.ptp(coef, axis=0) * sizes).sum(axis=1) / scale))
 
     def residuals(self, records: Records, rows: NDArray[np.intp], targets: Array) -> Array:
         """What the fit leaves over of the targets of its own rows of a record."""
@@ -279,7 +283,7 @@ def known_modes(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Mode
         known[known >= fit.n_modes] = -1  # a mode that a fit has lost
     known[rows] = fit.modes
     for term, _ in late_records(fit.terms, records):
-        if term.place == fit.most_switched_state(records):
+        if term.place == fit.most_switched_state(fit.library(records)):
             known = as_they_were(term, records, known)
     return known
 

@@ -181,10 +181,8 @@ class CandidateContext:
     @property
     def most_switched_state(self) -> int:
         """State whose laws differ most between the modes."""
-        coef = self.fit.laws.coef
-        sizes = np.abs(self.regression.features[:, : coef.shape[2]]).mean(axis=0)
-        apart = (np.ptp(coef, axis=0) * sizes).sum(axis=1)
-        return int(np.argmax(apart / self.regression.targets.std(axis=0)))
+        library = self.regression.features[:, : self.fit.laws.coef.shape[2]]
+        return self.fit.most_switched_state(library, self.regression.targets.std(axis=0))
 
     def of_channel(self, channel: Place, target: int) -> list[int]:
         """Features that say what a channel does at present to the velocity of a state."""

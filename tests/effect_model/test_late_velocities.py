@@ -1,5 +1,7 @@
 """Sensors that are late, and whose samples a velocity is made of: a turning point by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from effect_fits import fit_by_hand
@@ -40,7 +42,7 @@ def test_a_velocity_is_late_where_it_is_made_of_late_samples(same_sensor, expect
 def test_targets_are_brought_to_the_time_of_the_others():
     rows = np.arange(len(T))[INSIDE]
     fit = fit_by_hand(TURNING, [late_sensor(True)], [[]])
-    own = fit.__class__(fit.estimator, fit.terms, fit.coef, np.zeros(len(rows), dtype=np.intp))
+    own = replace(fit, modes=np.zeros(len(rows), dtype=np.intp))
     moved = own.on_time(records(), rows, VELOCITIES[rows])
     np.testing.assert_allclose(moved, ON_TIME[rows], atol=1e-4)
     np.testing.assert_array_equal(moved[:, 1], VELOCITIES[rows][:, 1])

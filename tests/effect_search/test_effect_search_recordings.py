@@ -42,6 +42,16 @@ def recorded(effect, system, seed, noise=0.01):
     return data, x + noise * x.std(axis=0) * drawn, u
 
 
+def tanks_as_measured():
+    """The declared model of two tanks, and a record of theirs whose states tell two modes."""
+    data, x, u = recorded(None, "tanks", seed=0)
+    names = ["x0", "x1", "x2"]
+    records = make_records(np.hstack([x, u]), 2, t=data.t, groups=data.groups, names=names)
+    declared = declared_model(data.estimator.set_params(random_state=0), records)
+    measured = from_states(declared, records)
+    return declared, measured
+
+
 def search(data, x, u, effects=LIBRARY):
     found = EffectSearchCV(data.estimator, effects=effects)
     return found.fit(x, t=data.t, groups=data.groups, inputs=u, signals=data.signals)
@@ -180,11 +190,7 @@ def test_the_surface_lies_between_all_modes_that_the_states_tell():
 
 def test_modes_that_were_told_before_one_more_was_found_move_no_surface():
     """A model of three modes in a record whose states tell two."""
-    data, x, u = recorded(None, "tanks", seed=0)
-    names = ["x0", "x1", "x2"]
-    records = make_records(np.hstack([x, u]), 2, t=data.t, groups=data.groups, names=names)
-    declared = declared_model(data.estimator.set_params(random_state=0), records)
-    measured = from_states(declared, records)
+    declared, measured = tanks_as_measured()
     assert measured.records.told.max() == 1
     seen, rows = measured.records, measured.rows
     three = fit_jointly(declared.with_modes(3), (), seen, rows, measured.targets[rows])
@@ -194,11 +200,7 @@ def test_modes_that_were_told_before_one_more_was_found_move_no_surface():
 
 def test_modes_told_by_laws_that_lack_an_effect_move_no_surface():
     """Told modes that contradict those of a fit were told before its effects were known."""
-    data, x, u = recorded(None, "tanks", seed=0)
-    names = ["x0", "x1", "x2"]
-    records = make_records(np.hstack([x, u]), 2, t=data.t, groups=data.groups, names=names)
-    declared = declared_model(data.estimator.set_params(random_state=0), records)
-    measured = from_states(declared, records)
+    declared, measured = tanks_as_measured()
     seen, rows = measured.records, measured.rows
     fit = fit_jointly(declared.with_modes(2), (), seen, rows, measured.targets[rows])
     assert with_told_surface(fit, seen, rows) is not fit  # those that the states do tell
