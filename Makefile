@@ -18,7 +18,7 @@ export MPLBACKEND ?= Agg
 help:
 	@echo "make demo      identify the built-in example and draw it"
 	@echo "make test      run the tests, warnings as errors"
-	@echo "make nightly   the tests that take minutes each, warnings as errors"
+	@echo "make nightly   the longest tests, an hour together, warnings as errors"
 	@echo "make lint      ruff and mypy"
 	@echo "make examples  run every example, headless, and compare what it prints"
 	@echo "make examples-record  keep what every example prints now as the expected output"

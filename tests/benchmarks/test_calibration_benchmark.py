@@ -17,6 +17,7 @@ from benchmarks.calibration.rare import rare_record
 from swsysid import EffectSearchCV
 
 
+@pytest.mark.nightly
 def test_one_null_and_one_stop(tmp_path, capsys):
     options = ["--seeds", "1", "--rare", "1", "--first-seed", "1", "--output", str(tmp_path)]
     main([*options, "--kinds", "ar 0.9", "rare"])

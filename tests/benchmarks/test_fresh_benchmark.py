@@ -27,6 +27,7 @@ def test_a_record_follows_from_its_number():
     assert first.seed != other.seed
 
 
+@pytest.mark.nightly
 def test_records_lie_in_the_ranges_that_are_told():
     many = [Drawn.of(number) for number in range(60)]
     assert all(400 <= one.n_samples <= 20_000 and 0.5 <= one.rate <= 2.0 for one in many)
@@ -83,6 +84,7 @@ def test_what_a_plant_is_said_to_have_can_be_planted(name):
         assert data.effects[0].kind == kind
 
 
+@pytest.mark.nightly
 def test_a_search_in_a_drawn_record_is_told_with_its_verdict():
     number = next(n for n in range(200) if _is_small(Drawn.of(n)))
     [record] = run_fresh(number)

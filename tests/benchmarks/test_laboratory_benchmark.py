@@ -33,6 +33,7 @@ def test_the_lid_is_opened_in_two_recordings():
     assert set(np.argsort(cooling)[-2:]) == {1, 4}
 
 
+@pytest.mark.nightly
 def test_one_rig(tmp_path, capsys):
     options = ["--rigs", "motor", "--seeds", "1", "--output", str(tmp_path)]
     main(options)

@@ -29,6 +29,7 @@ def file(tmp_path):
     return str(path)
 
 
+@pytest.mark.nightly
 def test_a_thermostat_is_found_judged_and_saved(file, tmp_path, capsys):
     roles = ["--states", "T", "--time", "t", "--groups", "run"]
     assert main([file, *roles, "--automaton", "--output", str(tmp_path)]) == 0

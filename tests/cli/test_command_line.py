@@ -139,12 +139,14 @@ def test_a_single_law_is_not_sold_as_two(tmp_path, capsys):
     assert "does not predict the held-out samples clearly better" in capsys.readouterr().out
 
 
+@pytest.mark.nightly
 def test_the_built_in_example(tmp_path, capsys):
     text = text_of(["--output", str(tmp_path)], capsys)
     assert "clearly better than one mode" in text
     assert (tmp_path / "phase_portrait.png").stat().st_size > 10_000
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_text(recording, tmp_path, capsys):
     texts = []
     for _ in range(2):
@@ -258,6 +260,7 @@ def test_many_rows_are_all_used_and_give_the_right_law(tmp_path, capsys):
     assert_is_the_oscillator(text, 0.03)
 
 
+@pytest.mark.nightly
 def test_progress_is_shown_on_request_and_goes_to_standard_error(recording, tmp_path, capsys):
     arguments = [recording, "--states", "x", "v", *NAMES, "--decimate", "4"]
     assert main([*arguments, "--output", str(tmp_path)]) == 0

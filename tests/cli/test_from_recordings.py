@@ -45,6 +45,7 @@ def text_of(arguments, capsys):
     return capsys.readouterr().out
 
 
+@pytest.mark.nightly
 def test_laws_with_errors_instants_and_noise(contact, tmp_path, capsys):
     path, events = contact
     arguments = [path, "--states", "x", "v", *ROLES, "--output", str(tmp_path)]

@@ -50,6 +50,7 @@ def left(result, errors):
     return np.sqrt(np.mean(np.square(errors))) / NOISE
 
 
+@pytest.mark.nightly
 def test_a_bumper_switches():
     result = judged(CONTACT)
     comparison = result.comparison

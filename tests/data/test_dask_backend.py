@@ -64,6 +64,7 @@ def test_grid_search(client):
     assert np.array_equal(one.predict_mode_proba(X), two.predict_mode_proba(X))
 
 
+@pytest.mark.nightly
 def test_effect_search(client):
     data = make_undeclared("coulomb_friction", system="oscillator", random_state=1)
     search = EffectSearchCV(data.estimator, effects=[CoulombFriction(), QuadraticDrag()])

@@ -19,8 +19,17 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```python\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", re.M | re.S)
 
 
+# a minute of code
+LONG = {"automata"}
+
+
 def _pages_with_code():
-    return [page for page in PAGES if BLOCK.search(page.read_text(encoding="utf-8"))]
+    pages = [page for page in PAGES if BLOCK.search(page.read_text(encoding="utf-8"))]
+    nightly = [pytest.mark.nightly]
+    return [
+        pytest.param(page, id=page.stem, marks=nightly if page.stem in LONG else [])
+        for page in pages
+    ]
 
 
 def _prints(expected, printed):
@@ -29,7 +38,7 @@ def _prints(expected, printed):
     )
 
 
-@pytest.mark.parametrize("page", _pages_with_code(), ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", _pages_with_code())
 def test_blocks_run_in_order(page, tmp_path, monkeypatch):
     import matplotlib.pyplot as plt
 

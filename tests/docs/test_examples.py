@@ -13,8 +13,8 @@ import pytest
 from example_output import EXAMPLES, differences, recorded_output, run_example
 from example_pictures import complaints
 
-# minutes each: whole searches of long records
-LONG = {"plot_mr_damper", "plot_emps", "plot_rc_vehicle"}
+# whole searches of long records, and of many models
+LONG = {"plot_mr_damper", "plot_emps", "plot_rc_vehicle", "plot_cascaded_tanks", "plot_grid_search"}
 
 
 @pytest.mark.parametrize(

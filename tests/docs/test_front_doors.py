@@ -40,6 +40,7 @@ def test_the_shipped_recording_is_what_its_script_writes(tmp_path):
     assert again.read_bytes() == (CART / "cart.csv").read_bytes()
 
 
+@pytest.mark.nightly
 def test_the_page_shows_what_the_first_command_prints(tmp_path):
     """The second one, which takes minutes, is compared whenever the pages are built."""
     runs = _script("printed_runs")

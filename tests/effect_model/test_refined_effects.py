@@ -138,6 +138,7 @@ def test_a_pipeline_is_refused():
         refine(model, {"t": T, "x": np.ones((len(T), 2)), "inputs": FORCE})
 
 
+@pytest.mark.nightly
 def test_what_makes_held_out_rollouts_worse_is_refused():
     """Numbers that take up what the laws lack in one record mean something else in another."""
     plant, start = fitted([DRAG], drag=0.3), fitted([DRAG], drag=0.25)

@@ -57,7 +57,7 @@ def test_velocities_of_a_right_model_have_no_more_than_the_noise_of_their_window
 @pytest.mark.parametrize(
     ("kind", "system"),
     [
-        ("guard_hysteresis", "oscillator"),
+        pytest.param("guard_hysteresis", "oscillator", marks=pytest.mark.nightly),
         ("reset", "oscillator"),
         pytest.param("reset", "two_mass", marks=pytest.mark.nightly),
     ],

@@ -64,7 +64,7 @@ PLANTED = [
     ("guard_hysteresis", "oscillator", STRUCTURES, None, None, 0.0),
     ("extra_mode", "pendulum", STRUCTURES, None, None, 0.0),
 ]
-NIGHTLY, LONG = [pytest.mark.nightly], {("sensor_offset", "two_mass")}
+NIGHTLY, LONG = [pytest.mark.nightly], {("sensor_offset", "two_mass"), ("delay", "discrete")}
 
 
 def search(data, effects="all", **options):
@@ -254,6 +254,7 @@ def test_nothing_held_out_has_any_say():
     assert spoilt.effects_[0].error_after > 4.0
 
 
+@pytest.mark.nightly
 def test_any_number_of_jobs_gives_the_same_answer():
     data = make_undeclared("coulomb_friction", system="oscillator", random_state=1)
     one, two = (search(data, FRICTIONS, n_jobs=jobs) for jobs in (None, 2))

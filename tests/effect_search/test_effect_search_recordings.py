@@ -61,9 +61,15 @@ def search(data, x, u, effects=LIBRARY):
     ("kind", "system", "planted", "name", "tolerance"),
     [
         ("coulomb_friction", "pendulum", "coulomb", "friction", 0.1),
-        ("coulomb_friction", "oscillator", "coulomb", "friction", 0.1),
+        pytest.param(
+            *("coulomb_friction", "oscillator", "coulomb", "friction", 0.1),
+            marks=pytest.mark.nightly,
+        ),
         ("dead_zone", "pendulum", "threshold", "threshold", 0.1),
-        ("saturation", "oscillator", "threshold", "threshold", 0.1),
+        pytest.param(
+            *("saturation", "oscillator", "threshold", "threshold", 0.1),
+            marks=pytest.mark.nightly,
+        ),
         ("delay", "pendulum", "delay", "delay", 0.1),
     ],
 )
@@ -114,6 +120,7 @@ def test_recordings_in_a_list_and_rows_in_any_order_are_the_same():
     assert str(whole.report_).splitlines()[1] == str(apart.report_).splitlines()[1]
 
 
+@pytest.mark.nightly
 def test_in_discrete_time_the_next_samples_are_the_targets():
     data, x, u = recorded("dead_zone", "discrete", seed=1, noise=0.002)
     (found,) = search(data, x, u, [DeadZone(), Saturation(), Polynomial()]).effects_
@@ -188,6 +195,7 @@ def test_the_surface_lies_between_all_modes_that_the_states_tell():
     np.testing.assert_array_less(0.97, shares)
 
 
+@pytest.mark.nightly
 def test_modes_that_were_told_before_one_more_was_found_move_no_surface():
     """A model of three modes in a record whose states tell two."""
     declared, measured = tanks_as_measured()
@@ -216,6 +224,7 @@ def test_a_window_leaves_a_mode_of_short_stays_rows_enough():
     assert _longest([np.full(100, 200), np.full(1, 10)]) == SETTINGS.shortest_window
 
 
+@pytest.mark.nightly
 def test_modes_that_the_states_have_told_stay_where_a_filter_smears_what_is_fast():
     # A stay of the rarer mode is twice as long as the window. With the library at the instants and
     # velocities that are means its law was a mixture, and took 25 rows of the other mode.

@@ -53,6 +53,7 @@ def test_states_that_remember_the_force_do_not_bias_the_law(seed):
 # the held-out error by a third and more, and none of them is there. Of the second record several
 # together leave no force behind that is surely slow.
 @pytest.mark.parametrize("seed", [60, 80])
+@pytest.mark.nightly
 def test_inputs_of_the_past_that_only_tell_the_force_are_no_lag(seed):
     data = make_undeclared(unlisted="random_disturbance", system="discrete", random_state=seed)
     library = [Lag(), Delay(), Drift(), UnmeasuredDisturbance()]

@@ -82,6 +82,7 @@ def test_dry_friction_of_the_axis(emps):
     assert friction == pytest.approx(emps[1]["symmetric"]["Fc"], rel=0.02)
 
 
+@pytest.mark.nightly
 def test_friction_that_depends_on_the_direction(emps):
     search, _, found = friction_of(emps, "all")
     (effect,) = search.effects_
@@ -178,6 +179,7 @@ def test_dry_friction_and_a_power_law_explain_the_vehicle_alike(fetch_measured):
     assert abs(behind.mean()) < 2.0 * behind.std(ddof=1) / np.sqrt(10)
 
 
+@pytest.mark.nightly
 def test_the_whole_library_finds_both_in_the_vehicle(fetch_measured):
     data = fetch_measured(fetch_rc_vehicle)
     record = data.train

@@ -136,6 +136,7 @@ def test_a_constant_load_is_no_load():
     assert [rival.kind for rival in found.rivals] == ["load_friction"]
 
 
+@pytest.mark.nightly
 def test_the_size_of_a_pump_that_never_runs_backwards_is_the_pump():
     data = make_undeclared(None, system="tanks", random_state=3)
     loss = -0.02 * data.X[:, 2] * data.X[:, 0]

@@ -14,6 +14,7 @@ from swsysid.datasets import make_undeclared
 from swsysid.effects import CoulombFriction, Drift, PlacedEffect, QuadraticDrag
 
 
+@pytest.mark.nightly
 def test_two_rows_on_the_surface_are_no_veto():
     # 572 rows; with the right shape two of those held out, which are as likely in either mode, are
     # on the wrong side, where the error is twenty times the noise
@@ -75,6 +76,7 @@ def test_noise_hides_rows_at_rest_where_there_is_dry_friction():
     assert not noise.hides([PlacedEffect(QuadraticDrag(), 1, 1)], records, rows).any()
 
 
+@pytest.mark.nightly
 def test_a_servo_that_sticks_for_much_of_a_recording_has_friction_and_nothing_else():
     # what holds it at rest is no function of anything and no force: rows there have no say
     (record,) = run_cell("servo", 2)

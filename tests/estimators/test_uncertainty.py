@@ -79,6 +79,7 @@ def test_errors_alike_within_trajectories_widen_the_intervals():
     assert whole.blocks == "trajectories"
 
 
+@pytest.mark.nightly
 def test_few_trajectories_are_corrected_for():
     # Eight trajectories, each with an error of its own: what is known of a constant velocity is
     # what Student's t says of the mean of eight numbers.

@@ -129,6 +129,7 @@ def test_one_mode(monkeypatch, loss, coupling):
     assert model.objective_ == pytest.approx(whole.objective_, rel=1e-9)
 
 
+@pytest.mark.nightly
 def test_number_of_modes_is_chosen(monkeypatch):
     X, Xdot, _ = oscillator()
     groups = np.repeat(np.arange(40), 100)

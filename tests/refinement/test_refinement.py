@@ -175,6 +175,7 @@ def test_regression_is_biased_where_samples_are_coarse_and_refinement_is_not():
     assert (result.rmse_after < result.rmse_before).all()
 
 
+@pytest.mark.nightly
 def test_standard_errors_cover_the_truth():
     """Twenty draws of the noise: standardised errors have the size one within sampling."""
     standardised = []

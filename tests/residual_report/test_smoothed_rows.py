@@ -49,6 +49,7 @@ def reported(seed, switching, friction=0.0, **options):
 
 
 @pytest.mark.parametrize("switching", [False, True])
+@pytest.mark.nightly
 def test_a_right_model_of_differentiated_rows_is_clean(switching):
     n_trials = 50
     n_clean = sum(reported(seed, switching).clean for seed in range(n_trials))

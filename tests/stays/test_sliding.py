@@ -188,6 +188,7 @@ def friction():
     return plant, campaign, identified(plant, campaign, 0)
 
 
+@pytest.mark.nightly
 def test_dry_friction_that_sticks_is_found_as_well_as_recordings_allow():
     plant, campaign, found = friction()
     ours = figures(plant, found.estimator_)

@@ -112,7 +112,9 @@ def test_the_order_of_switches_costs_what_it_takes_to_say_it():
     np.testing.assert_allclose(order_of_switches(alone), np.log(3.0), rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["contact", "linear oscillator"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("contact", marks=pytest.mark.nightly), "linear oscillator"]
+)
 def test_twelve_noisy_recordings_give_nearly_what_they_allow(name):
     plant = PLANTS[name]
     campaign = record(plant, Scenario(NOISE, 60, 12), 1)

@@ -144,6 +144,7 @@ def test_the_noise_is_that_of_the_values_that_were_measured(missing):
     assert found.report_.advice == "The rollouts leave nothing but noise."
 
 
+@pytest.mark.nightly
 def test_a_library_that_learns_from_its_data_is_learnt_once():
     t = np.linspace(0.0, 8.0, 161)
     rng = np.random.default_rng(4)

@@ -146,6 +146,7 @@ def test_recordings_that_begin_anew_need_no_labels():
     np.testing.assert_array_equal(found.estimator_.coef_, identified().estimator_.coef_)
 
 
+@pytest.mark.nightly
 def test_the_number_of_modes_is_found():
     data = oscillator()
     found = TrajectoryIdentifier(estimator(n_modes="auto", max_modes=3)).fit(
@@ -155,6 +156,7 @@ def test_the_number_of_modes_is_found():
     assert [one.n_modes for one in found.mode_selection_] == [1, 2, 3]
 
 
+@pytest.mark.nightly
 def test_one_mode_is_found_where_there_is_one():
     data = record(PLANTS["one mode, linear"], Scenario(NOISE, 60, 4), 5)
     found = TrajectoryIdentifier(estimator(n_modes="auto", max_modes=3)).fit(
@@ -178,6 +180,7 @@ def test_unknowns_of_stretches_apart_when_rollouts_mean_nothing():
     np.testing.assert_allclose(in_order(found.estimator_.coef_), TRUTH, atol=0.02)
 
 
+@pytest.mark.nightly
 def test_a_grid_search_over_recordings():
     search = GridSearchCV(
         TrajectoryIdentifier(estimator()),

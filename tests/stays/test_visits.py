@@ -85,6 +85,7 @@ def test_a_recording_may_begin_and_end_beyond_the_surface():
     assert again.modes.tolist() == [0]
 
 
+@pytest.mark.nightly
 def test_positions_tell_a_bumper_that_is_hardly_touched():
     plant = PLANTS["positions only"]
     campaign = record(plant, Scenario(0.01, 60, 12), 100)  # recording 8 touches it for .25 s
