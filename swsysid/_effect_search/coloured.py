@@ -94,6 +94,14 @@ class Stretches:
         return order, Stretches(self.t[order], part[order])
 
 
+def in_trajectories(data: SearchData) -> Stretches:
+    """The same rows, where one after a gap still remembers those before it in its trajectory."""
+    records = data.records.take(data.rows)
+    assert records.t is not None
+    number = np.repeat(np.arange(len(records.trajectories)), list(map(len, records.trajectories)))
+    return Stretches(records.t[np.concatenate(records.trajectories)], number)
+
+
 def rows_in_order(data: SearchData) -> tuple[NDArray[np.intp], Stretches]:
     """The rows of a search in order, in the blocks of its tests, cut where the record has gaps."""
     records = data.records.take(data.rows)
@@ -114,11 +122,10 @@ class Coloured:
     noise: float
 
     def log_likelihood(self, y: Array, where: Stretches) -> Array:
-        """Of every stretch."""
+        """What each sample has of that of all."""
         determinants, squares = self.parts(y, where)
         noise = self.noise**2
-        twice = np.log(2.0 * np.pi * noise) + determinants + squares / noise
-        return -0.5 * np.bincount(where.stretch, twice).astype(float)
+        return -0.5 * (np.log(2.0 * np.pi * noise) + determinants + squares / noise)
 
     def parts(self, y: Array, where: Stretches) -> tuple[Array, Array]:
         """What each sample has of log det C and of y'C^-1 y, for the covariance C of all samples.

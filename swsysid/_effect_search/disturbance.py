@@ -21,6 +21,7 @@ from swsysid._effect_search.coloured import (
     Stretches,
     beneath_a_law,
     coloured,
+    in_trajectories,
     rows_in_order,
     white,
 )
@@ -134,14 +135,16 @@ class _Questions:
         beside = self.residuals(structure, target)
         every = self._smeared(beside)
         usual = beside != 0.0
-        order, where = self.where.taken(usual).apart(every)
-        rows = self._ordered[0][usual][order]
+        # A force that outlasts a stretch is known in the next one: else a line through all of them
+        # would explain at each what the past does.
+        order, where = in_trajectories(self.context.data).taken(usual).apart(every)
+        rows, stretch = self._ordered[0][usual][order], self.where.stretch[usual][order]
         gains = np.zeros(int(self.where.stretch.max()) + 1)
         for sign, option in ((-1.0, fewer), (1.0, structure)):
             features, y = self._law(option, target)
             model, left = beneath_a_law(features[rows], y[rows], where)
             gain = sign * model.log_likelihood(left, where)
-            gains += np.bincount(np.arange(len(gain)) // every, gain, len(gains)) / every
+            gains += np.bincount(stretch, gain, len(gains)) / every
         more = structure.n_parameters - fewer.n_parameters  # each explains a nat of noise (Akaike)
         return float(gains.sum() - more - gains.std(ddof=1) * np.sqrt(len(gains)))
 

@@ -56,6 +56,13 @@ def test_states_say_nothing_where_their_differentiated_velocities_gave_an_alarm(
     assert search.effects_ == []
 
 
+def test_a_slow_force_in_one_trajectory_is_no_drift():
+    data = null_record("slow disturbance", 1102)
+    search = EffectSearchCV(data.estimator)
+    search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
+    assert {found.kind for found in search.effects_} <= {"unmeasured_disturbance"}
+
+
 @pytest.mark.nightly
 def test_what_makes_every_rollout_worse_is_only_tried_although_velocities_show_it():
     data = null_record("differentiated", 902)
