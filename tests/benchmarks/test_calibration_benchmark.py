@@ -56,6 +56,7 @@ def test_states_say_nothing_where_their_differentiated_velocities_gave_an_alarm(
     assert search.effects_ == []
 
 
+@pytest.mark.nightly
 def test_a_slow_force_in_one_trajectory_is_no_drift():
     data = null_record("slow disturbance", 1102)
     search = EffectSearchCV(data.estimator)
