@@ -23,7 +23,7 @@ from swsysid.effects import Effect, PlacedEffect
 from swsysid.effects._base import Place
 from swsysid.effects._placed import corrected
 
-Columns = dict[tuple[int, Place], Array]
+Columns = dict[tuple[int, Place], tuple[Array, Array]]  # values that were scanned, and theirs
 
 
 @dataclass(frozen=True)
@@ -111,6 +111,17 @@ class CandidateContext:
             residuals[test] = background.errors(test)
         return residuals
 
+    @cached_property
+    def left_over(self) -> Array:
+        """What each regression leaves of the targets in question on its training rows."""
+        # A scan picks the best value of each fold: what suits it must be among those it looks at.
+        n_rows, targets = len(self.regression.modes), self.targets
+        left = np.zeros((n_rows, len(self.backgrounds()), len(targets)))
+        for number, one in enumerate(self.backgrounds()):
+            weight = self.regression.weight[one.train, None]
+            left[one.train, number] = weight * one.left_over[:, targets]
+        return left.reshape(n_rows, -1)
+
     # -- columns ---------------------------------------------------------------------------------
 
     def columns(self, effect: Effect, place: Place, grid: Array) -> Array:
@@ -124,9 +135,9 @@ class CandidateContext:
     def scanned_columns(self, effect: Effect, place: Place, grid: Array) -> Array:
         """As `columns`, and kept: the next scan of the same record asks for them again."""
         key = (id(effect), place)
-        if key not in self.kept:
-            self.kept[key] = self.columns(effect, place, grid)
-        return self.kept[key]
+        if key not in self.kept or not np.array_equal(self.kept[key][0], grid):
+            self.kept[key] = grid, self.columns(effect, place, grid)
+        return self.kept[key][1]
 
     # -- what the data say beside the laws -------------------------------------------------------
 

@@ -116,6 +116,14 @@ class Effect(BaseEstimator):
         """Nonlinear parameters and the values at which they are scanned."""
         return ()
 
+    def shortlist(self, records: Records, grid: Array, left: Array) -> Array:
+        """The values of a scan, (n_values, n_theta), that may explain what is left of some targets.
+
+        All of them by default; an effect that has too many of them can tell from ``left``,
+        (n_samples, n_columns), which need not be tried.
+        """
+        return grid
+
     def theta_names(self, records: Records, place: Place) -> tuple[str, ...]:
         """Names of the nonlinear parameters."""
         return tuple(parameter.name for parameter in self.parameters(records, place))

@@ -35,7 +35,8 @@ class EffectSettings:
     digits: int = 9  # of a channel's range: values closer than that are one
 
     # -- time and memory -------------------------------------------------------------------------
-    most_frequencies: int = 4000
+    most_frequencies: int = 200_000
+    frequencies_at_once: int = 4000  # in one scan: of more of them those that stand out
     frequencies_a_peak: float = 2.5  # scanned in the width of a peak, one over the duration
     fastest: float = 0.25  # of the sampling rate
     fewest_periods: float = 5.0  # in all trajectories: fewer are a drift or a slow feedback

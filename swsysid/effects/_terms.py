@@ -10,6 +10,7 @@ from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Parameter, Place, products, spread
 from swsysid.effects._characteristics import OfAChannel
+from swsysid.effects._periodogram import likeliest, power
 from swsysid.effects._settings import SETTINGS
 
 
@@ -198,6 +199,13 @@ class PeriodicForcing(_Wave):
             count = int(SETTINGS.frequencies_a_peak * fastest * duration)
             values = np.linspace(slowest, fastest, min(max(count, 2), SETTINGS.most_frequencies))
         return (Parameter("frequency", values, "1/{time}"),)
+
+    def shortlist(self, records: Records, grid: Array, left: Array) -> Array:
+        """Of a long record with gaps those that stand out in the trajectories."""
+        if len(grid) <= SETTINGS.frequencies_at_once:
+            return grid
+        squares = power(records, left, grid[:, 0])
+        return grid[likeliest(squares, SETTINGS.frequencies_at_once)]
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return super().column_names("t", 2.0 * np.pi * theta[0])
