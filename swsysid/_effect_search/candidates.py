@@ -17,6 +17,7 @@ from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_search.chance import Slope, memory
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Background, Regression, SharedSums
+from swsysid._effect_search.smeared_switches import at_smeared_switches
 from swsysid._noise import STUDENT, robust_weights
 from swsysid._results import Array
 from swsysid.effects import Effect, PlacedEffect
@@ -267,9 +268,13 @@ class CandidateContext:
 
     def evidence(self, trial: Trial) -> Slope:
         """What speaks for a trial: the slope of held-out residuals on the change it predicts."""
-        folds = self.regression.folds
-        residual = self.held_out[:, trial.candidate.target]
-        return Slope(trial.change, residual, self.regression.weight, folds.series, folds.blocks)
+        # At a switch that a filter has smeared any effect that changes there explains a part.
+        folds, target = self.regression.folds, trial.candidate.target
+        left = self.held_out.copy()
+        left[:, target] -= trial.change
+        smeared = at_smeared_switches(self.data, self.regression.modes, left)
+        weight = np.where(smeared, 0.0, self.regression.weight)
+        return Slope(trial.change, self.held_out[:, target], weight, folds.series, folds.blocks)
 
     def p_value(self, trial: Trial) -> float:
         """Probability of so good a prediction of the residual if there were no effect."""

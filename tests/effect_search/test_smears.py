@@ -8,7 +8,9 @@ from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid._effect_model.models import declared_model
 from swsysid._effect_search.coloured import Stretches
+from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.recording import from_states
+from swsysid._effect_search.smeared_switches import at_smeared_switches
 from swsysid.differentiation import differentiate
 from swsysid.effects import (
     CoulombFriction,
@@ -85,6 +87,42 @@ def test_samples_apart_are_in_stretches_of_their_own():
     assert order.tolist() == [0, 2, 4, 1, 3, 5, 6]
     assert apart.stretch.tolist() == [0, 0, 0, 1, 1, 2, 3]
     assert apart.t.tolist() == order.tolist()
+
+
+# --- rows at a switch ---------------------------------------------------------------------------
+
+
+def one_state(n_rows=400):
+    """A state of two trajectories, of all rows, and modes that switch every fifty rows."""
+    t, groups = np.arange(float(n_rows)), np.arange(n_rows) * 2 // n_rows
+    records = make_records(np.zeros((n_rows, 1)), 1, t=t, groups=groups, names=["x"])
+    data = SearchData.whole(records, np.arange(n_rows), np.zeros((n_rows, 1)))
+    return data, np.arange(n_rows) // 50 % 2
+
+
+def test_two_rows_on_each_side_of_a_switch_are_of_neither_law():
+    data, modes = one_state()
+    noise = np.random.default_rng(0).standard_normal((len(modes), 1))
+    # The modes differ from row 199 to row 200 too, but there another trajectory begins.
+    beside = [switch + row for switch in (50, 100, 150, 250, 300, 350) for row in range(-2, 2)]
+    np.testing.assert_array_equal(np.flatnonzero(at_smeared_switches(data, modes, noise)), beside)
+
+
+def test_a_filter_smears_a_switch_over_half_its_window():
+    data, modes = one_state()
+    noise = np.random.default_rng(0).standard_normal((len(modes), 1))
+    near = at_smeared_switches(data, modes, savgol_filter(noise, 9, 2, axis=0))
+    assert 4 <= near[:50].sum() <= 9  # as the reach itself: to a factor of two
+    assert near[50 - near[:50].sum() : 50].all()
+
+
+def test_no_switch_smears_a_record_of_one_mode_or_without_times():
+    data, modes = one_state()
+    noise = np.random.default_rng(0).standard_normal((len(modes), 1))
+    assert not at_smeared_switches(data, np.zeros_like(modes), noise).any()
+    records = make_records(np.zeros((len(modes), 1)), 1, t=None, names=["x"])
+    loose = SearchData.whole(records, np.arange(len(modes)), noise)
+    assert not at_smeared_switches(loose, modes, noise).any()
 
 
 # --- effects that a filter smears ---------------------------------------------------------------

@@ -1,0 +1,47 @@
+"""Rows next to a switch where a filter has made the velocities: they belong to neither law."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._effect_search.coloured import Stretches, in_trajectories, rows_in_order
+from swsysid._effect_search.folds import SearchData
+from swsysid._results import Array
+
+Mask = NDArray[np.bool_]
+
+
+def at_smeared_switches(data: SearchData, modes: NDArray[np.intp], left: Array) -> Mask:
+    """Rows within half the window of a filter, as what is left of the states shows it.
+
+    A short window shows in nothing but these rows: two on each side always count as smeared. None
+    where the windows of a recording end at its switches. What other effects leave may be as smooth
+    as if a filter had smeared it: most of the record stays.
+    """
+    near = np.zeros(len(modes), dtype=bool)
+    if not data.records.timed or data.records.average is not None or np.ptp(modes) == 0:
+        return near
+    order, where = rows_in_order(data)
+    inexact = [state for state in range(left.shape[1]) if state not in data.exact_states]
+    window = max((where.smeared(left[order, state]) for state in inexact), default=1)
+    half = max(window // 2, data.settings.beside_a_switch)
+    distance = _from_a_switch(modes[order], in_trajectories(data), data.settings.gap_steps)
+    farthest = np.quantile(distance, data.settings.most_unsure, method="lower")
+    near[order] = distance < min(half, farthest)
+    return near
+
+
+def _from_a_switch(modes: NDArray[np.intp], series: Stretches, gap: float) -> Array:
+    """Samples from each to the nearest one of its trajectory that is next to a switch."""
+    number = np.arange(len(modes))
+    changes = np.diff(modes, prepend=modes[0]) != 0
+    switches = np.flatnonzero(changes & (series.waits <= gap * series.step))
+    if not len(switches):
+        return np.full(len(modes), np.inf)
+    after = np.searchsorted(switches, number, side="right")  # the switch is before this sample
+    last = switches[np.maximum(after - 1, 0)]
+    following = switches[np.minimum(after, len(switches) - 1)]
+    since = np.where((after > 0) & (series.stretch[last] == series.stretch), number - last, np.inf)
+    until = (after < len(switches)) & (series.stretch[following] == series.stretch)
+    return np.minimum(since, np.where(until, following - 1 - number, np.inf))
