@@ -134,6 +134,11 @@ class AutomatonLaws:
     def n_columns(self) -> int:
         return self.automaton.n_states + self.automaton.n_inputs
 
+    @property
+    def n_surface_parameters(self) -> int:
+        """None: an automaton keeps its guards."""
+        return 0
+
     def seen(self, X: Array) -> Array:
         return X
 

@@ -28,6 +28,7 @@ from swsysid._identification.setup import build_problem, build_search
 from swsysid._pipelines import steps_before, switching_step, with_parameters
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning, MisfitWarning
+from swsysid._surfaces.surface import has_monomials
 from swsysid.effects import Effect, StructureEffect
 
 Modes = NDArray[np.intp]
@@ -67,6 +68,10 @@ class FittedLaws(Protocol):
     @property
     def n_columns(self) -> int:
         """Number of states and inputs."""
+
+    @property
+    def n_surface_parameters(self) -> int:
+        """What a guard that takes the place of the surface does without, scales not counted."""
 
     @property
     def automaton(self) -> HybridAutomaton | None:
@@ -288,6 +293,13 @@ class SwitchingLaws:
     def n_columns(self) -> int:
         n_columns: int = self.estimator.n_features_in_
         return n_columns
+
+    @property
+    def n_surface_parameters(self) -> int:
+        surface = self.switching.switching_model.surface
+        if not has_monomials(surface):
+            return 0
+        return int(np.count_nonzero(surface.coef_)) - len(surface.coef_)
 
     @property
     def automaton(self) -> None:

@@ -179,7 +179,7 @@ def _of_a_structure(
     others = [context.without(structure, place), *fewer]
     if isinstance(effect, GuardEffect):
         # one that remembers nothing may tell the modes better than the surface all the same
-        others.append(context.without_memory(structure, place, beside.known_modes))
+        others += context.without_memory(structure, place)
     evidence = [structural_evidence(context, other, structure) for other in others]
     return max(evidence, key=attrgetter("chance"))
 
@@ -241,19 +241,23 @@ def is_promising(
     context: SearchContext, current: Structure, best: Structure, n_candidates: int
 ) -> bool:
     """True for a gain that chance over all candidates would not give, and worth its terms."""
-    gain = current.cost - best.cost
-    if gain < np.log(n_candidates / context.significance) or best.price >= current.price:
+    needed, gain = np.log(n_candidates / context.significance), current.cost - best.cost
+    if isinstance(best.last, GuardEffect):
+        # It concerns the few rows inside its band. A surface has as many coefficients as it has, or
+        # more, and one with others may tell the modes as well.
+        surfaces = [current, *context.without_memory(best, len(best.terms) - 1)]
+        return bool(min(one.price for one in surfaces) - best.price >= needed)
+    if gain < needed or best.price >= current.price:
         return False
-    # A guard that remembers concerns the few rows inside its band, a reset no velocity at all.
-    if isinstance(best.last, (GuardEffect, ResetEffect)):
-        return True
+    if isinstance(best.last, ResetEffect):
+        return True  # which concerns no velocity at all
     # It must lower the error, and explain a share of what the declared model left over; one more
     # mode, which can bend to anything, a larger one.
     settings = context.settings
     before, after = (context.squared_errors(one.fit, current.fit) for one in (current, best))
     explained = np.max((before - after) / context.declared_squares)
-    needed = settings.share_of_a_mode if best.adds_a_mode else settings.share
-    return gain >= settings.gain_a_row * context.n_rows and bool(explained >= needed)
+    least = settings.share_of_a_mode if best.adds_a_mode else settings.share
+    return gain >= settings.gain_a_row * context.n_rows and bool(explained >= least)
 
 
 def leaves_a_mode(context: SearchContext, current: Structure, named: Structure | None) -> bool:

@@ -34,7 +34,8 @@ class Ladder:
     """The declared model, then one effect after the other, and the error of each.
 
     The effects of the structure that a search has ended with come in the order of what is lost
-    without them, the most important first.
+    without them, the most important first; forces that nobody knows, of which no model can be
+    simulated, are last.
     """
 
     context: SearchContext
@@ -50,7 +51,10 @@ class Ladder:
         if len(places) < 2:
             return places
         prices = [self.context.without(self.structure, place).price for place in places]
-        return sorted(places, key=lambda place: -prices[place])
+        return sorted(places, key=lambda place: (self._is_unknown(place), -prices[place]))
+
+    def _is_unknown(self, place: int) -> bool:
+        return isinstance(self.structure.terms[place].effect, UnmeasuredDisturbance)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -63,9 +67,14 @@ class Ladder:
         return tuple(self.structure.terms[place] for place in self._order)
 
     @property
+    def n_simulated(self) -> int:
+        """Number of effects that change a simulation."""
+        return sum(not self._is_unknown(place) for place in self._order)
+
+    @property
     def least(self) -> int:
-        """The place in the structure of the effect without which least is lost."""
-        return self._order[-1]
+        """The place in the structure of that of them without which least is lost."""
+        return self._order[self.n_simulated - 1]
 
     @property
     def is_in_doubt(self) -> bool:
@@ -73,9 +82,15 @@ class Ladder:
         return bool(self.found[self.least].doubts)
 
     @property
+    def least_errors(self) -> tuple[Array, Array]:
+        """Errors on the untouched rows before that effect is added and after it, (n_states,)."""
+        (_, before), (_, after) = self.errors[self.n_simulated - 1 : self.n_simulated + 1]
+        return before, after
+
+    @property
     def gained(self) -> float:
         """The factor by which that effect lowers an error on the untouched rows."""
-        (_, before), (_, after) = self.errors[-2:]
+        before, after = self.least_errors
         judged, tiny = self.context.data.counted_states, np.finfo(float).tiny
         return float(np.max(before[judged] / np.maximum(after[judged], tiny)))
 

@@ -91,12 +91,18 @@ class Search:
         on_the_way = [one.structure for one in rounds]
         return *confirmed(self.context, structure, on_the_way), rounds
 
+    def with_disturbances(
+        self, structure: Structure, findings: tuple[Finding, ...], rounds: list[Round]
+    ) -> tuple[Structure, tuple[Finding, ...]]:
+        """With forces that nobody knows, in the place of what they explain as well."""
+        n_candidates = max((one.n_candidates for one in rounds), default=1)
+        return with_disturbances(self.context, structure, findings, n_candidates)
+
     def beside_the_unknown(
         self, structure: Structure, findings: tuple[Finding, ...], rounds: list[Round]
     ) -> tuple[Structure, tuple[Finding, ...]]:
         """With disturbances in the place of what they explain as well, and shapes as rivals."""
-        n_candidates = max((one.n_candidates for one in rounds), default=1)
-        structure, findings = with_disturbances(self.context, structure, findings, n_candidates)
+        structure, findings = self.with_disturbances(structure, findings, rounds)
         if self.unknowns is not None:
             findings = self.unknowns.as_rivals(structure, findings)
         return structure, findings

@@ -65,13 +65,24 @@ def _mode_probabilities(fit: JointFit, data: SearchData) -> Array:
     surprise = data.settings.surprise
     if fit.guard is None:
         return _softened(fit.mode_proba(data.records.take(data.rows)), surprise)
+    # Noise hides on which side of a band a state is: of the sizes that it may have the likeliest.
+    seen, options = corrected(fit.terms, data.records), [_of_a_sure_guard(fit, data)]
+    for softness in data.settings.softness:
+        second = fit.guard.switched_softly(seen, softness)[data.rows]
+        options.append(_softened(np.column_stack([1.0 - second, second]), surprise))
+    own = fit.modes[:, None]
+    return max(options, key=lambda told: np.log(np.take_along_axis(told, own, axis=1)).sum())
+
+
+def _of_a_sure_guard(fit: JointFit, data: SearchData) -> Array:
+    """Probabilities by a guard that remembers, which is wrong next to its switches."""
     modes = fit.predict_modes(data.records)
     near = data.records.along(_next_to_a_switch, modes.astype(float))[data.rows] > 0
     predicted, wrong = modes[data.rows], np.empty(len(data.rows))
-    for group in (near, ~near):  # a guard that remembers is wrong next to its switches
+    for group in (near, ~near):
         if group.any():
             share = np.mean(predicted[group] != fit.modes[group])
-            wrong[group] = np.clip(2.0 * share, surprise, 1.0)
+            wrong[group] = np.clip(2.0 * share, data.settings.surprise, 1.0)
     return _softened(np.eye(fit.n_modes)[predicted], wrong[:, None])
 
 

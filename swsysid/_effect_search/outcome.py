@@ -27,7 +27,7 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.untouched import Tried, Untouched
 from swsysid._results import Array
-from swsysid.effects import Effect
+from swsysid.effects import Effect, UnmeasuredDisturbance
 from swsysid.effects._kinematics import with_kinematics
 
 
@@ -58,11 +58,16 @@ class Outcome:
     """What a search has found, and of what it was a search."""
 
     split: Split
-    context: SearchContext
+    search: Search
     structure: Structure
     findings: tuple[Finding, ...]
     rounds: list[Round]
     tried: tuple[Tried, ...]
+
+    @property
+    def context(self) -> SearchContext:
+        """What it has been a search of."""
+        return self.search.context
 
     def without(
         self, place: int, before: Array, after: Array, rollouts: tuple[float, float]
@@ -72,10 +77,18 @@ class Outcome:
         `before` and `after` are errors on the untouched rows, (n_states,), without it and with it.
         """
         lost = self.findings[place]
+        structure, findings = self.context.without(self.structure, place), list(self.findings)
+        del findings[place]
+        # What it has explained may be part of a force that nobody knows.
+        for number in reversed(range(len(findings))):
+            if isinstance(findings[number].candidate.effect, UnmeasuredDisturbance):
+                structure = self.context.without(structure, number)
+                del findings[number]
+        structure, anew = self.search.with_disturbances(structure, tuple(findings), self.rounds)
         return replace(
             self,
-            structure=self.context.without(self.structure, place),
-            findings=(*self.findings[:place], *self.findings[place + 1 :]),
+            structure=structure,
+            findings=anew,
             tried=(*self.tried, Tried(lost.candidate, lost.p_value, before, after, rollouts)),
         )
 
@@ -121,4 +134,4 @@ def search_beside(
     steps = [one.structure for one in rounds]
     structure, findings, tried = judge.judged(structure, findings, steps)
     structure, findings = search.beside_the_unknown(structure, findings, rounds)
-    return Outcome(split, context, structure, findings, rounds, tried)
+    return Outcome(split, search, structure, findings, rounds, tried)

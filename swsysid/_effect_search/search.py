@@ -316,14 +316,14 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         # Measured velocities are the better witness of what is plain in them, and of nothing else.
         while True:
             final, ladder = self._reported(measured, found, plain)
-            if not ladder.terms or (measured.recorded is None and ladder.is_plain):
+            if not ladder.n_simulated or (measured.recorded is None and ladder.is_plain):
                 return final
             rollouts = self.report_.data.rollouts
             in_doubt = measured.recorded is None or ladder.is_in_doubt
             if not are_worse(rollouts, gained=ladder.gained, in_doubt=in_doubt):
                 return final
-            (_, before), (_, after) = ladder.errors[-2:]
-            found = found.without(ladder.least, before, after, errors_of_all(rollouts))
+            errors = *ladder.least_errors, errors_of_all(rollouts)
+            found = found.without(ladder.least, *errors)
 
     def _reported(
         self, measured: Measured, found: Outcome, plain: JointFit

@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._effect_model.declared import Declared
-from swsysid._effect_model.joint_fit import JointFit, fit_jointly, with_told_surface
+from swsysid._effect_model.joint_fit import (
+    JointFit,
+    fit_jointly,
+    known_modes,
+    with_told_surface,
+)
 from swsysid._effect_search.candidates import (
     CandidateContext,
     Columns,
@@ -99,6 +104,9 @@ class SearchContext:
     corrected: Remembered[list[Structure]] = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
     )  # structures with a sensor's or clock's effect instead of a term
+    forgetful: Remembered[list[Structure]] = field(
+        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
+    )  # structures with a guard that remembers nothing
     unseen: Remembered[Unseen] = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
     )  # rows that nothing of a structure has seen
@@ -152,6 +160,9 @@ class SearchContext:
         of_a_mode = fit.laws.coef[0].size + self.data.records.X.shape[1] + 1
         n_parameters = sum(term.n_parameters for term in fit.terms)
         n_parameters += (fit.n_modes - self._n_declared_modes) * of_a_mode
+        if fit.guard is not None:
+            # It takes the place of the declared surface; one that forgets has a single threshold.
+            n_parameters -= fit.laws.n_surface_parameters + (not fit.remembers)
         return Structure(fit, float(rows.sum()), n_parameters, rows)
 
     def with_reset(self, structure: Structure, reset: PlacedEffect, gain: float) -> Structure:
@@ -165,13 +176,19 @@ class SearchContext:
         terms = (*structure.terms[:place], candidate, *structure.terms[place + 1 :])
         return self.structure(terms, structure.fit.modes)
 
-    def without_memory(self, structure: Structure, place: int, modes: Modes) -> Structure:
-        """The structure with a guard that remembers nothing, for the modes of the whole record."""
-        fit, term = structure.fit, structure.terms[place]
+    def without_memory(self, structure: Structure, place: int) -> list[Structure]:
+        """Structures with a guard that remembers nothing in the place of one that does."""
+        return self.forgetful.of(structure, (place,), lambda: self._forgetful(structure, place))
+
+    def _forgetful(self, structure: Structure, place: int) -> list[Structure]:
+        fit, term, records = structure.fit, structure.terms[place], self.data.records
         assert isinstance(term.effect, GuardEffect)
-        theta = term.effect.without_memory(term.place, self.data.records, modes, *term.theta)
-        terms = (*fit.terms[:place], replace(term, theta=theta), *fit.terms[place + 1 :])
-        return self.priced(replace(fit, terms=terms))
+        known = known_modes(fit, records, self.data.rows)
+        others = [
+            (*fit.terms[:place], replace(term, place=guard, theta=theta), *fit.terms[place + 1 :])
+            for guard, theta in term.effect.without_memory(term.place, records, known, *term.theta)
+        ]
+        return [self.priced(replace(fit, terms=terms)) for terms in others]
 
     def with_told_surface(self, fit: JointFit) -> JointFit:
         """A fit with the surface between all modes that the searched part of a recording tells."""

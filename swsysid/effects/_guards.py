@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import Monomials
@@ -64,7 +65,7 @@ class GuardHysteresis(GuardEffect):
     def candidates(self, records: Records, modes: Modes) -> Iterator[tuple[Guard, Band]]:
         """Guards with a band, of few monomials and of more."""
         for one in _worthwhile(guards_of(records, modes)):
-            single = self.without_memory(one.guard, records, modes, *one.band)
+            single = _single(one.guard, records, modes)
             with_band, without = (
                 np.mean((one.guard.modes(records, *band) == modes)[modes >= 0])
                 for band in (one.band, single)
@@ -90,22 +91,20 @@ class GuardHysteresis(GuardEffect):
     def switched(self, records: Records, place: Guard, *theta: float) -> Modes:
         return place.modes(records, *theta)
 
+    def probability(self, records: Records, place: Guard, softness: float, *theta: float) -> Array:
+        values = place(records.X)
+        above = _soft_side(records, values, softness * float(values.std()), *theta)
+        return above if place.upper_mode == 1 else 1.0 - above
+
     def remembers(self, *theta: float) -> bool:
         lower, upper = theta
         return upper > lower
 
     def without_memory(
         self, place: Guard, records: Records, modes: Modes, *theta: float
-    ) -> tuple[float, ...]:
-        known, values = modes >= 0, place(records.X)
-        order = np.argsort(values[known])
-        level = values[known][order]
-        above = np.where(modes[known][order] == place.upper_mode, 1.0, -1.0)
-        # of the rows above a threshold those in the upper mode less the others; it lies below all
-        # rows, between two of them, or above all
-        edges = np.concatenate([level[:1], 0.5 * (level[1:] + level[:-1]), level[-1:]])
-        best = int(np.argmax(above.sum() - 2.0 * np.concatenate([[0.0], np.cumsum(above)])))
-        return (float(edges[best]),) * 2
+    ) -> Iterator[tuple[Guard, Band]]:
+        for guard in (place, *_guards_without_memory(records, modes)):
+            yield guard, _single(guard, records, modes)
 
     def crossings(self, place: Guard, n_columns: int, *theta: float) -> list[Crossing]:
         powers = np.array(
@@ -162,6 +161,18 @@ def guards_of(records: Records, modes: Modes) -> list[_Banded]:
     return [_with_band(guard, records, modes) for guard in guards]
 
 
+def _guards_without_memory(records: Records, modes: Modes) -> Iterator[Guard]:
+    """Guards of the same kinds whose modes are a function of the present state."""
+    known = modes >= 0
+    X, modes = records.X[known], modes[known]
+    for degree in (1, 2):
+        terms = tuple(products(range(X.shape[1]), degree))
+        found = _separating(X, modes, terms, np.empty((len(X), 0)), None)
+        if found is not None:
+            few = _separating(X, modes, _main_terms(found, records), np.empty((len(X), 0)), None)
+            yield from (guard for guard in (found, few) if guard is not None)
+
+
 def _guard_with_memory(records: Records, modes: Modes, terms: Terms, turns: bool) -> Guard | None:
     """Margin classifier of the mode from monomials and the mode of the sample before."""
     # Where samples are many between two switches, the mode before says it all of nearly every row
@@ -175,14 +186,23 @@ def _guard_with_memory(records: Records, modes: Modes, terms: Terms, turns: bool
     if not turned.any():
         return None
     weight = np.where(turned & turns, np.sum(~turned) / np.sum(turned), 1.0)
-    columns = _monomials(records.X, terms)
+    memory = 2.0 * modes[before, None].astype(float) - 1.0
+    return _separating(records.X[after], modes[after], terms, memory, weight)
+
+
+def _separating(
+    X: Array, modes: Modes, terms: Terms, memory: Array, weight: Array | None
+) -> Guard | None:
+    """Margin classifier of the mode from monomials, and from the mode before if it is known."""
+    if len(np.unique(modes)) < 2:
+        return None
+    columns = _monomials(X, terms)
     centre, size = columns.mean(axis=0), columns.std(axis=0)
     size[size == 0.0] = 1.0
-    memory = 2.0 * modes[before] - 1.0
     classifier = PolynomialSurfaceClassifier(degree=1, standardize=False)
-    design = np.column_stack([(columns[after] - centre) / size, memory])
-    classifier.fit(design, modes[after], sample_weight=weight)
-    weights = classifier.coef_[0][1:-1] / size
+    design = np.column_stack([(columns - centre) / size, memory])
+    classifier.fit(design, modes, sample_weight=weight)
+    weights = classifier.coef_[0][1 : 1 + len(terms)] / size
     if not weights.any():
         return None
     lead = weights[np.argmax(np.abs(weights))]
@@ -259,6 +279,19 @@ def _midway(
     return float(excesses.max()), (value, other) if edge == 0 else (other, value)
 
 
+def _single(guard: Guard, records: Records, modes: Modes) -> Band:
+    """The threshold that agrees best with the modes if nothing is remembered, twice."""
+    known, values = modes >= 0, guard(records.X)
+    order = np.argsort(values[known])
+    level = values[known][order]
+    above = np.where(modes[known][order] == guard.upper_mode, 1.0, -1.0)
+    # of the rows above a threshold those in the upper mode less the others; it lies below all
+    # rows, between two of them, or above all
+    edges = np.concatenate([level[:1], 0.5 * (level[1:] + level[:-1]), level[-1:]])
+    best = int(np.argmax(above.sum() - 2.0 * np.concatenate([[0.0], np.cumsum(above)])))
+    return (float(edges[best]),) * 2
+
+
 def best_band(
     bands: list[Band], records: Records, values: Array, sides: Array
 ) -> tuple[float, Band]:
@@ -281,6 +314,23 @@ def _excesses(bands: list[Band], records: Records, values: Array, sides: Array) 
     votes = np.bincount(np.cumsum(begins) - 1, weights=sides[order])
     some, part = records.take(first), values[first]
     return np.array([float(votes @ _remembered(some, part, *band)) for band in bands])
+
+
+def _soft_side(records: Records, values: Array, noise: float, low: float, high: float) -> Array:
+    """Probability of the upper side of a band along the trajectories.
+
+    With logistic noise a sample is above the band with probability u and below it with d; what was
+    before counts where it is neither: q becomes q (1 - d) + (1 - q) u.
+    """
+    up, down = expit((values - high) / noise), expit((low - values) / noise)
+    above = np.empty(len(values))
+    for rows in records.trajectories:
+        side, sides = float(expit((values[rows[0]] - 0.5 * (low + high)) / noise)), []
+        for rises, falls in zip(up[rows].tolist(), down[rows].tolist(), strict=True):
+            side = side * (1.0 - falls) + (1.0 - side) * rises
+            sides.append(side)
+        above[rows] = sides
+    return above
 
 
 def _remembered(records: Records, values: Array, low: float, high: float) -> Array:

@@ -98,14 +98,22 @@ class GuardEffect(WithoutColumns):
         """Modes along the trajectories."""
         raise NotImplementedError
 
+    def probability(self, records: Records, place: Place, softness: float, *theta: float) -> Array:
+        """Of mode 1 along the trajectories, where noise hides what the guard looks at.
+
+        `softness` is the size of that noise, as a share of the spread of what it looks at. A guard
+        that does not say better is as sure as without noise.
+        """
+        return self.switched(records, place, *theta).astype(float)
+
     def remembers(self, *theta: float) -> bool:
         """False for parameters with which the modes are a function of the present state."""
         return True
 
     def without_memory(
         self, place: Place, records: Records, modes: Modes, *theta: float
-    ) -> tuple[float, ...]:
-        """Of the parameters of a guard that remembers nothing those that suit some modes best."""
+    ) -> Iterator[tuple[Place, tuple[float, ...]]]:
+        """Guards that remember nothing and suit some modes, that with the same place first."""
         raise NotImplementedError
 
     def crossings(self, place: Place, n_columns: int, *theta: float) -> Sequence[Crossing]:

@@ -226,6 +226,13 @@ def test_a_force_in_a_recording_is_remembered_for_longer_than_its_filter():
 
 
 @pytest.mark.nightly
+def test_a_force_stays_where_rollouts_refuse_a_lag_beside_it():
+    (record,) = run_fresh(18007)
+    assert record["kind"] == "random_disturbance"
+    assert record["found"] == ["unmeasured_disturbance of time"]
+
+
+@pytest.mark.nightly
 def test_a_guard_that_suits_the_modes_better_than_the_surface_need_not_remember():
     # the band was half as wide as the noise of the state; the surface is one of 77 rows
     (record,) = run_fresh(10004)

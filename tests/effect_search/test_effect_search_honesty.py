@@ -1,6 +1,7 @@
 """The search for effects is honest: one p-value, one seed, the warnings of the model inside."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -108,6 +109,34 @@ def test_a_system_without_memory_has_no_hysteresis():
         search = EffectSearchCV(declared, effects=[GuardHysteresis()], random_state=seed)
         search.fit(X[:-1], np.diff(X, axis=0) / 0.01, t=t)
         assert search.effects_ == []
+
+
+def test_a_guard_is_priced_beside_the_coefficients_of_the_surface_that_it_replaces(searches):
+    X, Xdot, t = driven()
+    declared = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
+    EffectSearchCV(declared, effects=[GuardHysteresis()]).fit(X, Xdot, t=t)
+    context = searches[-1][0].context
+    own = np.count_nonzero(context.declared.laws.estimator.surface_.coef_) - 1  # one is a scale
+    for terms, weights in [(((0,),), (1.0,)), (((0,), (1,)), (1.0, 0.5))]:
+        guard, effect = Guard(terms, weights, 1), GuardHysteresis()
+        for band, thresholds in [((-0.2, 0.2), 2), ((0.1, 0.1), 1)]:
+            term = PlacedEffect(effect, place=guard, target=0, theta=band)
+            priced = context.priced(replace(context.declared, terms=(term,), coef=(np.zeros(0),)))
+            assert priced.n_parameters == len(terms) - 1 + thresholds - own
+
+
+def test_a_surface_with_a_slope_is_no_band_of_one_state():
+    # the mode is that of x1 + x2 / 5 with noise, and x2 is the rate of x1: a band of x1 is near it
+    rng = np.random.default_rng(0)
+    t = 0.05 * np.arange(2000)
+    states = np.column_stack([np.sin(1.7 * t), 1.7 * np.cos(1.7 * t)])
+    states *= (1.0 + 0.3 * np.sin(0.11 * t))[:, None]
+    upper = states @ [1.0, 0.2] + 0.02 * rng.standard_normal(len(t)) > 0.1
+    Xdot = states @ [-1.0, 0.3] + np.where(upper, 2.0, -1.0) * states[:, 1]
+    Xdot = np.column_stack([states[:, 1], Xdot + 0.05 * rng.standard_normal(len(t))])
+    declared = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
+    search = EffectSearchCV(declared, effects=[GuardHysteresis()]).fit(states, Xdot, t=t)
+    assert search.effects_ == []
 
 
 def test_a_record_that_is_fitted_in_passes_is_searched():

@@ -8,7 +8,9 @@ from scipy.stats import multivariate_normal
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor, load_model, save_model
 from swsysid._data.records import make_records
+from swsysid._effect_search import search as search_module
 from swsysid._effect_search.coloured import Coloured, Stretches, coloured, white
+from swsysid._effect_search.findings import Ladder
 from swsysid._noise import robust_regression
 from swsysid.effects import (
     Bias,
@@ -287,6 +289,38 @@ def test_a_force_far_above_the_noise_that_acts_at_times_is_no_outlier():
     # a third of the rows has errors of twenty standard deviations, in stretches of some forty
     (found,) = _search(lambda x, t: 1.0 * ((t / 2.3) % 3.0 < 1.0)).effects_
     assert (found.kind, found.target) == ("unmeasured_disturbance", 0)
+
+
+def test_a_force_stays_where_rollouts_refuse_an_effect_beside_it(monkeypatch):
+    seen = []
+    searched = search_module.search_beside
+    monkeypatch.setattr(
+        search_module, "search_beside", lambda *given: seen.append(searched(*given)) or seen[-1]
+    )
+    force = _force(0)
+    search = _search(lambda x, t: force(x, t) - 1.5 * np.sign(x))
+    assert [found.kind for found in search.effects_] == [
+        "coulomb_friction",
+        "unmeasured_disturbance",
+    ]
+    (outcome,) = seen
+    kinds = [term.effect.kind for term in outcome.structure.terms]
+    place = kinds.index("coulomb_friction")
+    fewer = outcome.without(place, np.ones(1), np.ones(1), (0.1, 0.2))
+    (left,) = fewer.findings
+    assert left.candidate.effect.kind == "unmeasured_disturbance"
+    assert fewer.structure.terms == (left.candidate,)
+    # told anew: what the friction explains is a part of what nobody knows without it
+    assert left.candidate.theta[0] > outcome.structure.terms[1 - place].theta[0]
+    assert [one.candidate.effect.kind for one in fewer.tried] == ["coulomb_friction"]
+    # no effect is left that a simulation could have
+    X, Xdot, known = _record(lambda x, t: force(x, t) - 1.5 * np.sign(x))
+    records = make_records(X, 1, names=["x", "u"], signals=None, **known)
+    for one, simulated in [(outcome, 1), (fewer, 0)]:
+        ladder = Ladder(one.context, one.structure, one.findings, records, Xdot, one.split)
+        assert ladder.n_simulated == simulated
+        if simulated:
+            assert ladder.least == place
 
 
 def test_residuals_in_a_row_are_counted_in_their_stretch():
