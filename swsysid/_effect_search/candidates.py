@@ -114,14 +114,17 @@ class CandidateContext:
 
     @cached_property
     def left_over(self) -> Array:
-        """What each regression leaves of the targets in question on its training rows."""
+        """What each regression leaves of the targets in question on its training rows.
+
+        Of every sample that a search may look at, nothing where it is no such row.
+        """
         # A scan picks the best value of each fold: what suits it must be among those it looks at.
-        n_rows, targets = len(self.regression.modes), self.targets
-        left = np.zeros((n_rows, len(self.backgrounds()), len(targets)))
+        samples, targets = self.data.searched_rows, self.targets
+        left = np.zeros((len(self.searched), len(self.backgrounds()), len(targets)))
         for number, one in enumerate(self.backgrounds()):
             weight = self.regression.weight[one.train, None]
-            left[one.train, number] = weight * one.left_over[:, targets]
-        return left.reshape(n_rows, -1)
+            left[samples[one.train], number] = weight * one.left_over[:, targets]
+        return left.reshape(len(left), -1)
 
     # -- columns ---------------------------------------------------------------------------------
 

@@ -114,6 +114,15 @@ class SearchData:
         """The samples of the record, or of one like it, that the search may look at."""
         return records if self.part is None else records.take(self.part)
 
+    @property
+    def searched_rows(self) -> Rows:
+        """The rows as numbers of the samples that the search may look at."""
+        if self.part is None:
+            return self.rows
+        number = np.full(len(self.records), -1)
+        number[self.part] = np.arange(len(self.part))
+        return number[self.rows]
+
     def without_gaps(self, records: Records) -> Records:
         """As `searched`; samples that are held out divide a trajectory."""
         if self.part is None or not records.ordered:

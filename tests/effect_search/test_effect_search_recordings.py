@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from benchmarks.undeclared.cells import recorded as drawn_recording
 from benchmarks.undeclared.fresh import Drawn
@@ -22,6 +23,7 @@ from swsysid.effects import (
     DeadZone,
     Delay,
     Lag,
+    PeriodicForcing,
     Polynomial,
     QuadraticDrag,
     Saturation,
@@ -239,3 +241,22 @@ def test_modes_that_the_states_have_told_stay_where_a_filter_smears_what_is_fast
     true = data.modes[measured.rows]
     assert np.bincount(true).min() > 50
     assert mode_accuracy(true, fit.modes) == 1.0
+
+
+def test_a_vibration_in_recordings_far_apart_in_time():
+    # thousands of frequencies: those that stand out in what few rows leave over are scanned
+    rng, states, inputs, times = np.random.default_rng(0), [], [], []
+    for run in range(8):
+        t = 150.0 * run + 0.05 * np.arange(300)
+        u = np.sin(1.1 * t + run) + np.sin(0.43 * t)
+        force = 2.0 * u + 0.8 * np.sin(3.1 * t + 0.4)
+        x = lsim(([-1.0], [1.0], [1.0], [0.0]), force, t - t[0], rng.uniform(-1.0, 1.0, 1))[1]
+        states.append(x + 0.01 * rng.standard_normal(len(t)))
+        inputs.append(u)
+        times.append(t)
+    x, u, t = map(np.concatenate, (states, inputs, times))
+    given = {"t": t, "groups": np.repeat(np.arange(8), 300), "inputs": u[:, None]}
+    search = EffectSearchCV(SwitchingSystemRegressor(1), effects=[PeriodicForcing()])
+    (found,) = search.fit(x[:, None], **given).effects_
+    assert found.parameters["frequency"] == pytest.approx(3.1 / (2.0 * np.pi), abs=1e-4)
+    assert found.parameters["amplitude"] == pytest.approx(0.8, rel=0.02)
