@@ -5,6 +5,8 @@ WORKERS ?= 2
 # The quality benchmark: PARC's interpreter, built if it is not there, and the folder of the runs.
 PARC ?= build/parc/bin/python
 QUALITY ?= output/quality
+# 0 leaves the examples out of the pages: the tests run them, too.
+GALLERY ?= 1
 BIN := $(VENV)/bin
 
 # Solvers and workers share the cores: one BLAS thread each is faster than two that fight.
@@ -18,7 +20,7 @@ export MPLBACKEND ?= Agg
 help:
 	@echo "make demo      identify the built-in example and draw it"
 	@echo "make test      run the tests, warnings as errors"
-	@echo "make nightly   the longest tests, an hour together, warnings as errors"
+	@echo "make nightly   the longest tests, an hour together, and the pages with all examples"
 	@echo "make lint      ruff and mypy"
 	@echo "make examples  run every example, headless, and compare what it prints"
 	@echo "make examples-record  keep what every example prints now as the expected output"
@@ -44,6 +46,7 @@ test: $(VENV)/.installed-test
 
 nightly: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n $(WORKERS) -m nightly
+	$(MAKE) docs-offline
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
@@ -57,7 +60,8 @@ examples: $(VENV)/.installed-test
 # no front page has failed.
 docs: $(VENV)/.installed-docs
 	rm -f docs/_build/html/index.html
-	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
+	$(BIN)/python -m sphinx -q -W --keep-going -b html -D plot_gallery=$(GALLERY) \
+		docs docs/_build/html
 	@test -f docs/_build/html/index.html || { echo "Sphinx ended without a front page."; exit 1; }
 	@echo "Open docs/_build/html/index.html ."
 

@@ -17,6 +17,7 @@ from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.evidence import Evidence, structural_evidence
 from swsysid._effect_search.explainable import explainable_share
 from swsysid._effect_search.scan import scan
+from swsysid._effect_search.slow_forces import SlowForces
 from swsysid._effect_search.smears import is_smear
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
@@ -87,9 +88,14 @@ def _beside_the_others(
         return Finding.of(term, 1.0, known)
     level = [top[number].candidate for number in beside.level_with(own, top)]
     evidence = beside.evidence(own)
-    chance = evidence.chance
-    few = count * evidence.chance_by_blocks > context.significance
-    doubts = (FEW_STRETCHES,) if few else ()
+    chance, by_blocks = evidence.chance, evidence.chance_by_blocks
+    if count * chance > context.significance:
+        # beneath a slow force a regression is sure of little: of two tests the clearer one counts
+        without = context.without(structure, place)
+        beneath = SlowForces(context).evidence(without, structure, term.target)
+        chance = 2.0 * min(chance, beneath.chance)
+        by_blocks = 2.0 * min(by_blocks, beneath.chance_by_blocks)
+    doubts = (FEW_STRETCHES,) if count * by_blocks > context.significance else ()
     if structure.fit.n_modes == 1 or chance > context.significance:
         return Finding.of(term, count * chance, [*level, *known], doubts)
     again = structural_evidence(context, context.without(structure, place), structure).chance

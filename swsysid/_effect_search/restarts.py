@@ -23,7 +23,7 @@ def is_large(beside: CandidateContext, best: Trial) -> bool:
     # Beside wrong modes a right effect gains where they are right, in a few blocks of rows, and is
     # not significant.
     least = beside.data.settings.gain_a_row * len(beside.data.rows)
-    return beside.fit.n_modes > 1 and float(beside.gains([best]).sum()) > least
+    return float(beside.gains([best]).sum()) > least
 
 
 def with_modes(

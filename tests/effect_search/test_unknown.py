@@ -291,6 +291,18 @@ def test_a_force_far_above_the_noise_that_acts_at_times_is_no_outlier():
     assert (found.kind, found.target) == ("unmeasured_disturbance", 0)
 
 
+@pytest.mark.parametrize("friction", [0.5, 0.8])
+def test_friction_is_told_from_the_force_that_hides_it(friction):
+    # fifty seconds of a force of one second leave a regression in doubt, its neighbours do not
+    force = _force(0)
+    search = _search(lambda x, t: force(x, t) - friction * np.sign(x))
+    found, hiding = search.effects_
+    assert (found.kind, hiding.kind) == ("coulomb_friction", "unmeasured_disturbance")
+    assert found.parameters["friction"] == pytest.approx(friction, abs=0.15)
+    assert hiding.parameters["size"] == pytest.approx(0.4, rel=0.35)
+    assert found.doubts == ()
+
+
 def test_a_force_stays_where_rollouts_refuse_an_effect_beside_it(monkeypatch):
     seen = []
     searched = search_module.search_beside

@@ -1,0 +1,153 @@
+"""Forces that are forgotten slowly, and what effects predict beside them.
+
+Where residuals remember each other for long a regression is hardly sure of anything, although the
+sample before says most of what they are. Likelihoods are compared with a force that is forgotten
+slowly beneath the noise, with an effect and without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from swsysid._effect_search.chance import BlockSum
+from swsysid._effect_search.coloured import (
+    Coloured,
+    Stretches,
+    beneath_a_law,
+    coloured,
+    in_trajectories,
+    rows_in_order,
+    white,
+)
+from swsysid._effect_search.evidence import Evidence
+from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._noise import robust_scale
+from swsysid._results import Array
+
+
+@dataclass(frozen=True)
+class SlowForces:
+    """What residuals of held-out rows say of a force that is forgotten slowly."""
+
+    context: SearchContext
+
+    @cached_property
+    def _ordered(self) -> tuple[NDArray[np.intp], Stretches]:
+        return rows_in_order(self.context.data)
+
+    @property
+    def where(self) -> Stretches:
+        """The rows of the search in order."""
+        return self._ordered[1]
+
+    def residuals(self, structure: Structure, target: int) -> Array:
+        """What regressions leave over of rows they have not seen; a gross error says nothing."""
+        # What is gross for as long as a force is remembered, and often, is the force, far above the
+        # noise; where it is rare it may be a place at which the structure is wrong.
+        settings = self.context.settings
+        left = self.context.candidates(structure.fit).held_out[:, target]
+        data = self.context.data
+        # what holds a plant that sticks is a reaction, and no force
+        left = np.where(data.may_stick(structure.fit.terms, data.records, data.rows), 0.0, left)
+        gross = settings.gross * max(
+            float(robust_scale(left[:, None])[0]), float(data.exact[target])
+        )
+        left = left[self._ordered[0]]
+        far = np.abs(left) > gross
+        lasting = far & (self.where.runs(far) >= settings.slow_steps)
+        often = lasting.mean() >= settings.often
+        return np.where(far & ~(lasting & often), 0.0, left)
+
+    def gains(self, fewer: Structure, structure: Structure, target: int) -> tuple[Array, int]:
+        """By how much effects raise the likelihood beside a force, in each stretch.
+
+        And the number of parameters that they have more.
+        """
+        # A filter that smears what an effect does leaves jumps where the effect has none, and the
+        # other way round, which neither has made: rows are compared that share no samples. What is
+        # gross without the effects and not with them is what they explain, and no force.
+        beside = self.residuals(structure, target)
+        every = self._smeared(beside)
+        usual = beside != 0.0
+        # A force that outlasts a stretch is known in the next one: else a line through all of them
+        # would explain at each what the past does.
+        order, where = in_trajectories(self.context.data).taken(usual).apart(every)
+        rows, stretch = self._ordered[0][usual][order], self.where.stretch[usual][order]
+        gains = np.zeros(int(self.where.stretch.max()) + 1)
+        for sign, option in ((-1.0, fewer), (1.0, structure)):
+            features, y = self._law(option, target)
+            model, left = beneath_a_law(features[rows], y[rows], where)
+            gain = sign * model.log_likelihood(left, where)
+            gains += np.bincount(stretch, gain, len(gains)) / every
+        return gains, structure.n_parameters - fewer.n_parameters
+
+    def is_there(self, structure: Structure, target: int) -> bool:
+        """Whether a structure surely leaves a force behind."""
+        return self.disturbance(structure, target) is not None
+
+    def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
+        """Of what effects gain beside a force that they leave behind; none if there is none."""
+        if not self.context.data.records.timed or not self.is_there(structure, target):
+            return Evidence(1.0, 1.0)
+        gains, more = self.gains(fewer, structure, target)
+        surely = float(gains.sum() - gains.std(ddof=1) * np.sqrt(len(gains)))
+        by_chance = stats.chi2.sf(2.0 * max(surely, 0.0), max(more, 1))
+        return Evidence(float(by_chance), BlockSum.of(gains - more / len(gains)).chance)
+
+    def _law(self, structure: Structure, target: int) -> tuple[Array, Array]:
+        """Columns of all that acts on a state, mode by mode, and its velocities."""
+        problem = self.context.candidates(structure.fit).regression
+        each = [
+            problem.features[:, problem.support[mode, target]] * (problem.modes == mode)[:, None]
+            for mode in range(problem.n_modes)
+        ]
+        columns = np.column_stack(each)
+        return columns[:, columns.any(axis=0)], problem.targets[:, target]
+
+    def _smeared(self, left: Array) -> int:
+        """Over how many steps a filter has smeared residuals, one where none has."""
+        # The filter of a recording is known; that of velocities as they are given is not.
+        if self.context.data.records.average is not None:
+            return self.context.settings.rows_a_window
+        return self.where.smeared(left)
+
+    def _steps(self, left: Array) -> int:
+        """Steps after which no noise, and no filter of it, is remembered."""
+        return max(self.context.settings.slow_steps, self._smeared(left))
+
+    def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
+        """The force beneath what a structure leaves over of a state, and its p-value."""
+        left = self.residuals(structure, target)
+        model = coloured(left, self.where)
+        p_value = self._p_value(model, left, target)
+        return None if p_value is None else (model, p_value)
+
+    def _p_value(self, model: Coloured, left: Array, target: int) -> float | None:
+        """That of a force beneath residuals; None if it is not worth the name."""
+        settings, squares = self.context.settings, self.context.declared_squares
+        gain = self._lead(model, white(left), left)
+        p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
+        worth = model.size**2 >= settings.share_of_a_disturbance * squares[target]
+        enough = gain >= settings.gain_a_row * len(left)
+        if not (worth and enough and p_value <= self.context.significance):
+            return None
+        return p_value if self._is_slow(model, left) else None
+
+    def _is_slow(self, model: Coloured, left: Array) -> bool:
+        """Whether a force is surely remembered for longer than noise is."""
+        least = self._steps(left) * self.where.step
+        if model.time_constant < least:
+            return False
+        lead = self._lead(model, coloured(left, self.where, least), left)
+        # half of the estimates of a force at the limit are slower than it
+        return float(stats.chi2.sf(2.0 * max(lead, 0.0), 1)) <= 2.0 * self.context.significance
+
+    def _lead(self, one: Coloured, other: Coloured, left: Array) -> float:
+        """Gain in log likelihood of one model of residuals over another."""
+        gains = one.log_likelihood(left, self.where) - other.log_likelihood(left, self.where)
+        return float(gains.sum())
