@@ -61,18 +61,24 @@ class Stretches:
         what a filter has smeared go on the same way at first, and then turn back, until they are
         about half of its window apart; to a factor of two.
         """
-        if np.count_nonzero(self.inside) < 3:
+        count = np.count_nonzero(self.inside)
+        if count < 3:
             return 1
         steps = np.where(self.inside, np.diff(y, prepend=y[:1]), 0.0)
         most = SETTINGS.gross * float(robust_scale(steps[self.inside][:, None])[0])
         steps = np.clip(steps, -most, most)  # a jump says nothing of its neighbours
-        lag = turned = 1
-        while lag < len(steps) and np.sum(steps[lag:] * steps[:-lag]) > 0.0:
-            lag = turned = lag + 1
-        if turned == 1:
+        # those of a force that is forgotten in some ten samples turn back a little all along
+        by_chance = SETTINGS.sure_smear / np.sqrt(count) * float(np.sum(steps**2))
+        lag, clearest = 1, 0.0
+        for sign in (1.0, -1.0):
+            while (
+                lag < len(steps) and (together := sign * np.sum(steps[lag:] * steps[:-lag])) > 0.0
+            ):
+                lag, clearest = lag + 1, max(clearest, together)
+            if lag == 1:
+                return 1
+        if clearest <= by_chance:
             return 1
-        while lag < len(steps) and np.sum(steps[lag:] * steps[:-lag]) < 0.0:
-            lag += 1
         return 2 * lag
 
     def runs(self, chosen: NDArray[np.bool_]) -> NDArray[np.intp]:

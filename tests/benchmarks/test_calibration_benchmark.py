@@ -57,8 +57,15 @@ def test_states_say_nothing_where_their_differentiated_velocities_gave_an_alarm(
 
 
 @pytest.mark.nightly
-def test_a_slow_force_in_one_trajectory_is_no_drift():
-    data = null_record("slow disturbance", 1102)
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [
+        ("slow disturbance", 1102),  # in one trajectory, called a drift
+        ("closed loop", 1402),  # taken for a filter's smear, and a saturation instead
+    ],
+)
+def test_a_slow_force_has_no_other_name(kind, seed):
+    data = null_record(kind, seed)
     search = EffectSearchCV(data.estimator)
     search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
     assert {found.kind for found in search.effects_} <= {"unmeasured_disturbance"}

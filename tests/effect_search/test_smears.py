@@ -81,6 +81,17 @@ def test_the_reach_of_a_filter_is_seen_in_what_is_left_over(window):
     assert window <= where.smeared(savgol_filter(noise, window, 2)) <= 2 * window
 
 
+def test_what_is_forgotten_in_ten_samples_is_not_smeared():
+    # its increments have a correlation of -0.05, whose sign is that of chance in a few hundred rows
+    where = Stretches(np.arange(600.0), np.arange(600) // 100)
+    reaches = []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).standard_normal(600)
+        reaches.append(where.smeared(lfilter([1.0], [1.0, -0.9], noise)))
+    assert np.mean(np.array(reaches) == 1) >= 0.95  # 0.999 expected
+    assert 7 <= where.smeared(savgol_filter(noise, 7, 2)) <= 14
+
+
 def test_samples_apart_are_in_stretches_of_their_own():
     where = Stretches(np.arange(7.0), np.array([0, 0, 0, 0, 0, 1, 1]))
     order, apart = where.apart(2)
