@@ -87,11 +87,11 @@ class _Questions:
     def _gain_of(self, structure: Structure, group: tuple[int, ...]) -> float:
         """By how much effects raise the likelihood beside a disturbance, less its error.
 
-        Infinite where there would be no disturbance without them.
+        Infinite where nothing would be remembered without them.
         """
         target = structure.terms[group[0]].target
         fewer = self._without(structure, group)
-        if not self.forces.is_there(fewer, target):
+        if not (self.forces.is_there(fewer, target) or self.forces.is_coloured(fewer, target)):
             return np.inf
         gains, more = self.forces.gains(fewer, structure, target)
         # each parameter explains a nat of noise (Akaike)

@@ -90,6 +90,16 @@ class SlowForces:
         """Whether a structure surely leaves a force behind."""
         return self.disturbance(structure, target) is not None
 
+    def is_coloured(self, structure: Structure, target: int) -> bool:
+        """Whether it leaves something behind that is remembered, and that no filter has made.
+
+        What is forgotten in a sample or two may be noise, and is no force; but the states remember
+        it all the same.
+        """
+        left = self.residuals(structure, target)
+        clear = self._p_value(coloured(left, self.where), left, target) <= self.context.significance
+        return clear and self._smeared(left) == 1
+
     def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
         """Of what effects gain beside a force that they leave behind; none if there is none."""
         if not self.context.data.records.timed or not self.is_there(structure, target):
@@ -125,18 +135,17 @@ class SlowForces:
         left = self.residuals(structure, target)
         model = coloured(left, self.where)
         p_value = self._p_value(model, left, target)
-        return None if p_value is None else (model, p_value)
+        surely = p_value <= self.context.significance and self._is_slow(model, left)
+        return (model, p_value) if surely else None
 
-    def _p_value(self, model: Coloured, left: Array, target: int) -> float | None:
-        """That of a force beneath residuals; None if it is not worth the name."""
+    def _p_value(self, model: Coloured, left: Array, target: int) -> float:
+        """That of a memory of residuals; one if it explains too little to be worth a name."""
         settings, squares = self.context.settings, self.context.declared_squares
         gain = self._lead(model, white(left), left)
         p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
         worth = model.size**2 >= settings.share_of_a_disturbance * squares[target]
         enough = gain >= settings.gain_a_row * len(left)
-        if not (worth and enough and p_value <= self.context.significance):
-            return None
-        return p_value if self._is_slow(model, left) else None
+        return p_value if worth and enough else 1.0
 
     def _is_slow(self, model: Coloured, left: Array) -> bool:
         """Whether a force is surely remembered for longer than noise is."""

@@ -233,6 +233,13 @@ def test_a_force_stays_where_rollouts_refuse_a_lag_beside_it():
 
 
 @pytest.mark.nightly
+def test_a_force_of_two_samples_that_is_noise_is_no_lag():
+    (record,) = run_fresh(21013)
+    assert record["kind"] == "random_disturbance"
+    assert record["found"] == []
+
+
+@pytest.mark.nightly
 def test_a_guard_that_suits_the_modes_better_than_the_surface_need_not_remember():
     # the band was half as wide as the noise of the state; the surface is one of 77 rows
     (record,) = run_fresh(10004)

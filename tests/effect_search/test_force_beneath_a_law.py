@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from swsysid import EffectSearchCV
+from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._effect_search.coloured import Coloured, Stretches, beneath_a_law
 from swsysid.datasets import make_undeclared
 from swsysid.effects import Delay, Drift, Lag, UnmeasuredDisturbance
@@ -60,3 +61,31 @@ def test_inputs_of_the_past_that_only_tell_the_force_are_no_lag(seed):
     search = EffectSearchCV(data.estimator, effects=library)
     search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
     assert [found.kind for found in search.effects_] == ["unmeasured_disturbance"]
+
+
+def _with_a_fast_force(seed, filtered):
+    """Runs of x(k+1) = 0.8 x(k) + v(k) / 2 + d(k); d is forgotten after two steps.
+
+    v is the input u, or eight times a lag of it of three steps.
+    """
+    rng, runs = np.random.default_rng(seed), []
+    for number in range(6):
+        u = lfilter([1.0], [1.0, -0.7], rng.standard_normal(201))
+        force = 0.5 * lfilter([1.0], [1.0, -0.6], rng.standard_normal(201))
+        acting = lfilter([2.4], [1.0, -0.7], u) if filtered else u
+        x = lfilter([0.0, 1.0], [1.0, -0.8], 0.5 * acting + force)
+        noisy = x[1:] + 0.1 * rng.standard_normal(200)
+        runs.append(
+            np.column_stack([x[:-1], u[:-1], noisy, np.arange(200.0), np.full(200, number)])
+        )
+    return np.vstack(runs)
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+@pytest.mark.parametrize("filtered", [False, True])
+def test_a_force_too_fast_to_be_told_from_noise_is_no_lag_either(seed, filtered):
+    x, u, following, t, groups = _with_a_fast_force(seed, filtered).T
+    declared = SwitchingSystemRegressor(1, discrete_time=True)
+    search = EffectSearchCV(declared, effects=[Lag(), Delay(), Drift(), UnmeasuredDisturbance()])
+    search.fit(np.column_stack([x, u]), following[:, None], t=t, groups=groups)
+    assert [found.kind for found in search.effects_] == (["lag"] if filtered else [])
