@@ -64,7 +64,13 @@ PLANTED = [
     ("guard_hysteresis", "oscillator", STRUCTURES, None, None, 0.0),
     ("extra_mode", "pendulum", STRUCTURES, None, None, 0.0),
 ]
-NIGHTLY, LONG = [pytest.mark.nightly], {("sensor_offset", "two_mass"), ("delay", "discrete")}
+NIGHTLY = [pytest.mark.nightly]
+LONG = {
+    ("sensor_offset", "two_mass"),
+    ("delay", "discrete"),
+    ("saturation", "oscillator"),
+    ("backlash", "quartic"),
+}
 
 
 def search(data, effects="all", **options):
@@ -153,7 +159,7 @@ def test_the_effect_corrects_modes_that_were_wrong_without_it():
     assert result.report_.guard_moved > 0.01
 
 
-@pytest.mark.parametrize("kind", ["lag", "backlash"])
+@pytest.mark.parametrize("kind", [pytest.param("lag", marks=NIGHTLY), "backlash"])
 def test_modes_that_differ_only_in_a_replaced_gain_keep_their_surface(kind):
     # the feed of the tanks is all that the level switch changes, and the lag takes its place
     data = make_undeclared(kind, system="tanks", random_state=0)

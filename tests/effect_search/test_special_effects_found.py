@@ -52,8 +52,15 @@ PLANTED = [
 
 @pytest.mark.parametrize(
     ("effect", "system", "name", "tolerance"),
-    PLANTED,
-    ids=[f"{row[0].kind}-{row[1]}" for row in PLANTED],
+    [
+        pytest.param(
+            *row,
+            id=f"{row[0].kind}-{row[1]}",
+            # the same effects in other plants
+            marks=[] if row[1] == "pendulum" else [pytest.mark.nightly],
+        )
+        for row in PLANTED
+    ],
 )
 def test_a_planted_effect_is_found_among_the_common_ones(effect, system, name, tolerance):
     data = make_undeclared(effect.kind, system=system, random_state=3)
