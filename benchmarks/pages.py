@@ -69,7 +69,7 @@ SENSITIVITY = (
     "shown surprise gross tie hopeful gain_a_row share share_of_a_mode share_of_a_disturbance "
     "slow_steps --docs docs"
 )
-CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 1000 --docs docs"
+CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 1700 --docs docs"
 LABORATORY = "python -m benchmarks.laboratory --docs docs"
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
