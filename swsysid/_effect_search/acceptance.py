@@ -249,8 +249,8 @@ def is_promising(
     """True for a gain that chance over all candidates would not give, and worth its terms."""
     needed, gain = np.log(n_candidates / context.significance), current.cost - best.cost
     if isinstance(best.last, GuardEffect):
-        # It concerns the few rows inside its band. A surface has as many coefficients as it has, or
-        # more, and one with others may tell the modes as well.
+        # It concerns the few rows inside its band. What it replaces are coefficients of a surface,
+        # and a surface of other monomials may tell the modes as well.
         surfaces = [current, *context.without_memory(best, len(best.terms) - 1)]
         return bool(min(one.price for one in surfaces) - best.price >= needed)
     if gain < needed or best.price >= current.price:

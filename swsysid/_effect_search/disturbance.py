@@ -91,11 +91,10 @@ class _Questions:
         """
         target = structure.terms[group[0]].target
         fewer = self._without(structure, group)
-        if not (self.forces.is_there(fewer, target) or self.forces.is_coloured(fewer, target)):
+        if not self.forces.remembers(fewer, target):
             return np.inf
-        gains, more = self.forces.gains(fewer, structure, target)
-        # each parameter explains a nat of noise (Akaike)
-        return float(gains.sum() - more - gains.std(ddof=1) * np.sqrt(len(gains)))
+        gain, more = self.forces.gain(fewer, structure, target)
+        return gain.value - more - gain.error  # each parameter explains a nat of noise (Akaike)
 
 
 def _asked(structure: Structure) -> list[tuple[int, ...]]:

@@ -19,9 +19,9 @@ from swsysid.effects import PlacedEffect
 
 
 def is_large(beside: CandidateContext, best: Trial) -> bool:
-    """Whether a candidate beside several modes gains more than an effect must."""
-    # Beside wrong modes a right effect gains where they are right, in a few blocks of rows, and is
-    # not significant.
+    """Whether a candidate gains more than an effect must, be it significant or not."""
+    # Beside wrong modes a right effect gains where they are right, in a few blocks of rows; beneath
+    # a slow force a regression is in doubt of everything.
     least = beside.data.settings.gain_a_row * len(beside.data.rows)
     return float(beside.gains([best]).sum()) > least
 

@@ -7,7 +7,7 @@ slowly beneath the noise, with an effect and without it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -63,8 +63,8 @@ class SlowForces:
         often = lasting.mean() >= settings.often
         return np.where(far & ~(lasting & often), 0.0, left)
 
-    def gains(self, fewer: Structure, structure: Structure, target: int) -> tuple[Array, int]:
-        """By how much effects raise the likelihood beside a force, in each stretch.
+    def gain(self, fewer: Structure, structure: Structure, target: int) -> tuple[BlockSum, int]:
+        """By how much effects raise the likelihood beside a force, as the stretches tell it.
 
         And the number of parameters that they have more.
         """
@@ -84,30 +84,39 @@ class SlowForces:
             model, left = beneath_a_law(features[rows], y[rows], where)
             gain = sign * model.log_likelihood(left, where)
             gains += np.bincount(stretch, gain, len(gains)) / every
-        return gains, structure.n_parameters - fewer.n_parameters
+        return BlockSum.of(gains), structure.n_parameters - fewer.n_parameters
+
+    def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
+        """The force beneath what a structure leaves over of a state, and its p-value."""
+        left = self.residuals(structure, target)
+        model = coloured(left, self.where)
+        p_value = self._p_value(model, left, target)
+        surely = p_value <= self.context.significance and self._is_slow(model, left)
+        return (model, p_value) if surely else None
 
     def is_there(self, structure: Structure, target: int) -> bool:
         """Whether a structure surely leaves a force behind."""
         return self.disturbance(structure, target) is not None
 
-    def is_coloured(self, structure: Structure, target: int) -> bool:
+    def remembers(self, structure: Structure, target: int) -> bool:
         """Whether it leaves something behind that is remembered, and that no filter has made.
 
         What is forgotten in a sample or two may be noise, and is no force; but the states remember
         it all the same.
         """
         left = self.residuals(structure, target)
-        clear = self._p_value(coloured(left, self.where), left, target) <= self.context.significance
-        return clear and self._smeared(left) == 1
+        model = coloured(left, self.where)
+        if self._p_value(model, left, target) > self.context.significance:
+            return False
+        return self._smeared(left) == 1 or self._is_slow(model, left)
 
     def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
         """Of what effects gain beside a force that they leave behind; none if there is none."""
         if not self.context.data.records.timed or not self.is_there(structure, target):
             return Evidence(1.0, 1.0)
-        gains, more = self.gains(fewer, structure, target)
-        surely = float(gains.sum() - gains.std(ddof=1) * np.sqrt(len(gains)))
-        by_chance = stats.chi2.sf(2.0 * max(surely, 0.0), max(more, 1))
-        return Evidence(float(by_chance), BlockSum.of(gains - more / len(gains)).chance)
+        gain, more = self.gain(fewer, structure, target)
+        by_chance = stats.chi2.sf(2.0 * max(gain.value - gain.error, 0.0), max(more, 1))
+        return Evidence(float(by_chance), replace(gain, value=gain.value - more).chance)
 
     def _law(self, structure: Structure, target: int) -> tuple[Array, Array]:
         """Columns of all that acts on a state, mode by mode, and its velocities."""
@@ -129,14 +138,6 @@ class SlowForces:
     def _steps(self, left: Array) -> int:
         """Steps after which no noise, and no filter of it, is remembered."""
         return max(self.context.settings.slow_steps, self._smeared(left))
-
-    def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
-        """The force beneath what a structure leaves over of a state, and its p-value."""
-        left = self.residuals(structure, target)
-        model = coloured(left, self.where)
-        p_value = self._p_value(model, left, target)
-        surely = p_value <= self.context.significance and self._is_slow(model, left)
-        return (model, p_value) if surely else None
 
     def _p_value(self, model: Coloured, left: Array, target: int) -> float:
         """That of a memory of residuals; one if it explains too little to be worth a name."""
