@@ -1,14 +1,17 @@
-"""Velocities that nobody measured: differences of the samples they are given with."""
+"""Velocities that nobody measured: they were made of the samples they are given with."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from swsysid._data.records import Records
+from swsysid._effect_search.coloured import Stretches
 from swsysid._effect_search.settings import SETTINGS
+from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
 
 
@@ -30,6 +33,43 @@ def states_differentiated(records: Records, targets: Array) -> list[int]:
         if not (X == velocities[:, [state]]).all(axis=0).any()
         and _is_made_of(X[:, state], t, velocities[:, state])
     ]
+
+
+def follow_the_states(records: Records, targets: Array, left: Array) -> bool:
+    """Whether velocities keep to their states more closely than what laws leave of them allows.
+
+    `left` are residuals, like `targets` of shape (n_samples, n_states). The noise of a velocity
+    that a sensor has measured adds up along a trajectory, over n steps to the root of n times that
+    of one, and to more where a filter has smeared it. That of a velocity made of the states cannot
+    lead away from them by more than their own noise.
+    """
+    if not records.timed:
+        return False
+    assert records.t is not None
+    order, n_steps = np.concatenate(records.trajectories), SETTINGS.adding_up
+    series = _without_gaps(records, order)
+    X, velocities, steps = records.X[order, : records.n_states], targets[order], series.waits[1:]
+    apart = np.where(series.inside[1:], steps, 0.0)[:, None]
+    slopes = 0.5 * (velocities[1:] + velocities[:-1])
+    astray = np.cumsum(np.diff(X, axis=0) - apart * slopes, axis=0)
+    together = series.stretch[1:][n_steps:] == series.stretch[:-1][:-n_steps]
+    if not together.any():
+        return False
+    away = root_mean_square((astray[n_steps:] - astray[:-n_steps])[together])
+    shared = np.array([series.smeared(column) for column in left[order].T])
+    expected = robust_scale(left) * series.step * np.sqrt(n_steps * shared)
+    return bool((away < SETTINGS.too_close * expected).any())
+
+
+def _without_gaps(records: Records, order: NDArray[np.intp]) -> Stretches:
+    """Samples of whole trajectories in order, cut where the record has gaps."""
+    assert records.t is not None
+    first = np.cumsum([0, *map(len, records.trajectories)])[:-1]
+    starts = np.zeros(len(order), dtype=bool)
+    starts[first] = True
+    t = records.t[order]
+    starts |= np.diff(t, prepend=t[:1]) > SETTINGS.gap_steps * records.step
+    return Stretches(t, np.cumsum(starts))
 
 
 def _is_made_of(x: Array, t: Array, velocity: Array) -> bool:

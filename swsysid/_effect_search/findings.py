@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,10 +13,13 @@ from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.acceptance import Finding
 from swsysid._effect_search.contributions import parameter_intervals
+from swsysid._effect_search.differences import follow_the_states
 from swsysid._effect_search.folds import Rows, Split
 from swsysid._effect_search.formulas import formulas
 from swsysid._effect_search.further_mode import FurtherMode
+from swsysid._effect_search.rollouts import Rollout, are_worse
 from swsysid._effect_search.sampled import table_of
+from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
 from swsysid.effects import (
@@ -98,6 +102,26 @@ class Ladder:
     def is_plain(self) -> bool:
         """True if there are no doubts, and the error clearly falls."""
         return not self.is_in_doubt and self.gained * self.context.settings.plain > 1.0
+
+    def is_refused(self, rollouts: Sequence[Rollout], measured: bool) -> bool:
+        """True if rollouts speak against the effect without which least is lost.
+
+        Velocities that were measured are the better witness of what is plain in them, and of
+        nothing else; those that were made of the states say nothing that rollouts do not.
+        """
+        if measured and self.is_plain:
+            return False
+        luck = 0.0 if measured and self._velocities_follow else REPORT.clearly_worse
+        in_doubt = measured or self.is_in_doubt
+        return are_worse(rollouts, gained=self.gained, in_doubt=in_doubt, luck=luck)
+
+    @cached_property
+    def _velocities_follow(self) -> bool:
+        """Whether velocities are so near to their states that they must have been made of them."""
+        left = self.targets - self.structure.fit.predict(self.records)
+        return not self.context.model.discrete_time and follow_the_states(
+            self.records, self.targets, left
+        )
 
     @cached_property
     def fits(self) -> tuple[JointFit, ...]:

@@ -110,12 +110,18 @@ def errors_of_all(rollouts: Sequence[Rollout]) -> tuple[float, float]:
     return before, after
 
 
-def are_worse(rollouts: Sequence[Rollout], *, gained: float = 1.0, in_doubt: bool = False) -> bool:
+def are_worse(
+    rollouts: Sequence[Rollout],
+    *,
+    gained: float = 1.0,
+    in_doubt: bool = False,
+    luck: float = REPORT.clearly_worse,
+) -> bool:
     """True if each is worse with the effects, and all together clearly; or one fails.
 
-    Clearly is by more than luck, and by a larger factor than errors of velocities have fallen by,
-    which is what was `gained`. Effects that are in doubt already have gained nothing, and need not
-    make each rollout worse.
+    Clearly is by a larger share than `luck`, and by a larger factor than errors of velocities have
+    fallen by, which is what was `gained`. Effects that are in doubt already have gained nothing,
+    and need not make each rollout worse.
     """
     if not rollouts:
         return False
@@ -125,8 +131,8 @@ def are_worse(rollouts: Sequence[Rollout], *, gained: float = 1.0, in_doubt: boo
     if not in_doubt and not all(after > before for before, after in each):
         return False
     before, after = errors_of_all(rollouts)
-    luck = 1.0 + REPORT.clearly_worse
-    return after > (luck if in_doubt else max(luck, gained)) * before
+    clearly = 1.0 + luck
+    return after > (clearly if in_doubt else max(clearly, gained)) * before
 
 
 def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) -> Trajectory:

@@ -36,7 +36,7 @@ from swsysid._effect_search.recording import (
     with_velocities,
 )
 from swsysid._effect_search.report import EffectReport
-from swsysid._effect_search.rollouts import are_worse, errors_of_all
+from swsysid._effect_search.rollouts import errors_of_all
 from swsysid._results import IdentificationWarning
 from swsysid.effects import Effect, all_effects
 
@@ -313,14 +313,10 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects that rollouts do not speak against, and the fit to all rows."""
-        # Measured velocities are the better witness of what is plain in them, and of nothing else.
         while True:
             final, ladder = self._reported(measured, found, plain)
-            if not ladder.n_simulated or (measured.recorded is None and ladder.is_plain):
-                return final
             rollouts = self.report_.data.rollouts
-            in_doubt = measured.recorded is None or ladder.is_in_doubt
-            if not are_worse(rollouts, gained=ladder.gained, in_doubt=in_doubt):
+            if not ladder.n_simulated or not ladder.is_refused(rollouts, measured.recorded is None):
                 return final
             errors = *ladder.least_errors, errors_of_all(rollouts)
             found = found.without(ladder.least, *errors)

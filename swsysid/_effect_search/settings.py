@@ -70,6 +70,8 @@ class SearchSettings:
     differentiated_rows: int = 500  # of one trajectory: a difference is one in all of its rows
     fewest_differentiated: int = 100  # rows: of fewer nobody says that they are differences
     longest_differentiator: int = 51  # samples of a moving polynomial
+    adding_up: int = 30  # steps over which the noise of measured velocities leads away from states
+    too_close: float = 0.5  # share of that: velocities nearer to the states were made of them
 
     # -- rows set aside --------------------------------------------------------------------------
     fewest_in_interval: int = 5  # rows of an event in time: fewer are an accident

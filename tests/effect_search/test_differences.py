@@ -6,7 +6,7 @@ from scipy.signal import savgol_filter
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid._effect_search.differences import states_differentiated
+from swsysid._effect_search.differences import follow_the_states, states_differentiated
 from swsysid._results import IdentificationWarning
 from swsysid.effects import QuadraticDrag
 
@@ -71,6 +71,36 @@ def test_a_rate_that_is_a_state_itself_is_exact():
     assert made(X, Xdot) == []
     Xdot[:, 1] = np.gradient(X[:, 1], T)
     assert made(X, Xdot) == [1]
+
+
+def follow(X, Xdot, t=T, groups=None):
+    """With the true law, and what it leaves."""
+    left = Xdot - np.column_stack([X[:, 1], -4.0 * X[:, 0]])
+    return follow_the_states(make_records(X, 2, t=t, groups=groups, names=["x", "v"]), Xdot, left)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001])
+def test_what_a_sensor_has_measured_leads_away_from_the_states(noise):
+    X, Xdot = swing(noise)
+    assert not follow(X, Xdot)
+    measured = Xdot + 0.2 * np.random.default_rng(1).standard_normal(X.shape)
+    assert not follow(X, measured)
+    assert not follow(X, measured, None)  # rows without times are in no order
+
+
+@pytest.mark.parametrize("n_trajectories", [1, 4])
+@pytest.mark.parametrize("window", [5, 11])
+def test_velocities_of_a_filter_stay_near_the_states(window, n_trajectories):
+    X, Xdot = swing(0.01)
+    groups = np.repeat(np.arange(n_trajectories), len(T) // n_trajectories)
+    for number in range(n_trajectories):
+        rows = groups == number
+        Xdot[rows] = savgol_filter(X[rows], window, 2, deriv=1, delta=STEP, axis=0)
+        X[rows] = savgol_filter(X[rows], window, 2, axis=0)  # and of smoothed states nobody
+    assert follow(X, Xdot, groups=groups)  # could tell by recomputing them
+    assert made(X, Xdot, groups=groups) == []
+    gaps = np.arange(len(T)) % 25 != 0  # nothing is summed over a gap, and shorter pieces than
+    assert not follow(X[gaps], Xdot[gaps], T[gaps], groups[gaps])  # the sum say nothing
 
 
 def test_the_report_begins_with_it():

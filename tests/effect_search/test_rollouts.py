@@ -64,6 +64,9 @@ def test_what_is_in_doubt_already_need_not_make_each_rollout_worse(rollouts, wor
         ([rollout(0.1, 0.15)], {"gained": 2.0}, False),  # velocities gain more than rollouts lose
         ([rollout(0.1, 0.15)], {"gained": 1.4}, True),
         ([rollout(0.1, 0.15)], {"gained": 2.0, "in_doubt": True}, True),
+        ([rollout(0.1, 0.102)], {"gained": 2.0, "in_doubt": True}, False),
+        ([rollout(0.1, 0.102)], {"gained": 2.0, "in_doubt": True, "luck": 0.0}, True),
+        ([rollout(0.1, 0.098)], {"gained": 2.0, "in_doubt": True, "luck": 0.0}, False),
         ([rollout(0.1, 0.15, ("", "state limit at 3"))], {"gained": 2.0}, True),
         ([rollout(0.1, 1e8)], {"gained": 7.0}, True),  # a lag of a state rebuilds its derivative
     ],
