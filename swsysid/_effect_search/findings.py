@@ -98,6 +98,11 @@ class Ladder:
         judged, tiny = self.context.data.counted_states, np.finfo(float).tiny
         return float(np.max(before[judged] / np.maximum(after[judged], tiny)))
 
+    def gaining(self, before: Array, after: Array) -> int:
+        """The state whose error falls by the largest factor, from two errors (n_states,)."""
+        exact = self.context.data.exact
+        return int(np.argmin(np.maximum(after, exact) / np.maximum(before, exact)))
+
     @property
     def is_plain(self) -> bool:
         """True if there are no doubts, and the error clearly falls."""
@@ -175,10 +180,8 @@ def describe_findings(
             parameters, equations = parameters | {"share_of_rows": mode.share}, mode.equations
         (_, before), (_, after) = ladder.errors[place : place + 2]
         # the equation an effect acts in; of a sensor, a guard or a mode that which gains most
-        exact = ladder.context.data.exact
-        gained = int(np.argmin(np.maximum(after, exact) / np.maximum(before, exact)))
         own = term.effect.terms or isinstance(term.effect, UnmeasuredDisturbance)
-        gaining = term.target if own else gained
+        gaining = term.target if own else ladder.gaining(before, after)
         found.append(
             FoundEffect(
                 kind=term.effect.kind,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +36,7 @@ from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._simulation.law_equations import laws_of_mode
-from swsysid.effects import FoundEffect, PlacedEffect
+from swsysid.effects import FoundEffect, PlacedEffect, StructureEffect
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,7 +153,7 @@ class EffectReport(EffectContents):
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
             history=tuple(_round_told(one, records) for one in rounds),
             dropped=dropped(rounds, last.terms, records),
-            tried=tuple(_tried_told(one, records) for one in tried),
+            tried=tuple(_tried_told(one, ladder) for one in tried),
             exact=tuple(records.names[state] for state in sorted(ladder.context.data.exact_states)),
             alarms=tuple(alarms),
             set_aside=_aside(last, ladder, names),
@@ -288,10 +288,13 @@ def _round_told(one: Round, records: Records) -> RoundInWords:
     }
 
 
-def _tried_told(one: Tried, records: Records) -> TriedEffect:
+def _tried_told(one: Tried, ladder: Ladder) -> TriedEffect:
     """An effect that is not kept, and the held-out errors that say why."""
+    term = one.candidate
+    if isinstance(term.effect, StructureEffect):
+        term = replace(term, target=ladder.gaining(one.before, one.after))
     return {
-        "effect": _in_words(one.candidate, records),
+        "effect": _in_words(term, ladder.records),
         "p_value": one.p_value,
         "before": one.before.tolist(),
         "after": one.after.tolist(),
