@@ -60,7 +60,7 @@ RECORDINGS = (
     "python -m benchmarks.undeclared --recordings --seeds 10 --first-seed 10 --pairs 0 --clean 9 "
     "--draw 54 --docs docs"
 )
-FRESH = "python -m benchmarks.undeclared --fresh 40 --first-seed 16001 --docs docs"
+FRESH = "python -m benchmarks.undeclared --fresh 40 --first-seed 22001 --docs docs"
 UNLISTED = (
     "python -m benchmarks.undeclared --unlisted --seeds 1 --first-seed 120 --draw 30 --docs docs"
 )
@@ -69,7 +69,7 @@ SENSITIVITY = (
     "shown surprise gross tie hopeful gain_a_row share share_of_a_mode share_of_a_disturbance "
     "slow_steps --docs docs"
 )
-CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 1700 --docs docs"
+CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 1800 --docs docs"
 LABORATORY = "python -m benchmarks.laboratory --docs docs"
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
