@@ -62,7 +62,7 @@ RECORDINGS = (
 )
 FRESH = "python -m benchmarks.undeclared --fresh 40 --first-seed 22001 --docs docs"
 UNLISTED = (
-    "python -m benchmarks.undeclared --unlisted --seeds 1 --first-seed 120 --draw 30 --docs docs"
+    "python -m benchmarks.undeclared --unlisted --seeds 1 --first-seed 170 --draw 30 --docs docs"
 )
 SENSITIVITY = (
     "python -m benchmarks.sensitivity --records 8 --first-record 504 --constants held_out n_blocks "

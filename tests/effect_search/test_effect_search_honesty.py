@@ -21,6 +21,7 @@ from swsysid._effect_search.untouched import Fall
 from swsysid._pipelines import seeded
 from swsysid.effects import (
     CoulombFriction,
+    ExtraMode,
     GuardHysteresis,
     Lag,
     PlacedEffect,
@@ -123,6 +124,20 @@ def test_a_guard_is_priced_beside_the_coefficients_of_the_surface_that_it_replac
             term = PlacedEffect(effect, place=guard, target=0, theta=band)
             priced = context.priced(replace(context.declared, terms=(term,), coef=(np.zeros(0),)))
             assert priced.n_parameters == len(terms) - 1 + thresholds - own
+
+
+def test_a_guard_of_two_modes_is_priced_beside_one_more(searches):
+    X, Xdot, t = driven()
+    stop = X[:, 0] > np.quantile(X[:, 0], 0.9)
+    Xdot[stop] -= 40.0 * (X[stop, :1] - X[stop, 0].min())
+    declared = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
+    EffectSearchCV(declared, effects=[GuardHysteresis(), ExtraMode()]).fit(X, Xdot, t=t)
+    context = searches[-1][0].context
+    guard = PlacedEffect(
+        GuardHysteresis(), place=Guard(((0,),), (1.0,), 1), target=0, theta=(-0.2, 0.2)
+    )
+    both = context.structure((guard, PlacedEffect(ExtraMode(), "modes", 0)), None)
+    assert both.fit.n_modes == 3 and np.isfinite(both.rows).all()
 
 
 def test_a_surface_with_a_slope_is_no_band_of_one_state():
