@@ -45,6 +45,10 @@ class SlowForces:
         """The rows of the search in order."""
         return self._ordered[1]
 
+    @cached_property
+    def _declared(self) -> Structure:
+        return self.context.priced(self.context.declared)
+
     def residuals(self, structure: Structure, target: int) -> Array:
         """What regressions leave over of rows they have not seen; a gross error says nothing."""
         # What is gross for as long as a force is remembered, and often, is the force, far above the
@@ -108,7 +112,10 @@ class SlowForces:
         model = coloured(left, self.where)
         if self._p_value(model, left, target) > self.context.significance:
             return False
-        return self._smeared(left) == 1 or self._is_slow(model, left)
+        # A filter has smeared the velocities, and so what any of the laws leave of them.
+        declared = self.residuals(self._declared, target)
+        is_filtered = max(self._smeared(left), self._smeared(declared)) > 1
+        return not is_filtered or self._is_slow(model, left)
 
     def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
         """Of what effects gain beside a force that they leave behind; none if there is none."""
