@@ -96,6 +96,7 @@ class SlowForces:
         model = coloured(left, self.where)
         p_value = self._p_value(model, left, target)
         surely = p_value <= self.context.significance and self._is_slow(model, left)
+        surely = surely and self._is_beneath_all_rows(structure, target, left != 0.0)
         return (model, p_value) if surely else None
 
     def is_there(self, structure: Structure, target: int) -> bool:
@@ -125,6 +126,18 @@ class SlowForces:
         by_chance = stats.chi2.sf(2.0 * max(gain.value - gain.error, 0.0), max(more, 1))
         return Evidence(float(by_chance), replace(gain, value=gain.value - more).chance)
 
+    def _is_beneath_all_rows(
+        self, structure: Structure, target: int, usual: NDArray[np.bool_]
+    ) -> bool:
+        """Whether the law that has seen all of the usual rows leaves a force as well."""
+        # Beyond what a part of the rows has shown of a function, it is wrong for as long as the
+        # state stays there.
+        where, rows = self.where.taken(usual), self._ordered[0][usual]
+        features, y = self._law(structure, target)
+        model, left = beneath_a_law(features[rows], y[rows], where)
+        lead = _lead(model, white(left), left, where)
+        return lead >= self.context.settings.gain_a_row * len(left)
+
     def _law(self, structure: Structure, target: int) -> tuple[Array, Array]:
         """Columns of all that acts on a state, mode by mode, and its velocities."""
         problem = self.context.candidates(structure.fit).regression
@@ -149,7 +162,7 @@ class SlowForces:
     def _p_value(self, model: Coloured, left: Array, target: int) -> float:
         """That of a memory of residuals; one if it explains too little to be worth a name."""
         settings, squares = self.context.settings, self.context.declared_squares
-        gain = self._lead(model, white(left), left)
+        gain = _lead(model, white(left), left, self.where)
         p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
         worth = model.size**2 >= settings.share_of_a_disturbance * squares[target]
         enough = gain >= settings.gain_a_row * len(left)
@@ -160,11 +173,12 @@ class SlowForces:
         least = self._steps(left) * self.where.step
         if model.time_constant < least:
             return False
-        lead = self._lead(model, coloured(left, self.where, least), left)
+        lead = _lead(model, coloured(left, self.where, least), left, self.where)
         # half of the estimates of a force at the limit are slower than it
         return float(stats.chi2.sf(2.0 * max(lead, 0.0), 1)) <= 2.0 * self.context.significance
 
-    def _lead(self, one: Coloured, other: Coloured, left: Array) -> float:
-        """Gain in log likelihood of one model of residuals over another."""
-        gains = one.log_likelihood(left, self.where) - other.log_likelihood(left, self.where)
-        return float(gains.sum())
+
+def _lead(one: Coloured, other: Coloured, left: Array, where: Stretches) -> float:
+    """Gain in log likelihood of one model of residuals over another."""
+    gains = one.log_likelihood(left, where) - other.log_likelihood(left, where)
+    return float(gains.sum())
