@@ -22,7 +22,10 @@ from benchmarks.measured.tables import effects, free_runs
 from benchmarks.results import add_docs_options, keep, measured_here, place
 
 # `effects` searches the whole library in every set; the others are sets.
-PARTS = ("emps", "mr_damper", "cascaded_tanks", "coupled_drives", "silverbox", "effects")
+PARTS = (
+    *("emps", "rc_vehicle", "mr_damper", "cascaded_tanks", "coupled_drives", "silverbox"),
+    *("incubator", "effects"),
+)
 
 
 def main() -> None:

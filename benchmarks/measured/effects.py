@@ -54,15 +54,22 @@ def _searched(name, estimator, train, test) -> Found:
     search = EffectSearchCV(estimator).fit(X, y, t=t, groups=groups)
     times = (process_time() - fitted) / (fitted - started)
     found = ", ".join(f"{e.kind} of {e.place}" for e in search.effects_) or "nothing"
+    models = search.report_["errors"]
+    rungs = [float(model["held_out"][0] / np.std(y)) for model in models]
     if test is None:
-        models = search.report_["errors"]
-        errors = [float(model["held_out"][0] / np.std(y)) for model in (models[0], models[-1])]
+        errors = [rungs[0], rungs[-1]]
     else:
         errors = [
             _relative_error(model, test)
             for model in (search.declared_estimator_, search.best_estimator_)
         ]
-    return Found(name, found, *errors, times)
+    return Found(name, found, *errors, times, rungs, _left(search.report_))
+
+
+def _left(report) -> str:
+    """What the report says of the structure that the last model leaves over."""
+    told = [line for line in str(report).splitlines() if line.startswith("Left over of")]
+    return told[-1].split(": ", maxsplit=1)[1] if told else ""
 
 
 def _relative_error(model, rows) -> float:

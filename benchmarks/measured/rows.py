@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,9 +46,9 @@ class FreeRun:
         Errors of the two models, one for each test record, as the data set's own split scores them.
     after_leaving_out : tuple of tuple of float
         Errors of the second model, one row for each of `LEFT_OUT`.
-    linear, best : tuple of float
-        Published errors on the same records: of a linear model, and the smallest of any method.
-        Empty where there are none that are comparable.
+    linear, readable, best : tuple of float
+        Published errors on the same records: of a linear model, the smallest of a model that one
+        can read, and that of any method. Empty where there are none that are comparable.
     chosen : str
         What was chosen on the training record, and the errors there that decided; empty where
         nothing was.
@@ -60,6 +60,7 @@ class FreeRun:
     after: tuple[float, ...]
     after_leaving_out: tuple[tuple[float, ...], ...] = ()
     linear: tuple[float, ...] = ()
+    readable: tuple[float, ...] = ()
     best: tuple[float, ...] = ()
     chosen: str = ""
 
@@ -98,6 +99,10 @@ class Found:
         Errors on held-out rows, relative to the target's standard deviation.
     fits : float
         Time of the search in fits of the declared model.
+    rungs : list of float
+        Errors of the declared model and after each effect on the quarter that the search holds out.
+    left : str
+        What the report names of the structure that is left over there.
     """
 
     data: str
@@ -105,9 +110,11 @@ class Found:
     before: float
     after: float
     fits: float
+    rungs: list[float] = field(default_factory=list)
+    left: str = ""
 
 
 def published_errors(published, unit: str) -> dict[str, tuple[float, ...]]:
-    """Linear and smallest published errors, as `FreeRun` takes them, from a data set's own."""
-    errors = published[f"test_rmse_{unit}"]
-    return {name: tuple(np.atleast_1d(errors[name]).tolist()) for name in ("linear", "best")}
+    """Published errors, as `FreeRun` takes them, from a data set's own."""
+    errors, kinds = published[f"test_rmse_{unit}"], ("linear", "readable", "best")
+    return {name: tuple(np.atleast_1d(errors[name]).tolist()) for name in kinds}
