@@ -1,9 +1,9 @@
 """Cascaded tanks: Torricelli's law for both, and tanks that overflow. The upper level is hidden.
 
-What the overflow leaves over in the training record sits where the lower level passes some 5 V,
-and in the slope of the outflow. Whether the sensor has a step there, and whether the outflow is
-another power of the level than a root, is decided on quarters of the training record that are
-held out in turn.
+What the overflow leaves over in the training record changes at once where the lower level passes
+some 5 V, up and down. Whether that is the sensor, whose volts are no centimetres, or the outflow,
+another power of the level than a root, is decided on quarters of the training record that are held
+out in turn.
 """
 
 from __future__ import annotations
@@ -19,12 +19,19 @@ from swsysid.refinement import ParametricLibrary, RefinementResult, StatedModel,
 
 COLUMNS = ["upper", "lower", "pump"]
 FULL = 10.0  # V, where the sensor of the lower tank clips
-WIDTH = 0.3  # V, in which a step of the sensor is passed
+VOLTS = range(3, 10)  # of the level, at which what the sensor reads may be anything
 N_HELD = 4  # quarters of the training record
 
 
 def _root(level):
     return np.sqrt(np.maximum(level, 0.0))
+
+
+def _read(lower, at_3, at_4, at_5, at_6, at_7, at_8, at_9):
+    """The level, and what the sensor is off: straight lines between whole volts of the level."""
+    off = zip(VOLTS, (at_3, at_4, at_5, at_6, at_7, at_8, at_9), strict=True)
+    near = (size * np.maximum(1.0 - np.abs(lower - volt), 0.0) for volt, size in off)
+    return np.minimum(lower + sum(near), FULL)
 
 
 FLOWS = {
@@ -41,9 +48,6 @@ OVERFLOW = {
 }
 POWER = {"root lower": lambda lower, power: np.maximum(lower, 0.0) ** power}
 SENSOR = {"level": lambda lower: np.minimum(lower, FULL)}
-STEPPED = {
-    "level": lambda lower, step, at: np.minimum(lower + step * np.tanh((lower - at) / WIDTH), FULL)
-}
 # A pump of 3 V holds a level of some 5 V, with time constants of a hundred seconds or two.
 RATE = 0.05
 LAW = [[RATE, -RATE, 0.0, 0.0, 0.0], [0.0, RATE, 0.0, -RATE, 0.0]]
@@ -63,9 +67,8 @@ def rows() -> list[FreeRun]:
     level = dict(zip(COLUMNS[:2], full.initial_states[0], strict=True))
     candidates = {
         "nothing more": full.model,
-        "a step of the sensor": _further(full, step=True),
-        "a power of the lower outflow": _further(full, power=True),
-        "both": _further(full, step=True, power=True),
+        "a curve of the sensor": _with_curve(full),
+        "a power of the lower outflow": _with_power(full),
     }
     errors = held_out_errors(
         candidates, data.train, blocks(len(data.train.t), N_HELD), initial_states=level
@@ -102,16 +105,16 @@ def _overflowing(flows, coef=None, parameters: Mapping[str, float] | None = None
     )
 
 
-def _further(start: RefinementResult, step: bool = False, power: bool = False) -> StatedModel:
-    """The tanks that overflow with something more."""
-    parameters = dict(start.model.feature_map.library.parameters)
-    flows = FLOWS
-    if power:
-        parameters, flows = parameters | {"power": 0.5}, FLOWS | POWER
-    if not step:
-        return _overflowing(flows, start.model.coef_, parameters)
-    sensor = ParametricLibrary(STEPPED, COLUMNS, {"step": 0.02 * FULL, "at": 0.5 * FULL})
-    return _overflowing(flows, start.model.coef_, parameters, sensor)
+def _with_power(start: RefinementResult) -> StatedModel:
+    parameters = {**start.model.feature_map.library.parameters, "power": 0.5}
+    return _overflowing(FLOWS | POWER, start.model.coef_, parameters)
+
+
+def _with_curve(start: RefinementResult) -> StatedModel:
+    parameters = start.model.feature_map.library.parameters
+    off = {f"at_{volt}": 0.0 for volt in VOLTS}
+    sensor = ParametricLibrary({"level": _read}, COLUMNS, off)
+    return _overflowing(FLOWS, start.model.coef_, parameters, sensor)
 
 
 def _model(terms, coef, free, parameters=None, output=SENSOR) -> StatedModel:
