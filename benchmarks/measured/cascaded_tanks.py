@@ -9,6 +9,7 @@ out in turn.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from inspect import Parameter, Signature
 
 import numpy as np
 
@@ -18,20 +19,13 @@ from swsysid.datasets import fetch_cascaded_tanks
 from swsysid.refinement import ParametricLibrary, RefinementResult, StatedModel, refine
 
 COLUMNS = ["upper", "lower", "pump"]
-FULL = 10.0  # V, where the sensor of the lower tank clips
-VOLTS = range(3, 10)  # of the level, at which what the sensor reads may be anything
+LOWEST = 2.0  # V, which the lower tank hardly falls to
+FULL = 10.0  # V, where its sensor clips
 N_HELD = 4  # quarters of the training record
 
 
 def _root(level):
     return np.sqrt(np.maximum(level, 0.0))
-
-
-def _read(lower, at_3, at_4, at_5, at_6, at_7, at_8, at_9):
-    """The level, and what the sensor is off: straight lines between whole volts of the level."""
-    off = zip(VOLTS, (at_3, at_4, at_5, at_6, at_7, at_8, at_9), strict=True)
-    near = (size * np.maximum(1.0 - np.abs(lower - volt), 0.0) for volt, size in off)
-    return np.minimum(lower + sum(near), FULL)
 
 
 FLOWS = {
@@ -67,7 +61,8 @@ def rows() -> list[FreeRun]:
     level = dict(zip(COLUMNS[:2], full.initial_states[0], strict=True))
     candidates = {
         "nothing more": full.model,
-        "a curve of the sensor": _with_curve(full),
+        "a curve of the sensor, one number a volt": _with_curve(full, apart=1.0),
+        "a curve of the sensor, two numbers a volt": _with_curve(full, apart=0.5),
         "a power of the lower outflow": _with_power(full),
     }
     errors = held_out_errors(
@@ -110,11 +105,23 @@ def _with_power(start: RefinementResult) -> StatedModel:
     return _overflowing(FLOWS | POWER, start.model.coef_, parameters)
 
 
-def _with_curve(start: RefinementResult) -> StatedModel:
+def _with_curve(start: RefinementResult, apart: float) -> StatedModel:
     parameters = start.model.feature_map.library.parameters
-    off = {f"at_{volt}": 0.0 for volt in VOLTS}
-    sensor = ParametricLibrary({"level": _read}, COLUMNS, off)
-    return _overflowing(FLOWS, start.model.coef_, parameters, sensor)
+    return _overflowing(FLOWS, start.model.coef_, parameters, _curved_sensor(apart))
+
+
+def _curved_sensor(apart: float) -> ParametricLibrary:
+    """The level, and what the sensor is off: straight lines between levels that far apart."""
+    levels = np.arange(LOWEST + apart, FULL, apart)
+    names = [f"at_{number}" for number in range(len(levels))]
+
+    def read(lower, *off):
+        near = (np.maximum(1.0 - np.abs(lower - level) / apart, 0.0) for level in levels)
+        return np.minimum(lower + sum(map(np.multiply, off, near)), FULL)
+
+    kind = Parameter.POSITIONAL_OR_KEYWORD
+    read.__signature__ = Signature([Parameter(name, kind) for name in ("lower", *names)])
+    return ParametricLibrary({"level": read}, COLUMNS, dict.fromkeys(names, 0.0))
 
 
 def _model(terms, coef, free, parameters=None, output=SENSOR) -> StatedModel:

@@ -6,13 +6,11 @@ has not seen. What it is worth is measured there only.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit, known_modes
@@ -307,10 +305,7 @@ def candidate_context(
         n_modes=int(fit.modes.max()) + 1,
         weight=row_weights(fit, data),
         folds=data.folds,
-        support=_support(fit, others, [part.shape[1] for part in known]),
-        prior=block_diag(
-            np.zeros((0, features.shape[1])), *(term.prior(fit.n_modes) for term in others)
-        ),
+        support=_support(fit, sum(part.shape[1] for part in known)),
     )
     return CandidateContext(
         fit=fit,
@@ -324,14 +319,10 @@ def candidate_context(
     )
 
 
-def _support(
-    fit: JointFit, terms: Sequence[PlacedEffect], n_columns: Sequence[int]
-) -> NDArray[np.bool_]:
-    """Terms that the laws may have in the modes of some rows, and columns in their equations."""
+def _support(fit: JointFit, n_known: int) -> NDArray[np.bool_]:
+    """Terms that the laws may have in the modes of some rows; columns that are known all may."""
     own = fit.laws.support[: int(fit.modes.max()) + 1]
-    targets = np.repeat([term.target for term in terms], n_columns).astype(np.intp)
-    acts = np.arange(own.shape[1])[:, None] == targets
-    return np.concatenate([own, np.broadcast_to(acts, (len(own), *acts.shape))], axis=2)
+    return np.concatenate([own, np.ones((*own.shape[:2], n_known), dtype=bool)], axis=2)
 
 
 def row_weights(fit: JointFit, data: SearchData) -> Array:

@@ -34,6 +34,11 @@ def held_out_cost(fit: JointFit, data: SearchData) -> Array:
     return _mixture_cost(errors, STUDENT.scale(own, data.exact), _mode_probabilities(fit, data))
 
 
+def held_out_errors(fit: JointFit, data: SearchData) -> Array:
+    """Errors of every row in its mode, (n_rows, n_states), of regressions that have not seen it."""
+    return _errors_by_mode(fit, data)[fit.modes, np.arange(len(data.rows))]
+
+
 def unseen(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> tuple[Array, Array]:
     """Negative log likelihood and errors of rows that no part of a fit to others has seen.
 

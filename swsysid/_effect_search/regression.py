@@ -34,7 +34,6 @@ class Regression:
     weight: Array  # small where the mode is uncertain or the row is an outlier
     folds: Folds
     support: NDArray[np.bool_]  # (n_modes, n_states, n_features): terms that a law may have
-    prior: Array | None = None  # (n_known, n_features): what each mode's coefficients make zero
 
     def background(self, fold: int | None) -> Background:
         """Regression on the library alone, on the training rows of a fold or on all."""
@@ -47,13 +46,7 @@ class Regression:
             self,
             features=np.delete(self.features, feature, axis=1),
             support=np.delete(self.support, feature, axis=2),
-            prior=np.delete(self.known, feature, axis=1),
         )
-
-    @property
-    def known(self) -> Array:
-        """The rows of `prior`, perhaps none."""
-        return np.zeros((0, self.features.shape[1])) if self.prior is None else self.prior
 
     def has(self, target: int, feature: int | None) -> bool:
         """True if a law of a state may have a feature."""
@@ -83,7 +76,7 @@ class Background:
         self._roots = [np.sqrt(problem.weight[rows]) for rows in self._rows]
         self._projections = {
             int(states[0]): [
-                _Projection.of(root[:, None] * problem.features[rows], problem.known, terms)
+                _Projection.of(root[:, None] * problem.features[rows], terms)
                 for rows, root, terms in zip(
                     self._rows, self._roots, problem.support[:, states[0]], strict=True
                 )
@@ -147,16 +140,6 @@ class Background:
         answer[:, -len(states) :] = root[:, None] * self.left_over[np.ix_(places, states)]
         return answer
 
-    def prior(self, states: NDArray[np.intp], mode: int) -> Array:
-        """What `own` has beside the rows of the data: those of the prior, and what they leave."""
-        known, first = self.problem.known, int(states[0])
-        answer = np.zeros((len(known), self.problem.features.shape[1] + len(states)))
-        back = self._projections[first][mode].back
-        answer[:, : back.shape[1]] = known @ back
-        coef = self.coefficients(self.problem.targets[:, states], first)[mode]
-        answer[:, -len(states) :] = -known @ coef
-        return answer
-
     def back(self, states: NDArray[np.intp]) -> Array:
         """From coefficients in the basis of `own` to those of features, (n_modes, ...)."""
         n_features = self.problem.features.shape[1]
@@ -170,20 +153,19 @@ class Background:
 class _Projection:
     """Onto the scaled library on the training rows of a mode."""
 
-    basis: Array  # (n_rows, rank), orthonormal together with what the prior has of it
+    basis: Array  # (n_rows, rank), orthonormal
     back: Array  # (n_features, rank): coefficients of what has these in the basis
 
     @classmethod
-    def of(cls, rows: Array, prior: Array, terms: NDArray[np.bool_]) -> _Projection:
-        """Onto the columns that are `terms`, with rows of zero targets; the others get zero."""
-        design = np.vstack([rows, prior])
+    def of(cls, design: Array, terms: NDArray[np.bool_]) -> _Projection:
+        """Onto the columns of a design that are `terms`; the others get zero."""
         size = np.linalg.norm(design, axis=0)
         used = np.flatnonzero(terms & (size > 0.0))
         left, values, right = np.linalg.svd(design[:, used] / size[used], full_matrices=False)
         rank = int(np.sum(values > _INDEPENDENT * values.max(initial=0.0)))
         back = np.zeros((design.shape[1], rank))
         back[used] = right[:rank].T / values[:rank] / size[used, None]
-        return cls(left[: len(rows), :rank], back)
+        return cls(left[:, :rank], back)
 
     def coefficients(self, scaled: Array) -> Array:
         """Of scaled columns on the library, (n_features, n_columns)."""
@@ -222,8 +204,6 @@ class SharedSums:
             _Cell(rows, [whole.own(states, mode, order[rows]) for states in problem.alike])
             for mode, rows in zip(kinds[0].tolist(), map(slice, ends, ends[1:]), strict=True)
         ]
-        modes = range(problem.n_modes)
-        self._priors = [[whole.prior(states, mode) for mode in modes] for states in problem.alike]
         in_mode = kinds[0] == np.arange(problem.n_modes)[:, None]
         self._uses = (kinds[1:, None] * in_mode).astype(float)  # (n_parts, n_modes, n_cells)
         self._bases = [
@@ -232,8 +212,7 @@ class SharedSums:
         ]
 
     def _squares(self, number: int) -> Array:
-        squares = self._added_up([cell.own[number].T @ cell.own[number] for cell in self._cells])
-        return squares + np.stack([prior.T @ prior for prior in self._priors[number]])
+        return self._added_up([cell.own[number].T @ cell.own[number] for cell in self._cells])
 
     def _added_up(self, of_cells: list[Array]) -> Array:
         """Sums over the cells of each regression and mode, (n_parts, n_modes, ...)."""

@@ -25,6 +25,7 @@ from swsysid._effect_search.coloured import (
     white,
 )
 from swsysid._effect_search.evidence import Evidence
+from swsysid._effect_search.held_out import held_out_errors
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale
 from swsysid._results import Array
@@ -54,8 +55,11 @@ class SlowForces:
         # What is gross for as long as a force is remembered, and often, is the force, far above the
         # noise; where it is rare it may be a place at which the structure is wrong.
         settings = self.context.settings
-        left = self.context.candidates(structure.fit).held_out[:, target]
         data = self.context.data
+        if _may_run_away(structure):
+            left = held_out_errors(structure.fit, data)[:, target]
+        else:
+            left = self.context.candidates(structure.fit).held_out[:, target]
         # what holds a plant that sticks is a reaction, and no force
         left = np.where(data.may_stick(structure.fit.terms, data.records, data.rows), 0.0, left)
         gross = settings.gross * max(
@@ -96,7 +100,8 @@ class SlowForces:
         model = coloured(left, self.where)
         p_value = self._p_value(model, left, target)
         surely = p_value <= self.context.significance and self._is_slow(model, left)
-        surely = surely and self._is_beneath_all_rows(structure, target, left != 0.0)
+        if surely and _may_run_away(structure):
+            surely = self._is_beneath_all_rows(structure, target, left != 0.0)
         return (model, p_value) if surely else None
 
     def is_there(self, structure: Structure, target: int) -> bool:
@@ -176,6 +181,11 @@ class SlowForces:
         lead = _lead(model, coloured(left, self.where, least), left, self.where)
         # half of the estimates of a force at the limit are slower than it
         return float(stats.chi2.sf(2.0 * max(lead, 0.0), 1)) <= 2.0 * self.context.significance
+
+
+def _may_run_away(structure: Structure) -> bool:
+    """Whether a part of the rows may say nothing of what acts on the others."""
+    return any(len(term.effect.prior) for term in structure.terms)
 
 
 def _lead(one: Coloured, other: Coloured, left: Array, where: Stretches) -> float:

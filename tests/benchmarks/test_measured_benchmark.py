@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.measured.choice import best_of, blocks, held_out_errors
-from benchmarks.measured.effects import _incubator, _searched
+from benchmarks.measured.effects import _emps, _incubator, _searched
 from benchmarks.measured.rows import LEFT_OUT, FreeRun, Run
 from swsysid.refinement import ParametricLibrary, StatedModel
 
@@ -57,3 +57,13 @@ def test_what_a_heater_explains_in_one_episode_is_no_force():
     found = _searched("incubator", *_incubator())
     assert found.found.startswith("lag of heater")
     assert found.after < 0.5 * found.before  # .47 instead of 1.41 on the test records
+
+
+@pytest.mark.nightly
+@pytest.mark.measured
+def test_a_worn_screw_is_no_function_without_a_name():
+    """One of the velocity beside one of velocity and acceleration had taken its place."""
+    found = _searched("EMPS", *_emps())
+    assert found.found == "asymmetric_friction of v"
+    assert found.after < 0.4 * found.before  # .057 instead of .169 on the test record
+    assert len(found.rungs) == 2 and found.left
