@@ -19,8 +19,8 @@ from swsysid.datasets import fetch_cascaded_tanks
 from swsysid.refinement import ParametricLibrary, RefinementResult, StatedModel, refine
 
 COLUMNS = ["upper", "lower", "pump"]
-LOWEST = 2.0  # V, which the lower tank hardly falls to
-FULL = 10.0  # V, where its sensor clips
+FULL = 10.0  # V, where the sensor of the lower tank clips
+VOLTS = range(3, 10)  # of its level, at which the sensor may be off
 N_HELD = 4  # quarters of the training record
 
 
@@ -61,8 +61,7 @@ def rows() -> list[FreeRun]:
     level = dict(zip(COLUMNS[:2], full.initial_states[0], strict=True))
     candidates = {
         "nothing more": full.model,
-        "a curve of the sensor, one number a volt": _with_curve(full, apart=1.0),
-        "a curve of the sensor, two numbers a volt": _with_curve(full, apart=0.5),
+        "a curve of the sensor": _with_curve(full),
         "a power of the lower outflow": _with_power(full),
     }
     errors = held_out_errors(
@@ -105,18 +104,17 @@ def _with_power(start: RefinementResult) -> StatedModel:
     return _overflowing(FLOWS | POWER, start.model.coef_, parameters)
 
 
-def _with_curve(start: RefinementResult, apart: float) -> StatedModel:
+def _with_curve(start: RefinementResult) -> StatedModel:
     parameters = start.model.feature_map.library.parameters
-    return _overflowing(FLOWS, start.model.coef_, parameters, _curved_sensor(apart))
+    return _overflowing(FLOWS, start.model.coef_, parameters, _curved_sensor())
 
 
-def _curved_sensor(apart: float) -> ParametricLibrary:
-    """The level, and what the sensor is off: straight lines between levels that far apart."""
-    levels = np.arange(LOWEST + apart, FULL, apart)
-    names = [f"at_{number}" for number in range(len(levels))]
+def _curved_sensor() -> ParametricLibrary:
+    """The level, and what the sensor is off: straight lines between whole volts."""
+    names = [f"at_{volt}" for volt in VOLTS]
 
     def read(lower, *off):
-        near = (np.maximum(1.0 - np.abs(lower - level) / apart, 0.0) for level in levels)
+        near = (np.maximum(1.0 - np.abs(lower - volt), 0.0) for volt in VOLTS)
         return np.minimum(lower + sum(map(np.multiply, off, near)), FULL)
 
     kind = Parameter.POSITIONAL_OR_KEYWORD

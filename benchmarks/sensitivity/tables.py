@@ -46,11 +46,8 @@ def tables(parts: dict[str, dict]) -> str:
     silent = ", ".join(f"`{name}`" for name in by_name if name not in matter)
     first = f"As they are {found['right']} of {found['of']} answers are right"
     lines = [f"{first}, with {found['alarms']} false alarms.", ""]
-    lines += [
-        *table(head, rows, "lrrrrrr"),
-        "",
-        f"No answer changes with {silent or 'the others'}.",
-    ]
+    lines += [*table(head, rows, "lrrrrrr"), ""] if rows else []
+    lines += [f"No answer changes with {silent or 'the others'}."]
     return "\n".join([*lines, "", origins(parts)]) + "\n"
 
 

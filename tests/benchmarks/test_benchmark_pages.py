@@ -108,7 +108,7 @@ def test_published_errors_are_those_of_the_data_sets(fetch_measured):
         data = fetch_measured(getattr(datasets, f"fetch_{name}"))
         published = published_errors(data.published, unit)
         for row in rows[name]["rows"]:
-            for column in ("linear", "best"):
+            for column in ("linear", "readable", "best"):
                 assert tuple(row[column]) == published[column], f"{name}, {column}"
 
 
