@@ -114,9 +114,10 @@ class Ladder:
         Velocities that were measured are the better witness of what is plain in them, and of
         nothing else; those that were made of the states say nothing that rollouts do not.
         """
-        if measured and self.is_plain:
+        if measured and self.is_plain and not self._velocities_follow:
             return False
-        luck = 0.0 if measured and self._velocities_follow else REPORT.clearly_worse
+        strict = measured and self._velocities_follow and not self.is_plain
+        luck = 0.0 if strict else REPORT.clearly_worse
         in_doubt = measured or self.is_in_doubt
         return are_worse(rollouts, gained=self.gained, in_doubt=in_doubt, luck=luck)
 
