@@ -23,8 +23,14 @@ from benchmarks.results import add_docs_options, keep, measured_here, place
 
 # `effects` searches the whole library in every set; the others are sets.
 PARTS = (
-    *("emps", "rc_vehicle", "mr_damper", "cascaded_tanks", "coupled_drives", "silverbox"),
-    *("incubator", "effects"),
+    "emps",
+    "rc_vehicle",
+    "mr_damper",
+    "cascaded_tanks",
+    "coupled_drives",
+    "silverbox",
+    "incubator",
+    "effects",
 )
 
 
