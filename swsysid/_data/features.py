@@ -58,6 +58,7 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
         _check_functions(self.functions, self.n_features_in_)
         if self.names is not None:
             _check_patterns(self.names, len(self.functions))
+        self._terms = self._functions_of_columns()
         return self
 
     def transform(self, X):
@@ -74,18 +75,18 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
         given = column_names(self) if input_features is None else list(input_features)
         names = [
             pattern.format(*(given[column] for column in group))
-            for _, pattern, group in self._terms()
+            for _, pattern, group in self._terms
         ]
         return np.array(names, dtype=object)
 
     def _features(self, X: np.ndarray) -> np.ndarray:
-        columns, terms = X.T, self._terms()
+        columns, terms = X.T, self._terms
         features = np.empty((len(terms), len(X)))
         for out, (function, pattern, group) in zip(features, terms, strict=True):
             out[:] = _values(function, pattern, [columns[place] for place in group])
         return features.T
 
-    def _terms(self):
+    def _functions_of_columns(self):
         """Every function with its format and the columns it is applied to."""
         patterns = self.names or _default_formats(self.functions)
         return [

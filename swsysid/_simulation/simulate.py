@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import brentq
 
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.events import History, Piece, first_switch, last_and_next
@@ -187,12 +188,12 @@ class SwitchingRollout(Flow):
         def field(time, x):
             return slide.velocity(x, time, signal)
 
-        def goes_on(time):
-            return slide.margin(piece.state(time), time, signal) > 0
+        def margin(time):
+            return slide.margin(piece.state(time), time, signal)
 
         for piece in self.steps(field, end, signal):
             times = np.linspace(piece.start, piece.stop, SETTINGS.n_parts + 1)
-            last = _end_of(goes_on, times)
+            last = _end_of(margin, times)
             self.advance(piece, last)
             if last < piece.stop:
                 self._leave(slide, signal)
@@ -214,10 +215,15 @@ class SwitchingRollout(Flow):
         self.scale = max(self.scale, float(np.linalg.norm(self.x)))
 
 
-def _end_of(holds: Callable[[float], bool], times: Array) -> float:
-    """First time at which a condition, taken as true at the first time, is seen to fail."""
+def _end_of(margin: Callable[[float], float], times: Array) -> float:
+    """First time at which a margin, taken as positive at the first time, is seen not to be."""
+
+    def goes_on(time):
+        return margin(time) > 0
+
     for inside, outside in zip(times[:-1], times[1:], strict=True):
-        if not holds(outside):
+        if not goes_on(outside):
             resolution = np.spacing(max(abs(times[0]), abs(times[-1])))
-            return last_and_next(holds, inside, outside, resolution)[1]
+            guess = brentq(margin, inside, outside, xtol=resolution) if goes_on(inside) else None
+            return last_and_next(goes_on, inside, outside, resolution, guess)[1]
     return times[-1]

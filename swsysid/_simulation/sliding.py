@@ -22,9 +22,11 @@ def sliding_share(a: float, b: float) -> float:
     """Share w of the second of two fields in Filippov's convex combination along a surface g = 0.
 
     With dg/dt = a along the first and b along the second, (1 - w) a + w b = 0 where
-    w = a / (a - b), between 0 and 1 while a >= 0 >= b.
+    w = a / (a - b), between 0 and 1 while a >= 0 >= b. A step of the integrator may pass the end
+    of a slide: up to another whole field further the state stays on the surface, so that the end
+    is found on a smooth path.
     """
-    return float(np.clip(a / (a - b), 0.0, 1.0)) if a != b else 0.5
+    return float(np.clip(a / (a - b), -1.0, 2.0)) if a != b else 0.5
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,8 @@ class SlidingSurface:
         """Positive while the slide goes on: min(a, -b), or -1 where the two modes are no more."""
         f_before, f_after, a, b = self.rates(x, time, inputs)
         sides = self._sides(x, inputs(time), f_after - f_before)
-        return min(a, -b) if sides == (self.before, self.after) else -1.0
+        goes_on = sides == (self.before, self.after) and not np.isnan(a - b)
+        return min(a, -b) if goes_on else -1.0
 
     def _sides(self, x, u, jump):
         # g falls along f_after - f_before (its rate is b - a < 0): ahead lies `before`

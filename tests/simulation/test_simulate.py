@@ -207,6 +207,24 @@ def test_a_stuck_mass_slips_when_the_force_exceeds_friction(kind):
 
 
 @both_kinds
+def test_each_rest_is_one_slide_at_a_loose_tolerance_too(kind):
+    # the force is linear between samples and tears the mass off where it exceeds the friction, 1
+    def acceleration(x, u, mode):
+        return (u[0] + (1.0 if mode else -1.0) - x[0] * abs(x[0]),)
+
+    system = kind(acceleration, [lambda x, u: -x[0]])
+    t = np.linspace(0, 20, 201)
+    force = 1.5 * np.sin(t)
+    rollout = simulate(system, [0.3], t, inputs=force, input_hold="linear", rtol=1e-3, atol=1e-6)
+    left = [event.time for event in rollout.events if event.kind == "leaving"]
+    excess = np.abs(force) - 1.0
+    before = np.flatnonzero((excess[:-1] < 0) & (excess[1:] > 0))
+    torn_off = t[before] + 0.1 * -excess[before] / (excess[before + 1] - excess[before])
+    assert [event.kind for event in rollout.events] == ["sliding", "leaving"] * len(torn_off)
+    np.testing.assert_allclose(left, torn_off, atol=1e-8)
+
+
+@both_kinds
 def test_a_stuck_mass_is_torn_off_by_a_jump_of_the_force(kind):
     t = np.arange(6.0)
     force = np.array([0.0, 0.5, 3.0, 3.0, -1.0, 0.0])
