@@ -59,14 +59,18 @@ def rearrangements(n_rows: int, block: int, n_permutations: int, rng) -> NDArray
     The rows are closed to a ring that is cut at a random place into blocks, which are shuffled.
     """
     orders = np.empty((1 + n_permutations, n_rows), dtype=np.int32)
-    orders[0] = np.arange(n_rows)
+    rows = orders[0] = np.arange(n_rows)
+    n_pieces = max(2, n_rows // block)
+    lengths = n_rows // n_pieces + (np.arange(n_pieces) < n_rows % n_pieces)
+    starts = np.cumsum(lengths) - lengths
     for order in orders[1:]:
         if block == 1:
             order[:] = rng.permutation(n_rows)
             continue
-        ring = np.roll(orders[0], rng.randint(n_rows))
-        pieces = np.array_split(ring, max(2, n_rows // block))
-        order[:] = np.concatenate([pieces[i] for i in rng.permutation(len(pieces))])
+        cut, pieces = rng.randint(n_rows), rng.permutation(n_pieces)
+        begins = np.cumsum(lengths[pieces]) - lengths[pieces]  # where each piece comes to lie
+        order[:] = np.repeat(starts[pieces] - begins, lengths[pieces]) + rows - cut
+        order %= n_rows
     return orders
 
 
