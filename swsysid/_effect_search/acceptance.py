@@ -18,6 +18,7 @@ from swsysid._effect_search.evidence import Evidence, structural_evidence
 from swsysid._effect_search.explainable import explainable_share
 from swsysid._effect_search.scan import scan
 from swsysid._effect_search.slow_forces import SlowForces
+from swsysid._effect_search.smeared_switches import is_smeared_mode
 from swsysid._effect_search.smears import is_smear
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
@@ -183,6 +184,8 @@ def _of_a_structure(
         chance = effect.gain(*beside.jumping, target)[1]
         return Evidence(chance, chance)
     others = [context.without(structure, place), *fewer]
+    if is_smeared_mode(context.data, others[0].fit, structure.fit):
+        return Evidence(1.0, 1.0)
     if isinstance(effect, GuardEffect):
         # one that remembers nothing may tell the modes better than the surface all the same
         others += context.without_memory(structure, place)

@@ -42,6 +42,7 @@ class SearchSettings:
     sure: float = 0.95  # a row whose mode is less sure than this says nothing about the laws
     most_unsure: float = 0.4  # share of the rows; where more are unsure all count
     beside_a_switch: int = 2  # rows on each side whose velocities the shortest filter has smeared
+    most_smeared: float = 0.75  # share of the rows of one more mode that may be such rows
     n_refined: int = 16  # trials whose parameters are refined, besides the best of every kind
     between_values: float = 0.25  # share of a gain that the nearest value of a scan shows at least
     fine: float = 1e-3  # of the distance between two values of a scan: below every interval

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.coloured import Stretches, in_trajectories, rows_in_order
 from swsysid._effect_search.folds import SearchData
+from swsysid._effect_search.further_mode import FurtherMode
 from swsysid._results import Array
 
 Mask = NDArray[np.bool_]
@@ -30,6 +32,21 @@ def at_smeared_switches(data: SearchData, modes: NDArray[np.intp], left: Array) 
     farthest = np.quantile(distance, data.settings.most_unsure, method="lower")
     near[order] = distance < min(half, farthest)
     return near
+
+
+def is_smeared_mode(data: SearchData, before: JointFit, after: JointFit) -> bool:
+    """Whether one more mode is made of rows that a filter has smeared over switches of the others.
+
+    Velocities between those of two laws are a law of their own wherever the modes change.
+    """
+    if after.n_modes <= before.n_modes:
+        return False
+    modes = before.predict_modes(data.records)[data.rows]
+    left = after.residuals(data.records, data.rows, data.targets)
+    smeared = at_smeared_switches(data, modes, left)
+    further = FurtherMode(before, after, data.records, data.rows)
+    own = after.predict_modes(data.records)[data.rows] == further.number
+    return bool(smeared[own].sum() > data.settings.most_smeared * np.count_nonzero(own))
 
 
 def _from_a_switch(modes: NDArray[np.intp], series: Stretches, gap: float) -> Array:
