@@ -155,7 +155,7 @@ def _physical_intervals(
     errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian), 0.0))
     return {
         name: (value - quantile * error, value + quantile * error)
-        for (name, value), error in zip(here.items(), errors, strict=True)
+        for (name, value), error in zip(here.items(), errors.tolist(), strict=True)
     }
 
 

@@ -32,9 +32,8 @@ def power(records: Records, values: Array, frequencies: Array) -> Array:
     return total
 
 
-def likeliest(power: Array, count: int) -> NDArray[np.intp]:
-    """At most so many frequencies (n_frequencies, n_columns): the largest of each column."""
-    each = max(count // power.shape[1], 1)
+def likeliest(power: Array, each: int) -> NDArray[np.intp]:
+    """Frequencies (n_frequencies, n_columns) of the largest of each column, so many of them."""
     if each >= len(power):
         return np.arange(len(power))
     return np.unique(np.argpartition(-power, each, axis=0)[:each])

@@ -36,7 +36,8 @@ class EffectSettings:
 
     # -- time and memory -------------------------------------------------------------------------
     most_frequencies: int = 200_000
-    frequencies_at_once: int = 4000  # in one scan: of more of them those that stand out
+    frequencies_at_once: int = 4000  # in one scan, at most
+    n_peaks: int = 6  # of the spectrum of the trajectories whose frequencies are scanned
     frequencies_a_peak: float = 2.5  # scanned in the width of a peak, one over the duration
     fastest: float = 0.25  # of the sampling rate
     fewest_periods: float = 5.0  # in all trajectories: fewer are a drift or a slow feedback

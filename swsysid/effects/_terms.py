@@ -190,22 +190,21 @@ class PeriodicForcing(_Wave):
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Frequencies from one period in a trajectory, five in all, to a quarter of the rate."""
-        assert records.t is not None
-        duration = float(np.ptp(records.t)) or 1.0
-        lengths = [float(np.ptp(records.t[rows])) for rows in records.trajectories]
+        lengths = _durations(records)
         slowest = max(0.7 / (max(lengths) or 1.0), SETTINGS.fewest_periods / (sum(lengths) or 1.0))
         fastest, values = SETTINGS.fastest / records.step, np.empty(0)
         if slowest < fastest:
-            count = int(SETTINGS.frequencies_a_peak * fastest * duration)
+            count = int(SETTINGS.frequencies_a_peak * fastest * _duration(records))
             values = np.linspace(slowest, fastest, min(max(count, 2), SETTINGS.most_frequencies))
         return (Parameter("frequency", values, "1/{time}"),)
 
     def shortlist(self, records: Records, grid: Array, left: Array) -> Array:
-        """Of a long record with gaps those that stand out in the trajectories."""
-        if len(grid) <= SETTINGS.frequencies_at_once:
-            return grid
+        """Those about the highest peaks of the trajectories, which are wider than its own."""
         squares = power(records, left, grid[:, 0])
-        return grid[likeliest(squares, SETTINGS.frequencies_at_once)]
+        own = float(np.mean(_durations(records))) or 1.0
+        width = SETTINGS.frequencies_a_peak * _duration(records) / own
+        most = SETTINGS.frequencies_at_once // squares.shape[1]
+        return grid[likeliest(squares, max(1, min(int(SETTINGS.n_peaks * width), most)))]
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return super().column_names("t", 2.0 * np.pi * theta[0])
@@ -213,3 +212,15 @@ class PeriodicForcing(_Wave):
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         assert records.t is not None
         return np.column_stack(self.functions(records.t, 2.0 * np.pi * theta[0]))
+
+
+def _duration(records: Records) -> float:
+    """Of the whole record, with the time between its trajectories."""
+    assert records.t is not None
+    return float(np.ptp(records.t)) or 1.0
+
+
+def _durations(records: Records) -> list[float]:
+    """Of each trajectory."""
+    assert records.t is not None
+    return [float(np.ptp(records.t[rows])) for rows in records.trajectories]

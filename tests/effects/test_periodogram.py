@@ -51,6 +51,20 @@ def test_all_frequencies_are_tried_where_they_are_few():
     assert likeliest(np.ones((7, 2)), 20).tolist() == list(range(7))
 
 
+def test_a_scan_looks_about_the_highest_peaks():
+    records, effect = record(), PeriodicForcing()
+    noise = np.random.default_rng(2).standard_normal(len(records))
+    high, low = (np.sin(2 * np.pi * one * records.t) for one in (0.7123, 2.00345))
+    (frequencies,) = effect.parameters(records, "time")
+    grid = frequencies.values[:, None]
+    chosen = effect.shortlist(records, grid, (high + 0.3 * low + noise)[:, None])[:, 0]
+    step = grid[1, 0] - grid[0, 0]
+    for one in (0.7123, 2.00345):
+        assert np.abs(chosen - one).min() <= 0.5 * step
+    # a peak of a trajectory of 20 s is seven times as wide as one of the 147 s of the record
+    assert len(chosen) == int(6 * 2.5 * np.ptp(records.t) / (STEP * (LENGTH - 1))) < len(grid)
+
+
 def test_a_wave_in_a_long_record_with_gaps_is_found():
     data = make_undeclared(system="pendulum", n_samples=9000, n_trajectories=9, random_state=3)
     # The trajectories are minutes apart: peaks are a sixth as wide as in a record without gaps.
