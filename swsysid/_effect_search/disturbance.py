@@ -73,9 +73,9 @@ class _Questions:
         # a while ago: then none of them leaves a force behind that is surely slow, and all do.
         least = np.log(self.n_candidates / self.context.significance)
         while True:
-            asked = [(self._gain_of(structure, group), group) for group in _asked(structure)]
-            gain, group = min(asked, default=(np.inf, ()))
-            if gain > least:
+            asked = [(*self._worth(structure, group), group) for group in _asked(structure)]
+            acts, gain, group = min(asked, default=(True, np.inf, ()))
+            if acts and gain > least:
                 return structure
             structure = self._without(structure, group)
 
@@ -84,17 +84,20 @@ class _Questions:
             structure = self.context.without(structure, place)
         return structure
 
-    def _gain_of(self, structure: Structure, group: tuple[int, ...]) -> float:
-        """By how much effects raise the likelihood beside a disturbance, less its error.
+    def _worth(self, structure: Structure, group: tuple[int, ...]) -> tuple[bool, float]:
+        """Whether effects may act at all, and their gain in log likelihood beside a disturbance.
 
-        Infinite where nothing would be remembered without them.
+        It is less its error, and infinite where nothing would be remembered without them.
         """
         target = structure.terms[group[0]].target
         fewer = self._without(structure, group)
         if not self.forces.remembers(fewer, target):
-            return np.inf
+            return True, np.inf
+        observed = self.forces.gain_of_observer(fewer, structure, target)
+        if observed is not None:
+            return False, observed
         gain, more = self.forces.gain(fewer, structure, target)
-        return gain.value - more - gain.error  # each parameter explains a nat of noise (Akaike)
+        return True, gain.value - more - gain.error  # each parameter explains a nat (Akaike)
 
 
 def _asked(structure: Structure) -> list[tuple[int, ...]]:

@@ -89,6 +89,8 @@ class SearchSettings:
     # One more mode bends to anything and explains whatever the first named effect leaves over.
     share_of_a_mode: float = 0.1
     share_of_a_disturbance: float = 0.05  # what effects leave over a little is no force
+    # of what an effect that remembers inputs explains: beside what the states show of a force
+    observed: float = 0.5
     slow_steps: int = 4  # steps of the record that a force is remembered for, unlike noise
     n_generalised: int = 12  # times at most that a law and the noise beneath it are fitted in turn
     fine_scale: float = 0.01  # of sizes and times of a force, and nats: below every standard error

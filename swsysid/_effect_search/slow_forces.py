@@ -26,9 +26,11 @@ from swsysid._effect_search.coloured import (
 )
 from swsysid._effect_search.evidence import Evidence
 from swsysid._effect_search.held_out import held_out_errors
+from swsysid._effect_search.step_before import StepBefore
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale
 from swsysid._results import Array
+from swsysid.effects._memory import Remembering
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ class SlowForces:
 
     def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
         """The force beneath what a structure leaves over of a state, and its p-value."""
-        left = self.residuals(structure, target)
+        left = self._beside_states(structure, target, self.residuals(structure, target))
         model = coloured(left, self.where)
         p_value = self._p_value(model, left, target)
         surely = p_value <= self.context.significance and self._is_slow(model, left)
@@ -123,6 +125,27 @@ class SlowForces:
         is_filtered = max(self._smeared(left), self._smeared(declared)) > 1
         return not is_filtered or self._is_slow(model, left)
 
+    def gain_of_observer(self, fewer: Structure, structure: Structure, target: int) -> float | None:
+        """What effects that remember inputs gain beside what the states show of a force.
+
+        None where that is much of what they gain alone: then they act, and tell no force. The
+        states of a map show it; velocities are what the change of the states is.
+        """
+        more = [term.effect for term in structure.terms if term not in fewer.terms]
+        remembering = any(isinstance(effect, Remembering) for effect in more)
+        if not remembering or not self.context.model.discrete_time:
+            return None
+        usual = self._ordered[0][self.residuals(structure, target) != 0.0]
+        step = StepBefore.of(self.context.data, target)
+        # At the same modes: those found without an observer of the force are wrong, and an effect
+        # would seem to explain what their rows leave.
+        modes = structure.fit.modes
+        before, after = (
+            step.law(*self._law(option, target, modes), usual)[1:] for option in (fewer, structure)
+        )
+        alone, beside = 0.5 * len(usual) * np.log(np.divide(before, after))
+        return float(beside) if beside < self.context.settings.observed * alone else None
+
     def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
         """Of what effects gain beside a force that they leave behind; none if there is none."""
         if not self.context.data.records.timed or not self.is_there(structure, target):
@@ -130,6 +153,16 @@ class SlowForces:
         gain, more = self.gain(fewer, structure, target)
         by_chance = stats.chi2.sf(2.0 * max(gain.value - gain.error, 0.0), max(more, 1))
         return Evidence(float(by_chance), replace(gain, value=gain.value - more).chance)
+
+    def _beside_states(self, structure: Structure, target: int, left: Array) -> Array:
+        """Residuals of the law beside the force that the states of a map show."""
+        # A law that is fitted as if there were none takes the slow part of it from the states.
+        if not self.context.model.discrete_time or _may_run_away(structure):
+            return left
+        features, y = self._law(structure, target)
+        order, step = self._ordered[0], StepBefore.of(self.context.data, target)
+        coef, *_ = step.law(features, y, order[left != 0.0])
+        return np.where(left != 0.0, (y - features @ coef)[order], 0.0)
 
     def _is_beneath_all_rows(
         self, structure: Structure, target: int, usual: NDArray[np.bool_]
@@ -143,11 +176,17 @@ class SlowForces:
         lead = _lead(model, white(left), left, where)
         return lead >= self.context.settings.gain_a_row * len(left)
 
-    def _law(self, structure: Structure, target: int) -> tuple[Array, Array]:
-        """Columns of all that acts on a state, mode by mode, and its velocities."""
+    def _law(
+        self, structure: Structure, target: int, modes: NDArray[np.intp] | None = None
+    ) -> tuple[Array, Array]:
+        """Columns of all that acts on a state, mode by mode, and its velocities.
+
+        The modes are those of the structure unless others are given.
+        """
         problem = self.context.candidates(structure.fit).regression
+        modes = problem.modes if modes is None else modes
         each = [
-            problem.features[:, problem.support[mode, target]] * (problem.modes == mode)[:, None]
+            problem.features[:, problem.support[mode, target]] * (modes == mode)[:, None]
             for mode in range(problem.n_modes)
         ]
         columns = np.column_stack(each)
