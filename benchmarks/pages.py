@@ -60,12 +60,12 @@ RECORDINGS = (
     "python -m benchmarks.undeclared --recordings --seeds 10 --first-seed 10 --pairs 0 --clean 9 "
     "--draw 54 --docs docs"
 )
-FRESH = "python -m benchmarks.undeclared --fresh 40 --first-seed 22001 --docs docs"
+FRESH = "python -m benchmarks.undeclared --fresh 40 --first-seed 23001 --docs docs"
 UNLISTED = (
     "python -m benchmarks.undeclared --unlisted --seeds 1 --first-seed 170 --draw 30 --docs docs"
 )
 SENSITIVITY = "python -m benchmarks.sensitivity --records 4 --first-record 515 --docs docs"
-CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 1800 --docs docs"
+CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 2200 --docs docs"
 LABORATORY = "python -m benchmarks.laboratory --docs docs"
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
