@@ -143,7 +143,9 @@ class SlowForces:
         before, after = (
             step.law(*self._law(option, target, modes), usual)[1:] for option in (fewer, structure)
         )
-        alone, beside = 0.5 * len(usual) * np.log(np.divide(before, after))
+        least = len(usual) * self.context.data.exact[target] ** 2
+        ratios = np.maximum(before, least) / np.maximum(after, least)
+        alone, beside = 0.5 * len(usual) * np.log(ratios)
         return float(beside) if beside < self.context.settings.observed * alone else None
 
     def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
