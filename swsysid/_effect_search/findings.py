@@ -80,21 +80,32 @@ class Ladder:
         """The place in the structure of that of them without which least is lost."""
         return self._order[self.n_simulated - 1]
 
+    def without_rows(self, final: JointFit) -> int | None:
+        """The rank of one more mode that the fit to all rows has left without any; None if none."""
+        if final.n_modes == self.fits[0].n_modes:
+            return None
+        mode = FurtherMode(self.fits[0], final, self.records, self.split.search)
+        effects = [term.effect for term in self.terms]
+        adds = [isinstance(one, StructureEffect) and one.n_more_modes > 0 for one in effects]
+        return None if mode.share else adds.index(True)
+
+    def added(self, rank: int) -> tuple[int, Array, Array]:
+        """Place of an effect in the structure, and errors on the untouched rows, (n_states,).
+
+        Before it is added and after it.
+        """
+        (_, before), (_, after) = self.errors[rank : rank + 2]
+        return self._order[rank], before, after
+
     @property
     def is_in_doubt(self) -> bool:
         """True if there are doubts about the effect without which least is lost."""
         return bool(self.found[self.least].doubts)
 
     @property
-    def least_errors(self) -> tuple[Array, Array]:
-        """Errors on the untouched rows before that effect is added and after it, (n_states,)."""
-        (_, before), (_, after) = self.errors[self.n_simulated - 1 : self.n_simulated + 1]
-        return before, after
-
-    @property
     def gained(self) -> float:
         """The factor by which that effect lowers an error on the untouched rows."""
-        before, after = self.least_errors
+        _, before, after = self.added(self.n_simulated - 1)
         judged, tiny = self.context.data.counted_states, np.finfo(float).tiny
         return float(np.max(before[judged] / np.maximum(after[judged], tiny)))
 

@@ -70,9 +70,13 @@ class Outcome:
         return self.search.context
 
     def without(
-        self, place: int, before: Array, after: Array, rollouts: tuple[float, float]
+        self,
+        place: int,
+        before: Array,
+        after: Array,
+        rollouts: tuple[float, float] | None = None,
     ) -> Outcome:
-        """The same without one of the effects, with which rollouts become worse.
+        """The same without one of the effects, with which rollouts become worse if these are given.
 
         `before` and `after` are errors on the untouched rows, (n_states,), without it and with it.
         """
