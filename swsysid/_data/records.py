@@ -120,6 +120,12 @@ class Records:
         steps = np.concatenate([np.diff(self.t[rows]) for rows in self.trajectories])
         return float(np.median(steps)) if len(steps) else 1.0
 
+    @cached_property
+    def durations(self) -> list[float]:
+        """Time from the first row of each trajectory to its last."""
+        assert self.t is not None
+        return [float(np.ptp(self.t[rows])) for rows in self.trajectories]
+
     def along(self, operator: Callable[[Array, Array], Array], values: Array) -> Array:
         """Apply ``operator(t, values)`` to each trajectory and put the answers back in place."""
         assert self.t is not None

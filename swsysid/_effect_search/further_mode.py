@@ -41,9 +41,14 @@ class FurtherMode:
         return int(rest[0]) if len(rest) else self.final.n_modes - 1
 
     @property
+    def own(self) -> NDArray[np.bool_]:
+        """Its rows among those compared."""
+        return self._modes[1] == self.number
+
+    @property
     def share(self) -> float:
         """Of the rows."""
-        return float(np.mean(self._modes[1] == self.number))
+        return float(np.mean(self.own))
 
     @property
     def equations(self) -> tuple[str, ...]:

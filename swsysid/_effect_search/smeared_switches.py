@@ -44,8 +44,7 @@ def is_smeared_mode(data: SearchData, before: JointFit, after: JointFit) -> bool
     modes = before.predict_modes(data.records)[data.rows]
     left = after.residuals(data.records, data.rows, data.targets)
     smeared = at_smeared_switches(data, modes, left)
-    further = FurtherMode(before, after, data.records, data.rows)
-    own = after.predict_modes(data.records)[data.rows] == further.number
+    own = FurtherMode(before, after, data.records, data.rows).own
     return bool(smeared[own].sum() > data.settings.most_smeared * np.count_nonzero(own))
 
 

@@ -20,8 +20,7 @@ from swsysid.effects._settings import SETTINGS
 
 def _usual_duration(records: Records) -> float:
     """Duration of a usual trajectory in the unit of time."""
-    assert records.t is not None
-    return float(np.median([np.ptp(records.t[rows]) for rows in records.trajectories]))
+    return float(np.median(records.durations))
 
 
 class Remembering(OfAChannel):

@@ -190,7 +190,7 @@ class PeriodicForcing(_Wave):
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Frequencies from one period in a trajectory, five in all, to a quarter of the rate."""
-        lengths = _durations(records)
+        lengths = records.durations
         slowest = max(0.7 / (max(lengths) or 1.0), SETTINGS.fewest_periods / (sum(lengths) or 1.0))
         fastest, values = SETTINGS.fastest / records.step, np.empty(0)
         if slowest < fastest:
@@ -201,7 +201,7 @@ class PeriodicForcing(_Wave):
     def shortlist(self, records: Records, grid: Array, left: Array) -> Array:
         """Those about the highest peaks of the trajectories, which are wider than its own."""
         squares = power(records, left, grid[:, 0])
-        own = float(np.mean(_durations(records))) or 1.0
+        own = float(np.mean(records.durations)) or 1.0
         width = SETTINGS.frequencies_a_peak * _duration(records) / own
         most = SETTINGS.frequencies_at_once // squares.shape[1]
         return grid[likeliest(squares, max(1, min(int(SETTINGS.n_peaks * width), most)))]
@@ -218,9 +218,3 @@ def _duration(records: Records) -> float:
     """Of the whole record, with the time between its trajectories."""
     assert records.t is not None
     return float(np.ptp(records.t)) or 1.0
-
-
-def _durations(records: Records) -> list[float]:
-    """Of each trajectory."""
-    assert records.t is not None
-    return [float(np.ptp(records.t[rows])) for rows in records.trajectories]
