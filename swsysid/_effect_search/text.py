@@ -89,11 +89,20 @@ def _outcome(report: EffectContents) -> str:
     weak = ", weak evidence" if report.effects[0].doubts else ""
     name = f"{name[:1].upper()}{name[1:]}, {probability(report.effects[0].p_value)}{weak}{more}"
     if after[target] > (1.0 - REPORT.worth_telling) * before[target]:
-        return f"{name}: it does not lower the held-out error of any velocity."
+        return f"{name}: {_lowers_nothing(report)}."
     return (
-        f"{name}: with it the held-out error of {rate(report.targets[target], report.discrete)} "
+        f"{name}: with {'them' if others else 'it'} the held-out error of "
+        f"{rate(report.targets[target], report.discrete)} "
         f"is {after[target]:.4g} instead of {before[target]:.4g}."
     )
+
+
+def _lowers_nothing(report: EffectContents) -> str:
+    """That no velocity is predicted better, and why, where that is to be expected."""
+    subject = "they do" if len(report.effects) > 1 else "it does"
+    reasons = dict.fromkeys(effect.placed.effect.lowers_nothing for effect in report.effects)
+    told = f"{subject} not lower the held-out error of any velocity"
+    return f"{told}, since {' and '.join(reasons)}" if all(reasons) else told
 
 
 def at_rest(report: EffectContents) -> str:

@@ -69,6 +69,8 @@ class Effect(BaseEstimator):
     special_cases : frozenset of str
         Kinds that the effect becomes where one of its gains vanishes. Such a kind is found in its
         stead where it explains all but a trifle of the same.
+    lowers_nothing : str
+        Why a model with it predicts no velocity better; "" if it does.
     prior : ndarray of shape (n_rows, n_terms)
         Rows beside those of the data that say of some sums of coefficients that they are zero:
         more than none only where the data may say nothing of a coefficient.
@@ -96,6 +98,7 @@ class Effect(BaseEstimator):
     needs: ClassVar[frozenset[str]] = frozenset()
     role: ClassVar[str] = "adds"
     special_cases: ClassVar[frozenset[str]] = frozenset()
+    lowers_nothing: ClassVar[str] = ""
 
     @property
     def prior(self) -> Array:

@@ -25,6 +25,7 @@ class UnmeasuredDisturbance(WithoutColumns):
         "of what drives {target} from outside can settle it"
     )
     needs = frozenset({"order"})
+    lowers_nothing = "it follows nothing that was measured"
 
     def places(self, records: Records) -> Sequence[Place]:
         return ["time"]

@@ -124,6 +124,8 @@ class GuardEffect(WithoutColumns):
 class ResetEffect(WithoutColumns):
     """A jump of the state where one mode turns into another; no velocity shows it."""
 
+    lowers_nothing = "a jump lies between two samples"
+
     def candidate(
         self, records: Records, velocities: Array, modes: Modes, target: int
     ) -> tuple[tuple[int, int], tuple[float, ...]] | None:
