@@ -9,6 +9,11 @@ the samples of a stretch is tridiagonal, so that with :math:`A = Q + I / \sigma^
 
 costs one banded factorisation (Rue and Held 2005, Gaussian Markov Random Fields), whatever the
 times of the samples, and :math:`A^{-1} y / \sigma^2` is the smoothed course of the force.
+
+What a sample has of it is what the samples before do not say of it, :math:`\log p(y_i | y_{<i})`:
+these are independent, as parts of a sum that is compared with its scatter have to be. The factor
+:math:`A = U^\top U` has them: with the future left out only the last pivot of the samples up to i
+is another one.
 """
 
 from __future__ import annotations
@@ -19,6 +24,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dtbtrs
 from scipy.optimize import minimize
 
 from swsysid._effect_search.folds import SearchData
@@ -128,21 +134,32 @@ class Coloured:
     noise: float
 
     def log_likelihood(self, y: Array, where: Stretches) -> Array:
-        """What each sample has of that of all."""
+        """That of each sample given those before it."""
         determinants, squares = self.parts(y, where)
         noise = self.noise**2
         return -0.5 * (np.log(2.0 * np.pi * noise) + determinants + squares / noise)
 
     def parts(self, y: Array, where: Stretches) -> tuple[Array, Array]:
-        """What each sample has of log det C and of y'C^-1 y, for the covariance C of all samples.
+        """The log of the variance of each sample given those before it, and its squared error.
 
-        C is in units of the noise, and depends on its ratio to the force and on the time alone.
+        Each error is in units of that variance, and each variance in those of the noise. Their sums
+        are log det C and y'C^-1 y, for the covariance C of all samples.
         """
         if self.size == 0.0:
             return np.zeros_like(y), y**2
-        factor, log_precision = self._factor(where)
-        course = _solved(factor, y)
-        return 2.0 * np.log(factor[1]) - log_precision, y * (y - course)
+        factor, precision = self._factor(where)
+        coupling, pivots = factor
+        known, _ = dtbtrs(factor, y, uplo="U", trans="T")
+        # the last pivot of the samples up to each one, which no later one has had a part in
+        last = np.sqrt(precision + 1.0 - coupling**2)
+        squares = (known * pivots / last) ** 2  # of what is known of the force at the last sample
+        logs = 2.0 * np.log(last)
+        # and what becomes of both at the next sample
+        determinants = logs - np.log(precision)
+        determinants[1:] += (2.0 * np.log(pivots) - logs)[:-1]
+        left = y**2 - squares
+        left[1:] += (squares - known**2)[:-1]
+        return determinants, left
 
     def precise(self, columns: Array, where: Stretches) -> Array:
         """The inverse of the covariance of all samples times some columns, shaped like these."""
@@ -166,7 +183,7 @@ class Coloured:
         return mean, self.noise * np.sqrt(variance)
 
     def _factor(self, where: Stretches) -> tuple[Array, Array]:
-        """Cholesky factor of A, upper banded, and the log of what Q has of each sample.
+        """Cholesky factor of A, upper banded, and the precision of each sample given the last.
 
         Both are in units of the noise.
         """
@@ -176,7 +193,7 @@ class Coloured:
         diagonal = new + 1.0
         diagonal[:-1] += (kept**2 * new)[1:]
         banded = np.stack([-kept * new, diagonal])
-        return cholesky_banded(banded, check_finite=False), np.log(new)
+        return cholesky_banded(banded, check_finite=False), new
 
 
 def white(y: Array) -> Coloured:

@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal
 from swsysid import EffectSearchCV, SwitchingSystemRegressor, load_model, save_model
 from swsysid._data.records import make_records
 from swsysid._effect_search import search as search_module
+from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.coloured import Coloured, Stretches, coloured, white
 from swsysid._effect_search.findings import Ladder
 from swsysid._noise import robust_regression
@@ -240,12 +241,24 @@ def test_the_likelihood_and_the_smoother_are_those_of_the_dense_matrices():
     together = stretch[:, None] == stretch
     force = np.where(together, 1.3**2 * np.exp(-np.abs(t[:, None] - t) / 0.7), 0.0)
     total = force + 0.4**2 * np.eye(12)
-    dense = multivariate_normal(np.zeros(12), total).logpdf(y)
-    assert model.log_likelihood(y, where).sum() == pytest.approx(dense, rel=1e-10)
+    # of the first samples alone, however many: each has what those before it do not say of it
+    firsts = range(1, 13)
+    dense = [multivariate_normal(np.zeros(n), total[:n, :n]).logpdf(y[:n]) for n in firsts]
+    np.testing.assert_allclose(np.cumsum(model.log_likelihood(y, where)), dense, rtol=1e-10)
     mean, deviation = model.course(y, where)
     np.testing.assert_allclose(mean, force @ np.linalg.solve(total, y), atol=1e-12)
     variance = np.diag(force - force @ np.linalg.solve(total, force))
     np.testing.assert_allclose(deviation**2, variance, atol=1e-12)
+
+
+def test_the_gain_on_a_slow_force_that_follows_a_constant_does_not_scatter_by_the_constant():
+    # parts of the quadratic form that are no innovations scatter by the constant over the noise
+    rng = np.random.default_rng(0)
+    where = Stretches(np.tile(0.05 * np.arange(250.0), 6), np.repeat(np.arange(6), 250))
+    y, force = -0.85 + 0.07 * rng.standard_normal(1500), Coloured(0.29, 75.0, 0.07)
+    gains = white(y + 0.85).log_likelihood(y + 0.85, where) - force.log_likelihood(y, where)
+    gain = BlockSum.of(np.bincount(where.stretch * 5 + np.tile(np.arange(250) // 50, 6), gains))
+    assert gain.value > 4.0 * gain.error  # 6.6; 2.0 with the other parts of the same sum
 
 
 def test_white_noise_has_no_force_beneath_it():
