@@ -4,6 +4,8 @@ A slow force that nobody measured looks like a drift, an offset, a forcing, a la
 of whatever moves as slowly. Each effect found has therefore to show that it predicts stretches that
 its regression has not seen better than the past of the residual itself does: likelihoods are
 compared with a force that is forgotten slowly beneath the noise, with the effect and without it.
+And what is known from a few stretches alone, if the noise there is that of the rest, is not known
+where such a force comes and goes.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swsysid._effect_search.acceptance import Finding, confirmed
+from swsysid._effect_search.acceptance import FEW_STRETCHES, Finding, confirmed
 from swsysid._effect_search.slow_forces import SlowForces
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid.effects import (
@@ -20,6 +22,7 @@ from swsysid.effects import (
     MeasurementEffect,
     PlacedEffect,
     ResetEffect,
+    StructureEffect,
     UnmeasuredDisturbance,
 )
 
@@ -37,7 +40,24 @@ def with_disturbances(
     kept = _Questions(forces, n_candidates).needed(structure)
     if kept is not structure:
         structure, findings = confirmed(context, kept)
-    fit, added, records = structure.fit, [], context.data.records
+    added = _found(forces, structure, usable[0])
+    unsure = _unsure(findings, {one.candidate.target for one in added})
+    if unsure:
+        fewer, left = confirmed(context, _without(context, structure, unsure))
+        return with_disturbances(context, fewer, left, n_candidates)
+    if added:
+        terms = tuple(one.candidate for one in added)
+        fit, coef = structure.fit, tuple(np.zeros(0) for _ in added)
+        more = replace(fit, terms=(*fit.terms, *terms), coef=(*fit.coef, *coef))
+        structure = replace(structure, fit=more)
+    return structure, (*findings, *added)
+
+
+def _found(
+    forces: SlowForces, structure: Structure, effect: UnmeasuredDisturbance
+) -> list[Finding]:
+    """The forces that a structure leaves behind."""
+    added, records = [], forces.context.data.records
     # a force acts on no position: that q' = v is what velocities are
     forced = [one for one in records.states if one not in records.positions]
     for target in forced:
@@ -45,14 +65,26 @@ def with_disturbances(
         if found is not None:
             model, p_value = found
             theta = (model.size, model.time_constant)
-            term = PlacedEffect(usable[0], "time", target, theta=theta)
-            added.append(Finding.of(term, p_value, ()))
-    if added:
-        terms = tuple(one.candidate for one in added)
-        coef = tuple(np.zeros(0) for _ in added)
-        more = replace(fit, terms=(*fit.terms, *terms), coef=(*fit.coef, *coef))
-        structure = replace(structure, fit=more)
-    return structure, (*findings, *added)
+            added.append(Finding.of(PlacedEffect(effect, "time", target, theta=theta), p_value, ()))
+    return added
+
+
+def _unsure(findings: Findings, forced: set[int]) -> tuple[int, ...]:
+    """Effects of which a few stretches tell, in equations with a force that nobody knows."""
+    # one more mode is in every equation
+    return tuple(
+        place
+        for place, one in enumerate(findings)
+        if FEW_STRETCHES in one.doubts and forced
+        if one.candidate.target in forced or isinstance(one.candidate.effect, StructureEffect)
+    )
+
+
+def _without(context: SearchContext, structure: Structure, group: tuple[int, ...]) -> Structure:
+    """A structure without several of its terms."""
+    for place in sorted(group, reverse=True):
+        structure = context.without(structure, place)
+    return structure
 
 
 @dataclass(frozen=True)
@@ -77,12 +109,7 @@ class _Questions:
             acts, gain, group = min(asked, default=(True, np.inf, ()))
             if acts and gain > least:
                 return structure
-            structure = self._without(structure, group)
-
-    def _without(self, structure: Structure, group: tuple[int, ...]) -> Structure:
-        for place in sorted(group, reverse=True):
-            structure = self.context.without(structure, place)
-        return structure
+            structure = _without(self.context, structure, group)
 
     def _worth(self, structure: Structure, group: tuple[int, ...]) -> tuple[bool, float]:
         """Whether effects may act at all, and their gain in log likelihood beside a disturbance.
@@ -90,7 +117,7 @@ class _Questions:
         It is less its error, and infinite where nothing would be remembered without them.
         """
         target = structure.terms[group[0]].target
-        fewer = self._without(structure, group)
+        fewer = _without(self.context, structure, group)
         if not self.forces.remembers(fewer, target):
             return True, np.inf
         observed = self.forces.gain_of_observer(fewer, structure, target)

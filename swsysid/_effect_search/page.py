@@ -271,8 +271,7 @@ def _search(told: _Told) -> Iterable[str]:
         ]
         yield table(head, rows, kind="words")
     if report.dropped:
-        dropped = "; ".join(report.dropped)
-        yield paragraph(f"Dropped at the end, since chance explains it as well: {dropped}.", "note")
+        yield paragraph(text.dropped(report), "note")
     if report.effects:
         yield paragraph(text.moved(report))
     if text.aside(report):

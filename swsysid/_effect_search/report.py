@@ -75,8 +75,8 @@ class EffectReport(EffectContents):
         For each round of the search: ``added``, ``p_value``, ``n_candidates``, and all
         ``effects`` after the round.
     dropped : tuple of str
-        Effects after the last round that did not stay significant beside the others, and are
-        not among `effects`.
+        Effects after the last round that chance, or a force that nobody measured, explains as
+        well beside the others; they are neither among `effects` nor `tried`.
     tried : tuple of dict
         Effects that chance does not explain and that are not kept, since the held-out error does
         not fall by more than its standard error, or since with them every rollout of untouched
@@ -152,7 +152,7 @@ class EffectReport(EffectContents):
             residual_after=_leftover(last, ladder, names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
             history=tuple(_round_told(one, records) for one in rounds),
-            dropped=dropped(rounds, last.terms, records),
+            dropped=dropped(rounds, [*last.terms, *(one.candidate for one in tried)], records),
             tried=tuple(_tried_told(one, ladder) for one in tried),
             exact=tuple(records.names[state] for state in sorted(ladder.context.data.exact_states)),
             alarms=tuple(alarms),
@@ -257,16 +257,16 @@ def _when(fit: JointFit, event: Event, records: Records, names: NDArray | None) 
     }
 
 
-def dropped(rounds: list[Round], kept: Sequence[PlacedEffect], records: Records) -> tuple[str, ...]:
-    """Effects after the last round that are not kept."""
+def dropped(rounds: list[Round], told: Sequence[PlacedEffect], records: Records) -> tuple[str, ...]:
+    """Effects after the last round that are not told otherwise."""
     # A place that a fit moves, such as a guard, and the numbers of the modes may differ.
 
     def identity(term: PlacedEffect) -> tuple:
         return term.effect.kind, term.target, term.place if term.effect.terms else None
 
     last = rounds[-1].structure.terms if rounds else ()
-    stayed = {identity(term) for term in kept}
-    return tuple(_in_words(term, records) for term in last if identity(term) not in stayed)
+    others = {identity(term) for term in told}
+    return tuple(_in_words(term, records) for term in last if identity(term) not in others)
 
 
 def _errors_told(ladder: Ladder, effects: Sequence[FoundEffect]) -> list[RungErrors]:

@@ -12,7 +12,13 @@ from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._noise import root_mean_square
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
-from swsysid.effects import FoundEffect, Rival, StructureEffect, UnknownFunction
+from swsysid.effects import (
+    FoundEffect,
+    Rival,
+    StructureEffect,
+    UnknownFunction,
+    UnmeasuredDisturbance,
+)
 from swsysid.effects._base import NOWHERE
 
 NOT_LOOKED_FOR = "Not looked for"
@@ -173,6 +179,16 @@ def moved(report: EffectContents) -> str:
     return f"{report.guard_moved:.1%} of the samples changed their mode."
 
 
+def dropped(report: EffectContents) -> str:
+    """What the rounds have added and the end has not kept, in a sentence; "" if nothing."""
+    if not report.dropped:
+        return ""
+    forces = (isinstance(one.placed.effect, UnmeasuredDisturbance) for one in report.effects)
+    force = " or a force that nobody measured" if any(forces) else ""
+    which = "; ".join(report.dropped)
+    return f"Dropped at the end, since chance{force} explains it as well: {which}."
+
+
 def leftovers(report: EffectContents) -> list[tuple[str, ResidualReport]]:
     """What the declared model leaves over, and what that with the effects."""
     models = [(_DECLARED, report.residual_before)]
@@ -299,6 +315,8 @@ def report_lines(report: EffectContents) -> Iterator[str]:
     rare = report.acts_rarely or report.time_interval is not None
     if aside(report) and (report.effects or not rare):
         yield f"Set aside: {aside(report)}"
+    if report.dropped:
+        yield dropped(report)
     when = [" without the effects", " with the effects"] if report.effects else [""]
     for told, (_, leftover) in zip(when, leftovers(report), strict=False):
         for name, said in verdicts(leftover, report):

@@ -434,9 +434,11 @@ def test_the_texts_name_when_where_and_what(report, data):
     text = str(report)
     assert "Left over of omega' without the effects: " in text
     assert "Left over of omega' with the effects: " in text
-    noted = replace(report, dropped=("reset in omega",)).to_html()
-    assert "Dropped at the end, since chance explains it as well: reset in omega." in noted
-    assert "Dropped at the end" not in report.to_html()
+    noted, said = replace(report, dropped=("reset in omega",)), "Dropped at the end, since chance"
+    for shown in (noted.to_html(), str(noted)):
+        assert f"{said} explains it as well: reset in omega." in shown
+    assert said not in report.to_html()
+    assert said not in text
     records = make_records(data.X, 2, t=data.t, groups=data.groups, names=NAMES)
     numbers, rows = np.unique(data.groups), np.arange(len(records))
     found = stretches(records, rows, numbers.astype(float))

@@ -13,10 +13,13 @@ from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.coloured import Coloured, Stretches, coloured, white
 from swsysid._effect_search.findings import Ladder
 from swsysid._noise import robust_regression
+from swsysid._results import GuardWarning
+from swsysid.datasets import make_undeclared
 from swsysid.effects import (
     Bias,
     CoulombFriction,
     Drift,
+    ExtraMode,
     GainChange,
     Polynomial,
     QuadraticDrag,
@@ -315,6 +318,18 @@ def test_friction_is_told_from_the_force_that_hides_it(friction):
     assert found.parameters["friction"] == pytest.approx(friction, abs=0.15)
     assert hiding.parameters["size"] == pytest.approx(0.4, rel=0.35)
     assert found.doubts == ()
+
+
+def test_what_a_few_stretches_tell_is_not_told_where_a_force_comes_and_goes():
+    data = make_undeclared(
+        unlisted="intermittent_disturbance", system="oscillator", random_state=240
+    )
+    search = EffectSearchCV(data.estimator, effects=[ExtraMode(), UnmeasuredDisturbance()])
+    with pytest.warns(GuardWarning):  # what comes and goes is no function of the state
+        report = search.fit(data.X, data.Xdot, t=data.t, groups=data.groups).report_
+    assert [found.kind for found in report.effects] == ["unmeasured_disturbance"]
+    assert report.dropped == ("extra mode in x0'",)
+    assert "chance or a force that nobody measured explains it as well" in str(report)
 
 
 def test_a_force_stays_where_rollouts_refuse_an_effect_beside_it(monkeypatch):
