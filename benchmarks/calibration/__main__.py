@@ -88,10 +88,11 @@ def run_rare(seed: int) -> dict:
     data, at_stop = rare_record(seed)
     search, told = searched(data)
     aside = search.report_.set_aside
-    low, high = aside["interval"]
-    inside = (data.X[:, 0] >= low) & (data.X[:, 0] <= high)
-    named = aside["is_finding"] and aside["channel"] == "x0"
-    right = bool(named and np.mean(at_stop[inside]) > 0.5)
+    place, right = aside["place"], False
+    if aside["is_finding"] and place is not None and place["channel"] == "x0":
+        low, high = place["interval"]
+        inside = (data.X[:, 0] >= low) & (data.X[:, 0] <= high)
+        right = bool(np.mean(at_stop[inside]) > 0.5)
     return {"cell": [RARE, seed], "at_stop": int(at_stop.sum()), "right": right} | told
 
 

@@ -74,6 +74,8 @@ class EffectData:
     covariances : tuple of ndarray
         Of the parameters of each effect of `final`; empty without a term.
     trajectory_names : ndarray or None
+    aside : ndarray of int
+        Rows of the record with gross errors.
     """
 
     records: Records
@@ -84,6 +86,7 @@ class EffectData:
     final: EffectRegressor
     covariances: tuple[Array, ...]
     trajectory_names: NDArray | None = None
+    aside: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
 
     @property
     def discrete(self) -> bool:
@@ -118,6 +121,13 @@ class EffectData:
     def errors(self) -> tuple[Array, Array]:
         """Root mean square error of each state, before and after."""
         before, after = map(root_mean_square, self.residuals)
+        return before, after
+
+    @cached_property
+    def usual_errors(self) -> tuple[Array, Array]:
+        """The same of the rows without gross errors."""
+        usual = ~np.isin(self.rows, self.aside)
+        before, after = (root_mean_square(errors[usual]) for errors in self.residuals)
         return before, after
 
     @cached_property
@@ -228,6 +238,15 @@ class TimeInterval(TypedDict):
     law: list[str]
 
 
+class RowsPlace(TypedDict):
+    """Where most of some rows are and few others."""
+
+    channel: str
+    interval: tuple[float, float]
+    n_rows: int
+    others: float
+
+
 class RowsSetAside(TypedDict):
     """Rows with gross errors, and whether they lie together."""
 
@@ -235,9 +254,7 @@ class RowsSetAside(TypedDict):
     n_together: int
     n_trajectories: int
     p_value: float
-    channel: str
-    interval: tuple[float, float]
-    others: float
+    place: RowsPlace | None
     is_finding: bool
     time_interval: TimeInterval | None
 

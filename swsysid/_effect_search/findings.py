@@ -21,6 +21,7 @@ from swsysid._effect_search.rollouts import Rollout, are_worse
 from swsysid._effect_search.sampled import table_of
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
 from swsysid.effects import (
     Formula,
@@ -104,10 +105,24 @@ class Ladder:
 
     @property
     def gained(self) -> float:
-        """The factor by which that effect lowers an error on the untouched rows."""
-        _, before, after = self.added(self.n_simulated - 1)
-        judged, tiny = self.context.data.counted_states, np.finfo(float).tiny
-        return float(np.max(before[judged] / np.maximum(after[judged], tiny)))
+        """The factor by which that effect lowers an error on the untouched rows.
+
+        What is gross with the effect and without it says nothing of the effect.
+        """
+        rows = self.split.held_out[~self.may_stick(self.split.held_out)]
+        fits = self.fits[self.n_simulated - 1 : self.n_simulated + 1]
+        judged, data = self.context.data.counted_states, self.context.data
+        left = [self._left_over(fit, rows)[:, judged] for fit in fits]
+        scales = [np.maximum(robust_scale(errors), data.exact[judged]) for errors in left]
+        sizes = [
+            np.max(np.abs(one) / scale, axis=1) for one, scale in zip(left, scales, strict=True)
+        ]
+        usual = np.minimum(*sizes) < data.settings.gross
+        before, after = (root_mean_square(errors[usual]) for errors in left)
+        return float(np.max(before / np.maximum(after, np.finfo(float).tiny)))
+
+    def _left_over(self, fit: JointFit, rows: Rows) -> Array:
+        return self.targets[rows] - fit.predict(self.records, rows=rows)
 
     def gaining(self, before: Array, after: Array) -> int:
         """The state whose error falls by the largest factor, from two errors (n_states,)."""

@@ -10,9 +10,10 @@ import numpy as np
 
 from swsysid._checks.parameters import shown
 from swsysid._displays.style import unit_of
-from swsysid._effect_search import text
+from swsysid._effect_search import text, words
 from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.display import Panels
+from swsysid._effect_search.gross_rows import aside
 from swsysid._effect_search.settings import REPORT
 from swsysid._rendering.canvas import canvas
 from swsysid._rendering.markup import (
@@ -85,7 +86,7 @@ class _Told:
         """The velocity of a state, with its unit."""
         name, discrete = self.report.targets[state], self.report.discrete
         unit = unit_of(name if discrete else f"d/dt {name}", self.units)
-        return f"{text.rate(name, discrete)} [{unit}]" if unit else text.rate(name, discrete)
+        return f"{words.rate(name, discrete)} [{unit}]" if unit else words.rate(name, discrete)
 
     @property
     def rates(self) -> list[str]:
@@ -128,25 +129,25 @@ def _errors(told: _Told) -> Iterable[str]:
 
 def _effects(told: _Told) -> Iterable[str]:
     for number, effect in enumerate(told.report.effects):
-        heading = f"{number + 1}. {text.effect_title(effect, told.report)}"
+        heading = f"{number + 1}. {words.effect_title(effect, told.report)}"
         yield section(heading, _effect(told, number, effect), level=3)
 
 
 def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
     target = told.rate(effect.target)
-    yield paragraph(text.sentence(effect.meaning, told.data.records.names))
+    yield paragraph(words.sentence(effect.meaning, told.data.records.names))
     if effect.placed.effect.terms:
         yield paragraph(f"Term: {effect.formula}")
     yield paragraph(
         f"Held-out error of {target}: {effect.error_before:.4g} before, "
-        f"{effect.error_after:.4g} with it; {text.probability(effect.p_value)}, corrected for "
+        f"{effect.error_after:.4g} with it; {words.probability(effect.p_value)}, corrected for "
         "the number of candidates."
     )
     for doubt in effect.doubts:
         yield paragraph(f"Weak evidence: {doubt}.", "note")
     if effect.parameters:
         rows: list[list[object]] = [
-            [name.replace("_", " "), value, text.interval(effect, name)]
+            [name.replace("_", " "), value, words.interval(effect, name)]
             for name, value in effect.parameters.items()
         ]
         yield table(["parameter", "value", "95 % interval"], rows)
@@ -175,7 +176,7 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
         "what would tell the two apart",
     ]
     rows = [
-        [text.effect_title(rival, told.report), f"{rival.error:.4g}", rival.advice]
+        [words.effect_title(rival, told.report), f"{rival.error:.4g}", rival.advice]
         for rival in effect.rivals
     ]
     yield table(head, rows, kind="words")
@@ -212,7 +213,7 @@ def _residuals(told: _Told) -> Iterable[str]:
                 leftover, equation=name, n_channels=1, units=told.units
             )
             display.figure_.suptitle("")  # the verdict stands above the picture
-            whose = f"Residual of {text.rate(name, told.report.discrete)} of the {model}"
+            whose = f"Residual of {words.rate(name, told.report.discrete)} of the {model}"
             caption = f"{whose}, against what tells most about it."
             body.append(figure(display.figure_, caption))
         body.append(preformatted("all tests", str(leftover)))
@@ -265,7 +266,7 @@ def _search(told: _Told) -> Iterable[str]:
     if report.history:
         head = ["round", "added", "p", "candidates", "effects after the round"]
         rows = [
-            [number, one["added"], text.probability(one["p_value"]), one["n_candidates"]]
+            [number, one["added"], words.probability(one["p_value"]), one["n_candidates"]]
             + ["; ".join(one["effects"])]
             for number, one in enumerate(report.history, start=1)
         ]
@@ -274,8 +275,8 @@ def _search(told: _Told) -> Iterable[str]:
         yield paragraph(text.dropped(report), "note")
     if report.effects:
         yield paragraph(text.moved(report))
-    if text.aside(report):
-        yield paragraph(text.aside(report))
+    if aside(report):
+        yield paragraph(aside(report))
     if report.tried:
         yield paragraph(f"{text.NOT_KEPT}:")
         yield listing(text.not_kept(report))
@@ -285,7 +286,7 @@ def _search(told: _Told) -> Iterable[str]:
     if report.not_identifiable:
         yield paragraph(f"{text.SPANNED}:")
         yield paragraph(
-            ", ".join(text.first_of(report.not_identifiable, REPORT.names_on_page)), "note"
+            ", ".join(words.first_of(report.not_identifiable, REPORT.names_on_page)), "note"
         )
 
 

@@ -16,6 +16,7 @@ from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contents import (
     EffectContents,
     EffectData,
+    RowsPlace,
     RowsSetAside,
     RungErrors,
     TimeInterval,
@@ -26,10 +27,11 @@ from swsysid._effect_search.display import EffectReportDisplay
 from swsysid._effect_search.findings import Ladder
 from swsysid._effect_search.greedy import Round
 from swsysid._effect_search.page import effect_page
-from swsysid._effect_search.set_aside import Event, set_aside
+from swsysid._effect_search.set_aside import Event, SetAside, Whereabouts, set_aside
 from swsysid._effect_search.settings import REPORT
-from swsysid._effect_search.text import named, report_lines, summary, title
+from swsysid._effect_search.text import report_lines, summary
 from swsysid._effect_search.untouched import Tried
+from swsysid._effect_search.words import named, title
 from swsysid._rendering.parts import entries_of
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
@@ -89,7 +91,8 @@ class EffectReport(EffectContents):
     set_aside : dict or None
         Rows with gross errors: how many (``n_rows``), how many of them follow each other
         (``n_together``) in how many trajectories, the probability of that by chance, and the
-        ``interval`` of the ``channel`` that they are in, with the share of the ``others`` there.
+        ``place`` of these, None where they are wherever others are: how many of them, ``n_rows``,
+        are in which ``interval`` of which ``channel``, and the share of the ``others`` there.
         With ``is_finding`` they are no outliers: another law acts there. A ``time_interval``
         (``trajectory``, ``begin``, ``end``, ``law``) is theirs where they fill one, or several in a
         trajectory, its ``intervals``: a lid was opened, a load switched on.
@@ -133,6 +136,8 @@ class EffectReport(EffectContents):
         records, split, names = ladder.records, ladder.split, trajectory_names
         first, last = ladder.fits[0], ladder.fits[-1]
         before, after = first.predict_modes(records), last.predict_modes(records)
+        rows = np.sort(np.concatenate([split.search, split.held_out]))
+        gross = set_aside(last, ladder.context.data, ladder.targets, rows)
         return cls(
             targets=tuple(records.names[: records.n_states]),
             held_out=split.how,
@@ -156,7 +161,7 @@ class EffectReport(EffectContents):
             tried=tuple(_tried_told(one, ladder) for one in tried),
             exact=tuple(records.names[state] for state in sorted(ladder.context.data.exact_states)),
             alarms=tuple(alarms),
-            set_aside=_aside(last, ladder, names),
+            set_aside=_aside(last, gross, ladder, names),
             discrete=bool(first.laws.discrete_time),
             data=EffectData(
                 records=records,
@@ -167,6 +172,7 @@ class EffectReport(EffectContents):
                 final=models[2],
                 covariances=tuple(covariances),
                 trajectory_names=names,
+                aside=gross.rows,
             ),
         )
 
@@ -216,23 +222,30 @@ def _in_words(term: PlacedEffect, records: Records) -> str:
     return title(term.effect.kind, label, records.names[term.target], term.mode)
 
 
-def _aside(fit: JointFit, ladder: Ladder, names: NDArray | None) -> RowsSetAside:
-    rows = np.sort(np.concatenate([ladder.split.search, ladder.split.held_out]))
-    found = set_aside(fit, ladder.context.data, ladder.targets, rows)
+def _aside(fit: JointFit, found: SetAside, ladder: Ladder, names: NDArray | None) -> RowsSetAside:
     return {
         "n_rows": len(found.rows),
         "n_together": len(found.together),
         "n_trajectories": found.n_trajectories,
         "p_value": found.p_value,
-        "channel": found.channel,
-        "interval": found.interval,
-        "others": found.others,
+        "place": _place(found.where, ladder.records),
         "is_finding": found.is_finding(ladder.context.significance),
         "time_interval": (
             _when(fit, found.event, ladder.records, names)
             if found.event is not None and found.is_event(ladder.context.significance)
             else None
         ),
+    }
+
+
+def _place(where: Whereabouts | None, records: Records) -> RowsPlace | None:
+    if where is None or not where.is_a_place:
+        return None
+    return {
+        "channel": records.names[where.channel],
+        "interval": where.interval,
+        "n_rows": where.n_rows,
+        "others": where.others,
     }
 
 

@@ -22,6 +22,7 @@ from sklearn.neighbors import NearestNeighbors
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import SearchData, memory_of
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import robust_regression, robust_scale
 from swsysid._results import Array
 
@@ -41,6 +42,27 @@ class Event:
 
 
 @dataclass(frozen=True)
+class Whereabouts:
+    """The channel that tells most of some rows apart from all others, and where they are in it."""
+
+    channel: int
+    interval: tuple[float, float]
+    n_rows: int  # of them in the interval
+    share: float  # of them that these are
+    others: float  # share of all other rows there
+
+    @property
+    def apart(self) -> float:
+        """By how much the share of the rows is larger there than that of the others."""
+        return self.share - self.others
+
+    @property
+    def is_a_place(self) -> bool:
+        """Whether the rows have a place of their own."""
+        return self.apart >= 1.0 - SETTINGS.nowhere
+
+
+@dataclass(frozen=True)
 class SetAside:
     """Rows with gross errors, and those of them that lie together."""
 
@@ -48,9 +70,7 @@ class SetAside:
     together: Rows  # those with a neighbour among them
     n_trajectories: int  # that these are in
     p_value: float  # of so many neighbours, and of errors so much alike, by chance
-    channel: str  # that tells most of these apart from the others
-    interval: tuple[float, float]  # of the channel
-    others: float  # share of all other rows in the interval
+    where: Whereabouts | None  # None if there are none
     event: Event | None = None  # that they are, where they fill intervals of time
 
     def is_finding(self, significance: float) -> bool:
@@ -74,27 +94,26 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     errors = errors[best, np.arange(len(rows))]
     far = np.any(np.abs(errors) > data.settings.gross, axis=1)
     far &= ~data.may_stick(fit.terms, data.records, rows)  # no law of its motion acts there
-    seen, names = data.records.take(rows), data.records.names
+    seen = data.records.take(rows)
     pairs = _neighbours(seen)
     both = pairs[far[pairs].all(axis=1)]
     together = np.unique(both)
     if not len(together):
-        return SetAside(rows[far], _NOWHERE, 0, 1.0, "", (0.0, 0.0), 0.0)
+        return SetAside(rows[far], _NOWHERE, 0, 1.0, None)
     alike = int(np.sum(np.sum(errors[both[:, 0]] * errors[both[:, 1]], axis=1) > 0.0))
     expected = len(pairs) * float(far.mean()) ** 2
     chance = max(
         float(stats.poisson.sf(len(both) - 1, expected)),
         float(stats.binom.sf(alike - 1, len(both), 0.5)),
     )
-    channel, interval, others = _where(seen, together)
+    where = _where(seen, together)
     # where rows have no order they were taken one by one
     count = len(together if seen.groups is None else np.unique(seen.groups[together]))
-    where = names[channel], interval, others
     event = _event(fit, data, targets, rows, together)
     if event is not None and event.n_aside < data.settings.in_intervals * len(together):
         # what lies at a place of its own in several trajectories belongs to the place
-        event = event if count == 1 or others > data.settings.nowhere else None
-    return SetAside(rows[far], rows[together], count, chance, *where, event)
+        event = event if count == 1 or not where.is_a_place else None
+    return SetAside(rows[far], rows[together], count, chance, where, event)
 
 
 def _event(
@@ -143,11 +162,7 @@ def _stretches_filled(rows: Rows, aside: NDArray[np.bool_], fewest: float) -> li
 
 def _outnumbering(rows: Rows, aside: NDArray[np.bool_]) -> Rows:
     """The stretch of some rows in which those set aside outnumber the others most."""
-    lead = np.concatenate([[0], np.cumsum(np.where(aside[rows], 1, -1))])
-    gain = lead - np.minimum.accumulate(lead)
-    stop = int(np.argmax(gain))
-    start = stop - int(np.argmin(lead[stop::-1]))  # the last of the lowest
-    return rows[start:stop]
+    return rows[_highest_sum(np.where(aside[rows], 1.0, -1.0))]
 
 
 def _chance_of(found: list[Rows], each: list[Rows], aside: NDArray[np.bool_]) -> float:
@@ -192,15 +207,29 @@ def _neighbours(seen: Records) -> Rows:
     return np.column_stack([np.arange(len(scaled)), nearest])
 
 
-def _where(seen: Records, chosen: Rows) -> tuple[int, tuple[float, float], float]:
-    """The channel whose interval about some rows holds the fewest of the others."""
-    rest = np.ones(len(seen), dtype=bool)
-    rest[chosen] = False
-    found: list[tuple[float, int, tuple[float, float]]] = []
+def _where(seen: Records, chosen: Rows) -> Whereabouts:
+    """The interval of a channel that holds most of some rows and fewest of the others.
+
+    The difference of the two shares is the largest there is (Kuiper 1960): a row at the edge of a
+    window, or an outlier beside it, is left out.
+    """
+    own = np.zeros(len(seen), dtype=bool)
+    own[chosen] = True
+    n_others = max(len(seen) - len(chosen), 1)
+    found = []
     for channel in range(seen.X.shape[1]):
-        values: Array = seen.channel(channel)
-        low, high = float(values[chosen].min()), float(values[chosen].max())
-        inside = (values[rest] >= low) & (values[rest] <= high)
-        found.append((float(np.mean(inside)) if rest.any() else 0.0, channel, (low, high)))
-    others, channel, interval = min(found)
-    return channel, interval, others
+        values, which = np.unique(seen.channel(channel), return_inverse=True)
+        part = _highest_sum(np.bincount(which, np.where(own, 1.0 / len(chosen), -1.0 / n_others)))
+        inside = (which >= part.start) & (which < part.stop)
+        interval = (float(values[part.start]), float(values[part.stop - 1]))
+        count, rest = (int(np.sum(inside & some)) for some in (own, ~own))
+        found.append(Whereabouts(channel, interval, count, count / len(chosen), rest / n_others))
+    return max(found, key=lambda one: one.apart)
+
+
+def _highest_sum(steps: NDArray) -> slice:
+    """The shortest stretch of some numbers whose sum is the highest."""
+    lead = np.concatenate([[0.0], np.cumsum(steps)])
+    gain = lead - np.minimum.accumulate(lead)
+    stop = int(np.argmax(gain))
+    return slice(stop - int(np.argmin(lead[stop::-1])), stop)

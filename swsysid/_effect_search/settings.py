@@ -78,7 +78,7 @@ class SearchSettings:
     fewest_in_interval: int = 5  # rows of an event in time: fewer are an accident
     in_intervals: float = 0.9  # share of the rows that follow each other: then they are an event
     same_event: float = 0.01  # probability below which errors elsewhere do not explain a stretch
-    nowhere: float = 0.5  # share of the other rows: where they are too is no place of its own
+    nowhere: float = 0.5  # share of the others where all are: with more it is no place of its own
 
     # -- what may enter --------------------------------------------------------------------------
     # Every record has an endless rest that is significant and small: 0.05 a row is an error
@@ -118,6 +118,7 @@ class ReportSettings:
 
     # -- what is worth telling ----------------------------------------------------------------
     worth_telling: float = 0.01  # share by which an error is lowered
+    hidden: float = 0.5  # share of a fall: where gross rows leave less of it, both are told
     smallest_p_value: float = 1e-16  # smaller ones are rounding
 
     # -- lists --------------------------------------------------------------------------------

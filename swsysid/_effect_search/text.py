@@ -1,4 +1,4 @@
-"""What is said of a search for effects: the words that all share, and a report in plain text."""
+"""A search for effects in a sentence, and its report in plain text."""
 
 from __future__ import annotations
 
@@ -7,65 +7,26 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from swsysid._effect_search.contents import EffectContents
+from swsysid._effect_search.gross_rows import aside
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
-from swsysid._effect_search.settings import REPORT, SETTINGS
+from swsysid._effect_search.settings import REPORT
+from swsysid._effect_search.words import effect_title, first_of, interval, probability, rate
 from swsysid._noise import root_mean_square
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
+from swsysid._results import Array
 from swsysid.effects import (
     FoundEffect,
-    Rival,
     StructureEffect,
     UnknownFunction,
     UnmeasuredDisturbance,
 )
-from swsysid.effects._base import NOWHERE
 
 NOT_LOOKED_FOR = "Not looked for"
 SPANNED = f"{NOT_LOOKED_FOR}, since the declared model can take their shape"
 NOT_KEPT = "Significant but not kept, since what is untouched is not clearly better predicted"
 _LEAST = float(np.finfo(float).tiny)
 _DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
-
-
-def rate(name: str, discrete: bool = False) -> str:
-    """What the law of a state gives: its velocity, or its next value."""
-    return f"next {name}" if discrete else f"{name}'"
-
-
-def named(kind: str, place: str) -> str:
-    """Kind of an effect, and its place where that says more."""
-    return kind.replace("_", " ") + ("" if place in NOWHERE else f" of {place}")
-
-
-def title(kind: str, place: str, state: str, mode: int | None, discrete: bool = False) -> str:
-    """Kind, place, equation and mode of an effect in a few words."""
-    where = "" if mode is None else f", mode {mode}"
-    return f"{named(kind, place)} in {rate(state, discrete)}{where}"
-
-
-def effect_title(effect: FoundEffect | Rival, report: EffectContents) -> str:
-    """`title` of an effect that was found, or of its rival."""
-    state = report.targets[effect.target]
-    return title(effect.kind, effect.place, state, effect.mode, report.discrete)
-
-
-def sentence(text: str, names: Sequence[str]) -> str:
-    """Text as a sentence; a channel's name that it begins with keeps its letters."""
-    first = text if any(text.startswith(name) for name in names) else text[:1].upper() + text[1:]
-    return f"{first}."
-
-
-def probability(value: float) -> str:
-    """A p-value, no smaller than means anything."""
-    least = REPORT.smallest_p_value
-    return f"p = {value:.1g}" if value >= least else f"p < {least:g}"
-
-
-def interval(effect: FoundEffect, name: str) -> str:
-    """95 % confidence interval of a parameter, "" if there is none."""
-    low, high = effect.intervals.get(name, (np.nan, np.nan))
-    return f"{low:.4g} to {high:.4g}" if np.isfinite(low) and np.isfinite(high) else ""
 
 
 def summary(report: EffectContents) -> str:
@@ -85,22 +46,48 @@ def _outcome(report: EffectContents) -> str:
         return "No effect is missing as far as these data show."
     if not report.effects:
         return "No effect that was looked for is missing; what is left over is not all noise."
-    before, after = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
-    # an equation that is exact, such as q' = v, has no error that could be lowered
-    told = np.where([name in report.exact for name in report.targets], np.inf, before)
-    target = int(np.argmin(np.where(np.isfinite(told), after / np.maximum(told, _LEAST), np.inf)))
     others = len(report.effects) - 1
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
     name = effect_title(report.effects[0], report)
     weak = ", weak evidence" if report.effects[0].doubts else ""
     name = f"{name[:1].upper()}{name[1:]}, {probability(report.effects[0].p_value)}{weak}{more}"
-    if after[target] > (1.0 - REPORT.worth_telling) * before[target]:
-        return f"{name}: {_lowers_nothing(report)}."
-    return (
-        f"{name}: with {'them' if others else 'it'} the held-out error of "
-        f"{rate(report.targets[target], report.discrete)} "
-        f"is {after[target]:.4g} instead of {before[target]:.4g}."
-    )
+    return f"{name}: {_fall(report, 'with them' if others else 'with it')}."
+
+
+def _fall(report: EffectContents, with_them: str) -> str:
+    """By how much the effects lower an error, with gross rows and, where they hide it, without."""
+    every = [np.array(report.errors[place]["held_out"]) for place in (0, -1)]
+    usual = every if report.data is None else report.data.usual_errors
+    told = f"{with_them} the held-out error of"
+    (target, fall), (other, usual_fall) = (_largest_fall(report, *one) for one in (every, usual))
+    if max(fall, usual_fall) < REPORT.worth_telling:
+        return _lowers_nothing(report)
+    if fall < REPORT.worth_telling:
+        return (
+            f"{told} {_rate_of(report, other)}, without the rows set aside, is "
+            f"{_instead(usual, other)}; that of all rows is no lower"
+        )
+    hidden = other == target and fall < REPORT.hidden * usual_fall
+    without = f", and {_instead(usual, target)} without the rows set aside" if hidden else ""
+    return f"{told} {_rate_of(report, target)} is {_instead(every, target)}{without}"
+
+
+def _instead(errors: Sequence[Array], state: int) -> str:
+    before, after = errors
+    return f"{after[state]:.4g} instead of {before[state]:.4g}"
+
+
+def _rate_of(report: EffectContents, state: int) -> str:
+    return rate(report.targets[state], report.discrete)
+
+
+def _largest_fall(report: EffectContents, before: Array, after: Array) -> tuple[int, float]:
+    """The state whose error falls by the largest share, and that share."""
+    # an equation that is exact, such as q' = v, has no error that could be lowered
+    exact = np.array([name in report.exact for name in report.targets])
+    falls = np.where(exact, -np.inf, 1.0 - after / np.maximum(before, _LEAST))
+    best = int(np.argmax(falls))
+    return best, float(falls[best])
 
 
 def _lowers_nothing(report: EffectContents) -> str:
@@ -233,63 +220,6 @@ def _of_rollouts(errors: Sequence[float] | None) -> str:
     told = f", of rollouts {before:.3g} -> {after:.3g} of the spread of what was measured"
     # An effect with which rollouts come nearer is refused only where one of them fails.
     return told if after > before else f"{told}, but with it the simulation of one ends early"
-
-
-def aside(report: EffectContents) -> str:
-    """How many rows are set aside and where they are, in a sentence; "" if there are none."""
-    one = report.set_aside
-    if one is None or not one["n_rows"]:
-        return ""
-    share = one["n_rows"] / (report.n_search + report.n_held_out)
-    if one["n_rows"] == 1:
-        return f"1 row ({share:.1%}) has a gross error and is set aside."
-    told = f"{one['n_rows']} rows ({share:.1%}) have gross errors and are set aside"
-    if not one["n_together"]:
-        return f"{told}; no two of them follow each other."
-    low, high = one["interval"]
-    anywhere = one["others"] > SETTINGS.nowhere
-    where = (
-        f"{one['channel']} between {low:.4g} and {high:.4g} "
-        f"(where {one['others']:.1%} of the others are)"
-    )
-    place = (
-        f"{one['n_together']} of them lie together in {one['n_trajectories']} "
-        f"{'trajectory' if one['n_trajectories'] == 1 else 'trajectories'}, "
-        f"{'at no place of their own' if anywhere else where}"
-    )
-    event = one["time_interval"]
-    if event is not None:
-        beside = ", beside the effects" if report.effects else ""
-        seen = "" if anywhere else f", with {where}: time and place cannot be told apart"
-        times = [f"{begin:.4g} to {end:.4g}" for begin, end in event["intervals"]]
-        once = len(times) == 1
-        return (
-            f"{told}; {event['n_rows']} of them follow each other from {joined(times)} in "
-            f"trajectory {event['trajectory']}: another law acts for "
-            f"{'that time' if once else 'these times'} ({probability(one['p_value'])}){beside}: "
-            f"{'; '.join(event['law'])}. It is seen {'once' if once else f'{len(times)} times'}"
-            f"{seen}."
-        )
-    if not one["is_finding"]:
-        return f"{told}; {place}."
-    # a place in which the usual law holds in more rows is not all that the other one needs
-    others = one["others"] * (report.n_search + report.n_held_out - one["n_together"])
-    when = "there" if others <= one["n_together"] else "at times" if anywhere else "there at times"
-    return (
-        f"{told}; {place}: another law acts {when}, one more mode, "
-        f"a stop or a collision ({probability(one['p_value'])})."
-    )
-
-
-def joined(parts: Sequence[str]) -> str:
-    """Parts in a row, with "and" before the last."""
-    return " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
-
-
-def first_of(entries: Sequence[str], most: int) -> list[str]:
-    """The first entries, and how many more there are."""
-    rest = len(entries) - most
-    return [*entries[:most], *([f"and {rest} more"] if rest > 0 else [])]
 
 
 # -- the text -------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from swsysid import EffectRegressor, EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid._effect_search.contents import stretches
 from swsysid._effect_search.contributions import linearised
-from swsysid._effect_search.text import sentence
+from swsysid._effect_search.words import sentence
 from swsysid.datasets import make_undeclared
 from swsysid.diagnosis import EffectReport
 from swsysid.effects import (

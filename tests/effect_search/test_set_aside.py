@@ -44,12 +44,46 @@ def test_rows_that_lie_together_in_two_trajectories_are_a_law_that_acts_rarely()
     assert aside["is_finding"]
     assert report.acts_rarely
     assert not report.clean
-    assert (aside["channel"], aside["n_trajectories"]) == ("x0", 2)
+    place = aside["place"]
+    assert (place["channel"], aside["n_trajectories"]) == ("x0", 2)
     # all rows that are deep inside the stop and none outside of it
-    assert aside["interval"][0] >= STOP
+    assert place["interval"][0] >= STOP
+    assert place["n_rows"] == aside["n_together"]
     assert aside["n_together"] >= 0.6 * at_stop.sum()
     assert "a law acts rarely" in report.summary
     assert "another law acts there" in str(report)
+
+
+def test_a_pair_of_outliers_does_not_hide_the_place_of_the_others():
+    X, Xdot, t, groups = oscillators(stop=STOP)
+    elsewhere = np.flatnonzero(groups == 4)[[40, 41]]
+    Xdot[elsewhere, 1] += 5.0
+    report = searched(X, Xdot, t, groups)
+    aside = report.set_aside
+    place = aside["place"]
+    assert place["channel"] == "x0"
+    assert place["interval"][0] >= STOP
+    assert place["n_rows"] == aside["n_together"] - 2
+    assert place["others"] <= 0.02  # the outermost rows of the stop are not gross
+    assert f", {place['n_rows']} with x0 between" in str(report)
+
+
+def test_an_error_that_gross_rows_decide_is_told_without_them_too():
+    X, Xdot, t, groups = oscillators()
+    Xdot[:, 1] -= 0.3 * np.sign(X[:, 1])
+    rng = np.random.default_rng(1)
+    gross, signs = rng.choice(len(Xdot), 30, replace=False), rng.choice([-1.0, 1.0], 30)
+    for size, all_rows in ((40.0, "; that of all rows is no lower."), (5.0, ", and ")):
+        errors = np.zeros(len(Xdot))
+        errors[gross] = size * signs
+        report = searched(X, Xdot + errors[:, None] * [0.0, 1.0], t, groups)
+        # rollouts, of states that have no friction, are not asked of what is as plain as that
+        assert [effect.kind for effect in report.effects] == ["coulomb_friction"]
+        before, after = report.data.usual_errors
+        assert after[1] < 0.3 * before[1]
+        assert f"{after[1]:.4g} instead of {before[1]:.4g}" in report.summary
+        assert "without the rows set aside" in report.summary
+        assert all_rows in report.summary
 
 
 def test_rows_that_fill_an_interval_of_time_are_an_event_with_its_limits_and_its_law():
