@@ -1,15 +1,16 @@
 """Cascaded tanks: Torricelli's law for both, and tanks that overflow. The upper level is hidden.
 
 What the overflow leaves over in the training record changes at once where the lower level passes
-some 5 V, up and down. Whether that is the sensor, whose volts are no centimetres, or the outflow,
-another power of the level than a root, is decided on quarters of the training record that are held
-out in turn.
+some 5 V, up and down: the volts of the sensor are no centimetres. And it is positive whenever the
+pump rises and negative whenever it falls: what leaves the upper tank arrives in the lower one after
+a while. Whether these enter, and with how many straight lines the curve of the sensor is drawn, is
+decided on quarters of the training record that are held out in turn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from inspect import Parameter, Signature
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,10 +19,16 @@ from benchmarks.measured.rows import FreeRun, Run, published_errors
 from swsysid.datasets import fetch_cascaded_tanks
 from swsysid.refinement import ParametricLibrary, RefinementResult, StatedModel, refine
 
-COLUMNS = ["upper", "lower", "pump"]
-FULL = 10.0  # V, where the sensor of the lower tank clips
-VOLTS = range(3, 10)  # of its level, at which the sensor may be off
+FULL = 10.0  # V, where the sensor of the lower tank clips, and where it is off by nothing
+LOWEST = 4.0  # level below which the training record hardly goes
+LINES = (3, 4, 5, 6)  # between these two: the curve of the sensor
 N_HELD = 4  # quarters of the training record
+N_START = 5  # samples that may tell the initial state, as the first of a test record may officially
+# A pump of 3 V holds a level of some 5 V, with time constants of a hundred seconds or two. The
+# coefficient of the pump fixes the unit of the upper level, which is open.
+RATE = 0.05
+SPILL = 1.0  # 1/s: what is above an edge is gone within a sample
+START = {"upper": 8.0, "lower": 6.0, "arriving": 2.8}
 
 
 def _root(level):
@@ -31,43 +38,50 @@ def _root(level):
 FLOWS = {
     "pump": lambda pump: pump,
     "root upper": lambda upper: _root(upper),
-    "upper": lambda upper: upper,
     "root lower": lambda lower: _root(lower),
-    "lower": lambda lower: lower,
 }
+# A sensor without a curve lets the outflows look as if they had a linear part.
+LINEAR = {"upper": lambda upper: upper, "lower": lambda lower: lower}
 # What flows over is proportional to the level above an edge; that of the lower tank is visible.
-OVERFLOW = {
+OVERFLOWS = {
     "upper overflow": lambda upper, edge: np.maximum(upper - edge, 0.0),
     "lower overflow": lambda lower: np.maximum(lower - FULL, 0.0),
 }
-POWER = {"root lower": lambda lower, power: np.maximum(lower, 0.0) ** power}
-SENSOR = {"level": lambda lower: np.minimum(lower, FULL)}
-# A pump of 3 V holds a level of some 5 V, with time constants of a hundred seconds or two.
-RATE = 0.05
-LAW = [[RATE, -RATE, 0.0, 0.0, 0.0], [0.0, RATE, 0.0, -RATE, 0.0]]
-# The unit of the upper level is open: the coefficient of the pump fixes it.
-FREE = [[0, 1, 1, 0, 0], [0, 1, 0, 1, 1]]
-OVERFLOW_LAW = [[-4 * RATE, 0.0], [2 * RATE, -4 * RATE]]
-OVERFLOW_FREE = [[1, 0], [1, 0]]
-START = {"upper": 5.0, "lower": 5.0}
+ON_THE_WAY = {
+    "arriving": lambda arriving: arriving,
+    "delayed": lambda upper, arriving, delay: (_root(upper) - arriving) / delay,
+}
+LAWS = {
+    "upper": {"pump": RATE, "root upper": -RATE, "upper": 0.0, "upper overflow": -SPILL},
+    "lower": {
+        "root upper": RATE,
+        "arriving": RATE,
+        "root lower": -RATE,
+        "lower": 0.0,
+        "upper overflow": 0.5 * SPILL,
+        "lower overflow": -SPILL,
+    },
+    "arriving": {"delayed": 1.0},
+}
+GIVEN = {("upper", "pump"), ("upper", "upper overflow"), ("lower", "lower overflow")}
+GIVEN |= {("arriving", "delayed")}
 
 
 def rows() -> list[FreeRun]:
     """Free run of the lower level on the test record, in V."""
     data = fetch_cascaded_tanks()
-    simple = refine(_model(FLOWS, LAW, FREE), data.train, initial_states=START)
-    full = refine(_overflowing(FLOWS), data.train, initial_states=START)
-    # what is further stated starts from the tanks that overflow
-    level = dict(zip(COLUMNS[:2], full.initial_states[0], strict=True))
-    candidates = {
-        "nothing more": full.model,
-        "a curve of the sensor": _with_curve(full),
-        "a power of the lower outflow": _with_power(full),
+    simple = _refined(_model(FLOWS | LINEAR), data.train)
+    full = _refined(_model(FLOWS | LINEAR | OVERFLOWS), data.train)
+    edge = full.model.feature_map.library.parameters["edge"]
+    curves = {f"a sensor's curve of {n} lines": _model(FLOWS | OVERFLOWS, n, edge) for n in LINES}
+    late = {
+        f"{name}, and water on its way": _model(FLOWS | OVERFLOWS | ON_THE_WAY, n, edge)
+        for name, n in zip(curves, LINES, strict=True)
     }
-    errors = held_out_errors(
-        candidates, data.train, blocks(len(data.train.t), N_HELD), initial_states=level
-    )
-    chosen = refine(candidates[best_of(errors)], data.train, initial_states=level)
+    candidates = {"nothing more": full.model} | curves | late
+    held = blocks(len(data.train.t), N_HELD, N_START)
+    errors = held_out_errors(candidates, data.train, held, _options)
+    chosen = _refined(candidates[best_of(errors)], data.train)
     runs = [[Run(_on_test(result, data.test), data.test.x)] for result in (simple, full, chosen)]
     published = published_errors(data.published, "V")
     name = "cascaded tanks, lower level, V"
@@ -84,51 +98,61 @@ def rows() -> list[FreeRun]:
     ]
 
 
+def _refined(model: StatedModel, record) -> RefinementResult:
+    return refine(model, record, **_options(model))
+
+
+def _options(model: StatedModel) -> dict:
+    return {"initial_states": dict(list(START.items())[: model.coef_.shape[1]])}
+
+
 def _on_test(result: RefinementResult, test) -> np.ndarray:
     # the levels at the first time are equal in both records
     return free_run(result, result.initial_states[0], test)
 
 
-def _overflowing(flows, coef=None, parameters: Mapping[str, float] | None = None, output=SENSOR):
-    return _model(
-        flows | OVERFLOW,
-        np.hstack([LAW, OVERFLOW_LAW]) if coef is None else coef,
-        np.hstack([FREE, OVERFLOW_FREE]),
-        {"edge": 0.8 * FULL} if parameters is None else parameters,
-        output,
+def _model(terms, n_lines: int = 0, edge: float = 1.2 * FULL) -> StatedModel:
+    """The tanks with some of the flows, and a sensor whose curve is so many straight lines."""
+    states = [state for state, law in LAWS.items() if not law.keys().isdisjoint(terms)]
+    columns = [*states, "pump"]
+    law = np.array([[LAWS[state].get(term, 0.0) for term in terms] for state in states])
+    acts = [
+        [term in LAWS[state] and (state, term) not in GIVEN for term in terms] for state in states
+    ]
+    free = np.array(acts)
+    if "arriving" in terms:  # in the place of what leaves the upper tank
+        place = states.index("lower"), list(terms).index("root upper")
+        law[place], free[place] = 0.0, False
+    known = {"edge": edge, "delay": 4.0}
+    used = {"edge": "upper overflow", "delay": "delayed"}
+    return StatedModel(
+        ParametricLibrary(
+            terms, columns, {name: known[name] for name, term in used.items() if term in terms}
+        ),
+        law,
+        states=states,
+        inputs=["pump"],
+        free=free,
+        output=_sensor(columns, n_lines),
     )
 
 
-def _with_power(start: RefinementResult) -> StatedModel:
-    parameters = {**start.model.feature_map.library.parameters, "power": 0.5}
-    return _overflowing(FLOWS | POWER, start.model.coef_, parameters)
-
-
-def _with_curve(start: RefinementResult) -> StatedModel:
-    parameters = start.model.feature_map.library.parameters
-    return _overflowing(FLOWS, start.model.coef_, parameters, _curved_sensor())
-
-
-def _curved_sensor() -> ParametricLibrary:
-    """The level, and what the sensor is off: straight lines between whole volts."""
-    names = [f"at_{volt}" for volt in VOLTS]
+def _sensor(columns: list[str], n_lines: int) -> ParametricLibrary:
+    """The level up to where the tank is full, and what the sensor is off, between knots."""
+    knots = np.linspace(LOWEST, FULL, n_lines + 1)[:n_lines]
+    names = [f"at_{knot:.1f}".replace(".", "_") for knot in knots]
 
     def read(lower, *off):
-        near = (np.maximum(1.0 - np.abs(lower - volt), 0.0) for volt in VOLTS)
-        return np.minimum(lower + sum(map(np.multiply, off, near)), FULL)
+        # the last line ends where the sensor is off by nothing; the first goes on below its knot
+        steps = [after - before for before, after in pairwise([*off, 0.0])]
+        slopes = [step * n_lines / (FULL - LOWEST) for step in steps]
+        reading = lower + off[0] + slopes[0] * (lower - LOWEST)
+        for before, after, knot in zip(slopes[:-1], slopes[1:], knots[1:], strict=True):
+            reading = reading + (after - before) * np.maximum(lower - knot, 0.0)
+        return np.minimum(reading, FULL)
 
+    if not n_lines:
+        return ParametricLibrary({"level": lambda lower: np.minimum(lower, FULL)}, columns)
     kind = Parameter.POSITIONAL_OR_KEYWORD
     read.__signature__ = Signature([Parameter(name, kind) for name in ("lower", *names)])
-    return ParametricLibrary({"level": read}, COLUMNS, dict.fromkeys(names, 0.0))
-
-
-def _model(terms, coef, free, parameters=None, output=SENSOR) -> StatedModel:
-    sensor = output if isinstance(output, ParametricLibrary) else ParametricLibrary(output, COLUMNS)
-    return StatedModel(
-        ParametricLibrary(terms, COLUMNS, parameters),
-        coef,
-        states=COLUMNS[:2],
-        inputs=COLUMNS[2:],
-        free=np.array(free, dtype=bool),
-        output=sensor,
-    )
+    return ParametricLibrary({"level": read}, columns, dict.fromkeys(names, 0.0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -10,23 +10,27 @@ from benchmarks.measured.rows import Run
 from swsysid.refinement import RefinementResult, StatedModel, refine
 
 
-def blocks(n_samples: int, n_blocks: int) -> list[slice]:
-    """Stretches of equal length that make up a record."""
+def blocks(n_samples: int, n_blocks: int, n_start: int = 0) -> list[slice]:
+    """Stretches of equal length that make up a record, but for the samples that tell its start."""
     ends = np.linspace(0, n_samples, n_blocks + 1).astype(int)
+    ends[0] = n_start
     return [slice(first, end) for first, end in zip(ends[:-1], ends[1:], strict=True)]
 
 
 def held_out_errors(
-    models: Mapping[str, StatedModel], record: Mapping, held: Iterable[slice], **options
+    models: Mapping[str, StatedModel],
+    record: Mapping,
+    held: Iterable[slice],
+    options: Callable[[StatedModel], Mapping] = lambda model: {},
 ) -> dict[str, float]:
     """Error of every model on stretches whose output counts as missing while it is refined.
 
     The free run goes through the whole record; the inputs of a held stretch are known, as those
-    of a test record are.
+    of a test record are. What else the refinement of a model asks for, its `options` say.
     """
     return {
         name: float(
-            np.sqrt(np.mean([_error(model, record, block, options) ** 2 for block in held]))
+            np.sqrt(np.mean([_error(model, record, block, options(model)) ** 2 for block in held]))
         )
         for name, model in models.items()
     }

@@ -40,9 +40,8 @@ def rows() -> list[FreeRun]:
     guess = {"w": float(data.train.x[0, 0])}
     signed = _stated(SIGNED, ZEROS, {"rest": float(data.train.x.mean())})
     candidates = {"poles": _stated(FOLDED, POLES), "poles and zeros": _stated(FOLDED, ZEROS)}
-    errors = held_out_errors(
-        candidates, data.train, blocks(len(data.train.t), N_HELD), initial_states=guess
-    )
+    held = blocks(len(data.train.t), N_HELD)
+    errors = held_out_errors(candidates, data.train, held, lambda _: {"initial_states": guess})
     runs = []
     for model in (signed, candidates[best_of(errors)]):
         result = refine(model, data.train, initial_states=guess)
