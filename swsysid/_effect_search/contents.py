@@ -276,6 +276,7 @@ class EffectContents(Parts):
     residual_before: ResidualReport | None = None
     residual_after: ResidualReport | None = None
     guard_moved: float = 0.0
+    lost_modes: int = 0
     history: tuple[Round, ...] = ()
     dropped: tuple[str, ...] = ()
     tried: tuple[TriedEffect, ...] = ()

@@ -34,8 +34,9 @@ class FurtherMode:
     @cached_property
     def number(self) -> int:
         """The mode that is left when those declared are matched with those that share most rows."""
-        shape = self.final.n_modes, self.final.n_modes
-        known = best_matching(contingency(*self._modes, shape=shape))[1][: self.declared.n_modes]
+        most = max(self.declared.n_modes, self.final.n_modes)
+        matched = best_matching(contingency(*self._modes, shape=(most, most)))[1]
+        known = matched[: self.declared.n_modes]
         rest = np.setdiff1d(np.arange(self.final.n_modes), known)
         # a fit to more rows may have left one of the modes without rows
         return int(rest[0]) if len(rest) else self.final.n_modes - 1

@@ -73,6 +73,8 @@ class EffectReport(EffectContents):
         What the declared model and the last one leave over on the held-out data.
     guard_moved : float
         Share of the samples whose mode the effects changed.
+    lost_modes : int
+        Declared modes that no row needs beside the effects.
     history : tuple of dict
         For each round of the search: ``added``, ``p_value``, ``n_candidates``, and all
         ``effects`` after the round.
@@ -127,11 +129,13 @@ class EffectReport(EffectContents):
         trajectory_names: NDArray | None,
         tried: Sequence[Tried] = (),
         alarms: Sequence[str] = (),
+        n_declared: int = 0,
     ) -> EffectReport:
         """Everything a search has found.
 
         `models` are the declared one and that with the effects, fitted to the rows of the search,
         and the final one, fitted to all rows, with the `covariances` of its effects' parameters.
+        `n_declared` is how many modes were declared, 0 if they were left open.
         """
         records, split, names = ladder.records, ladder.split, trajectory_names
         first, last = ladder.fits[0], ladder.fits[-1]
@@ -156,6 +160,7 @@ class EffectReport(EffectContents):
             residual_before=_leftover(first, ladder, names),
             residual_after=_leftover(last, ladder, names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
+            lost_modes=max(n_declared - models[2].joint_fit_.n_modes, 0),
             history=tuple(_round_told(one, records) for one in rounds),
             dropped=dropped(rounds, [*last.terms, *(one.candidate for one in tried)], records),
             tried=tuple(_tried_told(one, ladder) for one in tried),

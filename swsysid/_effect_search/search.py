@@ -351,6 +351,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             self._trajectory_names,
             tried=found.tried,
             alarms=self._alarms,
+            n_declared=asked if isinstance(asked := self._declared.n_modes, int) else 0,
         )
         return final, ladder
 

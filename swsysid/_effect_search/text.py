@@ -163,6 +163,8 @@ def moved(report: EffectContents) -> str:
     """What became of the modes, in a sentence."""
     if any(isinstance(effect.placed.effect, StructureEffect) for effect in report.effects):
         return "There is one more mode than declared."
+    if report.lost_modes:
+        return f"With the effects no row needs {report.lost_modes} of the declared modes."
     return f"{report.guard_moved:.1%} of the samples changed their mode."
 
 

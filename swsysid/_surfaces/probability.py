@@ -50,7 +50,7 @@ class SurfaceEvidence:
     ) -> SurfaceEvidence:
         """Evidence with the error rate that the fitted surface shows, half an error added."""
         wrong = ((features @ coef) * np.sign(odds) < 0.0) & (np.abs(odds) > settings.certain)
-        rows = np.flatnonzero(odds)
+        rows = np.flatnonzero((odds != 0.0) & _any_monomial(features))
         rate = (weight[wrong].sum() + 0.5) / (weight[rows].sum() + 1.0)
         most = settings.most_rows
         if len(rows) > most:
@@ -84,6 +84,7 @@ def sample_surface(
     # than these the chains go the same way on every machine.
     known = evidence.features / columns, evidence.coef * columns / size, evidence.log_odds
     features, coef, odds = (np.round(values, settings.digits) for values in known)
+    odds[~_any_monomial(features)] = 0.0
     informed = np.minimum(np.abs(odds), evidence.weight)
     gauge = (np.sign(odds) * informed) @ features
     if not gauge @ coef > 0.0:  # the surface vanished, or the labels say nothing
@@ -111,6 +112,11 @@ def sample_surface(
         if step >= burn_in and (step - burn_in + 1) % settings.every == 0:
             kept.append(chains * size / columns)
     return np.concatenate(kept)
+
+
+def _any_monomial(features: Array) -> NDArray[np.bool_]:
+    """Rows at which not all monomials vanish: there every surface does, and they say nothing."""
+    return np.asarray(features.any(axis=1))
 
 
 @dataclass(frozen=True)

@@ -159,6 +159,25 @@ def test_the_effect_corrects_modes_that_were_wrong_without_it():
     assert result.report_.guard_moved > 0.01
 
 
+def test_a_declared_mode_that_stood_in_for_an_effect_is_gone_with_it_and_the_report_says_so():
+    # a mass on a spring has one mode; a second one took the fast swings, until the drag was found
+    rng = np.random.default_rng(0)
+    x, v = X = rng.uniform(-1.0, 1.0, (2, 1500))
+    Xdot = np.stack([v, -4.0 * x - 0.5 * v - 0.8 * v * np.abs(v)])
+    Xdot[1] += 0.05 * rng.standard_normal(1500)
+    declared = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
+    result = EffectSearchCV(declared, effects=[QuadraticDrag()])
+    with pytest.warns(IdentificationWarning, match="Only 1 of 2 modes"):
+        result.fit(X.T, Xdot.T)
+    assert result.declared_estimator_.joint_fit_.n_modes == 2
+    assert [effect.kind for effect in result.effects_] == ["quadratic_drag"]
+    assert result.best_estimator_.joint_fit_.n_modes == 1
+    assert result.report_.lost_modes == 1
+    told = "With the effects no row needs 1 of the declared modes."
+    assert f"Modes: {told}" in str(result.report_)
+    assert told in result.report_.to_html()
+
+
 @pytest.mark.parametrize("kind", [pytest.param("lag", marks=NIGHTLY), "backlash"])
 def test_modes_that_differ_only_in_a_replaced_gain_keep_their_surface(kind):
     # the feed of the tanks is all that the level switch changes, and the lag takes its place
