@@ -69,6 +69,10 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
         """Values at one point, (n_features_in,) -> (n_features_out,), without checks."""
         return self._features(point[None, :])[0]
 
+    def at_rows(self, X: np.ndarray) -> np.ndarray:
+        """What `transform` gives, without checks: a simulation may run away."""
+        return self._features(X)
+
     def get_feature_names_out(self, input_features=None):
         """Names of the functions of the columns."""
         check_fitted(self, "n_features_in_")
@@ -290,8 +294,11 @@ class FeatureMap:
         if not len(X):  # transformers of scikit-learn refuse no rows
             return np.empty((0, len(self.names_out)))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            if self._monomials is not None and isinstance(X, np.ndarray):
-                return self._monomials(X)
+            if isinstance(X, np.ndarray):
+                if self._monomials is not None:
+                    return self._monomials(X)
+                if isinstance(self.library, FunctionLibrary):
+                    return self.library.at_rows(X)
             return np.asarray(self.library.transform(X), dtype=float)
 
 

@@ -207,8 +207,8 @@ def _residuals(told: _Told) -> Iterable[str]:
     yield from told.picture(Panels.residuals, told.state, caption=caption)
     for model, leftover in text.leftovers(told.report):
         body = [listing(f"{name}: {said}" for name, said in text.verdicts(leftover, told.report))]
-        name, size = leftover.equations[told.state], leftover.size[told.state]
-        if told.drawing and not size.exact:
+        name = leftover.equations[told.state]
+        if told.drawing and leftover.against_channels(name):
             display = ResidualReportDisplay.from_report(
                 leftover, equation=name, n_channels=1, units=told.units
             )

@@ -67,6 +67,16 @@ class ResidualContents(Parts):
         found = [test for test in self.tests if test.direct and test.mode is None]
         return tuple(sorted(found, key=lambda test: (test.aspect != "mean", -test.share)))
 
+    def against_channels(self, equation: str) -> list[Finding]:
+        """Tests of an equation on all rows against channels, the findings first."""
+        of_all = [test for test in self.tests if test.mode is None]
+        others = [test for test in of_all if test.kind not in ("lag", "residual lag")]
+        return [
+            test
+            for test in (*self.findings, *others)
+            if test.equation == equation and test.channel in self.data.channels
+        ]
+
     @property
     def clean(self) -> bool:
         """True if nothing was found: no dependence of any kind, no mode's, no colour."""

@@ -259,11 +259,9 @@ def _chosen(
 ) -> list[_Panel]:
     """Channels of the findings first, then those of the largest shares."""
     channels = report.data.channels
-    of_all = [test for test in report.tests if test.mode is None]
-    others = [test for test in of_all if test.kind not in ("lag", "residual lag")]
     panels: dict[str, _Panel] = {}
-    for test in [*report.findings, *others]:
-        if test.equation == equation and test.channel in channels and test.channel not in panels:
+    for test in report.against_channels(equation):
+        if test.channel not in panels:
             parts = report.data.pairs.get(test.channel, (test.channel,))
             named = ("time",) if test.kind == "time" else parts
             # of a lag only what is new beyond the channel now is drawn, as it was tested

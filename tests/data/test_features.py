@@ -76,6 +76,17 @@ def test_functions_at_one_point_are_those_of_its_row():
     assert np.array_equal(feature_map.at(X[0]), expected)
 
 
+def test_rows_of_a_simulation_that_runs_away_have_values_all_the_same():
+    library = FunctionLibrary([lambda x: x, lambda x: x**3])
+    library_map = FeatureMap(library, np.array([[1.0], [2.0]]), ["x"])
+    far = np.array([[3.0], [1e93], [1e200]])
+    np.testing.assert_array_equal(
+        library_map.at_rows(far), [[3.0, 27.0], [1e93, 1e279], [1e200, np.inf]]
+    )
+    with pytest.raises(ValueError, match="lost in double precision"):
+        library_map.library.transform(far)
+
+
 def test_one_function_twice_keeps_both_names():
     library = FunctionLibrary([np.sin, np.sin], names=["sin({})", "again({})"]).fit(X[:, :1])
     assert list(library.get_feature_names_out(["x"])) == ["sin(x)", "again(x)"]

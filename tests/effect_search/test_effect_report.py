@@ -414,6 +414,13 @@ def test_the_page_of_an_exact_model_has_no_picture_of_nothing():
     assert report.clean and any("zero to rounding" in words for words in page.words)
 
 
+def test_a_page_without_a_test_to_draw_has_the_verdicts_all_the_same(report):
+    leftover = replace(report.residual_before, tests=())
+    page = replace(report, residual_before=leftover, residual_after=leftover).to_html()
+    assert "Left over by the declared model" in page
+    assert "against what tells most about it" not in page
+
+
 # --- the documentation ------------------------------------------------------------------------
 
 ROOT = Path(__file__).parents[2]
