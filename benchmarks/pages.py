@@ -60,7 +60,7 @@ RECORDINGS = (
     "python -m benchmarks.undeclared --recordings --seeds 10 --first-seed 10 --pairs 0 --clean 9 "
     "--draw 54 --docs docs"
 )
-FRESH = "python -m benchmarks.undeclared --fresh 40 --first-seed 23001 --docs docs"
+FRESH = "python -m benchmarks.undeclared --fresh 40 --first-seed 24001 --docs docs"
 UNLISTED = (
     "python -m benchmarks.undeclared --unlisted --seeds 1 --first-seed 170 --draw 30 --docs docs"
 )

@@ -26,9 +26,10 @@ N_HELD = 4  # quarters of the training record
 N_START = 5  # samples that may tell the initial state, as the first of a test record may officially
 # A pump of 3 V holds a level of some 5 V, with time constants of a hundred seconds or two. The
 # coefficient of the pump fixes the unit of the upper level, which is open.
-RATE = 0.05
+RATE, SLOWER = 0.05, 0.04
 SPILL = 1.0  # 1/s: what is above an edge is gone within a sample
-START = {"upper": 8.0, "lower": 6.0, "arriving": 2.8}
+OFF = -1.0  # V, of a sensor with a curve, to begin with; it reads 5.2 V at the first sample
+START = {"upper": 8.0, "lower": 6.6, "arriving": 2.8}
 
 
 def _root(level):
@@ -54,9 +55,9 @@ ON_THE_WAY = {
 LAWS = {
     "upper": {"pump": RATE, "root upper": -RATE, "upper": 0.0, "upper overflow": -SPILL},
     "lower": {
-        "root upper": RATE,
-        "arriving": RATE,
-        "root lower": -RATE,
+        "root upper": SLOWER,
+        "arriving": SLOWER,
+        "root lower": -SLOWER,
         "lower": 0.0,
         "upper overflow": 0.5 * SPILL,
         "lower overflow": -SPILL,
@@ -155,4 +156,4 @@ def _sensor(columns: list[str], n_lines: int) -> ParametricLibrary:
         return ParametricLibrary({"level": lambda lower: np.minimum(lower, FULL)}, columns)
     kind = Parameter.POSITIONAL_OR_KEYWORD
     read.__signature__ = Signature([Parameter(name, kind) for name in ("lower", *names)])
-    return ParametricLibrary({"level": read}, columns, dict.fromkeys(names, 0.0))
+    return ParametricLibrary({"level": read}, columns, dict.fromkeys(names, OFF))

@@ -125,8 +125,10 @@ class EffectData:
 
     @cached_property
     def usual_errors(self) -> tuple[Array, Array]:
-        """The same of the rows without gross errors."""
-        usual = ~np.isin(self.rows, self.aside)
+        """The same of rows of a sure mode without gross errors; of all if there are none."""
+        usual = ~np.isin(self.rows, self.aside) & self.mode_known
+        if not usual.any():
+            return self.errors
         before, after = (root_mean_square(errors[usual]) for errors in self.residuals)
         return before, after
 

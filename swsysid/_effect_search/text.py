@@ -58,23 +58,28 @@ def _fall(report: EffectContents, with_them: str) -> str:
     """By how much the effects lower an error, with gross rows and, where they hide it, without."""
     every = [np.array(report.errors[place]["held_out"]) for place in (0, -1)]
     usual = every if report.data is None else report.data.usual_errors
-    told = f"{with_them} the held-out error of"
+    told, unsure = f"{with_them} the held-out error of", " or whose mode is not sure"
+    which = f"without the rows set aside{'' if _modes_are_sure(report) else unsure}"
     (target, fall), (other, usual_fall) = (_largest_fall(report, *one) for one in (every, usual))
     if max(fall, usual_fall) < REPORT.worth_telling:
         return _lowers_nothing(report)
     if fall < REPORT.worth_telling:
         return (
-            f"{told} {_rate_of(report, other)}, without the rows set aside, is "
-            f"{_instead(usual, other)}; that of all rows is no lower"
+            f"{told} {_rate_of(report, other)}, {which}, is {_instead(usual, other)}; that of all "
+            "rows is no lower"
         )
     hidden = other == target and fall < REPORT.hidden * usual_fall
-    without = f", and {_instead(usual, target)} without the rows set aside" if hidden else ""
+    without = f", and {_instead(usual, target)} {which}" if hidden else ""
     return f"{told} {_rate_of(report, target)} is {_instead(every, target)}{without}"
 
 
 def _instead(errors: Sequence[Array], state: int) -> str:
     before, after = errors
     return f"{after[state]:.4g} instead of {before[state]:.4g}"
+
+
+def _modes_are_sure(report: EffectContents) -> bool:
+    return report.data is None or bool(report.data.mode_known.all())
 
 
 def _rate_of(report: EffectContents, state: int) -> str:
