@@ -73,10 +73,9 @@ def rows() -> list[FreeRun]:
     data = fetch_cascaded_tanks()
     simple = _refined(_model(FLOWS | LINEAR), data.train)
     full = _refined(_model(FLOWS | LINEAR | OVERFLOWS), data.train)
-    edge = full.model.feature_map.library.parameters["edge"]
-    curves = {f"a sensor's curve of {n} lines": _model(FLOWS | OVERFLOWS, n, edge) for n in LINES}
+    curves = {f"a sensor's curve of {n} lines": _model(FLOWS | OVERFLOWS, n) for n in LINES}
     late = {
-        f"{name}, and water on its way": _model(FLOWS | OVERFLOWS | ON_THE_WAY, n, edge)
+        f"{name}, and water on its way": _model(FLOWS | OVERFLOWS | ON_THE_WAY, n)
         for name, n in zip(curves, LINES, strict=True)
     }
     candidates = {"nothing more": full.model} | curves | late
@@ -112,7 +111,7 @@ def _on_test(result: RefinementResult, test) -> np.ndarray:
     return free_run(result, result.initial_states[0], test)
 
 
-def _model(terms, n_lines: int = 0, edge: float = 1.2 * FULL) -> StatedModel:
+def _model(terms, n_lines: int = 0) -> StatedModel:
     """The tanks with some of the flows, and a sensor whose curve is so many straight lines."""
     states = [state for state, law in LAWS.items() if not law.keys().isdisjoint(terms)]
     columns = [*states, "pump"]
@@ -124,7 +123,7 @@ def _model(terms, n_lines: int = 0, edge: float = 1.2 * FULL) -> StatedModel:
     if "arriving" in terms:  # in the place of what leaves the upper tank
         place = states.index("lower"), list(terms).index("root upper")
         law[place], free[place] = 0.0, False
-    known = {"edge": edge, "delay": 4.0}
+    known = {"edge": 1.2 * FULL, "delay": 4.0}
     used = {"edge": "upper overflow", "delay": "delayed"}
     return StatedModel(
         ParametricLibrary(
