@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def blocks(n_samples: int, n_blocks: int, n_start: int = 0) -> list[slice]:
 
 
 def held_out_errors(
-    models: Mapping[str, StatedModel],
+    models: Mapping[str, StatedModel | Sequence[StatedModel]],
     record: Mapping,
     held: Iterable[slice],
     options: Callable[[StatedModel], Mapping] = lambda model: {},
@@ -26,14 +26,24 @@ def held_out_errors(
     """Error of every model on stretches whose output counts as missing while it is refined.
 
     The free run goes through the whole record; the inputs of a held stretch are known, as those
-    of a test record are. What else the refinement of a model asks for, its `options` say.
+    of a test record are. What else the refinement of a model asks for, its `options` say. Of
+    several starts of a model the one counts that fits best what is seen.
     """
     return {
-        name: float(
-            np.sqrt(np.mean([_error(model, record, block, options(model)) ** 2 for block in held]))
-        )
-        for name, model in models.items()
+        name: float(np.sqrt(np.mean([_error(one, record, part, options) ** 2 for part in held])))
+        for name, one in models.items()
     }
+
+
+def best_start(
+    starts: StatedModel | Sequence[StatedModel],
+    record: Mapping,
+    options: Callable[[StatedModel], Mapping],
+) -> RefinementResult:
+    """The refinement that fits a record best, of several starts."""
+    listed = [starts] if isinstance(starts, StatedModel) else starts
+    refined = [refine(one, record, **options(one)) for one in listed]
+    return min(refined, key=lambda one: float(np.sum(one.rmse_after)))
 
 
 def best_of(errors: Mapping[str, float]) -> str:
@@ -53,11 +63,17 @@ def free_run(result: RefinementResult, start, record: Mapping, **options) -> np.
     return result.model.measure(run.x, inputs[: len(run.x)])[:, 0]
 
 
-def _error(model: StatedModel, record: Mapping, block: slice, options: Mapping) -> float:
+def _error(
+    starts: StatedModel | Sequence[StatedModel],
+    record: Mapping,
+    block: slice,
+    options: Callable[[StatedModel], Mapping],
+) -> float:
     x = np.array(record["x"], dtype=float).reshape(len(record["t"]), -1)
     seen = x.copy()
     seen[block] = np.nan
-    result = refine(model, {**record, "x": seen}, **options)
-    hold = {name: options[name] for name in ("input_hold",) if name in options}
+    result = best_start(starts, {**record, "x": seen}, options)
+    asked = options(result.model)
+    hold = {name: asked[name] for name in ("input_hold",) if name in asked}
     simulated = free_run(result, result.initial_states[0], record, rtol=1e-4, atol=1e-6, **hold)
     return Run(simulated[: block.stop][block], x[block, 0]).error()
