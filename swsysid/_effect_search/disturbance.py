@@ -5,7 +5,7 @@ of whatever moves as slowly. Each effect found has therefore to show that it pre
 its regression has not seen better than the past of the residual itself does: likelihoods are
 compared with a force that is forgotten slowly beneath the noise, with the effect and without it.
 And what is known from a few stretches alone, if the noise there is that of the rest, is not known
-where such a force comes and goes.
+where such a force comes and goes that may do as much.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from swsysid._effect_search.acceptance import FEW_STRETCHES, Finding, confirmed
 from swsysid._effect_search.slow_forces import SlowForces
 from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._results import Array
 from swsysid.effects import (
     GuardEffect,
     MeasurementEffect,
@@ -41,7 +42,7 @@ def with_disturbances(
     if kept is not structure:
         structure, findings = confirmed(context, kept)
     added = _found(forces, structure, usable[0])
-    unsure = _unsure(findings, {one.candidate.target for one in added})
+    unsure = _unsure(context, structure, findings, added)
     if unsure:
         fewer, left = confirmed(context, _without(context, structure, unsure))
         return with_disturbances(context, fewer, left, n_candidates)
@@ -69,15 +70,29 @@ def _found(
     return added
 
 
-def _unsure(findings: Findings, forced: set[int]) -> tuple[int, ...]:
-    """Effects of which a few stretches tell, in equations with a force that nobody knows."""
-    # one more mode is in every equation
-    return tuple(
-        place
-        for place, one in enumerate(findings)
-        if FEW_STRETCHES in one.doubts and forced
-        if one.candidate.target in forced or isinstance(one.candidate.effect, StructureEffect)
-    )
+def _unsure(
+    context: SearchContext, structure: Structure, findings: Findings, forces: list[Finding]
+) -> tuple[int, ...]:
+    """Effects of which a few stretches tell, and no more than a force may do that is there too."""
+    places = [place for place, one in enumerate(findings) if FEW_STRETCHES in one.doubts]
+    sizes = {one.candidate.target: one.candidate.theta[0] for one in forces}
+    unsure = []
+    for place in places if sizes else []:
+        term = findings[place].candidate
+        fewer = _squares(context, context.without(structure, place))
+        explained = fewer - _squares(context, structure)
+        # one more mode is in every equation
+        own = sizes if isinstance(term.effect, StructureEffect) else sizes.keys() & {term.target}
+        if any(explained[target] < sizes[target] ** 2 for target in own):
+            unsure.append(place)
+    return tuple(unsure)
+
+
+def _squares(context: SearchContext, structure: Structure) -> Array:
+    """Mean squares of what a structure leaves over of the rows of a search, (n_states,)."""
+    data = context.data
+    left = structure.fit.residuals(data.records, data.rows, data.targets)
+    return np.asarray(np.mean(left**2, axis=0))
 
 
 def _without(context: SearchContext, structure: Structure, group: tuple[int, ...]) -> Structure:
