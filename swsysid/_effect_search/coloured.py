@@ -161,6 +161,15 @@ class Coloured:
         left[1:] += (squares - known**2)[:-1]
         return determinants, left
 
+    def totals(self, y: Array, where: Stretches) -> tuple[float, float]:
+        """The sums of these, in less than half of their time: log det C and y'C^-1 y."""
+        if self.size == 0.0:
+            return 0.0, float(y @ y)
+        factor, precision = self._factor(where)
+        known, _ = dtbtrs(factor, y, uplo="U", trans="T")
+        determinant = 2.0 * float(np.log(factor[1]).sum()) - float(np.log(precision).sum())
+        return determinant, float(y @ y - known @ known)
+
     def precise(self, columns: Array, where: Stretches) -> Array:
         """The inverse of the covariance of all samples times some columns, shaped like these."""
         if self.size == 0.0:
@@ -222,9 +231,9 @@ def coloured(
         # the noise of highest likelihood is known for each ratio of the force to it
         ratio, time = np.exp(np.clip(logs, -300.0, 300.0)).tolist()
         unit = Coloured(ratio, min(max(time, 0.5 * step), longest), 1.0)
-        determinants, squares = unit.parts(y, where)
-        variance = max(float(squares.mean()), (1e-4 * whole) ** 2)
-        cost = 0.5 * float(np.sum(np.log(variance) + determinants + squares / variance))
+        determinant, squares = unit.totals(y, where)
+        variance = max(squares / len(y), (1e-4 * whole) ** 2)
+        cost = 0.5 * (len(y) * float(np.log(variance)) + determinant + squares / variance)
         noise = float(np.sqrt(variance))
         return Coloured(ratio * noise, unit.time_constant, noise), cost
 

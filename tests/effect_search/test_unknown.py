@@ -248,6 +248,9 @@ def test_the_likelihood_and_the_smoother_are_those_of_the_dense_matrices():
     firsts = range(1, 13)
     dense = [multivariate_normal(np.zeros(n), total[:n, :n]).logpdf(y[:n]) for n in firsts]
     np.testing.assert_allclose(np.cumsum(model.log_likelihood(y, where)), dense, rtol=1e-10)
+    np.testing.assert_allclose(
+        model.totals(y, where), [part.sum() for part in model.parts(y, where)], rtol=1e-10
+    )
     mean, deviation = model.course(y, where)
     np.testing.assert_allclose(mean, force @ np.linalg.solve(total, y), atol=1e-12)
     variance = np.diag(force - force @ np.linalg.solve(total, force))
