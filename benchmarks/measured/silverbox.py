@@ -5,8 +5,7 @@ error; it needs the input between samples, and takes it from a few samples on bo
 weights are refined with the rest. What the cubic spring then leaves over in the training record
 is the damping, which grows with the deflection at first, and the phase of the output. Whether they
 enter is decided on a part of the training record. Where the damping bends is looked for among the
-deflections there: far beyond them it is a straight line, which fits worse and has a minimum of its
-own.
+deflections there: a bend far beyond them is none, and a refinement that has gone there stays.
 """
 
 from __future__ import annotations

@@ -147,9 +147,7 @@ class Coloured:
         """
         if self.size == 0.0:
             return np.zeros_like(y), y**2
-        factor, precision = self._factor(where)
-        coupling, pivots = factor
-        known, _ = dtbtrs(factor, y, uplo="U", trans="T")
+        (coupling, pivots), precision, known = self._reduced(y, where)
         # the last pivot of the samples up to each one, which no later one has had a part in
         last = np.sqrt(precision + 1.0 - coupling**2)
         squares = (known * pivots / last) ** 2  # of what is known of the force at the last sample
@@ -162,12 +160,11 @@ class Coloured:
         return determinants, left
 
     def totals(self, y: Array, where: Stretches) -> tuple[float, float]:
-        """The sums of these, in less than half of their time: log det C and y'C^-1 y."""
+        """Their sums alone, log det C and y'C^-1 y, which a search for the model asks for often."""
         if self.size == 0.0:
             return 0.0, float(y @ y)
-        factor, precision = self._factor(where)
-        known, _ = dtbtrs(factor, y, uplo="U", trans="T")
-        determinant = 2.0 * float(np.log(factor[1]).sum()) - float(np.log(precision).sum())
+        (_, pivots), precision, known = self._reduced(y, where)
+        determinant = 2.0 * float(np.log(pivots).sum()) - float(np.log(precision).sum())
         return determinant, float(y @ y - known @ known)
 
     def precise(self, columns: Array, where: Stretches) -> Array:
@@ -190,6 +187,12 @@ class Coloured:
             later = (1.0 + coupling**2 * later) / factor[1, place] ** 2
             variance[place] = later
         return mean, self.noise * np.sqrt(variance)
+
+    def _reduced(self, y: Array, where: Stretches) -> tuple[Array, Array, Array]:
+        """What `_factor` gives, and U'^-1 y for its factor U."""
+        factor, precision = self._factor(where)
+        known, _ = dtbtrs(factor, y, uplo="U", trans="T")
+        return factor, precision, known
 
     def _factor(self, where: Stretches) -> tuple[Array, Array]:
         """Cholesky factor of A, upper banded, and the precision of each sample given the last.

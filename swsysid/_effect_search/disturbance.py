@@ -76,8 +76,10 @@ def _unsure(
     """Effects of which a few stretches tell, and no more than a force may do that is there too."""
     places = [place for place, one in enumerate(findings) if FEW_STRETCHES in one.doubts]
     sizes = {one.candidate.target: one.candidate.theta[0] for one in forces}
+    if not sizes:
+        return ()
     unsure = []
-    for place in places if sizes else []:
+    for place in places:
         term = findings[place].candidate
         fewer = _squares(context, context.without(structure, place))
         explained = fewer - _squares(context, structure)

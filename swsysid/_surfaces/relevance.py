@@ -170,7 +170,7 @@ def _loss(values: Array, log_ratio: Array, weight: Array) -> Array:
 
 
 def _gate(values: Array) -> tuple[Array, Array]:
-    """sigma(z) and its derivative, in a fifth of the time of ``scipy.special.expit``."""
+    """sigma(z) and its derivative, from the one exponential that both need."""
     small = np.exp(-np.abs(values))
     unlikely = small / (1.0 + small)
     likely = 1.0 - unlikely
