@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._cli.from_recordings import FromRecordings, identify_recordings
 from swsysid._cli.options import JobOptions
@@ -19,6 +18,7 @@ from swsysid._cli.samples import Samples, measure
 from swsysid._cli.settings import JUDGING
 from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Comparison, Rival, Split, Verdict, count_switches, hold_out
+from swsysid._data.features import Monomials
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._tables.table import Table
 
@@ -182,7 +182,7 @@ def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> 
     everything = list(range(X.shape[1]))
     errors = []
     for columns in (everything[samples.n_known :], everything):
-        design = PolynomialFeatures(options.library_degree or 1).fit_transform(X[:, columns])
+        design = Monomials.up_to(options.library_degree or 1, len(columns))(X[:, columns])
         residuals = np.full_like(targets, np.nan)
         for mode in np.unique(modes):
             for held in range(n_blocks):

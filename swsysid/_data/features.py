@@ -9,6 +9,7 @@ from itertools import combinations
 from math import comb, prod
 
 import numpy as np
+from sklearn import config_context
 from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.preprocessing import PolynomialFeatures
 
@@ -227,7 +228,8 @@ class FeatureMap:
     """
 
     def __init__(self, library, X, names: Sequence[str]):
-        self.library = _as_transformer(library, X.shape[1]).fit(X)
+        with _arrays():
+            self.library = _as_transformer(library, X.shape[1]).fit(X)
         self.names_in = list(names)
         self._monomials = None
         # Polynomial libraries tell their size before they have made anything of it.
@@ -255,7 +257,7 @@ class FeatureMap:
         known = self.library if self._monomials is None else self._monomials
         if isinstance(known, (Monomials, FunctionLibrary)):
             return known.at(point)
-        return np.asarray(known.transform(point[None, :]), dtype=float)[0]
+        return self._transformed(point[None, :])[0]
 
     @property
     def powers(self) -> np.ndarray | None:
@@ -299,7 +301,19 @@ class FeatureMap:
                     return self._monomials(X)
                 if isinstance(self.library, FunctionLibrary):
                     return self.library.at_rows(X)
+            return self._transformed(X)
+
+    def _transformed(self, X) -> np.ndarray:
+        with _arrays():
             return np.asarray(self.library.transform(X), dtype=float)
+
+
+def _arrays():
+    """Steps of a library hand arrays on, also where scikit-learn is set to make data frames.
+
+    Those name their columns x0, x1, ..., and a later step then refuses the names of the user.
+    """
+    return config_context(transform_output="default")
 
 
 def check_degree(name: str, degree: int, n_columns: int) -> None:

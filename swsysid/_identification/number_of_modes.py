@@ -8,8 +8,8 @@ from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.preprocessing import PolynomialFeatures
 
+from swsysid._data.features import Monomials
 from swsysid._data.rows import thinned_rows
 from swsysid._identification.settings import ModeCountSettings
 from swsysid._noise import mixed_with_outliers, robust_scale
@@ -138,9 +138,10 @@ def smooth_rival(problem, search, n_modes: int, random_state) -> int | None:
 
 def _smooth_residuals(preparation: Preparation, train: _Part, test: _Part, degree: int) -> Array:
     """Held-out residuals of one robust law of features and monomials, in the units of a seed."""
+    monomials = Monomials.up_to(degree, train.points.shape[1])
 
     def design(part: _Part) -> Array:
-        return np.hstack([part.rows[0], PolynomialFeatures(degree).fit_transform(part.points)])
+        return np.hstack([part.rows[0], monomials(part.points)])
 
     def samples(part: _Part) -> Samples:
         return preparation(*part.rows, part.weight)

@@ -8,8 +8,8 @@ from math import comb
 
 import numpy as np
 from scipy.special import log_softmax
-from sklearn.preprocessing import PolynomialFeatures
 
+from swsysid._data.features import Monomials
 from swsysid._results import Array
 from swsysid._seeding.designs import Basis, WhitenedRows, centre_and_scale, whiten
 from swsysid._seeding.settings import DEFAULTS, SeedingSettings
@@ -28,13 +28,13 @@ class GateFeatures:
     def of(cls, coordinates: Array, degree: int, weights: Array) -> GateFeatures:
         """Centre, scale and whiten the monomials of some coordinates."""
         centre, scale = centre_and_scale(coordinates, weights)
-        design = PolynomialFeatures(degree).fit_transform((coordinates - centre) / scale)
+        design = Monomials.up_to(degree, coordinates.shape[1])((coordinates - centre) / scale)
         return cls(centre, scale, degree, whiten(design, weights))
 
     def __call__(self, coordinates: Array) -> WhitenedRows:
         """The features at the rows of `coordinates`."""
         points = (coordinates - self.centre) / self.scale
-        return self.basis(PolynomialFeatures(self.degree).fit_transform(points))
+        return self.basis(Monomials.up_to(self.degree, points.shape[1])(points))
 
     def count(self, degree: int) -> int:
         """How many features span the polynomials up to a degree; they come first."""
