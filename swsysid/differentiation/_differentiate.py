@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from swsysid._checks.arrays import names_of, table
 from swsysid._checks.parameters import flag, one_of, real, whole
 from swsysid._data.trajectories import group_labels, trajectories
+from swsysid.differentiation._counting import warn_of_counting
 from swsysid.differentiation._derivatives import Derivatives, rates_appended
 from swsysid.differentiation._record import Record, measured_rows, record_of
 from swsysid.differentiation._rest import at_rest, loudness, thinned
@@ -85,7 +86,8 @@ def differentiate(
         actual times. ``"butterworth"`` is a fourth-order low-pass run forward and backward
         (no phase), then central differences: the standard of robot identification; it needs
         even sampling. ``"finite_difference"`` does not smooth. An object is a PySINDy
-        differentiator, called as ``method(x, t)``; it does not filter the inputs.
+        differentiator, called as ``method(x, t)``; it does not filter the inputs. One that counts
+        samples instead of reading the times is told by a warning, with the size of its error.
     inputs : array-like of shape (n_samples, n_inputs), default=None
         Appended to X after the same filter, because filtering one side of an equation only
         biases it.
@@ -143,6 +145,9 @@ def differentiate(
     record = record_of(states, times, labels, clipped, uneven=_takes_uneven(method), names=own)
     options = (window, degree, cutoff, decimate, too_short)
     smoother = _strength(record, method, order, *options).smoother
+    if not isinstance(method, str):
+        runs = [(states[rows], times[rows]) for rows in record.stretches]
+        warn_of_counting(smoother, runs, record.quantum, degree)
     names = rates_appended(own, names_of(inputs, signals.shape[1], "u"), order)
     # An object of PySINDy's is not a filter that could be applied to the inputs too.
     filter_inputs = filter_inputs and isinstance(method, str) and signals.shape[1] > 0
@@ -160,7 +165,9 @@ def differentiate(
             if filter_inputs:
                 extra = smoother(signals[index], times[index], None)[0][0]
             X, Xdot = np.hstack([*jets[:order], extra]), np.hstack([*jets[1 : order + 1]])
-            loud = loudness(jets, smoother, times[index], noise)
+            # how far an object reaches is not told by the rows that it lacks
+            reach = trim if isinstance(method, str) else len(index)
+            loud = loudness(jets, smoother, times[index], noise, reach)
             still = at_rest(jets[0], loud, trim, noise)
             parts = (X, Xdot, times[kept], labels[kept], still, loud)
             pieces.append([part[::decimate] for part in parts])

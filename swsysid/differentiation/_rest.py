@@ -12,12 +12,14 @@ from swsysid.differentiation._smoothing import Array, Smoother
 from swsysid.differentiation._strength import kernels_of
 
 
-def loudness(jets: Array, smoother: Smoother, times: Array, noise: Array) -> Array:
-    """Largest derivative of each smoothed row, in units of what noise may make of one."""
-    half = (len(times) - jets.shape[1]) // 2
+def loudness(jets: Array, smoother: Smoother, times: Array, noise: Array, reach: int) -> Array:
+    """Largest derivative of each smoothed row, in units of what noise may make of one.
+
+    A row is made of measurements that are up to `reach` rows away.
+    """
     found = np.zeros(jets.shape[1])
     for level in (1, 2):
-        gain = float(np.linalg.norm(kernels_of([smoother], times, half, level)[0]))
+        gain = float(np.linalg.norm(kernels_of([smoother], times, reach, level)[0]))
         size = np.abs(jets[level])
         least = np.maximum(SETTINGS.sure * gain * noise, SETTINGS.standing * size.max(axis=0))
         found = np.maximum(found, (size / np.where(least > 0.0, least, 1.0)).max(axis=1))

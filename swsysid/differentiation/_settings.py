@@ -76,10 +76,13 @@ class Settings:
     rounding_margin: float = 1.7
     rounding_reach: float = 30.0
 
-    # -- smoothing: relative deviation of the steps up to which sampling counts as even, and rows
-    # smoothed at a time, which bounds the memory
+    # -- smoothing: relative deviation of the steps up to which sampling counts as even (and of a
+    # line's slope up to which the times are known), and rows smoothed at a time, which bounds the
+    # memory
     even: float = 1e-3
     rows_at_a_time: int = 20_000
+    # an error that grows by less than a tenth is not worth a warning
+    noticed: float = 1.1
 
 
 SETTINGS = Settings()
