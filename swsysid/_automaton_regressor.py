@@ -253,9 +253,9 @@ class HybridAutomatonRegressor(BaseEstimator):
         """The automaton that `to_dict` wrote; as `HybridAutomaton.from_dict`."""
         return HybridAutomaton.from_dict(told)
 
-    def to_spaceex(self, path, component="automaton"):
-        """Write a SpaceEx model; as `HybridAutomaton.to_spaceex`."""
-        self._fitted.to_spaceex(path, component)
+    def to_spaceex(self, path, component="automaton", **start):
+        """Write a SpaceEx model and how it is run; as `HybridAutomaton.to_spaceex`."""
+        self._fitted.to_spaceex(path, component, **start)
 
     # -- parts of fit ------------------------------------------------------------------------
 

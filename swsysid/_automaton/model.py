@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
@@ -14,10 +13,10 @@ from swsysid._automaton.documents import document_of, parts_of
 from swsysid._automaton.equations import transition_equation
 from swsysid._automaton.parts import AutomatonParts, check_lags
 from swsysid._automaton.rollouts import roll_out
-from swsysid._automaton.spaceex import spaceex_model
+from swsysid._automaton.spaceex import spaceex_model, spaceex_settings
 from swsysid._automaton.spaceex_reading import read_spaceex
-from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
-from swsysid._checks.parameters import shown
+from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement, constants_of
+from swsysid._checks.parameters import flag, shown
 from swsysid._results import Trajectory
 from swsysid._simulation.law_equations import law_equations
 
@@ -213,52 +212,92 @@ class HybridAutomaton(AutomatonParts):
         """
         return cls(*parts_of(told))
 
-    def to_spaceex(self, path: str | Path, component: str = "automaton") -> None:
-        """Write a SpaceEx model: a component with a location for each mode.
+    def to_spaceex(
+        self,
+        path: str | Path,
+        component: str = "automaton",
+        *,
+        x0: ArrayLike | None = None,
+        t: ArrayLike | None = None,
+        mode: int | None = None,
+    ) -> None:
+        """Write a SpaceEx model, and beside it how it is run, as a ``.cfg``.
 
-        A location has the law of its mode as flow and, as transitions here are urgent, an invariant
-        that ends where one of its guards becomes positive. Clocks in guards are further variables,
-        ``dwell`` and ``time``. Names of states and inputs are made to fit where need be. What
-        SpaceEx does not know is not written: the mode at the start, and the support of transitions.
+        The model is a component with a location for each mode. A location has the law of its mode
+        as flow and, as transitions here are urgent, an invariant that ends where one of its guards
+        becomes positive. A guard is written with its time derivative (``h <= 0 & v <= 0``), as it
+        is taken where it rises; of a guard with inputs the derivative is not known. Clocks are
+        further variables, ``dwell`` and ``time``; names are made to fit. What SpaceEx cannot say:
+        that a mode entered beyond one of its guards is left at once (there it cannot be entered).
 
         Parameters
         ----------
         path : str or path
+            Of the model; the ``.cfg`` has the same name otherwise.
         component : str, default="automaton"
-            Name of the component.
+        x0 : array-like of shape (n_states,), default=None
+            The state at the start; None is the first recorded one. A comment in the ``.cfg`` says
+            what is not known.
+        t : array-like of shape (n_times,), default=None
+            Times, which tell the horizon and the sampling.
+        mode : int, default=None
+            The mode at the start; None is that of the first recorded state.
 
         Raises
         ------
         ValueError
-            In discrete time.
+            In discrete time, or if an argument is of another shape.
         TypeError
             If the features are no monomials.
         OSError
-            If the file cannot be written.
+            If a file cannot be written.
         """
         if self.discrete_time:
             raise ValueError("SpaceEx models have continuous time; use to_dict for this automaton.")
-        Path(path).write_bytes(spaceex_model(self, component))
+        if not isinstance(component, str):
+            raise TypeError(f"component={shown(component)} must be the name of the component.")
+        written = spaceex_model(self, component)
+        settings = spaceex_settings(self, component, x0, t, mode)
+        Path(path).write_bytes(written)
+        Path(path).with_suffix(".cfg").write_text(settings, encoding="utf-8")
 
     @classmethod
     def from_spaceex(
-        cls, path: str | Path, parameters: Mapping[str, float] | None = None
+        cls,
+        path: str | Path,
+        parameters: Mapping[str, float] | None = None,
+        *,
+        component: str | None = None,
+        urgent: bool = False,
     ) -> HybridAutomaton:
-        """The automaton of a SpaceEx model that `to_spaceex` wrote, or of one like it.
+        """The automaton of a SpaceEx model that `to_spaceex` wrote, or of one that means the same.
 
-        That is a model of one component with polynomial flows (one equation for each variable), one
-        polynomial inequality as guard of each transition, affine assignments, and no invariant but
-        those that end where a guard begins.
+        Networks are resolved: templates get the names and numbers of their binds, and instances
+        run side by side, a mode for each combination of their locations. Flows are polynomials,
+        assignments affine, and guards one polynomial inequality; a further condition must hold
+        wherever the first rises to zero.
+
+        SpaceEx transitions may be taken while their guard holds and must be taken where the
+        invariant ends; here they are taken where their guard rises to zero. A model is read where
+        that is the same: every invariant ends where a guard begins, or never; no guard begins
+        earlier; and where a transition leads, the invariant holds. Anything else is refused.
 
         Parameters
         ----------
         path : str or path
         parameters : dict of str to float, default=None
-            Values of the constants of the model.
+            Values of the constants that the model leaves open.
+        component : str, default=None
+            The component that is the system; None is the one that is no part of another one.
+        urgent : bool, default=False
+            True lets the guards alone decide: transitions are taken as soon as they may be, and
+            invariants are left out.
 
         Returns
         -------
         HybridAutomaton
+            States are named as in the model; one called dwell or time that is no clock gets a
+            number, and a variable of an instance its name before its own.
 
         Raises
         ------
@@ -276,17 +315,18 @@ class HybridAutomaton(AutomatonParts):
         ...     [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
         ... )
         >>> path = Path(tempfile.mkdtemp()) / "ball.xml"
-        >>> ball.to_spaceex(path)
+        >>> ball.to_spaceex(path, x0=[4.0, 0.0], t=[0.0, 0.01, 3.0])
         >>> HybridAutomaton.from_spaceex(path).equations() == ball.equations()
         True
         """
-        model = read_spaceex(Path(path).read_bytes(), parameters or {})
+        constants = constants_of(parameters)
+        model = read_spaceex(Path(path).read_bytes(), constants, component, flag("urgent", urgent))
         return cls.stated(
             model.laws,
             model.transitions,
             states=model.states,
             inputs=model.inputs,
-            parameters=parameters,
+            parameters=constants,
         )
 
     # -- rollouts ----------------------------------------------------------------------------------
@@ -361,22 +401,3 @@ class HybridAutomaton(AutomatonParts):
         [1.428, 3.712]
         """
         return roll_out(self, x0, t, inputs, mode, input_hold, options)
-
-
-@runtime_checkable
-class FittedAutomaton(Protocol):
-    """An estimator that has identified an automaton."""
-
-    automaton_: HybridAutomaton
-
-
-def automaton_of(model: object) -> HybridAutomaton:
-    """The automaton of a fitted estimator, or an automaton itself; anything else is refused."""
-    if isinstance(model, FittedAutomaton) and not isinstance(model, type):
-        model = model.automaton_
-    if not isinstance(model, HybridAutomaton):
-        raise TypeError(
-            f"{shown(model)} is no automaton and has none; give a HybridAutomaton, or an estimator "
-            "that has been fitted to one."
-        )
-    return model

@@ -1,7 +1,4 @@
-"""Polynomials from text: a small reader of arithmetic that knows names and runs no code.
-
-A polynomial is a dict from exponents, one for each column, to coefficients.
-"""
+"""Polynomials from text: a small reader of arithmetic that knows names and runs no code."""
 
 from __future__ import annotations
 
@@ -10,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from swsysid._automaton.columns import other_names
+from swsysid._automaton.polynomials import Polynomial, negative, nonzero, product, total
 from swsysid._automaton.settings import SETTINGS
 from swsysid._checks.parameters import real, shown
-
-Polynomial = dict[tuple[int, ...], float]
 
 _NAME = r"[^\W\d]\w*(?:\[k(?:\s*-\s*\d+)?\])?"
 _TOKEN = re.compile(
@@ -35,7 +31,7 @@ def read_polynomial(text: object, columns: Sequence[str], constants: Mapping[str
     {(2, 0): 2.0, (1, 0): -0.1, (0, 1): 0.1}
     """
     if isinstance(text, (int, float)) and not isinstance(text, bool):
-        return _kept({(0,) * len(columns): real("a coefficient", text)})
+        return nonzero({(0,) * len(columns): real("a coefficient", text)})
     if not isinstance(text, str):
         raise TypeError(f"{shown(text)} is no polynomial; give a text, such as '2 x^2 - v'.")
     reader = _Reader(text, columns, constants)
@@ -47,7 +43,7 @@ def read_polynomial(text: object, columns: Sequence[str], constants: Mapping[str
         raise reader.refusal(f"ends in {reader.peek()!r}, which cannot be read")
     if not all(map(isfinite, value.values())):
         raise reader.refusal("has coefficients that are not finite")
-    return _kept(value)
+    return nonzero(value)
 
 
 def read_inequality(text: object, columns: Sequence[str], constants: Mapping[str, float]):
@@ -68,7 +64,7 @@ def read_inequality(text: object, columns: Sequence[str], constants: Mapping[str
     left, right = (read_polynomial(side, columns, constants) for side in sides)
     if "<" in relations[0]:
         left, right = right, left
-    return _kept(_sum(left, right, -1.0))
+    return nonzero(total(left, right, -1.0))
 
 
 class _Reader:
@@ -105,7 +101,7 @@ class _Reader:
         value = self.product()
         while self.peek() in ("+", "-"):
             sign = 1.0 if self.tokens.pop()[1] == "+" else -1.0
-            value = _sum(value, self.product(), sign)
+            value = total(value, self.product(), sign)
         return value
 
     def product(self) -> Polynomial:
@@ -122,8 +118,8 @@ class _Reader:
 
     def signed(self) -> Polynomial:
         if self.peek() in ("+", "-"):
-            sign = -1.0 if self.tokens.pop()[1] == "-" else 1.0
-            return {powers: sign * coef for powers, coef in self.signed().items()}
+            negated = self.tokens.pop()[1] == "-"
+            return negative(self.signed()) if negated else self.signed()
         return self.power()
 
     def power(self) -> Polynomial:
@@ -132,10 +128,10 @@ class _Reader:
             return base
         self.tokens.pop()
         kind, exponent = self.tokens.pop() if self.tokens else ("", "")
-        if kind != "number" or not exponent.isdigit():
+        if kind != "number" or not float(exponent).is_integer():
             raise self.refusal("has a power that is no whole number")
         value: Polynomial = {self.constant: 1.0}
-        for _ in range(min(int(exponent), SETTINGS.most_terms)):
+        for _ in range(int(min(float(exponent), SETTINGS.most_terms))):
             value = self.times(value, base)
         return value
 
@@ -162,27 +158,10 @@ class _Reader:
     def times(self, left: Polynomial, right: Polynomial) -> Polynomial:
         if len(left) * len(right) > SETTINGS.most_terms:
             raise self.refusal("has too many terms")
-        product: Polynomial = {}
-        for one, a in left.items():
-            for other, b in right.items():
-                powers = tuple(p + q for p, q in zip(one, other, strict=True))
-                product[powers] = product.get(powers, 0.0) + a * b
-        return product
+        return product(left, right)
 
     def quotient(self, value: Polynomial, by: Polynomial) -> Polynomial:
         divisor = by.get(self.constant, 0.0)
-        if len(_kept(by)) != 1 or not divisor:
+        if len(nonzero(by)) != 1 or not divisor:
             raise self.refusal("divides by something that is no number other than zero")
         return {powers: coef / divisor for powers, coef in value.items()}
-
-
-def _sum(left: Polynomial, right: Polynomial, sign: float) -> Polynomial:
-    total = dict(left)
-    for powers, coef in right.items():
-        total[powers] = total.get(powers, 0.0) + sign * coef
-    return total
-
-
-def _kept(value: Polynomial) -> Polynomial:
-    """Without the terms that are zero."""
-    return {powers: coef for powers, coef in value.items() if coef != 0.0}

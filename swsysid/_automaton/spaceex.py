@@ -1,7 +1,9 @@
 """An automaton as a SpaceEx model: one component with locations and transitions.
 
 SpaceEx transitions may be taken while their guard holds and must be taken where the invariant ends.
-The invariant of a location is therefore that no guard of its transitions has become positive.
+The invariant of a location is therefore that no guard of its transitions has become positive, and
+what is written as guard is that it rises: it is not negative, nor is its time derivative. A ball
+that has just left the ground would else jump for ever at one instant.
 """
 
 from __future__ import annotations
@@ -11,14 +13,22 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.parts import AutomatonParts
+from swsysid._automaton.polynomials import Polynomial, negative, nonzero, rate
+from swsysid._automaton.spaceex_network import NAMESPACE
 from swsysid._automaton.transitions import Transition
+from swsysid._checks.arrays import column, state
+from swsysid._checks.parameters import whole
 from swsysid._results import Array
 
-NAMESPACE = "http://www-verimag.imag.fr/xml-namespaces/sspaceex"
+#: The note of what is written, by which it is read again.
+MEANING = (
+    "Written by swsysid: a transition is taken at once where its guard rises to zero, and, where "
+    "its location is entered with the guard beyond zero, at that instant."
+)
 
 
 def spaceex_model(automaton: AutomatonParts, component: str) -> bytes:
@@ -32,16 +42,18 @@ def spaceex_model(automaton: AutomatonParts, component: str) -> bytes:
         )
     names = identifiers(feature_map.names_in)
     n_states = automaton.n_states
-    clocks = _clocks_used(transitions)
+    clocks = clocks_used(transitions)
+    columns = [*names, *CLOCKS]
     root = ElementTree.Element("sspaceex", xmlns=NAMESPACE, version="0.2", math="SpaceEx")
     body = ElementTree.SubElement(root, "component", id=identifiers([component])[0])
+    ElementTree.SubElement(body, "note").text = MEANING
     for place, name in enumerate([*names, *clocks]):
         controlled = place < n_states or place >= len(names)
         _add_parameter(body, name, controlled)
     for mode, law in enumerate(automaton.coef):
         location = ElementTree.SubElement(body, "location", id=str(mode + 1), name=f"mode{mode}")
         kept = [
-            f"{expression(one.guard.coef, one.guard.powers, [*names, *CLOCKS])} <= 0"
+            f"{expression(one.guard.coef, one.guard.powers, columns)} <= 0"
             for one in transitions
             if one.source == mode
         ]
@@ -53,10 +65,42 @@ def spaceex_model(automaton: AutomatonParts, component: str) -> bytes:
             f"{name}' == {flow}" for name, flow in zip(moving, flows, strict=True)
         )
     for one in transitions:
-        _add_transition(body, one, names, n_states, clocks)
+        rises = _rising(one, automaton.coef[one.source], powers)
+        guard = " & ".join(_not_negative(each, columns) for each in rises)
+        _add_transition(body, one, guard, _assigned(one, names[:n_states], clocks))
     ElementTree.indent(root)
     written: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
     return written + b"\n"
+
+
+def _rising(one: Transition, law: Array, powers: NDArray[np.intp]) -> list[Polynomial]:
+    """A guard, and its time derivative where that is known and may be negative."""
+    guard = _polynomial(one.guard.coef, one.guard.powers)
+    n_columns = one.guard.powers.shape[1]
+    wide = np.pad(powers, ((0, 0), (0, n_columns - powers.shape[1])))
+    laws = {state: _polynomial(row, wide) for state, row in enumerate(law)}
+    clocks = range(n_columns - len(CLOCKS), n_columns)
+    laws.update(dict.fromkeys(clocks, {(0,) * n_columns: 1.0}))
+    change = rate(guard, laws)
+    if change is None or all(coef > 0.0 and not any(row) for row, coef in change.items()):
+        return [guard]
+    return [guard, change]
+
+
+def _polynomial(coef: Array, powers: NDArray[np.intp]) -> Polynomial:
+    found: Polynomial = {}
+    for row, value in zip(map(tuple, powers.tolist()), coef.tolist(), strict=True):
+        found[row] = found.get(row, 0.0) + value
+    return nonzero(found)
+
+
+def _not_negative(polynomial: Polynomial, columns: Sequence[str]) -> str:
+    """The condition in the way in which most of its coefficients are positive."""
+    falling = all(coef < 0.0 for coef in polynomial.values())
+    shown = negative(polynomial) if falling else polynomial
+    powers = np.array(list(shown), dtype=np.intp).reshape(len(shown), len(columns))
+    text = expression(np.array(list(shown.values())), powers, columns)
+    return f"{text} {'<=' if falling else '>='} 0"
 
 
 def _add_parameter(body: ElementTree.Element, name: str, controlled: bool) -> None:
@@ -65,29 +109,86 @@ def _add_parameter(body: ElementTree.Element, name: str, controlled: bool) -> No
 
 
 def _add_transition(
-    body: ElementTree.Element, one: Transition, names: list[str], n_states: int, clocks: list[str]
+    body: ElementTree.Element, one: Transition, guard: str, assigned: list[str]
 ) -> None:
     ends = {"source": str(one.source + 1), "target": str(one.target + 1)}
     element = ElementTree.SubElement(body, "transition", ends)
-    guard = expression(one.guard.coef, one.guard.powers, [*names, *CLOCKS])
-    ElementTree.SubElement(element, "guard").text = f"{guard} >= 0"
-    assigned = ["dwell := 0"] if "dwell" in clocks else []
-    if one.reset is not None:
-        linear = np.concatenate([np.zeros((1, n_states)), np.eye(n_states)]).astype(np.intp)
-        for name, row, constant in zip(names, one.reset.matrix, one.reset.offset, strict=False):
-            value = expression(np.concatenate([[constant], row]), linear, names[:n_states])
-            assigned.append(f"{name} := {value}")
+    ElementTree.SubElement(element, "guard").text = guard
     if assigned:
         ElementTree.SubElement(element, "assignment").text = " & ".join(assigned)
 
 
-def _clocks_used(transitions: Sequence[Transition]) -> list[str]:
+def _assigned(one: Transition, states: list[str], clocks: list[str]) -> list[str]:
+    """What becomes of the clocks and of the states."""
+    assigned = ["dwell := 0"] if "dwell" in clocks else []
+    if one.reset is None:
+        return assigned
+    linear = np.eye(len(states) + 1, dtype=np.intp)[:, 1:]  # the constant, then each state
+    for name, row, constant in zip(states, one.reset.matrix, one.reset.offset, strict=True):
+        value = expression(np.concatenate([[constant], row]), linear, states)
+        assigned.append(f"{name} := {value}")
+    return assigned
+
+
+def clocks_used(transitions: Sequence[Transition]) -> list[str]:
     """The clocks that occur in a guard."""
     return [
         name
         for column, name in zip((-2, -1), CLOCKS, strict=True)
         if any(one.guard.powers[:, column].any() for one in transitions)
     ]
+
+
+def spaceex_settings(
+    automaton: AutomatonParts,
+    component: str,
+    x0: ArrayLike | None,
+    t: ArrayLike | None,
+    mode: int | None,
+) -> str:
+    """How a model is run: the start, the horizon, the step, and what is drawn.
+
+    What is not given is that of the first recorded state where there is one. What is not known
+    either is named in a comment.
+    """
+    first = None if x0 is None else state("x0", x0, automaton.n_states)
+    times = None if t is None else column("t", t)
+    whole("mode", mode, least=0, most=automaton.n_modes - 1, also=(None,))
+    recorded = automaton.first_modes
+    if first is None and recorded is not None:
+        first = recorded.states[0, : automaton.n_states]
+        mode = int(recorded.modes[0]) if mode is None else mode
+    comments = [
+        f"# {what} is not known to the automaton: put yours here, or give {argument} to to_spaceex"
+        for what, argument, value in (
+            ("the state at the start", "x0", first),
+            ("the mode at the start", "mode", mode if automaton.n_modes > 1 else 0),
+            ("the horizon", "t", times),
+        )
+        if value is None
+    ]
+    names = identifiers(automaton.feature_map.names_in)[: automaton.n_states]
+    first = np.zeros(len(names)) if first is None else first
+    times = np.linspace(0.0, 10.0, 1001) if times is None else times
+    clocks = clocks_used(automaton.transitions)
+    start = dict(zip(names, first.tolist(), strict=True))
+    start.update({name: float(times[0]) if name == "time" else 0.0 for name in clocks})
+    initially = " & ".join(
+        [f"loc()==mode{mode or 0}", *(f"{name}=={value!r}" for name, value in start.items())]
+    )
+    told = {
+        "system": identifiers([component])[0],
+        "initially": initially,
+        "scenario": "simulation",
+        "sampling-time": repr(float(np.median(np.diff(times)))),
+        "time-horizon": repr(float(times[-1] - times[0])),
+        "iter-max": "1000",
+        "output-variables": ", ".join(start),
+        "output-format": "GEN",
+        "rel-err": "1.0e-9",
+        "abs-err": "1.0e-12",
+    }
+    return "\n".join([*comments, *(f'{key} = "{value}"' for key, value in told.items()), ""])
 
 
 def expression(coef: Array, powers: NDArray[np.intp], names: Sequence[str]) -> str:

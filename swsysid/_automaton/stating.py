@@ -29,7 +29,7 @@ class Statement:
     def __init__(self, states, inputs, parameters: Mapping[str, float] | None, lags: int):
         self.states = names_of_columns("states", states)
         self.inputs = names_of_columns("inputs", inputs)
-        self.constants = _constants(parameters)
+        self.constants = constants_of(parameters)
         for name in {*self.states, *self.inputs} & {*CLOCKS, *self.constants}:
             raise ValueError(
                 f"{name!r} names a state or an input and something else too; dwell and time are "
@@ -137,7 +137,7 @@ class Statement:
         return read_polynomial(told, columns, self.constants)
 
 
-def _constants(parameters: Mapping[str, float] | None) -> dict[str, float]:
+def constants_of(parameters: Mapping[str, float] | None) -> dict[str, float]:
     """Names in texts that stand for numbers."""
     if parameters is not None and not isinstance(parameters, Mapping):
         raise TypeError(f"parameters={shown(parameters)} must be a dict from names to numbers.")

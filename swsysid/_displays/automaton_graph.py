@@ -6,13 +6,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from swsysid._automaton.equations import guard_text, reset_texts
-from swsysid._automaton.model import automaton_of
+from swsysid._automaton.model import HybridAutomaton
 from swsysid._checks.arrays import Array
-from swsysid._checks.parameters import whole
+from swsysid._checks.parameters import shown, whole
 from swsysid._displays.graph_layout import (
     Box,
     arrow_between,
@@ -29,6 +30,25 @@ _LINE = 1.45 * _SIZE / 72  # height of a line, in inches
 _PADDING = 0.1
 _WORD = re.compile(r"\\operatorname\{\w+\}|\\[A-Za-z]+|(?P<before>\{|\d |)(?P<word>[A-Za-z]{2,})")
 _WIDEST = 34  # letters of a line of plain text; longer sums go on in the next line
+
+
+@runtime_checkable
+class FittedAutomaton(Protocol):
+    """An estimator that has identified an automaton."""
+
+    automaton_: HybridAutomaton
+
+
+def automaton_of(model: object) -> HybridAutomaton:
+    """The automaton of a fitted estimator, or an automaton itself; anything else is refused."""
+    if isinstance(model, FittedAutomaton) and not isinstance(model, type):
+        model = model.automaton_
+    if not isinstance(model, HybridAutomaton):
+        raise TypeError(
+            f"{shown(model)} is no automaton and has none; give a HybridAutomaton, or an estimator "
+            "that has been fitted to one."
+        )
+    return model
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
