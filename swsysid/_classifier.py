@@ -358,9 +358,9 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
             inputs = names_of_columns("input_features", input_features, self.n_features_in_)
         arguments = ", ".join(symbol(name, format) for name in inputs)
         head = "f_{{{}}}({}) = {}" if format == "latex" else "f{}({}) = {}"
-        options = {"precision": precision, "style": format, "sizes": self._basis.sizes}
-        names = list(self._basis.names(inputs))
-        sums = (linear_combination(row, names, **options) for row in self.coef_)
+        coef, names, sizes = self._basis.printed(self.coef_, inputs)
+        options = {"precision": precision, "style": format, "sizes": sizes}
+        sums = (linear_combination(row, names, **options) for row in coef)
         return [head.format(k, arguments, terms) for k, terms in enumerate(sums)]
 
     def _program(self):

@@ -16,7 +16,7 @@ from swsysid._automaton.rollouts import roll_out
 from swsysid._automaton.spaceex import spaceex_model, spaceex_settings
 from swsysid._automaton.spaceex_reading import read_spaceex
 from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement, constants_of
-from swsysid._checks.parameters import flag, shown
+from swsysid._checks.parameters import flag
 from swsysid._results import Trajectory
 from swsysid._simulation.law_equations import law_equations
 
@@ -241,7 +241,7 @@ class HybridAutomaton(AutomatonParts):
         t : array-like of shape (n_times,), default=None
             Times, which tell the horizon and the sampling.
         mode : int, default=None
-            The mode at the start; None is that of the first recorded state.
+            The mode at the start.
 
         Raises
         ------
@@ -252,10 +252,6 @@ class HybridAutomaton(AutomatonParts):
         OSError
             If a file cannot be written.
         """
-        if self.discrete_time:
-            raise ValueError("SpaceEx models have continuous time; use to_dict for this automaton.")
-        if not isinstance(component, str):
-            raise TypeError(f"component={shown(component)} must be the name of the component.")
         written = spaceex_model(self, component)
         settings = spaceex_settings(self, component, x0, t, mode)
         Path(path).write_bytes(written)
@@ -296,8 +292,7 @@ class HybridAutomaton(AutomatonParts):
         Returns
         -------
         HybridAutomaton
-            States are named as in the model; one called dwell or time that is no clock gets a
-            number, and a variable of an instance its name before its own.
+            A state called dwell or time that is no clock is called dwell_2 or time_2.
 
         Raises
         ------

@@ -21,7 +21,7 @@ from swsysid._automaton.polynomials import Polynomial, negative, nonzero, rate
 from swsysid._automaton.spaceex_network import NAMESPACE
 from swsysid._automaton.transitions import Transition
 from swsysid._checks.arrays import column, state
-from swsysid._checks.parameters import whole
+from swsysid._checks.parameters import shown, whole
 from swsysid._results import Array
 
 #: The note of what is written, by which it is read again.
@@ -33,6 +33,10 @@ MEANING = (
 
 def spaceex_model(automaton: AutomatonParts, component: str) -> bytes:
     """The XML of a model in continuous time; features other than monomials are refused."""
+    if automaton.discrete_time:
+        raise ValueError("SpaceEx models have continuous time; use to_dict for this automaton.")
+    if not isinstance(component, str):
+        raise TypeError(f"component={shown(component)} must be the name of the component.")
     feature_map, transitions = automaton.feature_map, automaton.transitions
     powers = feature_map.powers
     if powers is None:
@@ -97,9 +101,9 @@ def _polynomial(coef: Array, powers: NDArray[np.intp]) -> Polynomial:
 def _not_negative(polynomial: Polynomial, columns: Sequence[str]) -> str:
     """The condition in the way in which most of its coefficients are positive."""
     falling = all(coef < 0.0 for coef in polynomial.values())
-    shown = negative(polynomial) if falling else polynomial
-    powers = np.array(list(shown), dtype=np.intp).reshape(len(shown), len(columns))
-    text = expression(np.array(list(shown.values())), powers, columns)
+    sided = negative(polynomial) if falling else polynomial
+    powers = np.array(list(sided), dtype=np.intp).reshape(len(sided), len(columns))
+    text = expression(np.array(list(sided.values())), powers, columns)
     return f"{text} {'<=' if falling else '>='} 0"
 
 

@@ -14,9 +14,9 @@ from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._data.coordinates import shifted_monomials
 from swsysid._data.features import Monomials
 from swsysid._results import Array
-from swsysid._surfaces.polynomials import shifted_monomials
 
 
 @dataclass(frozen=True)

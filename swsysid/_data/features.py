@@ -15,6 +15,7 @@ from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._checks.estimators import check_fitted, column_names, rows_of
 from swsysid._checks.parameters import shown, whole
+from swsysid._data import coordinates
 
 # More columns than that are days of work at best, and terabytes at worst.
 _MOST_FEATURES = 3000
@@ -237,6 +238,8 @@ class FeatureMap:
         refuse_many_features("feature_library", self(X[:1]).shape[1])
         self._monomials = _monomials_of(self.library)
         features = self(X)
+        if self._monomials is None and not isinstance(self.library, FunctionLibrary):
+            self.box = np.stack([np.min(X, axis=0), np.max(X, axis=0)])
         self.n_features_out = features.shape[1]
         self.sizes = np.abs(features).max(axis=0)  # what a coefficient of each can amount to
         beyond = (self.sizes > _LARGEST) | ((self.sizes > 0.0) & (self.sizes < _SMALLEST))
@@ -270,11 +273,35 @@ class FeatureMap:
         return self.names(self.names_in)
 
     def names(self, inputs: Sequence[str]) -> np.ndarray:
-        """Names of the features, for given names of the columns; numbered if it has none."""
-        for method in ("get_feature_names_out", "get_feature_names"):
-            if hasattr(self.library, method):
-                return np.asarray(getattr(self.library, method)(list(inputs)), dtype=object)
-        return np.array([f"phi{column}" for column in range(self.n_features_out)], dtype=object)
+        """Names of the features, for given names of the columns; numbered if it has none.
+
+        Names of columns that a step of the library has changed are told apart from the data's.
+        """
+        named, box = coordinates.feature_names(self.library, inputs), self._box
+        if box is not None:
+            with _arrays():
+                named = coordinates.names_told_apart(self.library, inputs, box)
+        numbered = [f"phi{column}" for column in range(self.n_features_out)]
+        return np.array(numbered if named is None else named, dtype=object)
+
+    def printed(
+        self, coef: np.ndarray, inputs: Sequence[str]
+    ) -> tuple[np.ndarray, list[str], np.ndarray]:
+        """Coefficients, names and sizes of the terms in which sums of features are printed.
+
+        `coef` is (n_sums, n_features_out). Features that are polynomials of the data are printed as
+        such, by the monomials of these.
+        """
+        names, box = list(self.names(inputs)), self._box
+        if box is None or all(coordinates.is_monomial(name, inputs) for name in names):
+            return coef, names, self.sizes
+        told = coordinates.data_polynomials(self._transformed, box)
+        return (coef, names, self.sizes) if told is None else told.terms(coef, inputs, box)
+
+    @property
+    def _box(self) -> np.ndarray | None:
+        """The least and the largest value of each column; None where names are known to be so."""
+        return vars(self).get("box")
 
     def __call__(self, X) -> np.ndarray:
         """Phi(X), shape (n_samples, n_features_out), a plain array of finite floats."""

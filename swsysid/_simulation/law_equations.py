@@ -53,10 +53,11 @@ def laws_of_mode(
     brief: bool = False,
 ) -> list[str]:
     """One equation for every state in a mode; arguments as `law_equations` takes them."""
-    features = feature_map.names(feature_map.names_in if columns is None else columns)
+    columns = feature_map.names_in if columns is None else columns
+    rows, features, feature_sizes = feature_map.printed(coef[mode], columns)
     lines = []
-    for state, row in enumerate(coef[mode].tolist()):
-        own = zip(row, features, feature_map.sizes, strict=True)
+    for state, row in enumerate(rows.tolist()):
+        own = zip(row, features, feature_sizes, strict=True)
         values, names, sizes = merged([*own, *(added(mode, state) if added else ())])
         law = linear_combination(
             values, names, precision=precision, style=style, sizes=sizes, brief=brief

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import comb
 from sklearn.preprocessing import PolynomialFeatures
 
+from swsysid._data.coordinates import shifted_monomials
 from swsysid._data.features import FeatureMap, Monomials, check_degree
 from swsysid._results import Array
 from swsysid._surfaces.parameters import check_relevance
@@ -47,6 +47,10 @@ class Basis(ABC):
     @abstractmethod
     def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
         """Names of the user's features, for given names of the columns of X."""
+
+    def printed(self, coef: Array, inputs: Sequence[str]) -> tuple[Array, Sequence[str], Array]:
+        """Coefficients, names and sizes of the terms in which the surfaces are printed."""
+        return coef, list(self.names(inputs)), self.sizes
 
     @property
     @abstractmethod
@@ -128,6 +132,9 @@ class LibraryBasis(Basis):
     def names(self, inputs):
         return self.map.names(inputs)
 
+    def printed(self, coef, inputs):
+        return self.map.printed(coef, inputs)
+
     @property
     def sizes(self):
         return self.map.sizes
@@ -184,6 +191,9 @@ class RelevantBasis(Basis):
     def names(self, inputs):
         return self.basis.names(inputs)
 
+    def printed(self, coef, inputs):
+        return self.basis.printed(coef, inputs)
+
     @property
     def sizes(self):
         return self.basis.sizes
@@ -211,34 +221,6 @@ def surface_basis(
     if relevance is None:
         return basis
     return RelevantBasis(basis, check_relevance(relevance, len(basis.sizes)), X, weight)
-
-
-def shifted_monomials(powers: NDArray, centre: Array, scale: Array) -> Array:
-    r"""Matrix T that turns coefficients b of shifted monomials into those of plain ones, T b.
-
-    By the binomial theorem, coordinate by coordinate,
-
-    .. math:: \Big(\frac{x - c}{s}\Big)^k = \sum_{m \le k} \binom{k}{m}
-              \frac{(-c)^{k - m}}{s^k} \, x^m .
-
-    `powers` (n_features_out, n_features_in) are the exponents of every monomial; with each
-    monomial the set holds all that divide it.
-
-    Examples
-    --------
-    ((x - 1) / 2)^2 is 0.25 - 0.5 x + 0.25 x^2:
-
-    >>> T = shifted_monomials(np.array([[0], [1], [2]]), np.array([1.0]), np.array([2.0]))
-    >>> T @ [0.0, 0.0, 1.0]
-    array([ 0.25, -0.5 ,  0.25])
-    """
-    change = np.ones((len(powers), len(powers)))
-    for exponent, c, s in zip(np.transpose(powers), centre, scale, strict=True):
-        plain, shifted = exponent[:, None], exponent[None, :]
-        missing = np.maximum(shifted - plain, 0)
-        # comb is zero where the plain exponent exceeds the shifted one.
-        change *= comb(shifted, plain) * (-c) ** missing / s**shifted
-    return change
 
 
 def _centre_and_scale(X: Array, weight: Array) -> tuple[Array, Array]:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures
 
-from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, shifted_monomials
+from swsysid._data.coordinates import shifted_monomials
+from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis
 
 
 def sample(n_features=2, seed=0):
