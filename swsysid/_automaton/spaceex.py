@@ -184,7 +184,7 @@ def spaceex_settings(
         "system": identifiers([component])[0],
         "initially": initially,
         "scenario": "simulation",
-        "sampling-time": repr(float(np.median(np.diff(times)))),
+        "sampling-time": f"{np.median(np.diff(times)):.12g}",
         "time-horizon": repr(float(times[-1] - times[0])),
         "iter-max": "1000",
         "output-variables": ", ".join(start),
