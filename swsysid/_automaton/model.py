@@ -16,8 +16,14 @@ from swsysid._automaton.parts import AutomatonParts, check_lags
 from swsysid._automaton.rollouts import roll_out
 from swsysid._automaton.spaceex import spaceex_model
 from swsysid._automaton.spaceex_reading import read_spaceex
-from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
+from swsysid._automaton.stating import (
+    StatedLaws,
+    StatedTransition,
+    Statement,
+    constants_of,
+)
 from swsysid._checks.parameters import shown
+from swsysid._files import written_beside
 from swsysid._results import Trajectory
 from swsysid._simulation.law_equations import law_equations
 
@@ -238,7 +244,10 @@ class HybridAutomaton(AutomatonParts):
         """
         if self.discrete_time:
             raise ValueError("SpaceEx models have continuous time; use to_dict for this automaton.")
-        Path(path).write_bytes(spaceex_model(self, component))
+        if not isinstance(component, str):
+            raise TypeError(f"component={shown(component)} must be the name of the component.")
+        with written_beside(path) as draft:
+            draft.write_bytes(spaceex_model(self, component))
 
     @classmethod
     def from_spaceex(
@@ -280,7 +289,7 @@ class HybridAutomaton(AutomatonParts):
         >>> HybridAutomaton.from_spaceex(path).equations() == ball.equations()
         True
         """
-        model = read_spaceex(Path(path).read_bytes(), parameters or {})
+        model = read_spaceex(Path(path).read_bytes(), constants_of(parameters))
         return cls.stated(
             model.laws,
             model.transitions,

@@ -29,7 +29,7 @@ class Statement:
     def __init__(self, states, inputs, parameters: Mapping[str, float] | None, lags: int):
         self.states = names_of_columns("states", states)
         self.inputs = names_of_columns("inputs", inputs)
-        self.constants = _constants(parameters)
+        self.constants = constants_of(parameters)
         for name in {*self.states, *self.inputs} & {*CLOCKS, *self.constants}:
             raise ValueError(
                 f"{name!r} names a state or an input and something else too; dwell and time are "
@@ -91,6 +91,11 @@ class Statement:
         source, target, guard, reset = (*told, None)[:4]
         if isinstance(reset, Mapping):
             reset = self._reset(number, reset) if reset else None
+        if not isinstance(reset, AffineReset | None):
+            raise TypeError(
+                f"transitions[{number}] has the reset {shown(reset)}; give a dict from states to "
+                'affine functions, such as {"v": "-0.8 v"}, an AffineReset, or None.'
+            )
         if not isinstance(guard, PolynomialGuard):
             guard = self._guard(guard)
         return Transition(source, target, guard, reset)
@@ -137,11 +142,14 @@ class Statement:
         return read_polynomial(told, columns, self.constants)
 
 
-def _constants(parameters: Mapping[str, float] | None) -> dict[str, float]:
+def constants_of(parameters: Mapping[str, float] | None) -> dict[str, float]:
     """Names in texts that stand for numbers."""
     if parameters is not None and not isinstance(parameters, Mapping):
         raise TypeError(f"parameters={shown(parameters)} must be a dict from names to numbers.")
-    return {name: real(name, value) for name, value in (parameters or {}).items()}
+    told = parameters or {}
+    if not all(isinstance(name, str) for name in told):
+        raise TypeError(f"parameters={shown(told)} has keys that are no text; name each number.")
+    return {name: real(name, value) for name, value in told.items()}
 
 
 def _texts(laws: StatedLaws) -> list[Mapping[str, Expression]]:

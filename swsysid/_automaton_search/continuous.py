@@ -66,15 +66,16 @@ def identified(
     jumps = jumps_of(given)
     search = _search(estimator, cut_at(given, jumps), settings, told)
     exact, known = _exact_start(estimator, given, search), None
-    if exact is not None:
+    followed = None if exact is None else _exactly(search, exact, given)
+    if exact is not None and followed is not None:
         candidates, known = exact.candidates, exact.modes.of_samples
-        pieces, stays = _exactly(search, exact, given)
+        pieces, stays = followed
     else:
         given = without_clipped(given)
         cutting = Cutting(estimator, given, settings, told)
         cut = _in_rounds(cutting, jumps, degree)
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
-    together = exact is not None
+    together = followed is not None
     found = transitions_of(stays, pieces, degree)
     if may_be_one_surface(found, stays.estimate.segments.recordings.interval):
         surfaced = with_surface(estimator, pieces.given, degree, settings, told)
@@ -146,10 +147,17 @@ def _exact_start(
     return _search(estimator, whole(given), search.settings, search.told).by_intervals()
 
 
-def _exactly(search: Search, exact: ExactStart, given: Given) -> tuple[Pieces, StayIdentification]:
-    """Stays of recordings without noise, cut where no switch explains what the state does."""
+def _exactly(
+    search: Search, exact: ExactStart, given: Given
+) -> tuple[Pieces, StayIdentification] | None:
+    """Stays of recordings without noise, cut where no switch explains what the state does.
+
+    None if these cuts leave no stay: rows that repeat the one before are no motion with jumps.
+    """
     modes, sampled = exact.modes, exact.modes.recordings.sampled
     pieces = cut_at(given, modes.breaks, SETTINGS.fewest_of_a_stay)
+    if not pieces.given.records:
+        return None
     parts = list(zip(pieces.recording, pieces.first, pieces.last, strict=True))
     stays = [modes.stays(k, sampled[k][a], sampled[k][b]) for k, a, b in parts]
     between = [modes.between(k) for k in range(len(sampled))]

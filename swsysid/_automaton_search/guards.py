@@ -180,7 +180,8 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
         ])  # fmt: skip
         coef = _least(rows, rising)
         own_rates = np.abs(slopes @ coef)
-        least = max(SETTINGS.slowest * float(np.median(own_rates)), np.finfo(float).tiny)
+        # their mean is one, so that what most of them do not have is more than its rounding
+        least = max(SETTINGS.slowest * float(np.median(own_rates)), np.finfo(float).eps)
         rates = np.maximum(own_rates, least)
         beside_rates = np.maximum(np.abs(beside_slopes @ coef), least)
         times = values @ coef / rates

@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Mapping, Sequence
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ class _Writer:
                 return _json_of_float(float(value))
             case list():
                 return [self.write(part, f"{where}[{place}]") for place, part in enumerate(value)]
-            case tuple():
+            case tuple() if type(value) is tuple:
                 return {"tuple": self.write(list(value), where)}
             case dict():
                 return {
@@ -72,6 +73,8 @@ class _Writer:
                         for key, part in value.items()
                     ]
                 }
+            case frozenset() | set():
+                return {type(value).__name__: self.write(sorted(value), where)}
             case slice():
                 return {"slice": self.write([value.start, value.stop, value.step], where)}
             case np.ndarray():
@@ -85,6 +88,8 @@ class _Writer:
                 return {"random_state": self.write(value.get_state(legacy=False), where)}
             case Status():
                 return {"status": value.name}
+            case Enum() if (kind := name_of(type(value))) is not None:
+                return {"enum": [kind, value.name]}
         return self._write_object(value, where)
 
     def _write_object(self, value: object, where: str) -> dict[str, int]:
@@ -142,6 +147,11 @@ def _read(told: Any, known: list[object]) -> Any:
             return random_state
         case "status":
             return Status[inner]
+        case "set" | "frozenset":
+            values = _read(inner, known)
+            return set(values) if kind == "set" else frozenset(values)
+        case "enum" if issubclass(kind_of := class_named(inner[0]), Enum):
+            return kind_of[inner[1]]
     raise ValueError(f"{told!r} stands for nothing")
 
 

@@ -7,13 +7,13 @@ import dataclasses
 import difflib
 import gzip
 import lzma
-import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._checks.parameters import shown
 from swsysid._tables.table import Table, TableError
 from swsysid._tables.text import decoded, table_of_text
 
@@ -34,6 +34,12 @@ def read_table(
     """
     path = Path(path)
     kind = _kind(path)
+    try:
+        path.stat()
+    except FileNotFoundError:
+        pass  # that is said below, with what is there instead
+    except (OSError, ValueError) as error:
+        raise TableError(f"{shown(str(path))} is no name that a file can have.") from error
     if path.is_dir():
         raise TableError(f"{path} is a folder; name one recording in it.")
     if kind not in _READERS:
@@ -45,7 +51,7 @@ def read_table(
         raise TableError(f"There is no file {path}; {_beside(path)}.")
     try:
         table = _READERS[kind](path, missing)
-    except (ImportError, OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except Exception as error:  # each reader breaks in ways of its own on files of another kind
         told = " ".join(str(error).split()) or type(error).__name__
         raise TableError(f"{path.name} cannot be read: {told}") from error
     table = dataclasses.replace(table, units={**table.units, **(units or {})})
