@@ -35,7 +35,7 @@ def written_beside(path: str | Path) -> Iterator[Path]:
         yield draft
         _settle(draft, place)
     except OSError as error:
-        if error.filename == str(draft):
+        if error.filename in (None, str(draft)):
             error.filename, error.filename2 = str(path), None
         raise
     finally:

@@ -92,8 +92,8 @@ def _written_library(library: object) -> dict[str, object]:
         if None not in known:
             return {"functions": known, "names": library.names and list(library.names)}
     if isinstance(library, FeatureUnion) and library.transformer_weights is None:
-        parts = [_written_library(part) for _, part in library.transformer_list]
-        return {"together": parts}
+        parts = {name: _written_library(part) for name, part in library.transformer_list}
+        return {"together": parts, "prefixes": bool(library.verbose_feature_names_out)}
     raise TypeError(
         f"the features of {type(library).__name__} cannot be written without code; use a degree, a "
         "FunctionLibrary of functions of NumPy or a FeatureUnion of these, or save the model with "
@@ -109,9 +109,10 @@ def _name_in_numpy(function: object) -> str | None:
 
 def _read_library(told: Told, n_columns: int) -> BaseEstimator:
     if "together" in told:
-        parts = [_read_library(_mapping(part), n_columns) for part in _listed(told["together"])]
-        steps = [(f"part{place}", part) for place, part in enumerate(parts)]
-        return FeatureUnion(steps, verbose_feature_names_out=False)
+        parts = _mapping(told["together"])
+        steps = [(name, _read_library(_mapping(part), n_columns)) for name, part in parts.items()]
+        prefixes = flag("prefixes", told["prefixes"])
+        return FeatureUnion(steps, verbose_feature_names_out=prefixes)
     if "degree" in told:
         degree = whole("degree", told["degree"], least=0)
         check_degree("degree", degree, n_columns)

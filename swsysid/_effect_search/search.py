@@ -29,12 +29,7 @@ from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
 from swsysid._effect_search.reading import read_recordings, refuse_inputs_beside_velocities
-from swsysid._effect_search.recording import (
-    Measured,
-    beside_effects,
-    from_states,
-    with_velocities,
-)
+from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
 from swsysid._fitting import whole_or_nothing
@@ -198,7 +193,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
         Examples
         --------
-        A recording: states with noise, their times, and an input; no velocities.
+        A recording, without velocities:
 
         >>> import numpy as np
         >>> from swsysid import EffectSearchCV

@@ -9,7 +9,7 @@ for constructors, which only store and check.
 from __future__ import annotations
 
 import importlib
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from inspect import signature
 
@@ -106,9 +106,11 @@ def _is_record(kind: type) -> bool:
 
 def state_of(value: object) -> dict[str, object]:
     """The attributes from which `made` makes an equal object."""
-    fields = getattr(value, "__dataclass_fields__", getattr(value, "_fields", None))
-    names = vars(value) if fields is None else fields
-    return {name: getattr(value, name) for name in names if name not in _LEFT_OUT}
+    if isinstance(value, tuple):
+        return {name: part for name, part in zip(type(value).__match_args__, value, strict=True)}
+    # what a record has computed and kept beside its fields is no part of it
+    names = [one.name for one in fields(value)] if is_dataclass(value) else list(vars(value))
+    return {name: vars(value)[name] for name in names if name not in _LEFT_OUT}
 
 
 def made(kind: type, state: dict[str, object]) -> object:

@@ -129,7 +129,8 @@ def _read_parquet(path: Path, missing: Sequence[str]) -> Table:
 
 def _npz_columns(path: Path) -> Columns:
     """Names and columns of an archive; ValueError if it holds Python objects."""
-    with np.load(path, allow_pickle=False) as archive:
+    # numpy leaves a file open that is none of its own
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for name in archive:
             try:
                 array = archive[name]
