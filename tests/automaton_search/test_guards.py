@@ -75,6 +75,15 @@ def test_the_value_of_a_guard_does_not_depend_on_units():
     )
 
 
+def test_a_column_that_rises_at_one_switch_alone_leaves_finite_numbers():
+    # such as a throttle that stands still at all switches but one: no rate there, and no time
+    some = planted([1.0, 0.0], 0.7)
+    some.rates[1:, 1], some.rates[0, 1] = 0.0, 1.0
+    found = best_guard(some, 1, np.array([1]))
+    assert found is None or np.isfinite(found.guard.coef).all() and np.isfinite(found.cost)
+    assert best_guard(some, 1).some.tolist() == [0]
+
+
 def test_one_false_switch_among_many_moves_nothing():
     data = planted([1.0, 0.0], 0.5)
     columns = data.columns.copy()
