@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
@@ -14,8 +15,8 @@ def written_beside(path: str | Path) -> Iterator[Path]:
     """A place beside `path` to write to; what is written moves to `path` at the end, in one step.
 
     After a full disk or an interruption the file that was at `path` is there as it was, and nothing
-    else. A link is followed, the permissions of a file that is replaced are kept, and what is no
-    ordinary file, such as a pipe, is written to directly.
+    else. A link is followed, permissions of a file that is replaced are kept, one that may not be
+    written to stays, and what is no ordinary file, such as a pipe, is written to directly.
 
     Examples
     --------
@@ -30,6 +31,8 @@ def written_beside(path: str | Path) -> Iterator[Path]:
     if place.exists() and not place.is_file():
         yield place
         return
+    if place.exists() and not os.access(place, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     draft = place.with_name(f".swsysid-{secrets.token_hex(8)}{place.suffix}")
     try:
         yield draft

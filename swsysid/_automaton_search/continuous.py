@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -41,6 +42,7 @@ from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.transitions import transitions_of
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import IdentificationWarning
 from swsysid._stays.count import CountCandidate
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
@@ -88,10 +90,30 @@ def identified(
     found = possible(found, stays)
     if refine and found and not together:
         told()
-        parts, refinement = refined(given, stays, pieces, found, settings)
+        parts, refinement = _refined_if_possible(given, stays, pieces, found, settings)
     else:
         parts, refinement = told_by_parts(given, stays, pieces, found), None
     return _answer(given, stays, parts, refinement, search, candidates, known)
+
+
+def _refined_if_possible(
+    given: Given,
+    stays: StayIdentification,
+    pieces: Pieces,
+    found: list[Settled],
+    settings: StaySettings,
+) -> tuple[Told, AutomatonRefinement | None]:
+    """All refined together; as it was found part by part where linear algebra fails on that."""
+    try:
+        return refined(given, stays, pieces, found, settings)
+    except np.linalg.LinAlgError as error:
+        warnings.warn(
+            f"laws, guards and resets could not be refined together ({error}): they are those of "
+            "the stays one by one, without standard errors; give states in units of order one.",
+            IdentificationWarning,
+            stacklevel=5,
+        )
+        return told_by_parts(given, stays, pieces, found), None
 
 
 def _in_rounds(cutting: Cutting, jumps: list[NDArray[np.intp]], degree: int) -> Cut:

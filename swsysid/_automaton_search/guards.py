@@ -138,7 +138,10 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     basis = FewColumns.of(own.beside, some, degree)
     if basis is None or not seen.any() or len(basis.powers) > seen.sum() + 1:
         return None
-    solved = _solved(basis, own)
+    try:
+        solved = _solved(basis, own)
+    except np.linalg.LinAlgError:  # other columns may tell
+        return None
     if solved is None:
         return None
     misses = np.full(len(seen), np.nan)

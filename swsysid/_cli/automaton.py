@@ -34,7 +34,6 @@ def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str
         f"held-out rollouts: R2 of {score:.4f} on {held_out}, by an automaton of the others",
         *told,
     ])  # fmt: skip
-    print(text)
     return save_automaton(found, samples, text, folder, checksum)
 
 

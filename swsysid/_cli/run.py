@@ -60,7 +60,6 @@ def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) 
     if search is not None:
         told += [str(search.report_), with_effects(search.best_estimator_)]
     text = "\n\n".join(part for part in [text, *told] if part)
-    print(text)
     return save(result, text, arguments.output, search, page, checksum)
 
 

@@ -38,7 +38,7 @@ def save(
     page: Path | None,
     checksum: str,
 ) -> int:
-    """Write model, text, picture and page; the exit code is 2 if they cannot be written.
+    """Write model, text, picture and page, then print; the exit code is 2 if that cannot be.
 
     `checksum` is that of the file that the samples come from.
     """
@@ -61,7 +61,7 @@ def save(
 def save_automaton(
     found: HybridAutomatonRegressor, samples: Samples, text: str, folder: Path, checksum: str
 ) -> int:
-    """Write automaton, model, text and picture; the exit code is 2 if they cannot be written."""
+    """Write and print what was found; the exit code is 2 if it cannot be written."""
 
     def write(draft: Path, _: Path | None) -> str:
         told = json.dumps(found.to_dict(), indent=1)
@@ -96,18 +96,21 @@ def _save(
     page: Path | None,
     write: Callable[[Path, Path | None], str],
 ) -> int:
-    """Write the model, the text, and what `write` adds to a folder and a page, or nothing."""
-    where = folder
+    """Write the model, the text, and what `write` adds to a folder and a page, or nothing.
+
+    The text is printed when all is written: a reader such as head that ends early loses no results.
+    """
     try:
         with results(folder) as draft, nullcontext() if page is None else written_beside(page) as b:
             save_model(model, draft / MODEL, recording=recording)
             (draft / TEXT).write_text(text + "\n", encoding="utf-8")
             more = write(draft, b)
     except OSError as error:
+        print(text)
         where = folder if page is None or str(error.filename) != str(page) else page
         print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
         return 2
-    print(f"\nSaved in {folder}: {MODEL}, {TEXT}{more}")
+    print(f"{text}\n\nSaved in {folder}: {MODEL}, {TEXT}{more}")
     if page is not None:
         print(f"Page with pictures: {page.resolve()}")
     return 0

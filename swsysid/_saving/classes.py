@@ -107,7 +107,7 @@ def _is_record(kind: type) -> bool:
 def state_of(value: object) -> dict[str, object]:
     """The attributes from which `made` makes an equal object."""
     if isinstance(value, tuple):
-        return {name: part for name, part in zip(type(value).__match_args__, value, strict=True)}
+        return dict(zip(vars(type(value))["_fields"], value, strict=True))
     # what a record has computed and kept beside its fields is no part of it
     names = [one.name for one in fields(value)] if is_dataclass(value) else list(vars(value))
     return {name: vars(value)[name] for name in names if name not in _LEFT_OUT}

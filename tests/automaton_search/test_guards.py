@@ -122,3 +122,15 @@ def test_a_clock_that_is_unknown_in_some_stays_can_tell_the_others():
         found.guard.values(np.array([[0.0, 1.5], [3.0, 0.5]])), [0.0, -1.0], atol=1e-9
     )
     assert np.isnan(found.misses[0]) and np.isfinite(found.misses[1:]).all()
+
+
+def test_columns_on_which_linear_algebra_fails_leave_the_others(monkeypatch):
+    lstsq = np.linalg.lstsq
+
+    def fails_on_two_columns(rows, *right, **options):
+        if rows.shape[1] > 1:
+            raise np.linalg.LinAlgError("SVD did not converge in Linear Least Squares")
+        return lstsq(rows, *right, **options)
+
+    monkeypatch.setattr(np.linalg, "lstsq", fails_on_two_columns)
+    assert best_guard(planted([2.0, 0.0], 0.7), 1).some.tolist() == [0]

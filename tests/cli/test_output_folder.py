@@ -123,6 +123,14 @@ def test_a_full_disk_keeps_the_results_that_were_there(tmp_path):
     assert {name: (folder / name).read_bytes() for name in os.listdir(folder)} == before
 
 
+def test_a_reader_that_ends_early_loses_no_results(tmp_path):
+    path, folder = write(tmp_path / "first.csv"), tmp_path / "out"
+    words = f"--states x --derivatives dx --modes 1 --library linear --output {folder}"
+    command = f"{sys.executable} -m swsysid {path} {words} | true"
+    assert subprocess.run(command, shell=True, capture_output=True).stderr == b""
+    assert MODEL in os.listdir(folder) and TEXT in os.listdir(folder)
+
+
 # -- files that are no recordings ------------------------------------------------------------------
 
 

@@ -16,6 +16,7 @@ from swsysid import (
     EffectSearchCV,
     HybridAutomaton,
     HybridAutomatonRegressor,
+    IdentificationWarning,
     PolynomialSurfaceClassifier,
     SolverError,
     SwitchingSystemRegressor,
@@ -133,6 +134,21 @@ def test_a_killed_worker_is_a_sentence():
         Parallel(n_jobs=2)(delayed(signal.raise_signal)(signal.SIGKILL) for _ in range(2))
     assert isinstance(caught.value.__cause__, BrokenProcessPool)
     assert str(caught.value).count(". ") == 0
+
+
+def test_a_refinement_that_fails_does_not_lose_what_was_found(monkeypatch):
+    def fails(*_, **__):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("swsysid._automaton_search.continuous.refined", fails)
+    noise = np.random.default_rng(0)
+    recordings = [
+        one | {"x": one["x"] + 0.02 * noise.standard_normal(one["x"].shape)} for one in RECORDINGS
+    ]
+    with pytest.warns(IdentificationWarning, match="could not be refined together") as told:
+        found = HybridAutomatonRegressor(2, random_state=0).fit(recordings)
+    assert {one.filename for one in told} == {__file__}
+    assert found.refinement_ is None and found.n_modes_ == 2 and found.transitions_
 
 
 @pytest.mark.parametrize("name", FITS)

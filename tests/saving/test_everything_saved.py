@@ -19,7 +19,10 @@ from swsysid import (
     load_model,
     save_model,
 )
+from swsysid._automaton_search.certificates import Certificate
+from swsysid._cli.verdict import Verdict
 from swsysid._files import write_text, written_beside
+from swsysid._saving.values import read_objects, write_objects
 from swsysid.effects import CoulombFriction, QuadraticDrag
 
 T = np.arange(0.0, 20.0, 0.2)
@@ -189,3 +192,32 @@ def test_permissions_links_and_pipes_stay_what_they_are(tmp_path):
         write_text(tmp_path, "nothing")
     with pytest.raises(FileNotFoundError, match="absent"):
         write_text(tmp_path / "absent" / "file", "nothing")
+
+
+def test_records_of_all_kinds_come_back():
+    """Dataclasses, named tuples, enumerations and sets are named by their place here."""
+    record = FunctionLibrary(
+        [Certificate(0.25, np.inf), Verdict.SMOOTH, frozenset({2, 1}), {"b", "a"}]
+    )
+    table = json.loads(json.dumps(write_objects(record)))
+    same = read_objects(table).functions
+    assert same == record.functions and type(same[0]) is Certificate and same[1] is Verdict.SMOOTH
+    told = [one["class"] for one in table]
+    assert told == ["swsysid._automaton_search.certificates.Certificate", "FunctionLibrary"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "swsysid._cli.output.Path",  # imported there, not ours
+        "swsysid._automaton_search.certificates.linear_program",  # a function
+        "swsysid._regressor.SwitchingSystemRegressor",  # no record: it has a name of its own
+        "swsysid.nowhere.Certificate",
+        "swsysid..os.system",
+        "swsysidious.Certificate",
+        "os.system",
+    ],
+)
+def test_nothing_but_records_is_named_by_its_place(name):
+    with pytest.raises((KeyError, ImportError, TypeError)):
+        read_objects([{"class": name, "state": {}}])
