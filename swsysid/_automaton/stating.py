@@ -67,7 +67,7 @@ class Statement:
     def _law(self, mode: int, law: Mapping[str, Expression]) -> list[Polynomial]:
         if set(law) != set(self.states):
             raise ValueError(
-                f"the law of mode {mode} is one of {', '.join(law)}; give one polynomial for each "
+                f"the law of mode {mode} is one of {', '.join(map(str, law))}; give one polynomial for each "
                 f"of {', '.join(self.states)}."
             )
         return [self._read(law[name], self.columns) for name in self.states]
@@ -112,6 +112,10 @@ class Statement:
         names = self.columns[:n_all]
         matrix, offset = np.eye(n_all), np.zeros(n_all)
         for name, expression in told.items():
+            if not isinstance(name, str):
+                raise TypeError(
+                    f"transitions[{number}] resets {shown(name)}; name the state that it resets."
+                )
             place = self._place(number, name, names)
             matrix[place] = 0.0
             for powers, value in self._read(expression, names).items():

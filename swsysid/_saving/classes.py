@@ -61,6 +61,9 @@ _FOREIGN = {
     "sklearn.decomposition": ("PCA",),
     "sklearn.kernel_approximation": ("RBFSampler", "Nystroem"),
     "sklearn.linear_model": ("LogisticRegression",),
+    "sklearn.model_selection": (
+        "KFold", "GroupKFold", "TimeSeriesSplit", "ShuffleSplit", "LeaveOneGroupOut",
+    ),
     "pysindy": (
         "PolynomialLibrary", "FourierLibrary", "IdentityLibrary", "ConcatLibrary",
         "TensoredLibrary",

@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from swsysid._automaton.documents import FORMAT as AUTOMATON
 from swsysid._automaton.model import HybridAutomaton
-from swsysid._checks.parameters import shown
+from swsysid._checks.parameters import names_of_columns, shown
 from swsysid._files import write_text
 from swsysid._saving.classes import name_of
 from swsysid._saving.probes import equations_of, finds_again, probe
@@ -210,6 +210,7 @@ def _check_recording(recording: object) -> None:
             f"recording={shown(recording)} must be a swsysid.Recording, such as "
             'Recording("runs.csv", units={"x": "m"}).'
         )
+    names_of_columns("names", recording.names)
     try:
         json.dumps(asdict(recording), allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:

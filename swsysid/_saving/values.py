@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from swsysid._results import Status
 from swsysid._saving.classes import class_named, made, name_of, state_of
@@ -75,6 +76,9 @@ class _Writer:
                 }
             case frozenset() | set():
                 return {type(value).__name__: self.write(sorted(value), where)}
+            case csr_matrix():
+                parts = [list(value.shape), value.data, value.indices, value.indptr]
+                return {"csr": self.write(parts, where)}
             case slice():
                 return {"slice": self.write([value.start, value.stop, value.step], where)}
             case np.ndarray():
@@ -147,6 +151,11 @@ def _read(told: Any, known: list[object]) -> Any:
             return random_state
         case "status":
             return Status[inner]
+        case "csr":
+            shape, *parts = _read(inner, known)
+            matrix = csr_matrix(tuple(parts), shape=tuple(shape))
+            matrix.check_format(full_check=True)  # places beyond the end are read without a check
+            return matrix
         case "set" | "frozenset":
             values = _read(inner, known)
             return set(values) if kind == "set" else frozenset(values)

@@ -71,6 +71,14 @@ REFUSED = {
         lambda folder: stated((0, 1, "T>=1", 0.5)),
         "transitions[0] has the reset 0.5; give a dict",
     ),
+    "a reset of a number": (
+        lambda folder: stated((0, 1, "T>=1", {1: "2"})),
+        "transitions[0] resets 1; name the state",
+    ),
+    "a law of a number": (
+        lambda folder: HybridAutomaton.stated([{1: "1"}], states=["T"]),
+        "the law of mode 0 is one of 1; give one polynomial",
+    ),
     "parameters without names": (
         lambda folder: stated((0, 1, "T>=a"), parameters={1: 2}),
         "parameters={1: 2} has keys that are no text",
