@@ -67,8 +67,8 @@ class Statement:
     def _law(self, mode: int, law: Mapping[str, Expression]) -> list[Polynomial]:
         if set(law) != set(self.states):
             raise ValueError(
-                f"the law of mode {mode} is one of {', '.join(map(str, law))}; give one polynomial for each "
-                f"of {', '.join(self.states)}."
+                f"the law of mode {mode} is one of {', '.join(map(str, law))}; give one polynomial "
+                f"for each of {', '.join(self.states)}."
             )
         return [self._read(law[name], self.columns) for name in self.states]
 

@@ -207,7 +207,7 @@ class Averages:
     means: csr_matrix
 
     @cached_property
-    def _kept(self) -> Remembered[tuple[Array, csr_matrix]]:
+    def _kept(self) -> Remembered[tuple[NDArray[np.bool_], csr_matrix]]:
         return Remembered(2)
 
     def __call__(self, columns: Array, rows: Rows | None = None) -> Array:
