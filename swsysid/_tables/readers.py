@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._checks.parameters import shown
 from swsysid._tables.table import Table, TableError
 from swsysid._tables.text import decoded, table_of_text
 
@@ -39,7 +38,7 @@ def read_table(
     except FileNotFoundError:
         pass  # that is said below, with what is there instead
     except (OSError, ValueError) as error:
-        raise TableError(f"{shown(str(path))} is no name that a file can have.") from error
+        raise TableError(f"{str(path)[:60]!r} is no name that a file can have.") from error
     if path.is_dir():
         raise TableError(f"{path} is a folder; name one recording in it.")
     if kind not in _READERS:
