@@ -39,7 +39,7 @@ def written_beside(path: str | Path) -> Iterator[Path]:
         _settle(draft, place)
     except OSError as error:
         if error.filename in (None, str(draft)):
-            error.filename, error.filename2 = str(path), None
+            error.filename = str(path)
         raise
     finally:
         draft.unlink(missing_ok=True)
