@@ -17,6 +17,7 @@ from swsysid._tables.table import TableError
 MODEL, AUTOMATON, TEXT = "model.json", "automaton.json", "identification.txt"
 EFFECTS, PORTRAIT, GRAPH = "model_with_effects.json", "phase_portrait.png", "automaton.png"
 _NAMES = (MODEL, AUTOMATON, TEXT, EFFECTS, PORTRAIT, GRAPH)
+_DRAFT = ".swsysid-"
 _FORMATS = ("swsysid model", "swsysid automaton")
 
 
@@ -28,6 +29,8 @@ def prepare(folder: Path, source: str, content: str) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder):
+            pass  # it can be written to
     except OSError as error:
         raise TableError(f"--output {folder} cannot be written: {error.strerror}.") from error
     there = [name for name in _NAMES if (folder / name).exists()]
@@ -58,7 +61,7 @@ def results(folder: Path) -> Iterator[Path]:
     Nothing is changed unless all of them are written, and two runs do not mix: one moves its files
     after the other.
     """
-    draft = Path(tempfile.mkdtemp(prefix=".swsysid-", dir=folder))
+    draft = Path(tempfile.mkdtemp(prefix=_DRAFT, dir=folder))
     try:
         yield draft
         with _alone_in(folder):

@@ -6,6 +6,7 @@ import argparse
 import difflib
 import hashlib
 import html
+import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -133,7 +134,7 @@ def _checksum(file: str | None) -> str:
 def _page_path(path: Path | None, source: str) -> Path:
     """Where the page goes, asked before the work is done; says if another one is there."""
     chosen = Path(PAGE) if path is None else path
-    if chosen.is_dir() or not chosen.parent.is_dir():
+    if chosen.is_dir() or not os.access(chosen.parent, os.W_OK):
         raise TableError(f"--html {chosen} cannot be written; name a file in a folder that exists.")
     title = html.escape(page_title(source)).encode()
     if chosen.is_file() and title not in chosen.read_bytes():

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -61,6 +62,11 @@ def test_files_that_no_run_has_written_are_not_touched(tmp_path, capsys):
     (folder / "notes.md").write_text("mine", encoding="utf-8")
     assert run(path, folder) == 0
     assert (folder / "notes.md").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work():
+    with pytest.raises(TableError, match="--output /proc cannot be written"):
+        prepare(Path("/proc"), "a.csv", "")
 
 
 def test_nothing_of_an_earlier_run_stays(tmp_path):
