@@ -27,6 +27,9 @@ def main(argv: list[str] | None = None) -> int:
     except ValueError as error:  # sentences of ours, TableError among them
         print(f"swsysid: {error}", file=sys.stderr)
         return 2
+    except MemoryError:
+        print("swsysid: the memory is full; --decimate K keeps every K-th row.", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("swsysid: stopped.", file=sys.stderr)
         return 130

@@ -11,9 +11,11 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import AutomatonReport, IdentifiedAutomaton
 from swsysid._automaton_search.scores import rollout_score
+from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
 from swsysid._data.trajectories import places_along
+from swsysid._fitting import told_in_words, whole_or_nothing
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning
@@ -159,6 +161,7 @@ class HybridAutomatonRegressor(BaseEstimator):
         self.random_state = random_state
         self.verbose = verbose
 
+    @whole_or_nothing
     def fit(self, x, t=None, groups=None, inputs=None):
         """Identify laws, modes, guards and resets.
 
@@ -193,7 +196,8 @@ class HybridAutomatonRegressor(BaseEstimator):
         refine = flag("refine", self.refine)
         self._check_lags(discrete)
         if discrete and t is None and not isinstance(x, (list, dict)):
-            t = np.arange(len(x)) if groups is None else places_along(groups)
+            n_rows = len(table("x", x, missing=True))
+            t = np.arange(n_rows) if groups is None else places_along(groups)
         given = read_given(x, t, groups, inputs)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
             if discrete:
@@ -221,6 +225,7 @@ class HybridAutomatonRegressor(BaseEstimator):
             x0, t, inputs, mode=mode, **({"input_hold": "linear"} | options)
         )
 
+    @told_in_words
     def score(self, x, t=None, groups=None, inputs=None):
         """Coefficient of determination of rollouts of recordings that were held out.
 
@@ -295,7 +300,7 @@ class HybridAutomatonRegressor(BaseEstimator):
         self.report_ = AutomatonReport.of(found)
         for verdict in found.verdicts:
             if not verdict.is_told:
-                warnings.warn(verdict.advice(), GuardWarning, stacklevel=3)
+                warnings.warn(verdict.advice(), GuardWarning, stacklevel=4)
 
     @property
     def _fitted(self) -> HybridAutomaton:

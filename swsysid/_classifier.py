@@ -11,6 +11,7 @@ from swsysid._checks.estimators import check_fitted, column_names, rows_and_clas
 from swsysid._checks.parameters import names_of_columns, random_numbers
 from swsysid._data.rows import canonical_rows, check_sample_weight, places_between
 from swsysid._data.scores import ScoredByAccuracy
+from swsysid._fitting import whole_or_nothing
 from swsysid._rendering.printing import check_format, linear_combination, symbol
 from swsysid._solvers.conic import worst_status
 from swsysid._surfaces.fitted import FittedSurfaces
@@ -157,6 +158,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         self.solver = solver
         self.random_state = random_state
 
+    @whole_or_nothing
     def fit(self, X, y, sample_weight=None, *, start=None):
         """Fit the surfaces.
 

@@ -26,6 +26,7 @@ from swsysid._effect_model.models import check_declared, declared_model
 from swsysid._effect_model.refinable import as_stated_model, with_numbers_of
 from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._effect_model.transitions import NoAutomatonError, automaton_of_fit
+from swsysid._fitting import whole_or_nothing
 from swsysid._rendering.printing import check_format
 from swsysid.effects import PlacedEffect
 from swsysid.refinement import StatedModel
@@ -73,6 +74,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         self.estimator = estimator
         self.effects = effects
 
+    @whole_or_nothing
     def fit(self, X, y, *, t=None, groups=None, signals=None, modes=None):
         """Fit the declared model and the effects' coefficients.
 
@@ -104,7 +106,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
             told = told_on_rows(stated, records, rows, targets) if start is None else None
             records = replace(records, told=start) if told is None else told
         fit = fit_jointly(declared, terms, records, rows, targets, start)
-        warn_of_doubts(fit, 2)
+        warn_of_doubts(fit, 3)
         return self._adopt(fit, records.names)
 
     def predict(self, X, *, t=None, groups=None, signals=None):

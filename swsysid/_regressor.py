@@ -10,6 +10,7 @@ from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
 from swsysid._data.scores import ScoredByR2
 from swsysid._data.sources import over_blocks
+from swsysid._fitting import whole_or_nothing
 from swsysid._identification.answer import Answer, answer_of_all, answer_of_many
 from swsysid._identification.calibration import attach_likelihood
 from swsysid._identification.doubts import Doubts, examine, warn_about
@@ -183,6 +184,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         self.random_state = random_state
         self.verbose = verbose
 
+    @whole_or_nothing
     def fit(self, X, y, sample_weight=None, *, groups=None):
         """Identify the modes and the surface.
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.base import BaseEstimator
+from sklearn.pipeline import FeatureUnion
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._automaton.first_modes import FirstModes
@@ -81,7 +83,7 @@ def _read(told: Told) -> Parts:
 
 
 def _written_library(library: object) -> dict[str, object]:
-    """What makes a library again: a degree, or the names of functions of NumPy."""
+    """What makes a library again: a degree, names of functions of NumPy, or several of these."""
     if isinstance(library, PolynomialFeatures) and not library.interaction_only:
         if library.degree == int(library.degree):
             return {"degree": int(library.degree), "constant": bool(library.include_bias)}
@@ -89,9 +91,13 @@ def _written_library(library: object) -> dict[str, object]:
         known = [_name_in_numpy(function) for function in library.functions]
         if None not in known:
             return {"functions": known, "names": library.names and list(library.names)}
+    if isinstance(library, FeatureUnion) and library.transformer_weights is None:
+        parts = {name: _written_library(part) for name, part in library.transformer_list}
+        return {"together": parts, "prefixes": bool(library.verbose_feature_names_out)}
     raise TypeError(
-        f"the features of {type(library).__name__} cannot be written without code; use a degree or "
-        "a FunctionLibrary of functions of NumPy, or save the model with joblib."
+        f"the features of {type(library).__name__} cannot be written without code; use a degree, a "
+        "FunctionLibrary of functions of NumPy or a FeatureUnion of these, or save the model with "
+        "joblib."
     )
 
 
@@ -101,7 +107,12 @@ def _name_in_numpy(function: object) -> str | None:
     return name if name and vars(np).get(name) is function else None
 
 
-def _read_library(told: Told, n_columns: int) -> PolynomialFeatures | FunctionLibrary:
+def _read_library(told: Told, n_columns: int) -> BaseEstimator:
+    if "together" in told:
+        parts = _mapping(told["together"])
+        steps = [(name, _read_library(_mapping(part), n_columns)) for name, part in parts.items()]
+        prefixes = flag("prefixes", told["prefixes"])
+        return FeatureUnion(steps, verbose_feature_names_out=prefixes)
     if "degree" in told:
         degree = whole("degree", told["degree"], least=0)
         check_degree("degree", degree, n_columns)

@@ -67,8 +67,8 @@ class Statement:
     def _law(self, mode: int, law: Mapping[str, Expression]) -> list[Polynomial]:
         if set(law) != set(self.states):
             raise ValueError(
-                f"the law of mode {mode} is one of {', '.join(law)}; give one polynomial for each "
-                f"of {', '.join(self.states)}."
+                f"the law of mode {mode} is one of {', '.join(map(str, law))}; give one polynomial "
+                f"for each of {', '.join(self.states)}."
             )
         return [self._read(law[name], self.columns) for name in self.states]
 
@@ -91,6 +91,11 @@ class Statement:
         source, target, guard, reset = (*told, None)[:4]
         if isinstance(reset, Mapping):
             reset = self._reset(number, reset) if reset else None
+        if not isinstance(reset, AffineReset | None):
+            raise TypeError(
+                f"transitions[{number}] has the reset {shown(reset)}; give a dict from states to "
+                'affine functions, such as {"v": "-0.8 v"}, an AffineReset, or None.'
+            )
         if not isinstance(guard, PolynomialGuard):
             guard = self._guard(guard)
         return Transition(source, target, guard, reset)
@@ -107,6 +112,10 @@ class Statement:
         names = self.columns[:n_all]
         matrix, offset = np.eye(n_all), np.zeros(n_all)
         for name, expression in told.items():
+            if not isinstance(name, str):
+                raise TypeError(
+                    f"transitions[{number}] resets {shown(name)}; name the state that it resets."
+                )
             place = self._place(number, name, names)
             matrix[place] = 0.0
             for powers, value in self._read(expression, names).items():
@@ -141,7 +150,10 @@ def constants_of(parameters: Mapping[str, float] | None) -> dict[str, float]:
     """Names in texts that stand for numbers."""
     if parameters is not None and not isinstance(parameters, Mapping):
         raise TypeError(f"parameters={shown(parameters)} must be a dict from names to numbers.")
-    return {name: real(name, value) for name, value in (parameters or {}).items()}
+    told = parameters or {}
+    if not all(isinstance(name, str) for name in told):
+        raise TypeError(f"parameters={shown(told)} has keys that are no text; name each number.")
+    return {name: real(name, value) for name, value in told.items()}
 
 
 def _texts(laws: StatedLaws) -> list[Mapping[str, Expression]]:

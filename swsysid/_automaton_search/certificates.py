@@ -19,12 +19,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
 
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import known_rows
 from swsysid._results import Array
+from swsysid._solvers.conic import linear_program
 from swsysid._stays.given import Given
 from swsysid._stays.laws import Laws
 
@@ -110,16 +110,15 @@ def _terms(guard: PolynomialGuard, rows: Array) -> Array:
 
 
 def _largest(signed: Array, rising: Array) -> float:
-    """The margin of the best sum of the same terms."""
+    """The margin of the best sum of the same terms; NaN where the solver fails."""
     n, n_terms = signed.shape
     unit = np.maximum(np.abs(signed).max(axis=0), np.finfo(float).tiny)
-    done = linprog(
+    done = linear_program(
         np.append(np.zeros(n_terms), -1.0),
         A_ub=np.hstack([-signed / unit, np.ones((n, 1))]),
         b_ub=np.zeros(n),
         A_eq=np.append(rising / unit, 0.0)[None, :],
         b_eq=[1.0],
-        bounds=[(None, None)] * n_terms + [(None, 0.5)],
-        method="highs",
+        bounds=[(-np.inf, np.inf)] * n_terms + [(-np.inf, 0.5)],
     )
-    return float(done.x[-1]) if done.status == 0 else np.nan
+    return float(done.x[-1])

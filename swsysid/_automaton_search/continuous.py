@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -41,6 +42,7 @@ from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.transitions import transitions_of
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import IdentificationWarning
 from swsysid._stays.count import CountCandidate
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
@@ -66,15 +68,16 @@ def identified(
     jumps = jumps_of(given)
     search = _search(estimator, cut_at(given, jumps), settings, told)
     exact, known = _exact_start(estimator, given, search), None
-    if exact is not None:
+    followed = None if exact is None else _exactly(search, exact, given)
+    if exact is not None and followed is not None:
         candidates, known = exact.candidates, exact.modes.of_samples
-        pieces, stays = _exactly(search, exact, given)
+        pieces, stays = followed
     else:
         given = without_clipped(given)
         cutting = Cutting(estimator, given, settings, told)
         cut = _in_rounds(cutting, jumps, degree)
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
-    together = exact is not None
+    together = followed is not None
     found = transitions_of(stays, pieces, degree)
     if may_be_one_surface(found, stays.estimate.segments.recordings.interval):
         surfaced = with_surface(estimator, pieces.given, degree, settings, told)
@@ -87,10 +90,30 @@ def identified(
     found = possible(found, stays)
     if refine and found and not together:
         told()
-        parts, refinement = refined(given, stays, pieces, found, settings)
+        parts, refinement = _refined_if_possible(given, stays, pieces, found, settings)
     else:
         parts, refinement = told_by_parts(given, stays, pieces, found), None
     return _answer(given, stays, parts, refinement, search, candidates, known)
+
+
+def _refined_if_possible(
+    given: Given,
+    stays: StayIdentification,
+    pieces: Pieces,
+    found: list[Settled],
+    settings: StaySettings,
+) -> tuple[Told, AutomatonRefinement | None]:
+    """All refined together; as it was found part by part where linear algebra fails on that."""
+    try:
+        return refined(given, stays, pieces, found, settings)
+    except np.linalg.LinAlgError as error:
+        warnings.warn(
+            f"laws, guards and resets could not be refined together ({error}): they are those of "
+            "the stays one by one, without standard errors; give states in units of order one.",
+            IdentificationWarning,
+            stacklevel=5,
+        )
+        return told_by_parts(given, stays, pieces, found), None
 
 
 def _in_rounds(cutting: Cutting, jumps: list[NDArray[np.intp]], degree: int) -> Cut:
@@ -146,10 +169,17 @@ def _exact_start(
     return _search(estimator, whole(given), search.settings, search.told).by_intervals()
 
 
-def _exactly(search: Search, exact: ExactStart, given: Given) -> tuple[Pieces, StayIdentification]:
-    """Stays of recordings without noise, cut where no switch explains what the state does."""
+def _exactly(
+    search: Search, exact: ExactStart, given: Given
+) -> tuple[Pieces, StayIdentification] | None:
+    """Stays of recordings without noise, cut where no switch explains what the state does.
+
+    None if these cuts leave no stay: rows that repeat the one before are no motion with jumps.
+    """
     modes, sampled = exact.modes, exact.modes.recordings.sampled
     pieces = cut_at(given, modes.breaks, SETTINGS.fewest_of_a_stay)
+    if not pieces.given.records:
+        return None
     parts = list(zip(pieces.recording, pieces.first, pieces.last, strict=True))
     stays = [modes.stays(k, sampled[k][a], sampled[k][b]) for k, a, b in parts]
     between = [modes.between(k) for k in range(len(sampled))]

@@ -138,7 +138,10 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     basis = FewColumns.of(own.beside, some, degree)
     if basis is None or not seen.any() or len(basis.powers) > seen.sum() + 1:
         return None
-    solved = _solved(basis, own)
+    try:
+        solved = _solved(basis, own)
+    except np.linalg.LinAlgError:  # other columns may tell
+        return None
     if solved is None:
         return None
     misses = np.full(len(seen), np.nan)
@@ -180,7 +183,8 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
         ])  # fmt: skip
         coef = _least(rows, rising)
         own_rates = np.abs(slopes @ coef)
-        least = max(SETTINGS.slowest * float(np.median(own_rates)), np.finfo(float).tiny)
+        # their mean is one, so that what most of them do not have is more than its rounding
+        least = max(SETTINGS.slowest * float(np.median(own_rates)), np.finfo(float).eps)
         rates = np.maximum(own_rates, least)
         beside_rates = np.maximum(np.abs(beside_slopes @ coef), least)
         times = values @ coef / rates

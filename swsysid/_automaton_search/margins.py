@@ -24,7 +24,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.few_columns import (
@@ -36,6 +35,7 @@ from swsysid._automaton_search.few_columns import (
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
+from swsysid._solvers.conic import linear_program
 
 
 @dataclass(frozen=True)
@@ -156,14 +156,13 @@ def _separating(below: Array, above: Array, rising: Array) -> Array | None:
 def _program(signed: Array, rising: Array) -> tuple[Array, float] | None:
     """Coefficients and margin of some rows."""
     n, n_terms = signed.shape
-    done = linprog(
+    done = linear_program(
         np.concatenate([np.zeros(n_terms), [-1.0], np.full(n, SETTINGS.slack_price)]),
         A_ub=np.hstack([-signed, np.ones((n, 1)), -np.eye(n)]),
         b_ub=np.zeros(n),
         A_eq=np.concatenate([rising, np.zeros(n + 1)])[None, :],
         b_eq=[1.0],
         # it rises by one from the last rows to those reached: no margin is above a half
-        bounds=[(None, None)] * n_terms + [(0.0, 0.5)] + [(0.0, None)] * n,
-        method="highs",
+        bounds=[(-np.inf, np.inf)] * n_terms + [(0.0, 0.5)] + [(0.0, np.inf)] * n,
     )
-    return (done.x[:n_terms], float(done.x[n_terms])) if done.status == 0 else None
+    return (done.x[:n_terms], float(done.x[n_terms])) if done.status.ok else None

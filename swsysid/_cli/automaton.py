@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
-import sys
 import warnings
 from pathlib import Path
 
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
+from swsysid._cli.saving import save_automaton
 from swsysid._cli.terms import Terms
 from swsysid._cli.text import described
 from swsysid._cli.verdict import hold_out
 from swsysid._tables.table import Table, TableError
 
 
-def run_automaton(table: Table, options: JobOptions, folder: Path) -> int:
+def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str) -> int:
     """Identify an automaton, judge one of the other recordings on what is held out, and save."""
     if options.measurement.derivatives or options.measurement.order == 2:
         raise TableError(
@@ -35,8 +34,7 @@ def run_automaton(table: Table, options: JobOptions, folder: Path) -> int:
         f"held-out rollouts: R2 of {score:.4f} on {held_out}, by an automaton of the others",
         *told,
     ])  # fmt: skip
-    print(text)
-    return _saved(found, text, folder)
+    return save_automaton(found, samples, text, folder, checksum)
 
 
 def _identified(
@@ -70,31 +68,3 @@ def _recorded(samples: Samples) -> str:
     assert recorded is not None
     first = described(samples, len(recorded.t), len(recorded.labels))
     return "\n".join([first, *samples.remarks])
-
-
-def _saved(found: HybridAutomatonRegressor, text: str, folder: Path) -> int:
-    """Write automaton, text and picture; the exit code is 2 if they cannot be written."""
-    try:
-        told = json.dumps(found.to_dict(), indent=1)
-        (folder / "automaton.json").write_text(told + "\n", encoding="utf-8")
-        (folder / "identification.txt").write_text(text + "\n", encoding="utf-8")
-        drawn = _drawn(found, folder / "automaton.png")
-    except OSError as error:
-        print(f"swsysid: {folder} cannot be written: {error.strerror}.", file=sys.stderr)
-        return 2
-    print(f"\nSaved in {folder}: automaton.json, identification.txt{drawn}")
-    return 0
-
-
-def _drawn(found: HybridAutomatonRegressor, path: Path) -> str:
-    """Draw modes and transitions; says what came of it."""
-    try:
-        import matplotlib.pyplot as plt
-    except ImportError:
-        return ' (no picture: install matplotlib, pip install "swsysid[plot]").'
-    from swsysid.plotting import AutomatonGraphDisplay
-
-    display = AutomatonGraphDisplay.from_estimator(found)
-    display.figure_.savefig(path, dpi=150)
-    plt.close(display.figure_)
-    return f", {path.name}"

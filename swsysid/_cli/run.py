@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import hashlib
+import html
+import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -16,7 +19,8 @@ from swsysid._cli.arguments import LIBRARIES, is_watched, modes, say
 from swsysid._cli.automaton import run_automaton
 from swsysid._cli.job import JobOptions, JobResult, run_job
 from swsysid._cli.measurement import Measurement
-from swsysid._cli.saving import save
+from swsysid._cli.output import prepare
+from swsysid._cli.saving import page_title, save
 from swsysid._cli.text import render, with_effects
 from swsysid._results import SolverError
 from swsysid._tables.table import Table, TableError
@@ -28,32 +32,36 @@ PAGE = "swsysid_diagnosis.html"
 
 def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
     """Identify, print and save; the exit code is 1 for a failed solver."""
-    _make(arguments.output)
-    if arguments.automaton:
-        return run_automaton(table, _options(arguments, measurement), arguments.output)
-    search, page, effects = None, None, []
-    watched = is_watched(arguments.verbose)
-    if arguments.diagnose:
-        effects, page = _chosen_effects(arguments.effects), _page_path(arguments.html)
     try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", UserWarning)
-            say("Smoothing, and identifying modes", watched)
-            result = run_job(table, _options(arguments, measurement))
-            if page is not None:
-                say("Searching for what the model lacks", watched)
-                search = _diagnose(result, effects, verbose=watched)
+        return _run(table, measurement, arguments)
     except SolverError as error:
         print(f"swsysid: {error}", file=sys.stderr)
         return 1
+
+
+def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
+    checksum = _checksum(arguments.file)
+    prepare(arguments.output, table.source, checksum)
+    if arguments.automaton:
+        return run_automaton(table, _options(arguments, measurement), arguments.output, checksum)
+    search, page, effects = None, None, []
+    watched = is_watched(arguments.verbose)
+    if arguments.diagnose:
+        effects, page = _chosen_effects(arguments.effects), _page_path(arguments.html, table.source)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        say("Smoothing, and identifying modes", watched)
+        result = run_job(table, _options(arguments, measurement))
+        if page is not None:
+            say("Searching for what the model lacks", watched)
+            search = _diagnose(result, effects, verbose=watched)
     text = render(result)
     notes = dict.fromkeys([*(str(warning.message) for warning in caught), *result.notes])
     told = [f"note: {note}" for note in notes]
     if search is not None:
         told += [str(search.report_), with_effects(search.best_estimator_)]
     text = "\n\n".join(part for part in [text, *told] if part)
-    print(text)
-    return save(result, text, arguments.output, search, page)
+    return save(result, text, arguments.output, search, page, checksum)
 
 
 def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOptions:
@@ -115,17 +123,24 @@ def _chosen_effects(kinds: Sequence[str]) -> list[Effect]:
     return [library[kind] for kind in library if kind in kinds] if kinds else all_effects()
 
 
-def _make(folder: Path) -> None:
-    """Make the folder of the results before the work is done."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TableError(f"--output {folder} cannot be written: {error.strerror}.") from error
+def _checksum(file: str | None) -> str:
+    """Which recording it is; "" for the built-in example."""
+    if file is None:
+        return ""
+    with open(file, "rb") as read:
+        return hashlib.file_digest(read, "sha256").hexdigest()
 
 
-def _page_path(path: Path | None) -> Path:
-    """Where the page goes, asked before the work is done."""
+def _page_path(path: Path | None, source: str) -> Path:
+    """Where the page goes, asked before the work is done; says if another one is there."""
     chosen = Path(PAGE) if path is None else path
-    if chosen.is_dir() or not chosen.parent.is_dir():
+    if chosen.is_dir() or not os.access(chosen.parent, os.W_OK):
         raise TableError(f"--html {chosen} cannot be written; name a file in a folder that exists.")
+    title = html.escape(page_title(source)).encode()
+    if chosen.is_file() and title not in chosen.read_bytes():
+        print(
+            f"swsysid: {chosen} holds another page and will be replaced; --html names another "
+            "file.",
+            file=sys.stderr,
+        )
     return chosen

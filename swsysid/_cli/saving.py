@@ -2,44 +2,128 @@
 
 from __future__ import annotations
 
+import json
+import re
 import sys
+import warnings
+from collections.abc import Callable
+from contextlib import nullcontext
+from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from sklearn.base import BaseEstimator
+
+from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._cli.job import JobResult
+from swsysid._cli.output import AUTOMATON, EFFECTS, GRAPH, MODEL, PORTRAIT, TEXT, results
 from swsysid._cli.samples import Samples
+from swsysid._files import written_beside
 from swsysid._saving.files import Recording, save_model
 from swsysid.diagnosis import EffectSearchCV
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+_NO_PICTURE = ' (no picture: install matplotlib, pip install "swsysid[plot]").'
+_MISSING = re.compile("Glyph .* missing from")  # a warning of matplotlib's
+
 
 def save(
-    result: JobResult, text: str, folder: Path, search: EffectSearchCV | None, page: Path | None
+    result: JobResult,
+    text: str,
+    folder: Path,
+    search: EffectSearchCV | None,
+    page: Path | None,
+    checksum: str,
 ) -> int:
-    """Write model, text, picture and page; the exit code is 2 if they cannot be written."""
-    samples, where = result.samples, folder
-    recording = Recording(
+    """Write model, text, picture and page, then print; the exit code is 2 if that cannot be.
+
+    `checksum` is that of the file that the samples come from.
+    """
+    samples, recording = result.samples, _recording(result.samples, checksum)
+
+    def write(draft: Path, beside: Path | None) -> str:
+        drawn = _draw(result, draft / PORTRAIT)
+        if search is not None and beside is not None:
+            save_model(search.best_estimator_, draft / EFFECTS, recording=recording)
+            drawn += f", {EFFECTS}"
+            title = page_title(samples.source)
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", _MISSING.pattern)
+                search.report_.to_html(beside, units=_units_of_displays(samples), title=title)
+        return drawn
+
+    return _save(result.model, recording, text, folder, page, write)
+
+
+def save_automaton(
+    found: HybridAutomatonRegressor, samples: Samples, text: str, folder: Path, checksum: str
+) -> int:
+    """Write and print what was found; the exit code is 2 if it cannot be written."""
+
+    def write(draft: Path, _: Path | None) -> str:
+        told = json.dumps(found.to_dict(), indent=1)
+        (draft / AUTOMATON).write_text(told + "\n", encoding="utf-8")
+        return f", {AUTOMATON}{_drawn(found, draft / GRAPH)}"
+
+    return _save(found, _recording(samples, checksum), text, folder, None, write)
+
+
+def _picture(figure: Figure, path: Path) -> str:
+    """Draw a figure to a file; says what came of it."""
+    import matplotlib.pyplot as plt
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        figure.savefig(path, dpi=150)
+    plt.close(figure)
+    boxes = any(_MISSING.match(str(warning.message)) for warning in caught)
+    return f", {path.name}" + " (with boxes for letters that its font lacks)" * boxes
+
+
+def page_title(source: str) -> str:
+    """The title of the page of a search in a recording."""
+    return f"Effect search: {source}"
+
+
+def _save(
+    model: BaseEstimator,
+    recording: Recording,
+    text: str,
+    folder: Path,
+    page: Path | None,
+    write: Callable[[Path, Path | None], str],
+) -> int:
+    """Write the model, the text, and what `write` adds to a folder and a page, or nothing.
+
+    The text is printed when all is written: a reader such as head that ends early loses no results.
+    """
+    try:
+        with results(folder) as draft, nullcontext() if page is None else written_beside(page) as b:
+            save_model(model, draft / MODEL, recording=recording)
+            (draft / TEXT).write_text(text + "\n", encoding="utf-8")
+            more = write(draft, b)
+    except OSError as error:
+        print(text)
+        where = folder if page is None or str(error.filename) != str(page) else page
+        print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
+        return 2
+    print(f"{text}\n\nSaved in {folder}: {MODEL}, {TEXT}{more}")
+    if page is not None:
+        print(f"Page with pictures: {page.resolve()}")
+    return 0
+
+
+def _recording(samples: Samples, checksum: str) -> Recording:
+    return Recording(
         source=samples.source,
         names=list(samples.names),
         units={**samples.units, "time": samples.time_unit},
         smoothing=_smoothing_of(samples),
+        checksum=checksum,
     )
-    try:
-        save_model(result.model, folder / "model.json", recording=recording)
-        (folder / "identification.txt").write_text(text + "\n", encoding="utf-8")
-        drawn = _draw(result, folder / "phase_portrait.png")
-        if search is not None and page is not None:
-            effects = folder / "model_with_effects.json"
-            save_model(search.best_estimator_, effects, recording=recording)
-            drawn += f", {effects.name}"
-            where = page
-            title = f"Effect search: {samples.source}"
-            search.report_.to_html(page, units=_units_of_displays(samples), title=title)
-    except OSError as error:
-        print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
-        return 2
-    print(f"\nSaved in {folder}: model.json, identification.txt{drawn}")
-    if page is not None:
-        print(f"Page with pictures: {page.resolve()}")
-    return 0
 
 
 def _smoothing_of(samples: Samples) -> dict[str, str | int | float | list[float]]:
@@ -69,16 +153,22 @@ def _draw(result: JobResult, path: Path) -> str:
     samples = result.samples
     if samples.X.shape[1] < 2:
         return " (no picture: it needs two columns)."
-    try:
-        import matplotlib.pyplot as plt
-    except ImportError:
-        return ' (no picture: install matplotlib, pip install "swsysid[plot]").'
+    if find_spec("matplotlib") is None:
+        return _NO_PICTURE
     from swsysid.plotting import SwitchingSurfaceDisplay
 
     told = {"names": samples.names, "units": samples.units}
     display = SwitchingSurfaceDisplay.from_estimator(
         result.model, samples.X, modes=result.modes, **told
     )
-    display.figure_.savefig(path, dpi=150)
-    plt.close(display.figure_)
-    return f", {path.name}"
+    return _picture(display.figure_, path)
+
+
+def _drawn(found: HybridAutomatonRegressor, path: Path) -> str:
+    """Draw modes and transitions; says what came of it."""
+    if find_spec("matplotlib") is None:
+        return _NO_PICTURE
+    from swsysid.plotting import AutomatonGraphDisplay
+
+    display = AutomatonGraphDisplay.from_estimator(found)
+    return _picture(display.figure_, path)

@@ -35,6 +35,8 @@ class Terms:
         if self.waves:
             parts = [("products", terms), ("waves", FunctionLibrary([np.sin, np.cos]))]
             terms = FeatureUnion(parts, verbose_feature_names_out=False)
+        if len(self.columns) == n_columns:
+            return terms
         chosen = ColumnTransformer(
             [("chosen", "passthrough", list(self.columns))], verbose_feature_names_out=False
         )

@@ -114,7 +114,13 @@ def _arity(function) -> int:
 @lru_cache
 def _n_required(function) -> int:
     """Number of positional arguments without a default."""
-    parameters = inspect.signature(function).parameters.values()
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except ValueError:  # of some functions in C nobody knows
+        raise TypeError(
+            f"the function {shown(function)} does not tell how many columns it takes; wrap it, "
+            "such as in lambda a, b: numpy.maximum(a, b)."
+        ) from None
     return sum(
         p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
         for p in parameters

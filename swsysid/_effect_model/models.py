@@ -44,6 +44,12 @@ def _(estimator: TrajectoryIdentifier, records: Records) -> Declared:
 
 @declared_model.register
 def _(estimator: HybridAutomaton, records: Records) -> Declared:
+    declared, given = (estimator.n_states, estimator.n_inputs), (records.n_states, records.n_inputs)
+    if declared != given:
+        raise ValueError(
+            f"the automaton has {declared[0]} states and {declared[1]} inputs and the recordings "
+            f"{given[0]} and {given[1]}; give the columns that it is stated for."
+        )
     return DeclaredAutomaton(estimator)
 
 
@@ -66,7 +72,9 @@ def check_declared(estimator: object) -> None:
             "that ends in one, a TrajectoryIdentifier, a HybridAutomatonRegressor or a "
             "HybridAutomaton."
         )
-    if isinstance(estimator, TrajectoryIdentifier) and (estimator.order != 1 or estimator.observed):
+    if isinstance(estimator, TrajectoryIdentifier) and (
+        estimator.order != 1 or estimator.observed is not None
+    ):
         raise ValueError(
             "effects are looked for where all states are measured; declare a TrajectoryIdentifier "
             "of order 1 without observed, or of positions alone give X and Xdot of "

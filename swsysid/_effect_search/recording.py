@@ -18,8 +18,10 @@ whose noise is independent.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from swsysid._data.records import Records, next_states
@@ -188,21 +190,31 @@ def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> 
     shown = np.zeros((len(records), 1), dtype=bool)
     shown[windows.whole()] = True
 
-    kept = Remembered[tuple[Array, csr_matrix]](2)
-
-    def average(columns: Array, rows: Rows | None = None) -> Array:
-        if rows is None:
-            return np.where(shown, windows.means @ columns, columns)
-        seen, means = kept.of(rows, (), lambda: (shown[rows], windows.means[rows]))
-        return np.where(seen, means @ columns, columns[rows])
-
-    seen = replace(records, X=X, average=average, told=modes)
+    seen = replace(records, X=X, average=Averages(shown, windows.means), told=modes)
     laws, every = fit.laws.coef[told.modes], np.arange(len(records))
     targets = np.einsum("nkf,nf->nk", laws, fit.features(seen)) + windows.slopes @ rest
     targets += seen.averaged(added[told.modes, every])
     rows = windows.whole(max(1, round(windows.length / SETTINGS.rows_a_window)))
     noise = StateNoise.of(rest, windows)
     return Measured(seen, targets, rows[told.sure[rows]], windows.length, records, noise)
+
+
+@dataclass(frozen=True, eq=False)
+class Averages:
+    """What windows make of columns of all rows; rows without a window stay as they are."""
+
+    shown: NDArray[np.bool_]  # (n_rows, 1): the others
+    means: csr_matrix
+
+    @cached_property
+    def _kept(self) -> Remembered[tuple[NDArray[np.bool_], csr_matrix]]:
+        return Remembered(2)
+
+    def __call__(self, columns: Array, rows: Rows | None = None) -> Array:
+        if rows is None:
+            return np.where(self.shown, self.means @ columns, columns)
+        seen, means = self._kept.of(rows, (), lambda: (self.shown[rows], self.means[rows]))
+        return np.where(seen, means @ columns, columns[rows])
 
 
 def _windows(rest: Array, records: Records, modes: Modes, stretches: list[Rows]) -> Windows:

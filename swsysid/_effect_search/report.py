@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +31,7 @@ from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.text import report_lines, summary
 from swsysid._effect_search.untouched import Tried
 from swsysid._effect_search.words import named, title
+from swsysid._files import write_text
 from swsysid._rendering.parts import entries_of
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
@@ -212,7 +212,7 @@ class EffectReport(EffectContents):
         """
         text = effect_page(self, units=units, title=title)
         if path is not None:
-            Path(path).write_text(text, encoding="utf-8")
+            write_text(path, text)
         return text
 
     def _repr_html_(self) -> str:

@@ -29,14 +29,10 @@ from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
 from swsysid._effect_search.reading import read_recordings, refuse_inputs_beside_velocities
-from swsysid._effect_search.recording import (
-    Measured,
-    beside_effects,
-    from_states,
-    with_velocities,
-)
+from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
+from swsysid._fitting import whole_or_nothing
 from swsysid._results import IdentificationWarning
 from swsysid.effects import Effect, all_effects
 
@@ -162,6 +158,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.random_state = random_state
         self.verbose = verbose
 
+    @whole_or_nothing
     def fit(self, X, y=None, *, t=None, groups=None, signals=None, inputs=None):
         """Search.
 
@@ -196,7 +193,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
         Examples
         --------
-        A recording: states with noise, their times, and an input; no velocities.
+        A recording, without velocities:
 
         >>> import numpy as np
         >>> from swsysid import EffectSearchCV
@@ -223,7 +220,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             plain = measured.fitted(self._declared, rows)
             self._alarms = alarms(self._declared, plain, measured, rows)
             for alarm in self._alarms:
-                warnings.warn(alarm, IdentificationWarning, stacklevel=2)
+                warnings.warn(alarm, IdentificationWarning, stacklevel=3)
             again = self._searched_again(measured, parts, plain, rng)
             if again is None:
                 found = self._search(measured, parts, plain, rng, self.max_effects)
@@ -237,10 +234,10 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 f"{len(measured.rows)} samples are too few to hold any out: the declared model is "
                 "returned unchanged. Record more, or fit the declared model itself.",
                 IdentificationWarning,
-                stacklevel=2,
+                stacklevel=3,
             )
             self.effects_, self.report_ = [], EffectReport.nothing_done(measured.records)
-        warn_of_doubts(final, 2)
+        warn_of_doubts(final, 3)
         return self
 
     def predict(self, X, *, t=None, groups=None, signals=None):

@@ -119,7 +119,7 @@ def _agrees_with_neighbours(points: Array, labels: Modes, settings: GuardSetting
 
 
 # Frames between `warnings.warn` and the user's call of `fit`.
-_STACK_LEVEL = 3
+_STACK_LEVEL = 4
 
 
 @dataclass(frozen=True)

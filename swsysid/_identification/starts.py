@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._checks.parameters import whole
 from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import Parameters
 from swsysid._results import Array
@@ -27,7 +28,7 @@ class Search:
     @property
     def gate_degree(self) -> int:
         """Degree of the gate: that of the surface."""
-        return int(option(self.parameters.surface, "degree", 2))
+        return whole("degree", option(self.parameters.surface, "degree", 2), least=0)
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,16 @@
 """Which classes a model file may name: those of this package, and transformers known to be data.
 
-A file names classes by the short names of this table, never by a module, so that nothing it says
-is imported. An object is its class and its attributes; none of its methods runs while it is made,
-but for the constructors of estimators, which only store.
+A file names models by the short names of this table. The records of reports, which are frozen
+dataclasses and the like, it names by their place in this package; nothing else that it says is
+imported. An object is its class and its attributes; none of its methods runs while it is made, but
+for constructors, which only store and check.
 """
 
 from __future__ import annotations
 
 import importlib
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from inspect import signature
 
 from sklearn.base import BaseEstimator
@@ -16,10 +18,12 @@ from sklearn.base import BaseEstimator
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
+from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap, FunctionLibrary, Monomials
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_regressor import EffectRegressor
+from swsysid._effect_search.search import EffectSearchCV
 from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._pipelines import ModePipeline
@@ -27,6 +31,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import IterationRecord
 from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis
 from swsysid._surfaces.probability import ModePosterior, SurfaceEvidence
+from swsysid._trajectory_identifier import TrajectoryIdentifier
 from swsysid.effects import PlacedEffect, all_effects, special_effects
 from swsysid.effects._guards import Guard
 from swsysid.relaxations import ExactRelaxation, MomentRelaxation, SimplexRelaxation
@@ -35,6 +40,7 @@ _OWN = {
     each.__name__: each
     for each in (
         SwitchingSystemRegressor, PolynomialSurfaceClassifier, EffectRegressor, ModePipeline,
+        TrajectoryIdentifier, HybridAutomatonRegressor, EffectSearchCV,
         FeatureMap, FunctionLibrary, Monomials,
         PolynomialBasis, LibraryBasis, RelevantBasis,
         ModePosterior, SurfaceEvidence, SurfaceCandidate, ModeCandidate, IterationRecord,
@@ -55,6 +61,9 @@ _FOREIGN = {
     "sklearn.decomposition": ("PCA",),
     "sklearn.kernel_approximation": ("RBFSampler", "Nystroem"),
     "sklearn.linear_model": ("LogisticRegression",),
+    "sklearn.model_selection": (
+        "KFold", "GroupKFold", "TimeSeriesSplit", "ShuffleSplit", "LeaveOneGroupOut",
+    ),
     "pysindy": (
         "PolynomialLibrary", "FourierLibrary", "IdentityLibrary", "ConcatLibrary",
         "TensoredLibrary",
@@ -64,14 +73,18 @@ _MODULE_OF = {
     f"{module.partition('.')[0]}.{name}": module for module, names in _FOREIGN.items()
     for name in names
 }  # fmt: skip
-# Which metadata a user asks for, and what `load_model` says, are no part of what a model knows.
-_LEFT_OUT = ("_metadata_request", "recording_")
+# Which metadata a user asks for, what `load_model` says, and what only a fit needs, are no part of
+# what a model knows.
+_LEFT_OUT = ("_metadata_request", "recording_", "_declared")
+_PACKAGE = __name__.partition(".")[0] + "."
 
 
 def name_of(kind: type) -> str | None:
     """The name of a class in a file; None if it has none."""
     if _OWN.get(kind.__name__) is kind:
         return kind.__name__
+    if _is_record(kind):
+        return f"{kind.__module__}.{kind.__name__}"
     name = f"{kind.__module__.partition('.')[0]}.{kind.__name__}"
     return name if name in _MODULE_OF and class_named(name) is kind else None
 
@@ -80,16 +93,27 @@ def class_named(name: str) -> type:
     """The class of a name in a file; KeyError if there is none."""
     if name in _OWN:
         return _OWN[name]
-    module = importlib.import_module(_MODULE_OF[name])
-    kind: type = getattr(module, name.partition(".")[2])
+    place, _, last = name.rpartition(".")
+    is_ours = name.startswith(_PACKAGE)
+    kind = vars(importlib.import_module(place if is_ours else _MODULE_OF[name]))[last]
+    if is_ours and not (_is_record(kind) and kind.__module__ == place):
+        raise KeyError(name)
     return kind
+
+
+def _is_record(kind: type) -> bool:
+    """Whether objects of a class of this package are no more than their fields."""
+    is_ours = isinstance(kind, type) and kind.__module__.startswith(_PACKAGE)
+    return is_ours and (is_dataclass(kind) or issubclass(kind, Enum | tuple))
 
 
 def state_of(value: object) -> dict[str, object]:
     """The attributes from which `made` makes an equal object."""
-    fields = getattr(value, "__dataclass_fields__", None)
-    names = vars(value) if fields is None else fields
-    return {name: getattr(value, name) for name in names if name not in _LEFT_OUT}
+    if isinstance(value, tuple):
+        return dict(zip(vars(type(value))["_fields"], value, strict=True))
+    # what a record has computed and kept beside its fields is no part of it
+    names = [one.name for one in fields(value)] if is_dataclass(value) else list(vars(value))
+    return {name: vars(value)[name] for name in names if name not in _LEFT_OUT}
 
 
 def made(kind: type, state: dict[str, object]) -> object:
@@ -98,7 +122,7 @@ def made(kind: type, state: dict[str, object]) -> object:
     Parameters of an estimator that the file does not know have their defaults. Attributes that the
     class does not have are a TypeError or a ValueError.
     """
-    if is_dataclass(kind):
+    if is_dataclass(kind) or issubclass(kind, tuple):
         return kind(**state)
     if not issubclass(kind, BaseEstimator):
         return _with_attributes(object.__new__(kind), state)

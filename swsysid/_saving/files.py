@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
-from swsysid._pipelines import switching_step
+from swsysid._automaton.documents import FORMAT as AUTOMATON
+from swsysid._automaton.model import HybridAutomaton
+from swsysid._checks.parameters import names_of_columns, shown
+from swsysid._files import write_text
 from swsysid._saving.classes import name_of
+from swsysid._saving.probes import equations_of, finds_again, probe
 from swsysid._saving.values import read_objects, write_objects
 
 _NAME = "swsysid model"
@@ -26,16 +28,17 @@ _MODELS = (
     "EffectRegressor",
     "ModePipeline",
     "sklearn.Pipeline",
+    "TrajectoryIdentifier",
+    "HybridAutomatonRegressor",
+    "HybridAutomaton",
+    "EffectSearchCV",
 )
 _FORMAT = 1  # raised where an older version could not read what is written
-_DIGITS = 6
 _MALFORMED = (
     ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError, OverflowError,
     ImportError,
 )  # fmt: skip
 _PACKAGES = ("swsysid", "scikit-learn", "numpy")
-_N_PROBES = 4  # states whose velocities a file holds, to be found again when it is read
-_PROBE_TOLERANCE = 1e-9  # processors differ in the last digits
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,8 @@ class Recording:
         Units by the names of columns; those of velocities by names such as ``x'``.
     smoothing : dict
         How the velocities were made: the method, its window and the like, by name.
+    checksum : str
+        SHA-256 of the file, which tells it from another one of its name.
 
     Examples
     --------
@@ -64,10 +69,11 @@ class Recording:
     names: list[str] = field(default_factory=list)
     units: Mapping[str, str] = field(default_factory=dict)
     smoothing: Mapping[str, Any] = field(default_factory=dict)
+    checksum: str = ""
 
 
 def save_model(
-    model: BaseEstimator, path: str | Path, *, recording: Recording | None = None
+    model: BaseEstimator | HybridAutomaton, path: str | Path, *, recording: Recording | None = None
 ) -> None:
     """Write a fitted model to a file that holds no code.
 
@@ -76,9 +82,9 @@ def save_model(
 
     Parameters
     ----------
-    model : fitted estimator
-        `SwitchingSystemRegressor`, `PolynomialSurfaceClassifier`, `EffectRegressor` (such as
-        ``search.best_estimator_``), or a pipeline of scikit-learn's that ends in one of them.
+    model : fitted estimator or HybridAutomaton
+        Any of this package, with its standard errors and its report, or a pipeline of
+        scikit-learn's that ends in one.
     path : str or path
         A usual ending is ``.json``. A file that is there is overwritten.
     recording : Recording, default=None
@@ -108,19 +114,9 @@ def save_model(
     >>> bool((same.predict(data.X) == model.predict(data.X)).all())
     True
     """
-    if type(model).__name__.endswith("SearchCV"):
-        raise TypeError(
-            f"{type(model).__name__} is a search; save the model that it found: "
-            "save_model(search.best_estimator_, path)."
-        )
-    if name_of(type(model)) not in _MODELS:
-        raise TypeError(
-            f"{type(model).__name__} is not a model that save_model knows; give a "
-            "SwitchingSystemRegressor, a PolynomialSurfaceClassifier, an EffectRegressor, or a "
-            "Pipeline that ends in one."
-        )
-    check_is_fitted(model)
+    _check_model(model)
     known = vars(model).get("recording_", Recording()) if recording is None else recording
+    _check_recording(known)
     if not known.names:
         known = replace(known, names=list(map(str, getattr(model, "feature_names_in_", ()))))
     content = {
@@ -128,20 +124,22 @@ def save_model(
         "format_version": _FORMAT,
         "written_by": {package: version(package) for package in _PACKAGES},
         "recording": asdict(known),
-        "equations": _lines(model, "equations"),
-        "surface_equations": _lines(model, "surface_equations"),
-        "probe": _probe(model),
+        "equations": equations_of(model, "equations"),
+        "surface_equations": equations_of(model, "surface_equations"),
+        "probe": probe(model),
         "objects": write_objects(model),
     }
     content["checksum"] = _checksum(content)
-    Path(path).write_text(_text(content), encoding="utf-8")
+    write_text(path, _text(content))
 
 
-def load_model(path: str | Path) -> BaseEstimator:
+def load_model(path: str | Path) -> BaseEstimator | HybridAutomaton:
     """The model of a file that `save_model` wrote; no code of the file is run.
 
     It predicts the same numbers to the last bit, simulates, prints its equations and is plotted
-    as the one that was saved. What it was identified from is its attribute ``recording_``.
+    as the one that was saved. What it was identified from is its attribute ``recording_``. The
+    document of `HybridAutomaton.to_dict` as JSON, such as the ``automaton.json`` of the command
+    line, is read too.
 
     Parameters
     ----------
@@ -149,7 +147,7 @@ def load_model(path: str | Path) -> BaseEstimator:
 
     Returns
     -------
-    fitted estimator
+    fitted estimator or HybridAutomaton
 
     Raises
     ------
@@ -164,11 +162,13 @@ def load_model(path: str | Path) -> BaseEstimator:
     See `save_model`.
     """
     content = _content(Path(path))
+    if content["format"] == AUTOMATON:
+        return HybridAutomaton.from_dict(content)
     try:
         model = read_objects(content["objects"])
         recording = Recording(**content["recording"])
         unknown = name_of(type(model)) not in _MODELS
-        same = unknown or _finds_again(model, content["probe"])
+        same = unknown or finds_again(model, content["probe"])
     except _MALFORMED as error:
         raise ValueError(
             f"{path} does not hold a model of swsysid ({error}); do not trust this file, and save "
@@ -182,8 +182,42 @@ def load_model(path: str | Path) -> BaseEstimator:
             f"{path} predicts other velocities here than where it was written (with {told}); "
             "install these versions, or fit the model again."
         )
-    model.recording_ = recording
+    vars(model)["recording_"] = recording  # an automaton has no other way
     return model
+
+
+def _check_model(model: object) -> None:
+    """Refuse what is no fitted model of this package."""
+    if name_of(type(model)) not in _MODELS:
+        kind = type(model).__name__
+        if kind.endswith("SearchCV"):
+            raise TypeError(
+                f"{kind} is a search; save the model that it found: "
+                "save_model(search.best_estimator_, path)."
+            )
+        raise TypeError(
+            f"{kind} is not a model that save_model knows; give an estimator of this package, a "
+            "Pipeline that ends in one, or a HybridAutomaton."
+        )
+    if isinstance(model, BaseEstimator):
+        check_is_fitted(model)
+
+
+def _check_recording(recording: object) -> None:
+    """Refuse what a file cannot tell of the data."""
+    if not isinstance(recording, Recording):
+        raise TypeError(
+            f"recording={shown(recording)} must be a swsysid.Recording, such as "
+            'Recording("runs.csv", units={"x": "m"}).'
+        )
+    names_of_columns("names", recording.names)
+    try:
+        json.dumps(asdict(recording), allow_nan=False)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise type(error)(
+            f"recording cannot be written ({str(error).rstrip('.')}); give texts, finite numbers, "
+            "and lists and dicts of these."
+        ) from None
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -192,6 +226,8 @@ def _content(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_bytes().decode("utf-8"), parse_constant=_no_constant)
     except (ValueError, RecursionError):
         content = None
+    if isinstance(content, dict) and content.get("format") == AUTOMATON:
+        return content
     if not isinstance(content, dict) or content.get("format") != _NAME:
         raise ValueError(f"{path} is no model file of swsysid; write one with save_model.")
     written = content.get("format_version")
@@ -226,34 +262,3 @@ def _checksum(content: dict[str, Any]) -> str:
 
 def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no JSON")
-
-
-def _lines(model: BaseEstimator, method: str) -> list[str]:
-    """Equations for a reader of the file; none from a model or a surface that has no text."""
-    try:
-        return list(getattr(switching_step(model)[1], method)(precision=_DIGITS))
-    except (AttributeError, TypeError):
-        return []
-
-
-def _probe(model: BaseEstimator) -> list[float | str] | None:
-    """What the model predicts for a few states; None where it needs more than states."""
-    X = np.random.default_rng(0).uniform(-1.0, 1.0, (_N_PROBES, model.n_features_in_))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            return np.asarray(model.predict(X)).ravel().tolist()
-        except ValueError:  # a logarithm of a negative number, or an effect that needs the times
-            return None
-
-
-def _finds_again(model: BaseEstimator, told: list[float | str] | None) -> bool:
-    """Whether the model predicts what it predicted where it was written."""
-    if told is None:
-        return True
-    found = _probe(model)
-    if found is None or len(found) != len(told):
-        return False
-    if not all(isinstance(value, float) for value in told):
-        return found == told
-    return bool(np.allclose(found, told, rtol=_PROBE_TOLERANCE, atol=1e-300, equal_nan=True))

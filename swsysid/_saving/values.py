@@ -10,10 +10,12 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Mapping, Sequence
+from enum import Enum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from swsysid._results import Status
 from swsysid._saving.classes import class_named, made, name_of, state_of
@@ -63,7 +65,7 @@ class _Writer:
                 return _json_of_float(float(value))
             case list():
                 return [self.write(part, f"{where}[{place}]") for place, part in enumerate(value)]
-            case tuple():
+            case tuple() if type(value) is tuple:
                 return {"tuple": self.write(list(value), where)}
             case dict():
                 return {
@@ -72,6 +74,11 @@ class _Writer:
                         for key, part in value.items()
                     ]
                 }
+            case frozenset() | set():
+                return {type(value).__name__: self.write(sorted(value), where)}
+            case csr_matrix():
+                parts = [list(value.shape), value.data, value.indices, value.indptr]
+                return {"csr": self.write(parts, where)}
             case slice():
                 return {"slice": self.write([value.start, value.stop, value.step], where)}
             case np.ndarray():
@@ -85,6 +92,8 @@ class _Writer:
                 return {"random_state": self.write(value.get_state(legacy=False), where)}
             case Status():
                 return {"status": value.name}
+            case Enum() if (kind := name_of(type(value))) is not None:
+                return {"enum": [kind, value.name]}
         return self._write_object(value, where)
 
     def _write_object(self, value: object, where: str) -> dict[str, int]:
@@ -142,6 +151,16 @@ def _read(told: Any, known: list[object]) -> Any:
             return random_state
         case "status":
             return Status[inner]
+        case "csr":
+            shape, *parts = _read(inner, known)
+            matrix = csr_matrix(tuple(parts), shape=tuple(shape))
+            matrix.check_format(full_check=True)  # places beyond the end are read without a check
+            return matrix
+        case "set" | "frozenset":
+            values = _read(inner, known)
+            return set(values) if kind == "set" else frozenset(values)
+        case "enum" if issubclass(kind_of := class_named(inner[0]), Enum):
+            return kind_of[inner[1]]
     raise ValueError(f"{told!r} stands for nothing")
 
 

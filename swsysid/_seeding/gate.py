@@ -53,6 +53,7 @@ def gate_degree_within(
     # Never below one, where the ridge on the gate takes over.
     supported = total_weight / (settings.samples_a_coefficient * max(n_modes - 1, 1))
     allowed = min(settings.most_gate_features, supported)
+    degree = min(degree, max(int(allowed), 1))  # there are more monomials than degrees
     while degree > 1 and comb(n_coordinates + degree, degree) > allowed:
         degree -= 1
     return degree

@@ -84,7 +84,7 @@ def solve(problem, solver: str = "auto") -> Status:
     if broke:
         return Status.FAILED
     status = _CVXPY_STATUS.get(problem.status, Status.FAILED)
-    has_values = all(variable.value is not None for variable in problem.variables())
+    has_values = all(_is_finite(variable.value) for variable in problem.variables())
     return Status.FAILED if status in HAS_VALUES and not has_values else status
 
 
@@ -107,8 +107,9 @@ def mixed_integer_program(
     if broke:
         return _no_solution(cost.size, Status.FAILED, objective=np.inf)
     status, bound = _MILP_STATUS.get(answer.status, Status.FAILED), answer.get("mip_dual_bound")
-    if answer.x is None:
+    if not _is_finite(answer.x):
         bound = -np.inf if bound is None else bound
+        status = Status.FAILED if status in HAS_VALUES else status
         return _no_solution(cost.size, status, objective=np.inf, bound=bound)
     bound = answer.fun if bound is None else bound
     return LinearSolution(answer.x, answer.fun, np.empty(0), np.empty(0), status, bound)
@@ -188,15 +189,22 @@ def _answer(call: Callable[[], Any], mistakes: tuple = ()) -> tuple[Any, bool]:
             return None, True
 
 
+def _is_finite(values) -> bool:
+    """Whether a solver has given numbers: it may call a point optimal that has none."""
+    return values is not None and bool(np.isfinite(values).all())
+
+
 def _linear_program_highs(cost, rows, bounds) -> LinearSolution:
     status = Status.FAILED
     # Where the simplex method fails, the interior point of HiGHS may not.
     for method in ("highs", "highs-ipm"):
         answer, broke = _answer(partial(linprog, cost, bounds=bounds, method=method, **rows))
         status = Status.FAILED if broke else _LINPROG_STATUS.get(answer.status, Status.FAILED)
+        if status in HAS_VALUES and not (status is Status.OPTIMAL and _is_finite(answer.x)):
+            status = Status.FAILED
         if status is not Status.FAILED:
             break
-    if status is not Status.OPTIMAL or answer.x is None:
+    if status is not Status.OPTIMAL:
         return _no_solution(
             cost.size, status, n_ub=_n_rows(rows["b_ub"]), n_eq=_n_rows(rows["b_eq"])
         )

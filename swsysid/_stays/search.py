@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 from joblib import Parallel, delayed, effective_n_jobs
@@ -311,9 +312,12 @@ def _check_observed(observed: object, given: Given) -> None:
     if observed is None:
         return
     listed = list(observed) if isinstance(observed, (list, tuple, range)) else [observed]
+    if isinstance(observed, np.ndarray):
+        listed = observed.ravel().tolist()
     names = (given.names or [])[: given.n_channels]
     known = {*range(given.n_channels), *names}
-    if not set(listed) <= known or len(listed) != given.n_channels:
+    named = {one for one in listed if isinstance(one, (str, Integral))}
+    if not named <= known or len(named) != given.n_channels:
         raise ValueError(
             f"observed={shown(observed)} names not just the {given.n_channels} columns of x; laws "
             "of states that nobody measures cannot be started from data: state them in a "

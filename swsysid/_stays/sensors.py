@@ -31,7 +31,7 @@ def without_clipped(given: Given) -> Given:
         f"samples stand at an end of the range of their sensor ({counts}) and count as missing; "
         "record with a wider range.",
         IdentificationWarning,
-        stacklevel=4,
+        stacklevel=5,
     )
     parts = np.split(clipped, np.cumsum(lengths)[:-1])
     records = [

@@ -146,9 +146,11 @@ def _with(stays: Stays, visit: Visit) -> Stays:
 
 
 def _without(stays: Stays, visit: Visit) -> Stays:
-    """Stays without one of them, those around it joined."""
+    """Stays without one of them, those around it joined; the only one stays."""
     begins = np.append(-np.inf, stays.instants)
     kept = begins != visit.begin
+    if not kept.any():
+        return stays
     modes = stays.modes[kept]
     new = np.append(True, np.diff(modes) != 0)
     return Stays(modes[new], begins[kept][new][1:])

@@ -208,14 +208,14 @@ def warn_if_doubtful(status: Status, coef: Array) -> None:
         warnings.warn(
             f"the margin LP ended with status '{status.value}'. {status.advice}",
             ConvergenceWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
     if (coef == 0.0).all(axis=1).any():
         warnings.warn(
             "a surface vanished: its sparsity outweighs all slack; decrease beta or increase "
             "margin.",
             IdentificationWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

@@ -7,7 +7,6 @@ import dataclasses
 import difflib
 import gzip
 import lzma
-import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -34,6 +33,12 @@ def read_table(
     """
     path = Path(path)
     kind = _kind(path)
+    try:
+        path.stat()
+    except FileNotFoundError:
+        pass  # that is said below, with what is there instead
+    except (OSError, ValueError) as error:
+        raise TableError(f"{str(path)[:60]!r} is no name that a file can have.") from error
     if path.is_dir():
         raise TableError(f"{path} is a folder; name one recording in it.")
     if kind not in _READERS:
@@ -45,7 +50,7 @@ def read_table(
         raise TableError(f"There is no file {path}; {_beside(path)}.")
     try:
         table = _READERS[kind](path, missing)
-    except (ImportError, OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except Exception as error:  # each reader breaks in ways of its own on files of another kind
         told = " ".join(str(error).split()) or type(error).__name__
         raise TableError(f"{path.name} cannot be read: {told}") from error
     table = dataclasses.replace(table, units={**table.units, **(units or {})})
@@ -123,7 +128,8 @@ def _read_parquet(path: Path, missing: Sequence[str]) -> Table:
 
 def _npz_columns(path: Path) -> Columns:
     """Names and columns of an archive; ValueError if it holds Python objects."""
-    with np.load(path, allow_pickle=False) as archive:
+    # numpy leaves a file open that is none of its own
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for name in archive:
             try:
                 array = archive[name]

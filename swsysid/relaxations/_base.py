@@ -71,10 +71,19 @@ class Relaxation(ABC, BaseEstimator):
         """Return both as arrays of floats, or raise ValueError saying what is wrong."""
         candidates = numbers("candidates", candidates)
         targets = numbers("targets", targets)
-        if candidates.ndim != 3 or candidates.shape[1:] != targets.shape or not len(candidates):
+        if (
+            candidates.ndim != 3
+            or candidates.shape[1:] != targets.shape
+            or 0
+            in (
+                len(candidates),
+                *targets.shape[1:],
+            )
+        ):
             raise ValueError(
                 f"candidates have shape {candidates.shape} and targets {targets.shape}; they "
-                "must be (n_modes, n_samples, n_states) and (n_samples, n_states)."
+                "must be (n_modes, n_samples, n_states) and (n_samples, n_states), with a mode and "
+                "a state at least."
             )
         return candidates, targets
 

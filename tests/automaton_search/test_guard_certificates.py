@@ -25,6 +25,15 @@ def test_a_threshold_is_as_far_as_its_nearest_sample(value, margin, scale):
     assert told.largest == pytest.approx(0.5, abs=1e-9)
 
 
+def test_a_program_that_fails_leaves_the_margin_and_no_largest_one(monkeypatch):
+    def fails(*_, **__):
+        raise RuntimeError("HiGHS has lost its way")
+
+    monkeypatch.setattr("swsysid._solvers.conic.linprog", fails)
+    told = certificate(threshold(1.0), BELOW, LAST, REACHED)
+    assert told.margin == pytest.approx(0.5, abs=1e-12) and np.isnan(told.largest)
+
+
 def test_a_sample_beyond_the_guard_is_on_the_wrong_side():
     beyond = np.vstack([BELOW, [[1.02, 0.0, 0.0]]])
     told = certificate(threshold(1.0), beyond, LAST, REACHED)

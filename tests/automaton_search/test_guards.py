@@ -75,6 +75,15 @@ def test_the_value_of_a_guard_does_not_depend_on_units():
     )
 
 
+def test_a_column_that_rises_at_one_switch_alone_leaves_finite_numbers():
+    # such as a throttle that stands still at all switches but one: no rate there, and no time
+    some = planted([1.0, 0.0], 0.7)
+    some.rates[1:, 1], some.rates[0, 1] = 0.0, 1.0
+    found = best_guard(some, 1, np.array([1]))
+    assert found is None or np.isfinite(found.guard.coef).all() and np.isfinite(found.cost)
+    assert best_guard(some, 1).some.tolist() == [0]
+
+
 def test_one_false_switch_among_many_moves_nothing():
     data = planted([1.0, 0.0], 0.5)
     columns = data.columns.copy()
@@ -113,3 +122,15 @@ def test_a_clock_that_is_unknown_in_some_stays_can_tell_the_others():
         found.guard.values(np.array([[0.0, 1.5], [3.0, 0.5]])), [0.0, -1.0], atol=1e-9
     )
     assert np.isnan(found.misses[0]) and np.isfinite(found.misses[1:]).all()
+
+
+def test_columns_on_which_linear_algebra_fails_leave_the_others(monkeypatch):
+    lstsq = np.linalg.lstsq
+
+    def fails_on_two_columns(rows, *right, **options):
+        if rows.shape[1] > 1:
+            raise np.linalg.LinAlgError("SVD did not converge in Linear Least Squares")
+        return lstsq(rows, *right, **options)
+
+    monkeypatch.setattr(np.linalg, "lstsq", fails_on_two_columns)
+    assert best_guard(planted([2.0, 0.0], 0.7), 1).some.tolist() == [0]

@@ -166,8 +166,9 @@ def test_effects_that_were_found_are_inside_the_laws(tmp_path):
     data = make_undeclared("coulomb_friction", n_samples=1000, random_state=0)
     search = EffectSearchCV(data.estimator, effects=[CoulombFriction()])
     search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
-    with pytest.raises(TypeError, match=r"EffectSearchCV is a search; save .*best_estimator_"):
-        save_model(search, tmp_path / "search.json")
+    again = there_and_back(search, tmp_path)
+    assert again.report_.to_dict() == search.report_.to_dict()
+    assert again.equations() == search.equations()
     model = search.best_estimator_
     same = there_and_back(model, tmp_path)
     assert same.equations() == model.equations()

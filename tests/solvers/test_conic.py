@@ -6,8 +6,10 @@ import warnings
 import cvxpy as cp
 import numpy as np
 import pytest
+from scipy.optimize import OptimizeResult
 from scipy.sparse import csr_array
 
+from swsysid import PolynomialSurfaceClassifier
 from swsysid._results import SolverError, Status
 from swsysid._solvers import conic
 
@@ -177,6 +179,22 @@ def test_where_the_simplex_method_fails_the_interior_point_is_asked(monkeypatch)
     assert asked == ["highs", "highs-ipm"]
     assert solution.status is Status.OPTIMAL
     assert solution.x[0] == pytest.approx(2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("said", [0, 1])  # optimal, and out of time
+def test_a_point_without_numbers_is_no_solution_whatever_the_solver_says(monkeypatch, said):
+    def nothing(cost, **_):
+        return OptimizeResult(x=np.full(len(cost), np.nan), fun=np.nan, status=said)
+
+    monkeypatch.setattr(conic, "linprog", nothing)
+    monkeypatch.setattr(conic, "milp", lambda cost, **_: nothing(cost))
+    assert conic.linear_program([1.0], bounds=(0, 1)).status is Status.FAILED
+    one = {"matrix": [[1.0]], "low": [0.0], "high": [1.0], "integrality": [1], "bounds": (0, 1)}
+    ended = conic.mixed_integer_program([1.0], **one)
+    assert np.isnan(ended.x).all() and ended.status is [Status.FAILED, Status.TIME_LIMIT][said]
+    X = np.linspace(-1.0, 1.0, 20)[:, None]
+    with pytest.raises(SolverError, match=r"no solution of the margin LP"):
+        PolynomialSurfaceClassifier(1).fit(X, X[:, 0] > 0.0)
 
 
 @pytest.mark.parametrize("status", [Status.INFEASIBLE, Status.UNBOUNDED, Status.FAILED])
