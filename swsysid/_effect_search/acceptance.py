@@ -22,6 +22,7 @@ from swsysid._effect_search.smeared_switches import is_smeared_mode
 from swsysid._effect_search.smears import is_smear
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
+from swsysid._ties import first_largest, least_of
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
 
 FEW_STRETCHES = (
@@ -206,12 +207,12 @@ def confirmed(
         findings = tuple(
             finding(context, structure, place) for place in range(len(structure.terms))
         )
-        worst = int(np.argmax([one.p_value for one in findings]))
+        worst = int(first_largest([one.p_value for one in findings]))
         if findings[worst].p_value <= context.significance:
             return structure, findings
         refused.add(structure.terms[worst].signature)
         options = [context.without(structure, worst), *without_terms(earlier, refused)]
-        structure = min(options, key=lambda option: option.price)
+        structure = least_of(options, attrgetter("price"))
     return context.priced(context.declared), ()
 
 
@@ -226,7 +227,7 @@ def without_terms(structures: Iterable[Structure], refused: set[tuple]) -> list[
 def simplest(beside: CandidateContext, top: list[Trial]) -> Trial:
     """The trial with the fewest parameters within one standard error of the best."""
     behind = beside.level_with(top[0], top)
-    place = min(behind, key=lambda place: (top[place].candidate.n_parameters, behind[place]))
+    place = min(behind, key=lambda place: (top[place].candidate.n_parameters, place))
     return _special_case(beside, top[place], top)
 
 
@@ -297,7 +298,7 @@ def _explainable(context: SearchContext, structure: Structure) -> tuple[Array, A
 
 def preferred(context: SearchContext, options: list[Structure]) -> Structure:
     """The cheapest structure; of those as cheap, the simplest explanation."""
-    least = min(option.price for option in options)
-    ties = [option for option in options if option.price <= least + context.settings.tie]
+    most = min(option.price for option in options) + context.settings.tie
     rank = {effect.kind: place for place, effect in enumerate(context.effects)}
-    return min(ties, key=lambda option: (rank[option.last.kind], option.price))
+    ties = [option for option in options if option.price <= most]
+    return least_of(ties, lambda option: rank[option.last.kind], attrgetter("price"))

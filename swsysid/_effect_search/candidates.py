@@ -20,6 +20,7 @@ from swsysid._effect_search.regression import Background, Regression, SharedSums
 from swsysid._effect_search.smeared_switches import at_smeared_switches
 from swsysid._noise import STUDENT, robust_weights
 from swsysid._results import Array
+from swsysid._ties import ROUNDING
 from swsysid.effects import Effect, PlacedEffect
 from swsysid.effects._base import Place
 from swsysid.effects._placed import corrected
@@ -254,8 +255,10 @@ class CandidateContext:
         # What differs in one block only has no scatter there: then the noise of all rows tells.
         for place in np.flatnonzero(sizes.max(axis=1) > 0.5 * sizes.sum(axis=1)):
             error[place] = min(error[place], self._error_between(best, trials[place]))
-        # What explains less than half of it is not as good, however much its gain scatters.
-        most = np.minimum(error, 0.5 * max(float(gains[0].sum()), 0.0))
+        # What explains less than half of it is not as good, however much its gain scatters. What
+        # is the same function of these rows lags behind by rounding, and so does the scatter.
+        gained = max(float(gains[0].sum()), 0.0)
+        most = np.maximum(np.minimum(error, 0.5 * gained), ROUNDING * gained)
         return {place: float(lost[place]) for place in np.flatnonzero(lost <= most).tolist()}
 
     def _error_between(self, best: Trial, other: Trial) -> float:

@@ -34,6 +34,7 @@ from swsysid._effect_search.splits import with_one_split
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
+from swsysid._ties import least_of
 from swsysid.effects import (
     GuardEffect,
     MeasurementEffect,
@@ -137,7 +138,8 @@ class Search:
         n_candidates += len(proposed)
         options = [*proposed, *named]
         with_name = self._promising(current, options, n_candidates)
-        if leaves_a_mode(self.context, current, min(with_name, key=_price, default=None)):
+        named_best = least_of(with_name, _price) if with_name else None
+        if leaves_a_mode(self.context, current, named_best):
             modes = self._with_more_modes(current, beside)
             n_candidates += len(modes)
             options = [*modes, *options]
@@ -243,8 +245,8 @@ class Search:
         # are poor where what is missing is large; in a second scan they are found again. One more
         # mode stays where it is far better than every effect that has a name.
         context, with_name = self.context, self._promising(current, options, n_candidates)
-        if with_name and min(options, key=_price).adds_a_mode:
-            again = self._agreed(min(with_name, key=_price), len(current.terms))
+        if with_name and least_of(options, _price).adds_a_mode:
+            again = self._agreed(least_of(with_name, _price), len(current.terms))
             options, with_name = [*options, again], [*with_name, again]
         limit = min(map(_price, with_name), default=np.inf)
         limit -= context.settings.mode_gain_a_row * context.n_rows
@@ -338,7 +340,7 @@ class Search:
                 if float(beside.gains([trial]).sum()) > least:
                     others.setdefault(other.effect.kind, other)
         options = [context.exchanged(best, place, other) for other in others.values()]
-        cheapest = min(options, key=_price, default=best)
+        cheapest = least_of(options or [best], _price)
         gained = BlockSum.of(context.data.folds.block_sums(best.rows - cheapest.rows))
         if cheapest.price < best.price - least and gained.chance <= context.significance:
             return self._agreed(cheapest, place)
@@ -350,7 +352,7 @@ class Search:
         if not best.terms[place].effect.terms:
             return best
         others = self.context.corrections(best, place)
-        cheapest = min(others, key=_price, default=best)
+        cheapest = least_of(others or [best], _price)
         return cheapest if cheapest.price < best.price - self.context.settings.tie else best
 
     def _or_columns(
@@ -364,7 +366,7 @@ class Search:
             for candidate in proposals(effect, beside):
                 if candidate.signature == best.terms[place].signature:
                     tried = self.context.exchanged(best, place, candidate)
-                    best = min(best, tried, key=_price)
+                    best = least_of((best, tried), _price)
         trial = simplest(beside, top) if top else None
         if trial is None or is_smear(beside, trial):
             return best, False  # as nothing that is physical, it would be refused in the end

@@ -19,6 +19,7 @@ from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.normal_equations import AllEquations, Solution
 from swsysid._effect_search.regression import Background, Regression
 from swsysid._results import Array
+from swsysid._ties import first_largest, first_least
 from swsysid.effects import (
     Effect,
     GuardEffect,
@@ -91,7 +92,7 @@ def _scan(
     equations = context.sums(replaced).normal_equations(columns, effect.prior)
     solved = {mode: equations.solve(mode) for group in groups for mode in group}
     gains = {group: np.sum([solved[mode].gain for mode in group], axis=0) for group in groups}
-    best = {group: gain.argmax(axis=1) for group, gain in gains.items()}
+    best = {group: first_largest(gain, axis=1) for group, gain in gains.items()}
     for part, (_, test) in enumerate(problem.folds.parts):
         values = {group: chosen[part] for group, chosen in best.items()}
         for group, added in _added(problem, test, columns, equations, solved, values, part).items():
@@ -245,7 +246,7 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
             return context.misfit(known, effect.of_its_velocity(known, place, value), place)
 
         losses = [misfit(value) for value in parameter.values]
-        best = int(np.argmin(losses))
+        best = int(first_least(losses))
         if losses[best] > misfit(0.0) - settings.correction:
             continue
         value = float(parameter.values[best])

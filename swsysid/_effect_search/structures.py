@@ -33,6 +33,7 @@ from swsysid._effect_search.smears import is_unresolved
 from swsysid._effect_search.switches import gain_of_guard
 from swsysid._noise import robust_scale
 from swsysid._results import Array
+from swsysid._ties import largest_first, least_of
 from swsysid.effects import (
     Effect,
     GuardEffect,
@@ -152,7 +153,7 @@ class SearchContext:
         if fit.n_modes == 1 or not any(term.effect.terms for term in fit.terms):
             return structure
         anew = self._fitted(fit.terms, None, 2, like=fit.modes)
-        return min(structure, anew, key=lambda option: option.price)
+        return least_of((structure, anew), lambda option: option.price)
 
     def priced(self, fit: JointFit) -> Structure:
         """What a fit is worth on rows that its regressions have not seen."""
@@ -335,9 +336,9 @@ class SearchContext:
 
 
 def _best_first(beside: CandidateContext, trials: list[Trial]) -> tuple[list[Trial], Array]:
-    """Trials in the order of their gains, and these."""
+    """Trials in the order of their gains, ties as the effects are listed, and these gains."""
     if not trials:
         return [], np.zeros(0)
     gains = beside.gains(trials).sum(axis=1)
-    order = np.argsort(-gains, kind="stable")
+    order = largest_first(gains)
     return [trials[place] for place in order], gains[order]

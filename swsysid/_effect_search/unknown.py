@@ -9,6 +9,7 @@ is left follows a channel and no effect with a name says how.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -25,8 +26,11 @@ from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._ties import first_largest, least_of
 from swsysid.effects import PlacedEffect, StructureEffect, UnknownFunction
 from swsysid.effects._shapes import finer, next_finer, shapes
+
+_cost = attrgetter("cost")
 
 
 @dataclass(frozen=True)
@@ -60,10 +64,10 @@ class Unknowns:
             options = [option for option in tried if self._is_reason(option, structure)]
             if not options:
                 break
-            best = min(options, key=lambda option: option.cost)
+            best = least_of(options, _cost)
             # of those within one standard error the one with the fewest terms
             level = [option for option in options if not self._is_better(best, option)]
-            structure = min([best, *level], key=lambda option: (len(option.terms), option.cost))
+            structure = least_of([best, *level], lambda option: len(option.terms), _cost)
         return self._resolved(self._merged(self._one_for_several(structure)))
 
     def _one_for_several(self, structure: Structure) -> Structure:
@@ -86,7 +90,7 @@ class Unknowns:
             fewer = [option for option in fewer if len(option.terms) < len(structure.terms)]
             if not fewer:
                 break
-            structure = min(fewer, key=lambda option: option.cost)
+            structure = least_of(fewer, _cost)
         return structure
 
     def _resolved(self, structure: Structure) -> Structure:
@@ -96,7 +100,7 @@ class Unknowns:
         for place in range(len(structure.terms)):
             options = [structure]
             while options:
-                best = min(options, key=lambda option: option.cost)
+                best = least_of(options, _cost)
                 if best is not structure and not self._is_better(best, structure):
                     break
                 structure, term = best, best.terms[place]
@@ -169,7 +173,7 @@ class Unknowns:
                 of_each.setdefault(key, trial.candidate)
         candidates = [best.candidate, *of_each.values()]
         anew = with_modes(self.named, structure, candidates, self.n_jobs, self.verbose)
-        return min(anew, key=lambda option: option.price)
+        return least_of(anew, attrgetter("price"))
 
     def as_rivals(self, structure: Structure, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
         """Findings with the shape as a rival of a term that is not better by a standard error."""
@@ -256,7 +260,7 @@ def _simplest(beside: CandidateContext, trials: list[Trial]) -> Trial:
     argument more has to be worth as much as one more effect.
     """
     gains = beside.gains(trials).sum(axis=1)
-    best = trials[int(np.argmax(gains))]
+    best = trials[int(first_largest(gains))]
     of_one = [place for place, trial in enumerate(trials) if _n_arguments(trial) == 1]
     if _n_arguments(best) > 1 and of_one:
         most = beside.data.settings.gain_a_row * float(beside.regression.weight.sum())

@@ -26,6 +26,7 @@ from swsysid._effect_search.state_noise import StateNoise
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
+from swsysid._ties import first_least, least_of
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect
 
 NOT_SHOWN = "the held-out error falls by less than its standard error"
@@ -171,7 +172,7 @@ class Untouched:
                     for place, finding in enumerate(findings)
                 )
                 break
-            worst = min(useless, key=lambda place: gains[place].fall.value)
+            worst = useless[int(first_least([gains[place].fall.value for place in useless]))]
             before, after = (
                 root_mean_square(self._errors(fit, self.rows))
                 for fit in (fewer[worst], structure.fit)
@@ -181,7 +182,7 @@ class Untouched:
             refused.add(structure.terms[worst].signature)
             options = [self.context.without(structure, worst)]
             options += without_terms(earlier, refused)
-            structure = min(options, key=lambda option: option.price)
+            structure = least_of(options, lambda option: option.price)
             structure, findings = confirmed(self.context, structure)
         return structure, findings, tuple(tried)
 

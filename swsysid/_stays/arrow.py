@@ -111,13 +111,20 @@ class Factor:
         """The solution of one system."""
         b, d = np.split(right, [len(self.border)])
         x = cho_solve_banded((self.band, True), b, check_finite=False)
-        z = cho_solve(self.corner, d - self.border.T @ x, check_finite=False)
+        z = self._over_corner(d - self.border.T @ x)
         return np.append(x - self.reached @ z, z)
 
     @property
     def inverse_of_corner(self) -> Array:
         """The corner of the inverse."""
-        return np.asarray(cho_solve(self.corner, np.eye(self.border.shape[1]), check_finite=False))
+        return self._over_corner(np.eye(self.border.shape[1]))
+
+    def _over_corner(self, right: Array) -> Array:
+        """S^-1 times a vector or a matrix."""
+        # SciPy before 1.14 refuses systems without unknowns, those of a matrix without corner.
+        if not right.size:
+            return right
+        return np.asarray(cho_solve(self.corner, right, check_finite=False))
 
     def diagonal_of_inverse(self, places: NDArray[np.intp]) -> Array:
         """Diagonal entries of the inverse, of places in the band."""

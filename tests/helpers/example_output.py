@@ -25,10 +25,15 @@ def recorded_output(example: Path) -> Path:
     return example.parent / "recorded" / f"{example.stem}.txt"
 
 
+def command(example: Path) -> list[str]:
+    """Arguments of an interpreter: warnings as errors, pictures of nothing refused."""
+    return ["-W", "error", str(PICTURES), str(example)]
+
+
 def run_example(example: Path, folder) -> subprocess.CompletedProcess:
     """Run an example in a folder, headless, warnings as errors, pictures of nothing refused."""
     return subprocess.run(
-        [sys.executable, "-W", "error", str(PICTURES), str(example)],
+        [sys.executable, *command(example)],
         cwd=folder,
         env={**os.environ, "MPLBACKEND": "Agg", "PYTHONWARNINGS": "error"},
         capture_output=True,
