@@ -5,6 +5,9 @@ WORKERS ?= 2
 # The quality benchmark: PARC's interpreter, built if it is not there, and the folder of the runs.
 PARC ?= build/parc/bin/python
 QUALITY ?= output/quality
+# The environment of the lower bounds, and the oldest Python that pyproject.toml allows.
+OLDEST ?= build/oldest
+OLDEST_PYTHON ?= python3.11
 # 0 leaves the examples out of the pages: the tests run them, too.
 GALLERY ?= 1
 BIN := $(VENV)/bin
@@ -14,13 +17,15 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: help demo test nightly lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
+.PHONY: help demo test nightly test-kernels test-oldest lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
 	bench-undeclared bench-measured bench-speed bench-trajectories bench-automata figures clean
 
 help:
 	@echo "make demo      identify the built-in example and draw it"
 	@echo "make test      run the tests, warnings as errors"
 	@echo "make nightly   the longest tests, an hour together, and the pages with all examples"
+	@echo "make test-kernels  the deciding tests and all examples under every kernel of OpenBLAS (hours)"
+	@echo "make test-oldest   the tests with the lower bounds of every dependency"
 	@echo "make lint      ruff and mypy"
 	@echo "make examples  run every example, headless, and compare what it prints"
 	@echo "make examples-record  keep what every example prints now as the expected output"
@@ -47,6 +52,20 @@ test: $(VENV)/.installed-test
 nightly: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n $(WORKERS) -m nightly
 	$(MAKE) docs-offline
+
+# No answer may depend on the processor: five kernels of OpenBLAS, those that run here.
+test-kernels: $(VENV)/.installed-test
+	PYTEST_ADDOPTS="-n $(WORKERS)" $(BIN)/python tests/helpers/kernels.py
+
+test-oldest: $(OLDEST)/.installed
+	$(OLDEST)/bin/python -m pytest -n $(WORKERS)
+
+$(OLDEST)/.installed: pyproject.toml tests/helpers/lower_bounds.py
+	test -x $(OLDEST)/bin/python || $(OLDEST_PYTHON) -m venv $(OLDEST)
+	$(OLDEST)/bin/python tests/helpers/lower_bounds.py > $(OLDEST)/constraints.txt
+	$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check \
+		--constraint $(OLDEST)/constraints.txt -e ".[test,parquet]"
+	touch $@
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from lower_bounds import constraints
 
 import swsysid
 
@@ -26,6 +27,14 @@ def test_every_dependency_says_why():
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     for requirement in CONFIG["project"]["dependencies"]:
         assert re.search(rf'"{re.escape(requirement)}",\s+# \w+', text), requirement
+
+
+def test_every_dependency_has_one_lower_bound():
+    pins = [line.split("==") for line in constraints(CONFIG["project"]) if "==" in line]
+    assert len(pins) == len(dict(pins))
+    extras = CONFIG["project"]["optional-dependencies"].values()
+    requirements = sum(extras, CONFIG["project"]["dependencies"])
+    assert all(">=" in one for one in requirements if not one.startswith("swsysid"))
 
 
 def test_extras():
