@@ -24,6 +24,7 @@ from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
 from swsysid._results import Array
 from swsysid._stays.laws import Laws
+from swsysid._ties import least_of
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def settled(switches: Switches, known: Known) -> Settled:
         return Settled(switches, known.guard(switches), None)
     flows = _Flows.of(switches, known.laws)
     tried = [_settled(flows, held, known) for held in _may_go_on(flows, known)]
-    return min(tried, key=lambda one: one.cost)
+    return least_of(tried, lambda one: one.cost)
 
 
 @dataclass(frozen=True)

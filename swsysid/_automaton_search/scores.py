@@ -10,6 +10,7 @@ from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.rollout_score import determination
 from swsysid._stays.settings import LIMITS
+from swsysid._ties import first_least
 from swsysid.refinement._trajectories import Record
 
 
@@ -22,7 +23,7 @@ def _misfit(automaton: HybridAutomaton, record: Record) -> Array:
     """Measured minus rolled out, from the mode and the state that fit the first samples best."""
     first = record.part(0, min(LIMITS.first_samples, len(record.t) - 1))
     tried = [_start(automaton, first, mode) for mode in range(automaton.n_modes)]
-    mode = int(np.argmin([cost for _, cost in tried]))
+    mode = int(first_least([cost for _, cost in tried]))
     return _left(automaton, record, tried[mode][0], mode)
 
 

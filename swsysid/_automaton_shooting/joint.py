@@ -14,6 +14,7 @@ from swsysid._automaton_shooting.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.descent import descended
 from swsysid._stays.settings import StaySettings
+from swsysid._ties import least_of
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def jointly(
     judge, _ = stages[SETTINGS.judged]
     # loose ties lead further, and may lead to instants that are stuck at a sample
     tried = [_through(before, stages[first:], settings) for first in (0, SETTINGS.judged)]
-    after = min(tried, key=judge.value)
+    after = least_of(tried, judge.value)
     joint = Joint(before, after, stages[-1][0], judge.value(before), judge.value(after))
     return _with_equal_guards(joint, stages[SETTINGS.judged :], settings)
 

@@ -112,8 +112,11 @@ def _errors(told: _Told) -> Iterable[str]:
     yield paragraph("Root mean square error of the prediction of each state equation.")
     rows: list[list[object]] = []
     for row in report.errors:
-        both = zip(row["held_out"], report.targets, strict=True)
-        told_errors = ("exact" if name in report.exact else error for error, name in both)
+        each = zip(row["held_out"], report.errors[0]["held_out"], report.targets, strict=True)
+        told_errors = (
+            "exact" if name in report.exact else words.error(own, before)
+            for own, before, name in each
+        )
         rows.append([row["model"], *told_errors])
     yield table(["model", *told.rates], rows, kind="ladder")
     first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
@@ -140,8 +143,8 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
         yield paragraph(f"Term: {effect.formula}")
     yield paragraph(
         f"Held-out error of {target}: {effect.error_before:.4g} before, "
-        f"{effect.error_after:.4g} with it; {words.probability(effect.p_value)}, corrected for "
-        "the number of candidates."
+        f"{words.error(effect.error_after, effect.error_before)} with it; "
+        f"{words.probability(effect.p_value)}, corrected for the number of candidates."
     )
     for doubt in effect.doubts:
         yield paragraph(f"Weak evidence: {doubt}.", "note")
@@ -176,7 +179,11 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
         "what would tell the two apart",
     ]
     rows = [
-        [words.effect_title(rival, told.report), f"{rival.error:.4g}", rival.advice]
+        [
+            words.effect_title(rival, told.report),
+            words.error(rival.error, effect.error_before),
+            rival.advice,
+        ]
         for rival in effect.rivals
     ]
     yield table(head, rows, kind="words")

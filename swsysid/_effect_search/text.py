@@ -10,7 +10,14 @@ from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.gross_rows import aside
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
 from swsysid._effect_search.settings import REPORT
-from swsysid._effect_search.words import effect_title, first_of, interval, probability, rate
+from swsysid._effect_search.words import (
+    effect_title,
+    error,
+    first_of,
+    interval,
+    probability,
+    rate,
+)
 from swsysid._noise import root_mean_square
 from swsysid._rendering.columns import text_table
 from swsysid._residual_report.report import ResidualReport
@@ -75,7 +82,7 @@ def _fall(report: EffectContents, with_them: str) -> str:
 
 def _instead(errors: Sequence[Array], state: int) -> str:
     before, after = errors
-    return f"{after[state]:.4g} instead of {before[state]:.4g}"
+    return f"{error(after[state], before[state])} instead of {before[state]:.4g}"
 
 
 def _modes_are_sure(report: EffectContents) -> bool:
@@ -275,7 +282,8 @@ def _errors(report: EffectContents) -> list[str]:
     columns = [("held-out RMS error", "<1", [row["model"] for row in report.errors])]
     for state, name in enumerate(report.targets):
         exact = name in report.exact  # where rounding is left
-        errors = ["exact" if exact else f"{row['held_out'][state]:.4g}" for row in report.errors]
+        every = [row["held_out"][state] for row in report.errors]
+        errors = ["exact" if exact else error(one, every[0]) for one in every]
         columns.append((rate(name, report.discrete), ">12", errors))
     return text_table(columns, gap="  ")
 
@@ -283,8 +291,8 @@ def _errors(report: EffectContents) -> list[str]:
 def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterator[str]:
     yield f"{number}. {effect_title(effect, report)}: {effect.meaning}."
     yield (
-        f"   held-out error before {effect.error_before:.4g}, after {effect.error_after:.4g}; "
-        f"{probability(effect.p_value)}"
+        f"   held-out error before {effect.error_before:.4g}, after "
+        f"{error(effect.error_after, effect.error_before)}; {probability(effect.p_value)}"
     )
     yield from (f"   weak evidence: {doubt}" for doubt in effect.doubts)
     for name, value in effect.parameters.items():
@@ -295,7 +303,7 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
         verdict = "predicts as well" if formula.ties else "predicts worse"
         yield f"   formula: {formula.text}, {verdict}: {formula.error:.3g} of the error"
     for rival in effect.rivals:
-        told = f"{effect_title(rival, report)}, error {rival.error:.4g}"
+        told = f"{effect_title(rival, report)}, error {error(rival.error, effect.error_before)}"
         if effect.kind == UnknownFunction.kind:
             yield f"   near effect with a name: {told} instead of {effect.error_after:.4g}"
         else:

@@ -46,6 +46,12 @@ def probability(value: float) -> str:
     return f"p = {value:.1g}" if value >= least else f"p < {least:g}"
 
 
+def error(value: float, before: float) -> str:
+    """A root mean square error, no smaller than the rounding of what it was before."""
+    least = REPORT.smallest_error * before
+    return f"{value:.4g}" if value >= least else f"< {least:.1g}"
+
+
 def interval(effect: FoundEffect, name: str) -> str:
     """95 % confidence interval of a parameter, "" if there is none."""
     low, high = effect.intervals.get(name, (np.nan, np.nan))

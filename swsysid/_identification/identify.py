@@ -23,9 +23,14 @@ from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import Parameters
 from swsysid._identification.sparsity import choose_terms
 from swsysid._identification.starts import Search, Starts, draw_starts
+from swsysid._noise import root_mean_square
 from swsysid._rendering.progress import watched
+from swsysid._results import Array
 from swsysid._seeding.search import same_partition
+from swsysid._ties import least_of
 from swsysid.relaxations._base import one_hot
+
+_HALF_THE_DIGITS = 8  # of a number: what a least squares solution of condition 1e8 keeps of 16
 
 
 @dataclass(frozen=True)
@@ -114,7 +119,7 @@ def _best_of(
         delayed(descent)(few, start)
         for start in watched(memberships, "starts", bool(parameters.verbose))
     )
-    best = min(runs, key=lambda run: run.objective)
+    best = least_of(runs, lambda run: run.objective)
     hits = sum(
         count
         for run, count in zip(runs, starts.hits, strict=True)
@@ -127,7 +132,17 @@ def _best_of(
 
 
 def _canonical_order(problem: SwitchingProblem, best: Alternation) -> Modes:
-    """Modes by decreasing number of samples, equal ones by their coefficients; no empty ones."""
+    """Modes by decreasing number of samples, equal ones by their laws; no empty ones."""
     size = np.bincount(best.modes, weights=problem.weight, minlength=problem.n_modes)
-    order = sorted(range(problem.n_modes), key=lambda mode: (-size[mode], *best.coef[mode].ravel()))
+    # A velocity that is another state has the coefficients 0 and 1 in all modes, but for rounding:
+    # of what a term gives to a velocity half the digits count.
+    units = root_mean_square(problem.features) / _size_of(problem.targets)[:, None]
+    laws = np.round(best.coef * units, _HALF_THE_DIGITS).reshape(problem.n_modes, -1)
+    order = sorted(range(problem.n_modes), key=lambda mode: (-size[mode], *laws[mode]))
     return np.array([mode for mode in order if size[mode] > 0], dtype=np.intp)
+
+
+def _size_of(targets: Array) -> Array:
+    """Root mean square of each velocity, one where it is zero throughout."""
+    size = root_mean_square(targets)
+    return np.where(size > 0.0, size, 1.0)

@@ -25,6 +25,7 @@ from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import misfits
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
+from swsysid._ties import first_least
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def fewest_modes(
         if n_modes > 2 and (gone or worse):
             break
     while True:
-        best = int(np.argmin([one.criterion for one in candidates]))
+        best = int(first_least([one.criterion for one in candidates]))
         n_modes = len(found[best].estimate.laws.coef)
         fewer = merged(found[best]) if n_modes > 2 and not is_exact(found[best]) else None
         if fewer is None:

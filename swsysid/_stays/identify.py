@@ -43,6 +43,7 @@ from swsysid._stays.surfaces import (
     with_surface,
 )
 from swsysid._stays.visits import Turns, with_visits, without_visits
+from swsysid._ties import least_of
 
 
 class Alternation:
@@ -129,7 +130,7 @@ class Alternation:
         rounds = [one for one in self.found[first:] if one.estimate.guards is not None]
         if not rounds:
             return
-        best = min(rounds, key=lambda one: one.criterion)
+        best = least_of(rounds, lambda one: one.criterion)
         named = [_named_as(best.estimate, one.estimate) for one in rounds]
         own = np.array([best.reached.objective.by_recording(one) for one in named])
         base = next(k for k, one in enumerate(rounds) if one is best)
@@ -317,7 +318,7 @@ class Alternation:
     @property
     def best(self) -> StayIdentification:
         """The round of least misfit, its switches paid for."""
-        best = min(self.found, key=lambda one: one.criterion)
+        best = least_of(self.found, lambda one: one.criterion)
         model = copy(best.model)
         model.coef_ = best.estimate.laws.coef
         return replace(best, model=model, history=tuple(self.history))

@@ -18,6 +18,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.settings import LIMITS
+from swsysid._ties import least_of
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def merged(
         _Pair.of(found, first, second, covariance)
         for first, second in combinations(range(len(laws.coef)), 2)
     ]
-    closest = min(pairs, key=lambda pair: pair.cost)
+    closest = least_of(pairs, lambda pair: pair.cost)
     if closest.cost > most:
         return None
     coef, free = laws.coef.copy(), laws.free.copy()

@@ -36,6 +36,7 @@ from swsysid._stays.start import Differentiated, differentiated, start_from
 from swsysid._stays.stays import Stays
 from swsysid._stays.terms import with_few_terms
 from swsysid._surfaces.surface import has_equations
+from swsysid._ties import least_of
 
 
 def check_estimator(estimator: object) -> SwitchingSystemRegressor:
@@ -165,7 +166,7 @@ class Search:
         for one in workers(delayed(_begun)(start) for start in starts):
             begun.append(one)
             self.told()
-        return self._finished(min(begun, key=lambda one: one.best.criterion))
+        return self._finished(least_of(begun, lambda one: one.best.criterion))
 
     def with_one_fewer(self, more: StayIdentification) -> StayIdentification | None:
         """The answer in which the two closest laws are one, where no surface separates modes."""

@@ -33,6 +33,7 @@ from swsysid.effects import (
     PeriodicForcing,
     PlacedEffect,
     Polynomial,
+    QuadraticDrag,
     Reset,
     SensorOffset,
     all_effects,
@@ -477,3 +478,17 @@ def test_the_first_line_does_not_say_that_all_is_well_where_the_residual_says_ot
     report = search.fit(X, y).report_
     assert not report.residual_before.clean
     assert report.clean and "not all noise" in report.summary
+
+
+def test_the_rounding_that_an_exact_law_leaves_has_no_digits():
+    data = make_undeclared("quadratic_drag", system="pendulum", noise=0.0, random_state=1)
+    library = [QuadraticDrag(), CoulombFriction()]
+    search = EffectSearchCV(data.estimator, effects=library, max_effects=1)
+    search.fit(data.X, data.Xdot, t=data.t, groups=data.groups)
+    (found,) = search.effects_
+    least = 1e-12 * found.error_before
+    assert found.error_after < least
+    lines = str(search.report_).splitlines()
+    assert f"is < {least:.1g} instead of {found.error_before:.4g}." in lines[1]
+    assert sum(f"< {least:.1g}" in line for line in lines) == 3
+    assert f"&lt; {least:.1g} with it" in search.report_.to_html()

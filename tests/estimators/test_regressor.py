@@ -269,6 +269,18 @@ def test_modes_come_in_canonical_order():
     assert np.array_equal(fitted(X, Xdot, init=reversed_start).coef_, model.coef_)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_modes_of_equal_size_come_in_an_order_that_rounding_does_not_decide(seed):
+    # both laws have x0' = x1, whose coefficients 0 and 1 are found but for rounding
+    x = np.abs(np.random.default_rng(seed).standard_normal((100, 2))) * [1.0, -1.0]
+    x = np.vstack([x, -x])
+    damping = np.where(x[:, 0] > 0, 0.5, 0.1)
+    model = fitted(x, np.column_stack([x[:, 1], -x[:, 0] - damping * x[:, 1]]))
+    assert np.bincount(model.modes_).tolist() == [100, 100]
+    # by the first coefficient that differs
+    assert np.allclose(model.coef_[:, 1, 1], [-0.5, -0.1], atol=1e-9)
+
+
 def test_number_of_jobs_does_not_matter():
     X, Xdot, _ = oscillator(noise=0.1)
     serial = fitted(X, Xdot, init="random", n_init=4)
