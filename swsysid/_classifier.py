@@ -242,8 +242,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def class_posterior(self, X):
         """Probability of every class from all surfaces that the data allow and training errors."""
-        features = self._features(X)
-        return self._posterior(features)
+        return self._posterior(self._features(X))
 
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
@@ -262,8 +261,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        X = rows_of(self, X)
-        return self._basis.of_user(X)
+        return self._basis.of_user(rows_of(self, X))
 
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
@@ -302,6 +300,13 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         other, names = copy(self), names[self.classes_]
         order = np.argsort(names)
         other.classes_, other.mode_book_ = names[order], self.mode_book_[order]
+        return other
+
+    def moved(self, offset):
+        """A copy with the same surfaces among columns that lie further by `offset`."""
+        other = copy(self)
+        other._basis, other._places = self._basis.moved(offset), self._places + offset
+        other.use_coef(self._fitted_coef)
         return other
 
     def linear_form(self, n_columns):
@@ -391,8 +396,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         }
 
     def _features(self, X):
-        X = rows_of(self, X)
-        return self._basis(X)
+        return self._basis(rows_of(self, X))
 
     def _class_decisions(self, values):
         return decisions(values, self.mode_book_, self._surface_scale)

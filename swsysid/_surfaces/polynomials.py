@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,10 @@ class Basis(ABC):
     def to_user(self, coef: Array) -> Array:
         """Coefficients of the user's features, from those in fitting coordinates."""
 
+    @abstractmethod
+    def moved(self, offset: Array) -> Basis:
+        """The same features in fitting coordinates, of columns that lie further by an offset."""
+
 
 class PolynomialBasis(Basis):
     """All monomials up to a degree of (x - centre) / scale; of x, if these are not standardised."""
@@ -103,6 +108,11 @@ class PolynomialBasis(Basis):
 
     def to_user(self, coef):
         return coef @ shifted_monomials(self.powers, self.centre, self.scale).T
+
+    def moved(self, offset):
+        other = copy(self)
+        other.centre, other.reach = self.centre + offset, self.reach + np.abs(offset)
+        return other
 
 
 class LibraryBasis(Basis):
@@ -150,6 +160,9 @@ class LibraryBasis(Basis):
             column, value = self.constant
             user[:, column] -= user @ self.centre / value
         return user
+
+    def moved(self, offset):
+        raise TypeError("a library of functions says nothing of columns that lie elsewhere.")
 
     def _standardize(self, features: Array, weight: Array) -> None:
         centre, spread = _centre_and_scale(features, weight)
@@ -205,7 +218,12 @@ class RelevantBasis(Basis):
     def to_user(self, coef):
         user = np.zeros((*coef.shape[:-1], self.n_columns))
         user[..., self.kept] = coef * self.scale
-        return user
+        return self.basis.to_user(user)
+
+    def moved(self, offset):
+        other = copy(self)
+        other.basis = self.basis.moved(offset)
+        return other
 
 
 def surface_basis(
