@@ -16,6 +16,7 @@ from sklearn.preprocessing import PolynomialFeatures
 from swsysid._checks.estimators import check_fitted, column_names, rows_of
 from swsysid._checks.parameters import shown, whole
 from swsysid._data import coordinates
+from swsysid._data.extent import Extent
 
 # More columns than that are days of work at best, and terabytes at worst.
 _MOST_FEATURES = 3000
@@ -248,6 +249,7 @@ class FeatureMap:
             self.box = np.stack([np.min(X, axis=0), np.max(X, axis=0)])
         self.n_features_out = features.shape[1]
         self.sizes = np.abs(features).max(axis=0)  # what a coefficient of each can amount to
+        self._extent = [*Extent.of(np.asarray(X, dtype=float))]
         beyond = (self.sizes > _LARGEST) | ((self.sizes > 0.0) & (self.sizes < _SMALLEST))
         if beyond.any():
             place = int(beyond.argmax())
@@ -267,6 +269,12 @@ class FeatureMap:
         if isinstance(known, (Monomials, FunctionLibrary)):
             return known.at(point)
         return self._transformed(point[None, :])[0]
+
+    @property
+    def extent(self) -> Extent | None:
+        """Where the columns were in the fit, None if there was one row; older files do not know."""
+        known = Extent(*vars(self).get("_extent", [np.zeros(0)] * 2))
+        return known if known.spread.any() else None
 
     @property
     def powers(self) -> np.ndarray | None:

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from swsysid._data.extent import Extent
 from swsysid._data.features import FeatureMap
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import Samples
-from swsysid._stays.settings import LIMITS
 from swsysid._surfaces.polynomials import shifted_monomials
 from swsysid._surfaces.surface import option
 from swsysid.refinement._trajectories import Record
@@ -38,10 +38,8 @@ class Origin:
         n_channels, n_states = given.n_channels, given.n_channels * order
         columns = np.hstack([np.vstack([one.y for one in given.records]),
                              np.vstack([one.u for one in given.records])])  # fmt: skip
-        middle, spread = np.nanmean(columns, axis=0), np.nanstd(columns, axis=0)
-        far = (np.abs(middle) > LIMITS.far_from_zero * spread) & (spread > 0.0)
-        offset = np.insert(np.where(far, middle, 0.0), n_channels, np.zeros(n_states - n_channels))
-        if not far.any() or not _may_move(estimator, offset):
+        offset = np.insert(Extent.of(columns).centre, n_channels, np.zeros(n_states - n_channels))
+        if offset.any() and not _may_move(estimator, offset):
             offset = np.zeros(len(offset))
         return cls(offset, n_channels)
 

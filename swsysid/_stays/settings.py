@@ -128,8 +128,6 @@ class Limits:
     on_surface: float = 0.25
     far_miss: float = 3.0
     slowest_crossing: float = 0.1
-    # spreads from zero from which on columns are counted from their mean
-    far_from_zero: float = 30.0
     # of a feature: what others must leave of it
     of_its_own: float = 1e-5
     # of the diagonal: what normal equations of double precision cannot tell
