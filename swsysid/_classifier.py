@@ -9,7 +9,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_classes, rows_of
 from swsysid._checks.parameters import names_of_columns, random_numbers
-from swsysid._data.rows import canonical_rows, check_sample_weight, places_between
+from swsysid._data.rows import as_repetitions, canonical_rows, check_sample_weight, places_between
 from swsysid._data.scores import ScoredByAccuracy
 from swsysid._fitting import whole_or_nothing
 from swsysid._rendering.printing import check_format, linear_combination, symbol
@@ -168,7 +168,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         y : array-like of shape (n_samples,)
             Class labels.
         sample_weight : array-like of shape (n_samples,), default=None
-            Repetitions: a row of weight 2 is the same as two rows, of weight 0 as none.
+            Repetitions: weight 2 is two rows, 0 is none; the largest counts for 1 at least.
         start : PolynomialSurfaceClassifier, default=None
             Fitted with these parameters to similar labels: saves time.
 
@@ -185,7 +185,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         """
         check_parameters(self)
         X, y = rows_and_classes(self, X, y, reset=True)
-        weight = check_sample_weight(sample_weight, len(X))
+        weight = as_repetitions(check_sample_weight(sample_weight, len(X)), X, y)
         self.classes_ = np.unique(y[weight > 0])
         # Rows of weight zero are dropped below, whatever index they get here.
         labels = np.minimum(np.searchsorted(self.classes_, y), len(self.classes_) - 1)

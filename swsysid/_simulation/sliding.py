@@ -137,8 +137,6 @@ def _offset(system: GuardedSystem, after: int):
             if far > 1e-2:
                 return sign * far
         line = -1.0 if stays(far) else 1.0
-        return (
-            sign * last_and_next(lambda length: stays(line * length), near, far, 1e-16)[1]
-        )
+        return sign * last_and_next(lambda length: stays(line * length), near, far, 1e-16)[1]
 
     return guard

@@ -30,7 +30,6 @@ class Origin:
     """What is subtracted from the columns; states that are not measured are counted from zero."""
 
     offset: Array  # (n_states + n_inputs,)
-    n_channels: int
 
     @classmethod
     def of(cls, given: Given, estimator: SwitchingSystemRegressor, order: int = 1) -> Origin:
@@ -41,7 +40,7 @@ class Origin:
         offset = np.insert(Extent.of(columns).centre, n_channels, np.zeros(n_states - n_channels))
         if offset.any() and not _may_move(estimator, offset):
             offset = np.zeros(len(offset))
-        return cls(offset, n_channels)
+        return cls(offset)
 
     @property
     def moves(self) -> bool:
@@ -50,7 +49,8 @@ class Origin:
 
     def counted(self, given: Given) -> Given:
         """Recordings with columns counted from here."""
-        of_y, of_u = self.offset[: self.n_channels], self.offset[len(self.offset) - given.n_inputs :]
+        n_states = len(self.offset) - given.n_inputs
+        of_y, of_u = self.offset[: given.n_channels], self.offset[n_states:]
         records = [Record(one.t, one.y - of_y, one.u - of_u) for one in given.records]
         return replace(given, records=records)
 

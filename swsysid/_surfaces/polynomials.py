@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._data.coordinates import shifted_monomials
+from swsysid._data.extent import Extent
 from swsysid._data.features import FeatureMap, Monomials, check_degree
 from swsysid._results import Array
 from swsysid._surfaces.parameters import check_relevance
@@ -46,6 +47,10 @@ class Basis(ABC):
         """Features in the user's own coordinates, those left out included."""
 
     @abstractmethod
+    def of_relevance(self, X: Array) -> Array:
+        """Features of which a surface may need few: not centred, unless they are far from zero."""
+
+    @abstractmethod
     def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
         """Names of the user's features, for given names of the columns of X."""
 
@@ -73,10 +78,22 @@ class Basis(ABC):
 
 
 class PolynomialBasis(Basis):
-    """All monomials up to a degree of (x - centre) / scale; of x, if these are not standardised."""
+    """All monomials up to a degree of (x - centre) / scale; of x, if these are not standardised.
 
-    def __init__(self, degree: int, X: Array, weight: Array, standardize: bool):
-        self.centre, self.scale = np.zeros(X.shape[1]), np.ones(X.shape[1])
+    Columns far from zero are counted from the `origin` even then: of a surface there the margin is
+    no part of a spread that could be neglected, and its constant is beyond the box.
+    """
+
+    def __init__(
+        self,
+        degree: int,
+        X: Array,
+        weight: Array,
+        standardize: bool,
+        origin: Array | None = None,
+    ):
+        self.origin = self.centre = np.zeros(X.shape[1]) if origin is None else origin
+        self.scale = np.ones(X.shape[1])
         if standardize:
             self.centre, self.scale = _centre_and_scale(X, weight)
         check_degree("degree", degree, X.shape[1])
@@ -94,6 +111,9 @@ class PolynomialBasis(Basis):
 
     def of_user(self, X):
         return self.values(X)
+
+    def of_relevance(self, X):
+        return self.values(X - self.origin)
 
     def names(self, inputs):
         return self.monomials.get_feature_names_out(np.asarray(inputs, dtype=object))
@@ -137,6 +157,9 @@ class LibraryBasis(Basis):
         return (self.map.at(point) - self.centre) / self.scale
 
     def of_user(self, X):
+        return self.map(X)
+
+    def of_relevance(self, X):
         return self.map(X)
 
     def names(self, inputs):
@@ -201,6 +224,9 @@ class RelevantBasis(Basis):
     def of_user(self, X):
         return self.basis.of_user(X)
 
+    def of_relevance(self, X):
+        return self.basis.of_relevance(X)
+
     def names(self, inputs):
         return self.basis.names(inputs)
 
@@ -230,9 +256,10 @@ def surface_basis(
     degree: int, library, X: Array, weight: Array, *, standardize: bool, relevance=None
 ) -> Basis:
     """The basis of a surface: monomials unless there is a library, all columns or relevant ones."""
+    origin = Extent.of(X).centre if standardize else None
     standardize = standardize and relevance is None
     basis: Basis = (
-        PolynomialBasis(degree, X, weight, standardize)
+        PolynomialBasis(degree, X, weight, standardize, origin)
         if library is None
         else LibraryBasis(library, X, weight, standardize)
     )

@@ -97,11 +97,11 @@ class MarginClassifier(CoupledClassifier, SurfaceFunctions, Protocol):
 
     def relabelled(self, names: NDArray[np.intp]) -> MarginClassifier: ...
 
+    def surface_features(self, X: Array) -> Array: ...
+
     def refitted(
         self, fits: list[SurfaceFit], X: Array, y: NDArray, sample_weight: Array
     ) -> MarginClassifier: ...
-
-    def surface_features(self, X: Array) -> Array: ...
 
     def use_likelihood(self, X: Array, log_likelihood: Array, sample_weight: Array) -> object: ...
 
@@ -156,7 +156,7 @@ def locates_events(surface: object) -> TypeGuard[SurfaceFunctions]:
 
 def solves_margin_program(surface: object) -> TypeGuard[MarginClassifier]:
     """True if the surfaces are those of margin programs."""
-    return _has(surface, "refitted", "surface_features", "use_likelihood")
+    return _has(surface, "refitted", "fitted_surfaces", "use_likelihood")
 
 
 def has_equations(surface: object) -> TypeGuard[WithEquations]:
