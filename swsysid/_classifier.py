@@ -58,8 +58,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         Degree of the polynomials; all monomials up to it, constant included, are features.
     margin : float or "auto", default=1e-2
         The paper's epsilon > 0. ``"auto"`` takes the middle of the interval in which the margin
-        certificate of the training data proves every surface nonzero, and 1e-2 where there is
-        no such margin (classes not separable, or beta too large).
+        certificate of the training data proves every surface nonzero, and 1e-2 where there is none.
     beta : float or "auto", default="auto"
         Sparsity, not negative. ``"auto"`` is 5e-3 if standardised, else the paper's 1e-2. It is
         the price of coefficients against the *sum* of slacks and does not grow with the number
@@ -242,7 +241,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def class_posterior(self, X):
         """Probability of every class from all surfaces that the data allow and training errors."""
-        return self._posterior(self._features(X))
+        features = self._features(X)
+        return self._posterior(features)
 
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
@@ -261,7 +261,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        return self._basis.of_user(rows_of(self, X))
+        X = rows_of(self, X)
+        return self._basis.of_user(X)
 
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
@@ -270,8 +271,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def mode_penalty(self, X):
         """Slack that each class would cost each sample, shape (n_samples, n_classes).
 
-        ``sum_l max(0, margin - s_jl f_l(x))`` over the surfaces of the class: with weights and
-        `complexity_` this is the objective of the linear program for any labels.
+        ``sum_l max(0, margin - s_jl f_l(x))``; with weights and `complexity_` the LP's objective.
         """
         values = self.surface_values(X)
         return self.fitted_surfaces.penalty(values)
@@ -305,7 +305,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def moved(self, offset):
         """A copy with the same surfaces among columns that lie further by `offset`."""
         other = copy(self)
-        other._basis, other._places = self._basis.moved(offset), self._places + offset
+        vars(other).update(_basis=self._basis.moved(offset), _places=self._places + offset)
         other.use_coef(self._fitted_coef)
         return other
 
@@ -321,8 +321,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def margin_certificate(self, X, y):
         """What can be promised about the margin on labelled data.
 
-        Solves the linear program of the paper's remark for the fitted mode-book, in the
-        coordinates of the fit; see `MarginCertificate` for what it proves and what not.
+        Solves the linear program of the paper's remark; see `MarginCertificate` for what it proves.
 
         Parameters
         ----------
@@ -396,7 +395,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         }
 
     def _features(self, X):
-        return self._basis(rows_of(self, X))
+        X = rows_of(self, X)
+        return self._basis(X)
 
     def _class_decisions(self, values):
         return decisions(values, self.mode_book_, self._surface_scale)

@@ -296,7 +296,8 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         input_hold : {"zero", "linear"}, default="zero"
             What the inputs do between the samples.
         **options
-            ``max_switches``, ``state_bound``, ``rtol`` and ``atol`` of the integration.
+            ``max_switches``, ``rtol``, ``atol`` (default: 1e-10 of the spread of each state in
+            the data of the fit) and ``state_bound`` (default: 1e9 of it) of the integration.
 
         Returns
         -------

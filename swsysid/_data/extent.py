@@ -9,8 +9,8 @@ import numpy as np
 from swsysid._results import Array
 
 # Spreads from zero from which on columns are counted from their mean. A surface of plain monomials
-# with the usual margin and box then has a margin of no more than a hundredth of a spread.
-FAR = 10.0
+# with the usual margin and box then has a margin of at most three hundredths of a spread.
+FAR = 30.0
 
 
 class Extent(NamedTuple):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._data.extent import Extent
 from swsysid._results import Array, Status
@@ -94,11 +95,11 @@ class GuardedLaws:
                 return np.asarray(self.system.velocity(x, u, mode), dtype=float)
         return np.full(len(x), np.nan)
 
-    def within(self, states: Array) -> Array:
+    def within(self, states: Array) -> NDArray[np.bool_]:
         """True for each of the states (..., n_states) that is finite and inside the bound."""
-        return self._within(states, 1.0).all(axis=-1)
+        return np.asarray(self._within(states, 1.0).all(axis=-1))
 
-    def _within(self, states: Array, times: float) -> Array:
+    def _within(self, states: Array, times: float) -> NDArray[np.bool_]:
         scales = self.scales
         return np.asarray(np.abs(states - scales.middle) <= times * scales.bound)
 

@@ -8,6 +8,7 @@ counted from their mean, and laws, surfaces and errors are told in the user's ow
 
 from __future__ import annotations
 
+import warnings
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -16,12 +17,13 @@ import numpy as np
 from swsysid._data.extent import Extent
 from swsysid._data.features import FeatureMap
 from swsysid._regressor import SwitchingSystemRegressor
-from swsysid._results import Array
+from swsysid._results import Array, IdentificationWarning
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import Samples
+from swsysid._stays.settings import LIMITS
 from swsysid._surfaces.polynomials import shifted_monomials
-from swsysid._surfaces.surface import option
+from swsysid._surfaces.surface import Classifier, MovableClassifier, is_movable
 from swsysid.refinement._trajectories import Record
 
 
@@ -37,10 +39,18 @@ class Origin:
         n_channels, n_states = given.n_channels, given.n_channels * order
         columns = np.hstack([np.vstack([one.y for one in given.records]),
                              np.vstack([one.u for one in given.records])])  # fmt: skip
-        offset = np.insert(Extent.of(columns).centre, n_channels, np.zeros(n_states - n_channels))
-        if offset.any() and not _may_move(estimator, offset):
-            offset = np.zeros(len(offset))
-        return cls(offset)
+        centre, spread = Extent.of(columns)
+        offset = np.insert(centre, n_channels, np.zeros(n_states - n_channels))
+        if not offset.any() or _may_move(estimator, offset):
+            return cls(offset)
+        if (np.abs(centre) > LIMITS.too_far * spread).any():
+            warnings.warn(
+                "columns lie so far from zero that double precision leaves few digits of their "
+                "laws; subtract a constant from these columns.",
+                IdentificationWarning,
+                stacklevel=3,
+            )
+        return cls(np.zeros(len(offset)))
 
     @property
     def moves(self) -> bool:
@@ -66,14 +76,27 @@ class Origin:
             return found
         other, features = copy(found.model), found.model.switching_model.feature_map
         other.coef_ = found.model.coef_ @ self.change(features)
-        columns = Samples.of(found.estimate).columns + self.offset
+        counted = Samples.of(found.estimate).columns
+        columns = counted + self.offset
         other.use_features(FeatureMap(other.feature_library, columns, features.names_in))
-        other.surface_ = found.model.surface_.moved(self.offset)
+        here, there = found.model.mode_velocities(counted), other.mode_velocities(columns)
+        if (np.abs(there - here).max(axis=(0, 1)) > LIMITS.lost * here.std(axis=(0, 1))).any():
+            warnings.warn(
+                "columns lie so far from zero that double precision does not hold the coefficients "
+                "of their powers; subtract a constant from these columns, or lower the degree.",
+                IdentificationWarning,
+                stacklevel=3,
+            )
+        other.surface_ = self._surface(found.model.surface_)
         other.surface_candidates_ = [
-            replace(one, surface=one.surface.moved(self.offset))
+            replace(one, surface=self._surface(one.surface))
             for one in found.model.surface_candidates_
         ]
         return replace(found, model=other)
+
+    def _surface(self, surface: Classifier) -> MovableClassifier:
+        assert isinstance(surface, MovableClassifier), "asked of every estimator"
+        return surface.moved(self.offset)
 
     def states(self, states: Array) -> Array:
         """States in the user's own columns."""
@@ -85,14 +108,9 @@ def _may_move(estimator: SwitchingSystemRegressor, offset: Array) -> bool:
 
     With every monomial there is then each one that has a column with an offset less often.
     """
-    surface = estimator.surface
-    in_plain_columns = not option(surface, "standardize", True) or not (
-        surface is None or hasattr(surface, "moved")
-    )
-    named = option(surface, "feature_library", None), option(surface, "relevance", None)
-    if in_plain_columns or any(one is not None for one in (*named, estimator.coef_bound)):
+    if not (estimator.surface is None or is_movable(estimator.surface)):
         return False
-    if estimator.sparsity not in (None, "auto"):
+    if estimator.coef_bound is not None or estimator.sparsity not in (None, "auto"):
         return False
     names = [f"x{k}" for k in range(len(offset))]
     powers = FeatureMap(estimator.feature_library, np.ones((1, len(offset))), names).powers

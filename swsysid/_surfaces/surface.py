@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, TypeGuard, TypeVar
+from typing import Any, Protocol, Self, TypeGuard, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +83,14 @@ class WithDecisions(Surface, Protocol):
     """A classifier that decides by the largest of some values."""
 
     def decision_function(self, X: Array) -> Array: ...
+
+
+@runtime_checkable
+class MovableClassifier(Classifier, Protocol):
+    """A classifier that knows its surfaces in columns that are counted from elsewhere."""
+
+    def moved(self, offset: Array) -> MovableClassifier:
+        """The same surfaces in columns that lie further by an offset."""
 
 
 class MarginClassifier(CoupledClassifier, SurfaceFunctions, Protocol):
@@ -183,6 +191,12 @@ def takes_relevance(surface: object) -> bool:
     """True if a classifier can be told which features matter, and was not told."""
     # One that is not to standardise is the paper's program to the letter.
     return option(surface, "relevance", ()) is None and bool(option(surface, "standardize", True))
+
+
+def is_movable(surface: object) -> TypeGuard[MovableClassifier]:
+    """True if a classifier can be told elsewhere, and its settings mean the same there."""
+    plain = option(surface, "feature_library", None) is None and takes_relevance(surface)
+    return plain and _has(surface, "moved")
 
 
 def option(surface: object, name: str, default: object) -> Any:

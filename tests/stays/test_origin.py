@@ -9,6 +9,7 @@ from swsysid import (
     SwitchingSystemRegressor,
     TrajectoryIdentifier,
 )
+from swsysid._results import IdentificationWarning
 from swsysid._stays.certainty import errors_of
 from swsysid._stays.given import read_given
 from swsysid._stays.origin import Origin
@@ -52,11 +53,14 @@ def test_columns_near_zero_are_not_moved():
     "library", [None, FunctionLibrary([lambda x: 1 + 0 * x, np.sin])], ids=["no constant", "sines"]
 )
 def test_columns_are_not_moved_where_no_constant_tells_of_it(library):
-    given = read_given(moved(damped(), [1e4, 0.0]), None, None, None)
-    assert Origin.of(given, one_mode()).offset[0] == pytest.approx(1e4, rel=1e-3)
+    given = read_given(moved(damped(), [1e3, 0.0]), None, None, None)
+    assert Origin.of(given, one_mode()).offset[0] == pytest.approx(1e3, rel=1e-3)
     assert not Origin.of(given, SwitchingSystemRegressor(1, feature_library=library)).moves
     bounded = SwitchingSystemRegressor(1, feature_library=1, coef_bound=10.0)
     assert not Origin.of(given, bounded).moves
+    given = read_given(moved(damped(), [1e5, 0.0]), None, None, None)
+    with pytest.warns(IdentificationWarning, match="subtract a constant"):
+        Origin.of(given, bounded)
 
 
 def test_errors_of_a_law_told_elsewhere():
@@ -90,6 +94,12 @@ def test_a_law_is_the_same_a_million_deviations_from_zero():
     assert far.score(moved(damped(), [1e6, 0.0])) == pytest.approx(found.score(damped()), abs=1e-6)
 
 
+def test_powers_that_double_precision_does_not_hold_are_said():
+    given = moved(damped(), [1e6, 0.0])
+    with pytest.warns(IdentificationWarning, match="subtract a constant"):
+        TrajectoryIdentifier(one_mode(degree=3)).fit(given)
+
+
 @pytest.mark.parametrize("unit", [2.0**-40, 2.0**40])
 def test_a_law_is_the_same_in_any_unit(unit):
     # powers of two: products are exact, so the answer is the same to the last digits
@@ -108,21 +118,27 @@ def two_modes():
     return SwitchingSystemRegressor(2, feature_library=1, surface=surface, random_state=0)
 
 
+@pytest.fixture(scope="module")
+def two_laws():
+    return TrajectoryIdentifier(two_modes()).fit(softer_on_one_side())
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize(
     ("offset", "unit"),
     [(100.0, 1.0), (1e4, 1.0), (1e6, 1.0), (0.0, 1e-12), (0.0, 1e12), (1e4, 1e-9)],
 )
-def test_two_laws_and_their_surface_are_the_same_anywhere_and_in_any_unit(offset, unit):
-    given, moves = softer_on_one_side(), np.array([offset, 0.0])
-    found = TrajectoryIdentifier(two_modes()).fit(given)
+def test_two_laws_and_their_surface_are_the_same_anywhere_and_in_any_unit(two_laws, offset, unit):
+    found, given, moves = two_laws, softer_on_one_side(), np.array([offset, 0.0])
     other = TrajectoryIdentifier(two_modes()).fit(moved(given, moves, unit))
     rows = np.vstack([one["x"] for one in given])
     names = found.predict_modes(rows) == other.predict_modes((rows + moves) * unit)
     agree = max(names.mean(), 1.0 - names.mean())
-    assert agree > 0.995  # samples on the surface itself, which is known to 1e-3
+    # a surface through zero has no constant there and one elsewhere, known to some hundredths
+    assert agree > 0.97
     away = np.abs(rows[:, 0]) > 0.05
+    # three standard errors of the laws
     np.testing.assert_allclose(
-        other.predict((rows + moves)[away] * unit) / unit, found.predict(rows[away]), atol=1e-2
+        other.predict((rows + moves)[away] * unit) / unit, found.predict(rows[away]), atol=0.06
     )
     assert other.score(moved(given, moves, unit)) == pytest.approx(found.score(given), abs=1e-4)
