@@ -18,7 +18,7 @@ from swsysid._data.extent import Extent
 from swsysid._data.features import FeatureMap
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
-from swsysid._stays.given import Given
+from swsysid._stays.given import Given, check_channels
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import LIMITS
@@ -36,6 +36,7 @@ class Origin:
     @classmethod
     def of(cls, given: Given, estimator: SwitchingSystemRegressor, order: int = 1) -> Origin:
         """Means of the columns that lie far from zero, if the laws can tell them by a constant."""
+        check_channels(given)
         n_channels, n_states = given.n_channels, given.n_channels * order
         columns = np.hstack([np.vstack([one.y for one in given.records]),
                              np.vstack([one.u for one in given.records])])  # fmt: skip
