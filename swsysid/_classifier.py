@@ -247,8 +247,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
 
-        `log_likelihood` of every class, (n_samples, n_classes), counts up to a constant for each
-        sample: equal entries say nothing. Returns the classifier.
+        `log_likelihood` (n_samples, n_classes) counts up to a constant a row. Returns the classifier.
         """
         rows = canonical_rows(rows_of(self, X), log_likelihood, sample_weight=sample_weight)
         features = self._basis(rows.arrays[0])
@@ -304,15 +303,15 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def moved(self, offset):
         """A copy with the same surfaces among columns that lie further by `offset`."""
-        other = copy(self)
-        vars(other).update(_basis=self._basis.moved(offset), _places=self._places + offset)
+        other, places = copy(self), self._places + offset
+        vars(other).update(_basis=self._basis.moved(offset), _places=places)
         other.use_coef(self._fitted_coef)
         return other
 
     def linear_form(self, n_columns):
         """The surfaces as functions of their coefficients."""
-        coef, scale = self._fitted_coef, self._surface_scale
-        return LinearForm(self._basis.at_rows, coef, scale, self.mode_book_, self.classes_)
+        fitted = self._fitted_coef, self._surface_scale, self.mode_book_, self.classes_
+        return LinearForm(self._basis.at_rows, *fitted)
 
     def use_coef(self, coef):
         """Take other coefficients, in the coordinates of `linear_form`."""
@@ -334,8 +333,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         MarginCertificate
         """
         X, y = rows_and_classes(self, X, y)
-        unknown = ~np.isin(y, self.classes_)
-        if unknown.any():
+        if (unknown := ~np.isin(y, self.classes_)).any():
             raise ValueError(f"y holds the class {y[unknown][0]!r}, which fit has not seen.")
         rows = canonical_rows(X, np.searchsorted(self.classes_, y))
         signs = self.mode_book_[rows.arrays[1]].astype(float)

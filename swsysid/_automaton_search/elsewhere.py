@@ -11,12 +11,12 @@ from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_shooting.joint import Joint
+from swsysid._data.coordinates import shifted_monomials
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 from swsysid._stays.certainty import errors_of
 from swsysid._stays.given import Given
 from swsysid._stays.origin import Origin
-from swsysid._surfaces.polynomials import shifted_monomials
 
 
 def told_from(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from swsysid._data.coordinates import shifted_monomials
 from swsysid._data.extent import Extent
 from swsysid._data.features import FeatureMap
 from swsysid._regressor import SwitchingSystemRegressor
@@ -22,7 +23,6 @@ from swsysid._stays.given import Given, check_channels
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import LIMITS
-from swsysid._surfaces.polynomials import shifted_monomials
 from swsysid._surfaces.surface import Classifier, MovableClassifier, is_movable
 from swsysid.refinement._trajectories import Record
 
