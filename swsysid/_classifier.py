@@ -247,7 +247,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
 
-        `log_likelihood` (n_samples, n_classes) counts up to a constant a row. Returns the classifier.
+        `log_likelihood` (n_samples, n_classes) counts up to a constant a row. Returns itself.
         """
         rows = canonical_rows(rows_of(self, X), log_likelihood, sample_weight=sample_weight)
         features = self._basis(rows.arrays[0])
