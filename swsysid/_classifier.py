@@ -9,7 +9,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_classes, rows_of
 from swsysid._checks.parameters import names_of_columns, random_numbers
-from swsysid._data.rows import canonical_rows, check_sample_weight, places_between
+from swsysid._data.rows import as_repetitions, canonical_rows, check_sample_weight, places_between
 from swsysid._data.scores import ScoredByAccuracy
 from swsysid._fitting import whole_or_nothing
 from swsysid._rendering.printing import check_format, linear_combination, symbol
@@ -58,8 +58,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         Degree of the polynomials; all monomials up to it, constant included, are features.
     margin : float or "auto", default=1e-2
         The paper's epsilon > 0. ``"auto"`` takes the middle of the interval in which the margin
-        certificate of the training data proves every surface nonzero, and 1e-2 where there is
-        no such margin (classes not separable, or beta too large).
+        certificate of the training data proves every surface nonzero, and 1e-2 where there is none.
     beta : float or "auto", default="auto"
         Sparsity, not negative. ``"auto"`` is 5e-3 if standardised, else the paper's 1e-2. It is
         the price of coefficients against the *sum* of slacks and does not grow with the number
@@ -168,7 +167,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         y : array-like of shape (n_samples,)
             Class labels.
         sample_weight : array-like of shape (n_samples,), default=None
-            Repetitions: a row of weight 2 is the same as two rows, of weight 0 as none.
+            Repetitions: weight 2 is two rows, 0 is none; the largest counts for 1 at least.
         start : PolynomialSurfaceClassifier, default=None
             Fitted with these parameters to similar labels: saves time.
 
@@ -185,7 +184,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         """
         check_parameters(self)
         X, y = rows_and_classes(self, X, y, reset=True)
-        weight = check_sample_weight(sample_weight, len(X))
+        weight = as_repetitions(check_sample_weight(sample_weight, len(X)), X, y)
         self.classes_ = np.unique(y[weight > 0])
         # Rows of weight zero are dropped below, whatever index they get here.
         labels = np.minimum(np.searchsorted(self.classes_, y), len(self.classes_) - 1)
@@ -248,8 +247,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
 
-        `log_likelihood` of every class, (n_samples, n_classes), counts up to a constant for each
-        sample: equal entries say nothing. Returns the classifier.
+        `log_likelihood` (n_samples, n_classes) counts up to a constant a row. Returns itself.
         """
         rows = canonical_rows(rows_of(self, X), log_likelihood, sample_weight=sample_weight)
         features = self._basis(rows.arrays[0])
@@ -272,8 +270,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def mode_penalty(self, X):
         """Slack that each class would cost each sample, shape (n_samples, n_classes).
 
-        ``sum_l max(0, margin - s_jl f_l(x))`` over the surfaces of the class: with weights and
-        `complexity_` this is the objective of the linear program for any labels.
+        ``sum_l max(0, margin - s_jl f_l(x))``; with weights and `complexity_` the LP's objective.
         """
         values = self.surface_values(X)
         return self.fitted_surfaces.penalty(values)
@@ -304,10 +301,17 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         other.classes_, other.mode_book_ = names[order], self.mode_book_[order]
         return other
 
+    def moved(self, offset):
+        """A copy with the same surfaces among columns that lie further by `offset`."""
+        other, places = copy(self), self._places + offset
+        vars(other).update(_basis=self._basis.moved(offset), _places=places)
+        other.use_coef(self._fitted_coef)
+        return other
+
     def linear_form(self, n_columns):
         """The surfaces as functions of their coefficients."""
-        coef, scale = self._fitted_coef, self._surface_scale
-        return LinearForm(self._basis.at_rows, coef, scale, self.mode_book_, self.classes_)
+        fitted = self._fitted_coef, self._surface_scale, self.mode_book_, self.classes_
+        return LinearForm(self._basis.at_rows, *fitted)
 
     def use_coef(self, coef):
         """Take other coefficients, in the coordinates of `linear_form`."""
@@ -316,8 +320,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     def margin_certificate(self, X, y):
         """What can be promised about the margin on labelled data.
 
-        Solves the linear program of the paper's remark for the fitted mode-book, in the
-        coordinates of the fit; see `MarginCertificate` for what it proves and what not.
+        Solves the linear program of the paper's remark; see `MarginCertificate` for what it proves.
 
         Parameters
         ----------
@@ -330,8 +333,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         MarginCertificate
         """
         X, y = rows_and_classes(self, X, y)
-        unknown = ~np.isin(y, self.classes_)
-        if unknown.any():
+        if (unknown := ~np.isin(y, self.classes_)).any():
             raise ValueError(f"y holds the class {y[unknown][0]!r}, which fit has not seen.")
         rows = canonical_rows(X, np.searchsorted(self.classes_, y))
         signs = self.mode_book_[rows.arrays[1]].astype(float)

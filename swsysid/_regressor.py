@@ -196,7 +196,8 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         y : array-like of shape (n_samples,) or (n_samples, n_states)
             Xdot, the measured velocities (next states in discrete time).
         sample_weight : array-like of shape (n_samples,), default=None
-            A weight of 2 means the row twice, 0 no row.
+            A weight of 2 means the row twice, 0 no row. Where all are below 1 the largest counts
+            as 1.
         groups : array-like of shape (n_samples,), default=None
             Trajectory of each row, kept whole where data are held out (``n_modes="auto"``).
 
@@ -295,7 +296,8 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         input_hold : {"zero", "linear"}, default="zero"
             What the inputs do between the samples.
         **options
-            ``max_switches``, ``state_bound``, ``rtol`` and ``atol`` of the integration.
+            ``max_switches``, ``rtol``, ``atol`` (default: 1e-10 of the spread of each state in
+            the data of the fit) and ``state_bound`` (default: 1e9 of it) of the integration.
 
         Returns
         -------

@@ -15,6 +15,7 @@ from swsysid._rendering.progress import progress
 from swsysid._stays.certainty import certainty
 from swsysid._stays.given import Given, read_given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.origin import Origin
 from swsysid._stays.rollout_score import rollout_score
 from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
@@ -169,9 +170,11 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         settings = self.settings.joined(flag("refine", self.refine))
         estimator = seeded(estimator, self.random_state).set_params(n_jobs=self.n_jobs)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
-            search = Search(estimator, given, order, self.observed, settings, bar.update)
-            found = search.identified()
-        self._store(found, search)
+            origin = Origin.of(given, estimator, order)
+            counted = origin.counted(given)
+            search = Search(estimator, counted, order, self.observed, settings, bar.update)
+            found = origin.told(search.identified())
+        self._store(found, search, origin)
         return self
 
     def predict(self, X):
@@ -218,11 +221,12 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
 
     # -- parts of fit ------------------------------------------------------------------------
 
-    def _store(self, found: StayIdentification, search: Search) -> None:
-        given, sure = search.given, certainty(found)
+    def _store(self, found: StayIdentification, search: Search, origin: Origin) -> None:
+        given, sure = search.given, certainty(found, origin)
         recordings = found.estimate.segments.recordings
         self.estimator_, self.n_modes_ = found.model, len(found.estimate.laws.coef)
-        self.states_ = given.by_rows(_split(recordings.joined(states_of(found.estimate)), given))
+        states = origin.states(recordings.joined(states_of(found.estimate)))
+        self.states_ = given.by_rows(_split(states, given))
         self.modes_ = given.by_rows(_split(active_modes_of(found.estimate), given))
         self.switch_times_ = [stays.instants for stays in found.estimate.segments.stays]
         self.switch_time_errors_ = sure.instants

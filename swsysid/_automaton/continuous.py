@@ -32,7 +32,8 @@ class _Rollout(Flow):
     """State of one rollout: beside the state and the mode, the guards that lead out of it."""
 
     def __init__(self, automaton: AutomatonParts, mode: int, x0: Array, t: Array, options: Options):
-        super().__init__(GuardedLaws(automaton, options.state_bound), x0, t, options)
+        scales = options.scales(automaton.extent, x0)
+        super().__init__(GuardedLaws(automaton, scales), x0, t, options)
         self.mode = mode
         self.watch = GuardWatch(automaton.transitions, mode, x0, self.time)
 

@@ -27,7 +27,8 @@ def iterate(
     These are the states at the first of the times, so that the inputs beside them are known.
     Arguments as `HybridAutomaton.simulate` takes them, checked.
     """
-    laws = GuardedLaws(automaton, options.state_bound)
+    scales = options.scales(automaton.extent, rows[-1])
+    laws = GuardedLaws(automaton, scales.repeated(automaton.lags + 1))
     n_lags, n_states = automaton.lags, automaton.n_states
     n_seen = automaton.n_inputs * (n_lags + 1)
     done = History(t, states=list(rows[:-1]), modes=[mode] * n_lags)

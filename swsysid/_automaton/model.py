@@ -369,7 +369,7 @@ class HybridAutomaton(AutomatonParts):
             Inputs between the samples: constant until the next one, or linear.
         **options
             ``max_switches``, ``max_steps``, ``state_bound``, ``rtol``, ``atol``, ``method``; as
-            for `SwitchingSystemRegressor.simulate`.
+            for `SwitchingSystemRegressor.simulate`. A stated automaton has `x0` for a spread.
 
         Returns
         -------

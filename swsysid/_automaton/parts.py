@@ -12,6 +12,7 @@ from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.settings import SETTINGS
 from swsysid._automaton.transitions import Transition, check_transition
 from swsysid._checks.parameters import flag, whole
+from swsysid._data.extent import Extent
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 from swsysid._simulation.system import Laws
@@ -87,6 +88,13 @@ class AutomatonParts:
     def n_inputs(self) -> int:
         """Number of inputs, without their lags."""
         return len(self.feature_map.names_in) // (self.lags + 1) - self.n_states
+
+    @property
+    def extent(self) -> Extent | None:
+        """Where the states were in the recordings, None where the automaton was stated."""
+        if self.first_modes is None:
+            return None
+        return Extent.of(self.first_modes.states[:, : self.n_states])
 
     @property
     def state_names(self) -> list[str]:

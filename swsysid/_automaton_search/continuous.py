@@ -27,6 +27,7 @@ from swsysid._automaton_search.apart import apart
 from swsysid._automaton_search.assembly import assembled, filled, switch_times_of, verdicts_of
 from swsysid._automaton_search.certificates import certificates
 from swsysid._automaton_search.cutting import Cut, Cutting
+from swsysid._automaton_search.elsewhere import told_from
 from swsysid._automaton_search.found import Told
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of, whole
@@ -46,6 +47,7 @@ from swsysid._results import IdentificationWarning
 from swsysid._stays.count import CountCandidate
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.origin import Origin
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.search import ExactStart, Search
 from swsysid._stays.sensors import without_clipped
@@ -65,6 +67,21 @@ def identified(
 
     It is refined unless the recordings have no noise, or laws and surface were found together.
     """
+    origin = Origin.of(given, estimator)
+    counted = origin.counted(given)
+    found = _identified(estimator, counted, degree, settings, told, origin if refine else None)
+    return told_from(origin, found, given, estimator.feature_library)
+
+
+def _identified(
+    estimator: SwitchingSystemRegressor,
+    given: Given,
+    degree: int,
+    settings: StaySettings,
+    told: Callable[[], object],
+    origin: Origin | None,
+) -> IdentifiedAutomaton:
+    """The same in columns counted from the origin; not refined where there is none."""
     jumps = jumps_of(given)
     search = _search(estimator, cut_at(given, jumps), settings, told)
     exact, known = _exact_start(estimator, given, search), None
@@ -88,9 +105,9 @@ def identified(
     if more is not None:
         stays, found = more, transitions_of(more, pieces, degree)
     found = possible(found, stays)
-    if refine and found and not together:
+    if origin is not None and found and not together:
         told()
-        parts, refinement = _refined_if_possible(given, stays, pieces, found, settings)
+        parts, refinement = _refined_if_possible(given, stays, pieces, found, settings, origin)
     else:
         parts, refinement = told_by_parts(given, stays, pieces, found), None
     return _answer(given, stays, parts, refinement, search, candidates, known)
@@ -102,16 +119,17 @@ def _refined_if_possible(
     pieces: Pieces,
     found: list[Settled],
     settings: StaySettings,
+    origin: Origin,
 ) -> tuple[Told, AutomatonRefinement | None]:
     """All refined together; as it was found part by part where linear algebra fails on that."""
     try:
-        return refined(given, stays, pieces, found, settings)
+        return refined(given, stays, pieces, found, settings, origin)
     except np.linalg.LinAlgError as error:
         warnings.warn(
             f"laws, guards and resets could not be refined together ({error}): they are those of "
             "the stays one by one, without standard errors; give states in units of order one.",
             IdentificationWarning,
-            stacklevel=5,
+            stacklevel=6,
         )
         return told_by_parts(given, stays, pieces, found), None
 

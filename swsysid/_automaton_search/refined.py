@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_search.apart import by_samples
 from swsysid._automaton_search.assembly import Assembled, assembled
+from swsysid._automaton_search.elsewhere import errors_from
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import missed_by
 from swsysid._automaton_search.instants import Settled
@@ -24,6 +25,7 @@ from swsysid._automaton_shooting.settings import SETTINGS as SHOOTING
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.origin import Origin
 from swsysid._stays.settings import StaySettings
 from swsysid.refinement._trajectories import Record
 
@@ -34,8 +36,12 @@ def refined(
     pieces: Pieces,
     found: list[Settled],
     settings: StaySettings,
+    origin: Origin,
 ) -> tuple[Told, AutomatonRefinement]:
-    """The automaton refined, or as it was found where rollouts of the recordings became worse."""
+    """The automaton refined, or as it was found where rollouts of the recordings became worse.
+
+    Its standard errors are those of columns that are not counted from the `origin`.
+    """
     parts = told_by_parts(given, stays, pieces, found)
     start, noise = joint_estimate(given, stays, pieces, found), stays.reached.noise
     sources = np.array([one.transition.source for one in found])
@@ -55,7 +61,7 @@ def refined(
         joint.value_after,
         rolled_before,
         rolled_after,
-        *_errors(joint, after, found),
+        *_errors(joint, after, found, origin),
     )
 
 
@@ -77,19 +83,19 @@ def _judged_by_rollouts(told: Told, free: FreeRollouts, joint: Joint, interval: 
 
 
 def _errors(
-    joint: Joint, after: Assembled, found: list[Settled]
+    joint: Joint, after: Assembled, found: list[Settled], origin: Origin
 ) -> tuple[Array, tuple[Array, ...], tuple[Array | None, ...]]:
     """Standard errors in the order of the automaton's modes and transitions."""
-    errors, order = joint.errors, after.order
+    coef, of_guards, of_resets = errors_from(origin, joint, after.automaton.feature_map)
     places = {(one.transition.source, one.transition.target): k for k, one in enumerate(found)}
-    guards, resets = [], []
+    guards, resets, order = [], [], after.order
     for one in after.automaton.transitions:
         place = places[int(order[one.source]), int(order[one.target])]
-        guard = errors.guards[place]
+        guard = of_guards[place]
         assert guard is not None, "a transition of the automaton has a guard"
         guards.append(guard)
-        resets.append(None if one.reset is None else errors.resets[place])
-    return errors.coef[order], tuple(guards), tuple(resets)
+        resets.append(None if one.reset is None else of_resets[place])
+    return coef[order], tuple(guards), tuple(resets)
 
 
 def joint_estimate(

@@ -11,7 +11,7 @@ from swsysid._stays.given import Given
 from swsysid._stays.rollout_score import determination
 from swsysid._stays.settings import LIMITS
 from swsysid._ties import first_least
-from swsysid.refinement._trajectories import Record
+from swsysid.refinement._trajectories import Record, spread
 
 
 def rollout_score(automaton: HybridAutomaton, given: Given) -> float:
@@ -29,18 +29,26 @@ def _misfit(automaton: HybridAutomaton, record: Record) -> Array:
 
 def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array, float]:
     """The state from which a rollout in a mode fits some samples best, and half its squares."""
-    spread = np.maximum(first.filled.std(axis=0), LIMITS.rounding)
+    unit, guess = spread(first.filled), first.filled[: automaton.lags + 1]
 
     def misfit(start: Array) -> Array:
-        left = _left(automaton, first, start.reshape(guess.shape), mode) / spread
+        left = _left(automaton, first, start, mode) / unit
         return np.nan_to_num(left, nan=LIMITS.diverged).ravel()
 
-    guess = first.filled[: automaton.lags + 1]
     if automaton.lags:
         return guess, float(0.5 * np.square(misfit(guess)).sum())
-    guess = guess[0]
-    found = least_squares(misfit, guess, x_scale=spread, max_nfev=LIMITS.turns_of_starts)
-    return found.x, float(found.cost)
+
+    def start(moves: Array) -> Array:
+        return np.asarray(guess[0] + (moves - 1.0) * unit)
+
+    # from one, so that differences are taken over parts of a spread
+    found = least_squares(
+        lambda moves: misfit(start(moves)),
+        np.ones(len(unit)),
+        diff_step=LIMITS.difference,
+        max_nfev=LIMITS.turns_of_starts,
+    )
+    return start(found.x), float(found.cost)
 
 
 def _left(automaton: HybridAutomaton, record: Record, start: Array, mode: int) -> Array:

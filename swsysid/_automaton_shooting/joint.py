@@ -18,15 +18,6 @@ from swsysid._ties import least_of
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Standard errors of an automaton; zero where a coefficient is fixed."""
-
-    coef: Array  # (n_modes, n_states, n_features)
-    guards: list[Array | None]  # of each transition, the shape of the coefficients of its guard
-    resets: Array  # (n_transitions, n_states, 1 + n_states): of the offset, then of the matrix
-
-
-@dataclass(frozen=True)
 class Joint:
     """An automaton before and after its refinement, each with its best starts and instants."""
 
@@ -37,18 +28,19 @@ class Joint:
     value_after: float
 
     @cached_property
-    def errors(self) -> Errors:
-        """Standard errors, the noise as large as the samples say."""
+    def covariance(self) -> Array:
+        """Of laws, guards and resets, the noise as large as the samples say."""
         estimate = self.after
         n_values = sum(int(np.isfinite(one.record.y).sum()) for one in estimate.legs.courses)
         scale = 2.0 * self.value_after / max(1.0, n_values * estimate.freedom)
-        variances = np.diag(self.objective.covariance(estimate))
-        every = np.sqrt(scale * np.clip(variances, 0.0, np.inf))
-        parts = estimate.laws.n_free, estimate.guards.n_free
-        of_laws, of_guards, of_resets = np.split(every, np.cumsum(parts))
-        coef, resets = np.zeros(estimate.laws.coef.shape), np.zeros(estimate.resets.maps.shape)
-        coef[estimate.laws.places], resets[estimate.resets.places] = of_laws, of_resets
-        return Errors(coef, estimate.guards.by_transition(of_guards), resets)
+        return np.asarray(scale * self.objective.covariance(estimate))
+
+    @property
+    def errors_of_guards(self) -> list[Array | None]:
+        """Of each transition, the shape of the coefficients of its guard; zero where fixed."""
+        guards, first = self.after.guards, self.after.laws.n_free
+        own = np.diag(self.covariance)[first : first + guards.n_free]
+        return guards.by_transition(np.sqrt(np.clip(own, 0.0, np.inf)))
 
 
 def jointly(
@@ -83,7 +75,7 @@ def _with_equal_guards(
     A mode that is entered and left at one surface would else be left again where it is entered.
     """
     guards, most = joint.after.guards, SETTINGS.equal_guards
-    equal = guards.with_equal_ones(joint.errors.guards, most)
+    equal = guards.with_equal_ones(joint.errors_of_guards, most)
     fewer = guards.n_free - equal.n_free
     if not fewer:
         return joint

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
 from itertools import combinations
-from math import comb, prod
+from math import comb
 
 import numpy as np
 from sklearn import config_context
@@ -16,6 +16,8 @@ from sklearn.preprocessing import PolynomialFeatures
 from swsysid._checks.estimators import check_fitted, column_names, rows_of
 from swsysid._checks.parameters import shown, whole
 from swsysid._data import coordinates
+from swsysid._data.extent import Extent
+from swsysid._data.monomials import Monomials
 
 # More columns than that are days of work at best, and terabytes at worst.
 _MOST_FEATURES = 3000
@@ -173,60 +175,6 @@ def _default_formats(functions) -> list[str]:
     ]
 
 
-class Monomials:
-    """Monomials with exponents `powers` (n_monomials, n_columns), column by column.
-
-    Each is the product of a column and an earlier monomial, the same as in scikit-learn's
-    ``PolynomialFeatures``, without its checks and in a third of its time.
-
-    Examples
-    --------
-    >>> monomials = Monomials(np.array([[0, 0], [1, 0], [1, 2]]))
-    >>> monomials(np.array([[2.0, 3.0]])), monomials.at(np.array([2.0, 3.0]))
-    (array([[ 1.,  2., 18.]]), array([ 1.,  2., 18.]))
-    """
-
-    def __init__(self, powers: np.ndarray):
-        self.powers = powers
-        columns = np.arange(powers.shape[1])
-        self.factors = [np.repeat(columns, row).tolist() for row in powers]
-        places = {tuple(factors): place for place, factors in enumerate(self.factors)}
-        # the monomial without its first factor, if it comes earlier
-        rest = [places.get(tuple(factors[1:])) for factors in self.factors]
-        self.rest = [
-            earlier if earlier is not None and earlier < place else None
-            for place, earlier in enumerate(rest)
-        ]
-
-    @classmethod
-    def up_to(cls, degree: int, n_columns: int) -> Monomials:
-        """All monomials up to a degree, in the order of scikit-learn."""
-        return cls(PolynomialFeatures(degree).fit(np.zeros((1, n_columns))).powers_)
-
-    def __call__(self, X: np.ndarray) -> np.ndarray:
-        """Values at the rows of `X`, shape (n_samples, n_monomials)."""
-        columns = np.ascontiguousarray(X.T)
-        values = np.empty((len(self.factors), len(X)))
-        for out, factors, rest in zip(values, self.factors, self.rest, strict=True):
-            if rest is None:
-                out[:] = 1.0
-                for factor in reversed(factors):
-                    out *= columns[factor]
-            else:
-                np.multiply(columns[factors[0]], values[rest], out=out)
-        return values.T
-
-    def at(self, point: np.ndarray) -> np.ndarray:
-        """Values at one point, (n_columns,) -> (n_monomials,): the same numbers, much sooner."""
-        columns, values = point.tolist(), []
-        for factors, rest in zip(self.factors, self.rest, strict=True):
-            if rest is None:
-                values.append(prod(columns[factor] for factor in factors[::-1]))
-            else:
-                values.append(columns[factors[0]] * values[rest])
-        return np.array(values, dtype=float)
-
-
 class FeatureMap:
     """A fitted copy of a feature library, with plain arrays and names at its boundary.
 
@@ -248,6 +196,7 @@ class FeatureMap:
             self.box = np.stack([np.min(X, axis=0), np.max(X, axis=0)])
         self.n_features_out = features.shape[1]
         self.sizes = np.abs(features).max(axis=0)  # what a coefficient of each can amount to
+        self._extent = [*Extent.of(np.asarray(X, dtype=float))]
         beyond = (self.sizes > _LARGEST) | ((self.sizes > 0.0) & (self.sizes < _SMALLEST))
         if beyond.any():
             place = int(beyond.argmax())
@@ -267,6 +216,12 @@ class FeatureMap:
         if isinstance(known, (Monomials, FunctionLibrary)):
             return known.at(point)
         return self._transformed(point[None, :])[0]
+
+    @property
+    def extent(self) -> Extent | None:
+        """Where the columns were in the fit, None if there was one row; older files do not know."""
+        known = Extent(*vars(self).get("_extent", [np.zeros(0)] * 2))
+        return known if known.spread.any() else None
 
     @property
     def powers(self) -> np.ndarray | None:

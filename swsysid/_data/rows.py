@@ -79,6 +79,23 @@ def canonical_rows(*arrays: ArrayLike, sample_weight: ArrayLike | None = None) -
     )
 
 
+def as_repetitions(weight: Array, *arrays: ArrayLike) -> Array:
+    """Weights of rows, the largest at least one.
+
+    A weight counts rows, and no row is less than one: weights that are all smaller say how rows
+    compare to each other. As counts they would let the price of a surface outweigh all rows.
+
+    Examples
+    --------
+    >>> as_repetitions(np.array([1e-6, 5e-7]), [1.0, 2.0]), as_repetitions(np.array([0.5, 3.0]))
+    (array([1. , 0.5]), array([0.5, 3. ]))
+    """
+    largest = weight.max()
+    if largest < 1.0:
+        largest = canonical_rows(*arrays, sample_weight=weight).weight.max()
+    return weight / largest if largest < 1.0 else weight
+
+
 def spread_rows(n_samples: int, n_chosen: int) -> NDArray[np.intp]:
     """About `n_chosen` distinct rows, spread evenly but without a period.
 

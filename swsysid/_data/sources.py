@@ -18,7 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from swsysid._checks.arrays import labels, numbers
 from swsysid._checks.estimators import block_of_rows
-from swsysid._data.rows import check_sample_weight
+from swsysid._data.rows import as_repetitions, check_sample_weight
 from swsysid._results import Array
 
 Answer = TypeVar("Answer")
@@ -203,7 +203,7 @@ def row_blocks(
         n_rows = None if np.isnan(X.shape[0]) else int(X.shape[0])
         return _Dask(_dask_parts(X, y, sample_weight, groups), n_rows)
     if not holds_blocks(X):
-        weight = check_sample_weight(sample_weight, len(X))
+        weight = as_repetitions(check_sample_weight(sample_weight, len(X)), X, y)
         return _Array(Rows(X, np.reshape(y, (len(X), -1)), weight, groups))
     given = {"y": y, "sample_weight": sample_weight, "groups": groups}
     if _is_on_disk(X):

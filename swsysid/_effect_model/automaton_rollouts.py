@@ -17,6 +17,7 @@ from swsysid._automaton.first_modes import first_mode
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import Transition
 from swsysid._automaton.watch import GuardWatch
+from swsysid._data.extent import Extent
 from swsysid._results import Array, Trajectory
 from swsysid._simulation.effect_system import ActingTerm, EffectFields, bits
 from swsysid._simulation.events import Piece
@@ -97,6 +98,10 @@ class _Map:
     def n_inputs(self) -> int:
         return self.system.automaton.n_inputs
 
+    @property
+    def extent(self) -> Extent | None:
+        return self.system.extent
+
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         return self.system.field(x, u, mode, self.system.sides(x))
 
@@ -109,7 +114,8 @@ class _Rollout(SwitchingRollout):
     """Beside sides and slides, the guards that lead out of the present mode."""
 
     def __init__(self, system: AutomatonEffects, x0: Array, t: Array, options: Options):
-        super().__init__(GuardedSystem(system, options.state_bound), x0, t, options)
+        scales = options.scales(system.extent, x0)
+        super().__init__(GuardedSystem(system, scales), x0, t, options)
         self.effects = system
         self.signal: Signal = _no_signal
         own = system.automaton

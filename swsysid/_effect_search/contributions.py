@@ -91,7 +91,7 @@ def linearised(
     parts = [columns(term.theta)]
     ranges = term.effect.parameters(records, term.place)
     for number, (value, parameter) in enumerate(zip(term.theta, ranges, strict=True)):
-        step = SETTINGS.step * _spacing(parameter.values, value) or 1e-6
+        step = SETTINGS.step * _spacing(parameter.values, value) or 1e-6 * (abs(value) or 1.0)
         ends = [
             columns((*term.theta[:number], value + sign * step, *term.theta[number + 1 :])) @ coef
             for sign in (1.0, -1.0)

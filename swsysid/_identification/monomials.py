@@ -73,7 +73,7 @@ def choose_monomials(
     if not 1 <= surface.mode_book_.shape[1] <= problem.settings.most_surfaces:
         return problem, best, None
     density = log_densities(problem, best.coef)
-    features = surface.surface_features(problem.coordinates)
+    features = surface.fitted_surfaces.basis.of_relevance(problem.coordinates)
     found = [
         feature_relevance(features, *_sides(problem, surface, density, column))
         for column in range(surface.mode_book_.shape[1])

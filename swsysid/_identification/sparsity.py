@@ -74,17 +74,19 @@ class _Refit:
         """Squared t-statistics of the kept terms."""
         # The scale is the median size of the residuals, without as many of the smallest as there
         # are terms: so many samples an l1 fit meets exactly.
-        design = self.design[:, kept]
-        gram = (design * self.weight[:, None]).T @ design
-        residual = np.abs(self.targets[:, state] - self.design @ coef)
+        # Columns in units of their sizes: others than these would decide what counts as dependent.
+        design, coef = self.design[:, kept], coef[kept]
+        size = np.sqrt(np.average(design**2, axis=0, weights=self.weight))
+        size[size == 0.0] = 1.0
+        root = np.linalg.qr(np.sqrt(self.weight)[:, None] * (design / size), mode="r")
+        residual = np.abs(self.targets[:, state] - design @ coef)
         repetitions = np.maximum(np.rint(self.weight).astype(int), 1)
         residual = np.sort(np.repeat(residual, repetitions))
-        sigma = robust_scale(residual[min(len(coef[kept]), len(residual) - 1) :])
-        size = np.sqrt(np.average(design**2, axis=0, weights=self.weight))
+        sigma = robust_scale(residual[min(len(coef), len(residual) - 1) :])
         velocity = np.sqrt(np.average(self.targets[:, state] ** 2, weights=self.weight))
-        variance = sigma**2 * np.diag(np.linalg.pinv(gram, hermitian=True))
-        floor = (_NEGLIGIBLE * velocity / np.where(size > 0, size, np.inf)) ** 2
-        return coef[kept] ** 2 / np.maximum(np.maximum(variance, floor), np.finfo(float).tiny)
+        variance = sigma**2 * np.square(np.linalg.pinv(root)).sum(axis=1)
+        least = np.maximum(variance, (_NEGLIGIBLE * velocity) ** 2)
+        return np.square(size * coef) / np.maximum(least, np.finfo(float).tiny)
 
     def significant(self, state: int) -> NDArray[np.bool_]:
         """Terms that are left when none is insignificant any more."""

@@ -15,6 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
+from swsysid._data.extent import Extent
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
@@ -93,6 +94,11 @@ class EffectFields(SwitchingSystem):
         self._signals = slice(self.n_given + 1, self.n_given + 1 + n_signals)
         self._channels = np.array([channel for channel, _ in breaks], dtype=np.intp)
         self._levels = np.array([level for _, level in breaks], dtype=float)
+
+    @property
+    def extent(self) -> Extent | None:
+        """That of the declared model, if it takes states and inputs as they are."""
+        return self.fields.extent if self.transform is None else None
 
     @property
     def remembers(self) -> bool:

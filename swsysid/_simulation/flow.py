@@ -63,17 +63,23 @@ class Flow(ABC):
             first = None
         else:  # no integrator can choose a step from this
             raise SimulationEnded(Status.STEP_FAILURE)
-        solver = self._solver(field, self.time, self.x, end, first_step=first)
+        origin = self.system.scales.origin
+
+        def moved(time: float, y: Array) -> Array:
+            return field(time, y + origin)
+
+        solver = self._solver(moved, self.time, self.x - origin, end, first_step=first)
         degree = DENSE_DEGREES[self.method]
         while solver.status == "running":
             self._step(solver)
             self.step_size = solver.step_size
-            yield Piece(solver.t_old, solver.t, solver.dense_output(), signal, degree)
+            states = partial(_from, origin, solver.dense_output())
+            yield Piece(solver.t_old, solver.t, states, signal, degree)
 
     @property
     def _solver(self) -> Callable:
         rtol = max(self.options.rtol, 100 * np.finfo(float).eps)
-        return partial(METHODS[self.method], rtol=rtol, atol=self.options.atol)
+        return partial(METHODS[self.method], rtol=rtol, atol=self.system.scales.atol)
 
     def _step(self, solver) -> None:
         self.steps_left -= 1
@@ -83,7 +89,7 @@ class Flow(ABC):
             raise SimulationEnded(Status.STEP_FAILURE) from error
         if solver.status == "failed" or self.steps_left < 0:
             # an integrator that runs out of step size far outside has followed a blow-up
-            grown = np.abs(solver.y).max() > 1e-3 * self.system.state_bound
+            grown = (np.abs(solver.y) > 1e-3 * self.system.scales.bound).any()
             raise SimulationEnded(Status.STATE_LIMIT if grown else Status.STEP_FAILURE)
 
     def advance(self, piece: Piece, until: float) -> None:
@@ -113,3 +119,9 @@ class Flow(ABC):
     def record_event(self, after: int, kind: str) -> None:
         self.done.add(SwitchEvent(self.time, self.x, self.mode, after, kind))
         self.step_size = None
+
+
+def _from(origin: Array, states: Callable, time: float | Array) -> Array:
+    """States that are counted from an origin, at one time or at several."""
+    counted = states(time)
+    return np.asarray(counted + (origin if counted.ndim == 1 else origin[:, None]))

@@ -11,7 +11,9 @@ from scipy.integrate import DOP853, RK45, Radau
 
 from swsysid._checks.arrays import column, state, table
 from swsysid._checks.parameters import one_of, real, whole
+from swsysid._data.extent import Extent
 from swsysid._results import Array
+from swsysid._simulation.scales import Scales
 from swsysid._simulation.system import SwitchingSystem
 
 Signal = Callable[[float], Array]
@@ -31,13 +33,19 @@ class Options:
     max_switches: int = 10000
     # with STEP_FAILURE after so many integration steps,
     max_steps: int = 200000
-    # and with STATE_LIMIT before a state exceeds this in magnitude.
-    state_bound: float = 1e9
+    # and with STATE_LIMIT before a state exceeds this in magnitude. None is 1e9 of the size of each
+    # state: its spread in the data of the fit, or its value at the start of a stated model.
+    state_bound: float | None = None
     rtol: float = 1e-8
-    atol: float = 1e-10
+    # None is 1e-10 of the size of each state.
+    atol: float | None = None
     # "Radau" is for stiff systems; "auto" is "RK45" with inputs, whose samples cut the time into
     # short steps, and "DOP853" without.
     method: str = "auto"
+
+    def scales(self, extent: Extent | None, x0: Array) -> Scales:
+        """In what states count that start at `x0`, of a model fitted to data of some extent."""
+        return Scales.of(extent, x0, self.atol, self.state_bound)
 
 
 def checked_options(options: Mapping[str, object]) -> Options:
@@ -51,9 +59,9 @@ def checked_options(options: Mapping[str, object]) -> Options:
     return Options(
         max_switches=whole("max_switches", asked["max_switches"], least=0),
         max_steps=whole("max_steps", asked["max_steps"]),
-        state_bound=real("state_bound", asked["state_bound"], above=0),
+        state_bound=real("state_bound", asked["state_bound"], above=0, also=(None,)),
         rtol=real("rtol", asked["rtol"], least=0, below=1),
-        atol=real("atol", asked["atol"], least=0),
+        atol=real("atol", asked["atol"], least=0, also=(None,)),
         method=one_of("method", asked["method"], ("auto", *METHODS)),
     )
 

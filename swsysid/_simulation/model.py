@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.parameters import shown
+from swsysid._data.extent import Extent
 from swsysid._data.features import FeatureMap
 from swsysid._data.sources import pieces
 from swsysid._results import Array, Trajectory
@@ -97,6 +98,12 @@ class SwitchingModel(SwitchingSystem):
         ]
 
     # -- what a simulation asks --------------------------------------------------------------
+
+    @property
+    def extent(self) -> Extent | None:
+        """Where the states were in the data of the fit, None for a stated model."""
+        known = self.feature_map.extent
+        return None if known is None else known.first(self.n_states)
 
     @property
     def n_states(self) -> int:

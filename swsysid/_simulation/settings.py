@@ -9,6 +9,12 @@ from dataclasses import dataclass
 class Settings:
     """Numbers that hold for every system; users have the `Options` of `simulate`."""
 
+    # -- of the size of a state: tolerance of the integration beside the relative one, the magnitude
+    # at which it has diverged, and what a state that starts at zero is of the largest one
+    atol: float = 1e-10
+    state_bound: float = 1e9
+    least_size: float = 1e-3
+
     # -- events: parts of a step at whose ends the mode is compared; so many switches in so small a
     # fraction of the requested time are Zeno behaviour
     n_parts: int = 4

@@ -53,11 +53,10 @@ class Given:
     def at(self, times: Array) -> tuple[Array, Array]:
         """Inputs and signals at some times."""
         if self.linear:
+            both = np.empty((2, len(times), 0)), (self.inputs, self.signals)
             inputs, signals = (
-                np.array([np.interp(times, self.t, column) for column in values.T]).T.reshape(
-                    len(times), -1
-                )
-                for values in (self.inputs, self.signals)
+                np.column_stack([none, *(np.interp(times, self.t, column) for column in values.T)])
+                for none, values in zip(*both, strict=True)
             )
             return inputs, signals
         rows = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, None)

@@ -85,7 +85,7 @@ def iterate(
     system: SwitchingSystem, x0: Array, t: Array, inputs: Array, options: Options
 ) -> Trajectory:
     """Iterate a map along the rows of the inputs; arguments as `simulate` takes them, checked."""
-    guarded, done = GuardedSystem(system, options.state_bound), History(t)
+    guarded, done = GuardedSystem(system, options.scales(system.extent, x0)), History(t)
     status = Status.COMPLETED if len(inputs) == len(t) else Status.INPUT_RANGE
     x = x0
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
@@ -120,7 +120,7 @@ def follow(
     `pieces` are (end, signal): stretches of time over which the inputs ``signal(time)`` are
     smooth. The other arguments are those of `simulate`, checked.
     """
-    guarded = GuardedSystem(system, options.state_bound)
+    guarded = GuardedSystem(system, options.scales(system.extent, x0))
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
         if guarded.within(x0):
             probe(system, x0, pieces[0][1](t[0]))
@@ -133,7 +133,7 @@ class SwitchingRollout(Flow):
     def __init__(self, system: GuardedSystem, x0: Array, t: Array, options: Options):
         super().__init__(system, x0, t, options)
         self.system: GuardedSystem = system
-        self.scale = float(np.linalg.norm(x0)) or 1.0
+        self.scale = np.maximum(system.scales.size, self._away)
         self.slide: SlidingSurface | None = None
 
     def enter(self, signal: Signal) -> None:
@@ -212,7 +212,11 @@ class SwitchingRollout(Flow):
 
     def advance(self, piece: Piece, until: float) -> None:
         super().advance(piece, until)
-        self.scale = max(self.scale, float(np.linalg.norm(self.x)))
+        self.scale = np.maximum(self.scale, self._away)
+
+    @property
+    def _away(self) -> Array:
+        return np.abs(self.x - self.system.scales.origin)
 
 
 def _end_of(margin: Callable[[float], float], times: Array) -> float:

@@ -38,14 +38,14 @@ class SlidingSurface:
     after: int
     # g(x, u, direction), where the direction is one that crosses the surface
     guard: Callable[[Array, Array, Array], float]
-    scale: float  # size of the states met so far: differences are taken over a millionth of it
+    scale: Array  # sizes of the states met so far: differences are taken over a millionth of them
     span: float  # length in time of the stretch over which the inputs are smooth
 
     @classmethod
     def at(cls, system, piece, times, modes, scale, span) -> SlidingSurface:
         """The surface that the piece meets between two neighbouring times."""
         points = [piece.at(time) for time in times]
-        guard = _sign_change(system, points) or _offset(system, modes[1], scale)
+        guard = _sign_change(system, points) or _offset(system, modes[1])
         return cls(system, modes[0], modes[1], guard, scale, span)
 
     def rates(self, x: Array, time: float, inputs: Signal) -> tuple[Array, Array, float, float]:
@@ -54,13 +54,13 @@ class SlidingSurface:
             self.system.velocity(x, inputs(time), mode) for mode in (self.before, self.after)
         )
         # while both fields point at the surface, each term crosses it in the same sense
-        direction = _unit(second) - _unit(first)
-        rates = [self._rate(x, time, inputs, f, _unit(direction)) for f in (first, second)]
+        direction = self._step(self._step(second) - self._step(first))
+        rates = [self._rate(x, time, inputs, f, direction) for f in (first, second)]
         return first, second, rates[0], rates[1]
 
     def _rate(self, x, time, inputs, velocity, direction):
-        shift = SETTINGS.shift * self.scale
-        lag = min(shift / max(np.linalg.norm(velocity), 1e-300), 1e-3 * self.span)
+        speed = np.linalg.norm(velocity / self.scale)
+        lag = min(SETTINGS.shift / max(float(speed), 1e-300), 1e-3 * self.span)
         ahead = self.guard(x + lag * velocity, inputs(time + lag), direction)
         behind = self.guard(x - lag * velocity, inputs(time - lag), direction)
         return (ahead - behind) / (2 * lag)
@@ -84,8 +84,13 @@ class SlidingSurface:
 
     def _sides(self, x, u, jump):
         # g falls along f_after - f_before (its rate is b - a < 0): ahead lies `before`
-        shift = SETTINGS.shift * self.scale * _unit(jump)
+        shift = SETTINGS.shift * self._step(jump)
         return self.system.mode(x + shift, u), self.system.mode(x - shift, u)
+
+    def _step(self, direction: Array) -> Array:
+        """A step of length one along a direction, where states count in their sizes."""
+        size = float(np.linalg.norm(direction / self.scale))
+        return np.asarray(direction / max(size, 1e-300))
 
     def leave(self, x: Array, time: float, inputs: Signal) -> tuple[int, Array]:
         """Mode in which the slide ends, and the state moved by roundoff onto its side."""
@@ -95,7 +100,7 @@ class SlidingSurface:
             return self.system.mode(x, u), x
         mode, toward = (self.before, jump) if a <= -b else (self.after, -jump)
         for exponent in range(-16, -5):
-            moved = x + 10.0**exponent * self.scale * _unit(toward)
+            moved = x + 10.0**exponent * self._step(toward)
             if self.system.mode(moved, u) == mode:
                 return mode, moved
         return mode, x
@@ -114,10 +119,10 @@ def _sign_change(system, points):
     return lambda x, u, direction: sign * system.values(x, u)[surface]
 
 
-def _offset(system: GuardedSystem, after: int, scale: float):
+def _offset(system: GuardedSystem, after: int):
     """Guard of a system that only tells modes: distance to the change of mode along a line.
 
-    Positive where the mode is `after`; no more than a hundredth of `scale` away.
+    Positive where the mode is `after`; no more than a hundredth of the states' sizes away.
     """
 
     def guard(x: Array, u: Array, direction: Array) -> float:
@@ -126,18 +131,12 @@ def _offset(system: GuardedSystem, after: int, scale: float):
 
         inside = system.mode(x, u) == after
         sign = 1.0 if inside else -1.0
-        near, far = 0.0, SETTINGS.shift * scale
+        near, far = 0.0, SETTINGS.shift
         while stays(far) and stays(-far):
             near, far = far, 4 * far
-            if far > 1e-2 * scale:
+            if far > 1e-2:
                 return sign * far
         line = -1.0 if stays(far) else 1.0
-        return (
-            sign * last_and_next(lambda length: stays(line * length), near, far, 1e-16 * scale)[1]
-        )
+        return sign * last_and_next(lambda length: stays(line * length), near, far, 1e-16)[1]
 
     return guard
-
-
-def _unit(vector: Array) -> Array:
-    return vector / max(float(np.linalg.norm(vector)), 1e-300)

@@ -54,7 +54,7 @@ class _Stepping:
     """State of one rollout; the breaks in `stuck` hold the state at their level."""
 
     def __init__(self, system: EffectSystem, x0: Array, t: Array, options: Options):
-        self.system, self.bound = system, options.state_bound
+        self.system, self.scales = system, options.scales(system.extent, x0)
         self.time, self.x = float(t[0]), x0.copy()
         self.mode, self.sides = 0, 0
         self.stuck: frozenset[int] = frozenset()
@@ -208,7 +208,7 @@ class _Stepping:
             self.sides &= ~(1 << number)
 
     def _check(self) -> None:
-        if not np.abs(self.x).max() <= self.bound:
+        if not (np.abs(self.x - self.scales.middle) <= self.scales.bound).all():
             raise SimulationEnded(Status.STATE_LIMIT)
 
     def _note(self, after: int, kind: str) -> None:

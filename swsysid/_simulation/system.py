@@ -8,8 +8,11 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from swsysid._data.extent import Extent
 from swsysid._results import Array, Status
+from swsysid._simulation.scales import Scales
 
 # what a vector field or a surface may raise far away from its data
 FAILURES = (ValueError, ArithmeticError, np.linalg.LinAlgError)
@@ -30,6 +33,11 @@ class Laws(Protocol):
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity in a mode (the next state in discrete time), shape (n_states,)."""
+
+    @property
+    def extent(self) -> Extent | None:
+        """Where the states were in the data of the fit, None if nobody knows."""
+        return None
 
 
 class SwitchingSystem(Laws, Protocol):
@@ -78,18 +86,22 @@ class GuardedLaws:
     """Laws whose failures are non-finite velocities."""
 
     system: Laws
-    state_bound: float  # the system is not asked about states far beyond it
+    scales: Scales  # the system is not asked about states far beyond their bounds
 
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity in a mode; NaN, which makes the integrator shorten its step, on failure."""
-        if np.abs(x).max() <= 1e3 * self.state_bound:
+        if self._within(x, 1e3).all():
             with suppress(*FAILURES):
                 return np.asarray(self.system.velocity(x, u, mode), dtype=float)
         return np.full(len(x), np.nan)
 
-    def within(self, states: Array) -> Array:
+    def within(self, states: Array) -> NDArray[np.bool_]:
         """True for each of the states (..., n_states) that is finite and inside the bound."""
-        return np.abs(states).max(axis=-1) <= self.state_bound
+        return np.asarray(self._within(states, 1.0).all(axis=-1))
+
+    def _within(self, states: Array, times: float) -> NDArray[np.bool_]:
+        scales = self.scales
+        return np.asarray(np.abs(states - scales.middle) <= times * scales.bound)
 
 
 @dataclass(frozen=True)

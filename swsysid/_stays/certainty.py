@@ -6,10 +6,12 @@ from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.origin import Origin
 from swsysid._stays.samples import misfits
 
 
@@ -23,20 +25,36 @@ class Certainty:
     samples_that_count_as_one: float
 
 
-def certainty(found: StayIdentification) -> Certainty:
-    """From the inverse of Gauss and Newton's matrix.
+def certainty(found: StayIdentification, origin: Origin | None = None) -> Certainty:
+    """From the inverse of Gauss and Newton's matrix; columns are counted from the `origin`.
 
     Where a law is missing, neighbouring misfits are alike and count as fewer samples.
     """
     estimate, laws = found.estimate, found.estimate.laws
     together = _correlation(found)
     covariance = found.reached.covariance
-    coef = np.zeros(laws.coef.shape)
-    coef[laws.places] = _errors(together * np.diag(covariance.of_laws))
+    features = found.model.switching_model.feature_map
+    change = np.eye(features.n_features_out) if origin is None else origin.change(features)
+    coef = errors_of(laws.coef.shape, laws.places, together * covariance.of_laws, change)
     counts = [len(stays.instants) for stays in estimate.segments.stays]
     errors = _errors(together * covariance.variances_of_instants)
     instants = np.split(errors, np.cumsum(counts)[:-1])
     return Certainty(coef, _of_surface(found, together), instants, together)
+
+
+def errors_of(
+    shape: tuple[int, ...], places: tuple[NDArray[np.intp], ...], covariance: Array, change: Array
+) -> Array:
+    """Errors of rows of coefficients (first, second, n) multiplied by `change`.
+
+    `places` are those of the free coefficients, whose covariance is given.
+    """
+    errors, (first, second, column) = np.zeros((*shape[:2], change.shape[1])), places
+    for row in np.ndindex(errors.shape[:2]):
+        own = np.flatnonzero((first == row[0]) & (second == row[1]))
+        moved, block = change[column[own]], covariance[np.ix_(own, own)]
+        errors[row] = _errors(np.einsum("fi,fg,gi->i", moved, block, moved))
+    return errors
 
 
 def _errors(variances: Array) -> Array:

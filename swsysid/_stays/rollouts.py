@@ -34,6 +34,7 @@ def rollouts(laws: Laws, segments: Segments, starts: Array, *, varied: bool = Tr
     Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
     states, sensitivities = [x], [Z]
     bound, shares, crossed = LIMITS.diverged * laws.spread, segments.shares(), []
+    low, high = segments.centre - bound, segments.centre + bound
     step = laws.varied_step if varied else laws.plain_step
     for k, duration in enumerate(segments.steps):
         before, after = segments.u[k], segments.u[k + 1]
@@ -46,7 +47,7 @@ def rollouts(laws: Laws, segments: Segments, starts: Array, *, varied: bool = Tr
         if (on := np.flatnonzero(share < 1.0)).size:
             left = (1.0 - share[on]) * duration[on]
             x[on], Z[on] = step(segments.new[k, on], x[on], Z[on], middle[on], after[on], left)
-        x = np.clip(np.nan_to_num(x, nan=np.inf), -bound, bound)
+        x = np.clip(np.nan_to_num(x, nan=np.inf), low, high)
         states.append(x)
         if varied:
             sensitivities.append(Z)

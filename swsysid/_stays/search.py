@@ -248,12 +248,14 @@ class Search:
             speeds = base.rows.X[:, n_positions : 2 * n_positions]
             exact = np.linalg.lstsq(features, speeds, rcond=None)[0].T
             left = np.abs(exact @ features.T - speeds.T).max(axis=1)
-            if (left > 1e-8 * np.abs(speeds).max(axis=0)).any():
+            least = 1e-8 * np.abs(speeds).max(axis=0)
+            if (left > least).any():
                 raise ValueError(
                     "order=2 needs every speed among the features of the library; add the linear "
                     "terms."
                 )
-            coef[:, :n_positions] = np.where(np.abs(exact) > 1e-8, exact, 0.0)
+            adds = np.abs(exact) * np.abs(features).max(axis=0)
+            coef[:, :n_positions] = np.where(adds > least[:, None], exact, 0.0)
             free[:, :n_positions] = False
         return coef, free
 

@@ -17,6 +17,7 @@ class Segments:
 
     def __init__(self, recordings: Recordings, stays: Sequence[Stays], length: int):
         self.recordings, self.stays = recordings, list(stays)
+        self.centre = recordings.joined(recordings.guess).mean(axis=0)  # of the states
         self.places = [
             (recording, first, last)
             for recording, n in enumerate(recordings.lengths)

@@ -128,6 +128,10 @@ class Limits:
     on_surface: float = 0.25
     far_miss: float = 3.0
     slowest_crossing: float = 0.1
+    # -- columns far from zero: of the spread of velocities, what coefficients that are told
+    # elsewhere may lose; spreads from zero up to which laws that cannot be are found all the same
+    lost: float = 1e-3
+    too_far: float = 3e3
     # of a feature: what others must leave of it
     of_its_own: float = 1e-5
     # of the diagonal: what normal equations of double precision cannot tell

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._data.coordinates import shifted_monomials
+from swsysid._data.extent import Extent
 from swsysid._data.features import FeatureMap, Monomials, check_degree
 from swsysid._results import Array
 from swsysid._surfaces.parameters import check_relevance
@@ -45,6 +47,10 @@ class Basis(ABC):
         """Features in the user's own coordinates, those left out included."""
 
     @abstractmethod
+    def of_relevance(self, X: Array) -> Array:
+        """Features of which a surface may need few: not centred, unless they are far from zero."""
+
+    @abstractmethod
     def names(self, inputs: Sequence[str]) -> NDArray[np.object_]:
         """Names of the user's features, for given names of the columns of X."""
 
@@ -66,12 +72,28 @@ class Basis(ABC):
     def to_user(self, coef: Array) -> Array:
         """Coefficients of the user's features, from those in fitting coordinates."""
 
+    @abstractmethod
+    def moved(self, offset: Array) -> Basis:
+        """The same features in fitting coordinates, of columns that lie further by an offset."""
+
 
 class PolynomialBasis(Basis):
-    """All monomials up to a degree of (x - centre) / scale; of x, if these are not standardised."""
+    """All monomials up to a degree of (x - centre) / scale; of x, if these are not standardised.
 
-    def __init__(self, degree: int, X: Array, weight: Array, standardize: bool):
-        self.centre, self.scale = np.zeros(X.shape[1]), np.ones(X.shape[1])
+    Columns far from zero are counted from the `origin` even then: of a surface there the margin is
+    no part of a spread that could be neglected, and its constant is beyond the box.
+    """
+
+    def __init__(
+        self,
+        degree: int,
+        X: Array,
+        weight: Array,
+        standardize: bool,
+        origin: Array | None = None,
+    ):
+        self.origin = self.centre = np.zeros(X.shape[1]) if origin is None else origin
+        self.scale = np.ones(X.shape[1])
         if standardize:
             self.centre, self.scale = _centre_and_scale(X, weight)
         check_degree("degree", degree, X.shape[1])
@@ -90,6 +112,9 @@ class PolynomialBasis(Basis):
     def of_user(self, X):
         return self.values(X)
 
+    def of_relevance(self, X):
+        return self.values(X - self.origin)
+
     def names(self, inputs):
         return self.monomials.get_feature_names_out(np.asarray(inputs, dtype=object))
 
@@ -103,6 +128,11 @@ class PolynomialBasis(Basis):
 
     def to_user(self, coef):
         return coef @ shifted_monomials(self.powers, self.centre, self.scale).T
+
+    def moved(self, offset):
+        other = copy(self)
+        other.centre, other.reach = self.centre + offset, self.reach + np.abs(offset)
+        return other
 
 
 class LibraryBasis(Basis):
@@ -129,6 +159,9 @@ class LibraryBasis(Basis):
     def of_user(self, X):
         return self.map(X)
 
+    def of_relevance(self, X):
+        return self.map(X)
+
     def names(self, inputs):
         return self.map.names(inputs)
 
@@ -150,6 +183,9 @@ class LibraryBasis(Basis):
             column, value = self.constant
             user[:, column] -= user @ self.centre / value
         return user
+
+    def moved(self, offset):
+        raise TypeError("a library of functions says nothing of columns that lie elsewhere.")
 
     def _standardize(self, features: Array, weight: Array) -> None:
         centre, spread = _centre_and_scale(features, weight)
@@ -188,6 +224,9 @@ class RelevantBasis(Basis):
     def of_user(self, X):
         return self.basis.of_user(X)
 
+    def of_relevance(self, X):
+        return self.basis.of_relevance(X)
+
     def names(self, inputs):
         return self.basis.names(inputs)
 
@@ -205,16 +244,22 @@ class RelevantBasis(Basis):
     def to_user(self, coef):
         user = np.zeros((*coef.shape[:-1], self.n_columns))
         user[..., self.kept] = coef * self.scale
-        return user
+        return self.basis.to_user(user)
+
+    def moved(self, offset):
+        other = copy(self)
+        other.basis = self.basis.moved(offset)
+        return other
 
 
 def surface_basis(
     degree: int, library, X: Array, weight: Array, *, standardize: bool, relevance=None
 ) -> Basis:
     """The basis of a surface: monomials unless there is a library, all columns or relevant ones."""
+    origin = Extent.of(X).centre if standardize else None
     standardize = standardize and relevance is None
     basis: Basis = (
-        PolynomialBasis(degree, X, weight, standardize)
+        PolynomialBasis(degree, X, weight, standardize, origin)
         if library is None
         else LibraryBasis(library, X, weight, standardize)
     )

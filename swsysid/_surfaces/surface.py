@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, TypeGuard, TypeVar
+from typing import Any, Protocol, Self, TypeGuard, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,14 @@ class WithDecisions(Surface, Protocol):
     def decision_function(self, X: Array) -> Array: ...
 
 
+@runtime_checkable
+class MovableClassifier(Classifier, Protocol):
+    """A classifier that knows its surfaces in columns that are counted from elsewhere."""
+
+    def moved(self, offset: Array) -> MovableClassifier:
+        """The same surfaces in columns that lie further by an offset."""
+
+
 class MarginClassifier(CoupledClassifier, SurfaceFunctions, Protocol):
     """A classifier whose surfaces solve margin programs, of which many rows can be summarised."""
 
@@ -97,11 +105,11 @@ class MarginClassifier(CoupledClassifier, SurfaceFunctions, Protocol):
 
     def relabelled(self, names: NDArray[np.intp]) -> MarginClassifier: ...
 
+    def surface_features(self, X: Array) -> Array: ...
+
     def refitted(
         self, fits: list[SurfaceFit], X: Array, y: NDArray, sample_weight: Array
     ) -> MarginClassifier: ...
-
-    def surface_features(self, X: Array) -> Array: ...
 
     def use_likelihood(self, X: Array, log_likelihood: Array, sample_weight: Array) -> object: ...
 
@@ -156,7 +164,7 @@ def locates_events(surface: object) -> TypeGuard[SurfaceFunctions]:
 
 def solves_margin_program(surface: object) -> TypeGuard[MarginClassifier]:
     """True if the surfaces are those of margin programs."""
-    return _has(surface, "refitted", "surface_features", "use_likelihood")
+    return _has(surface, "refitted", "fitted_surfaces", "use_likelihood")
 
 
 def has_equations(surface: object) -> TypeGuard[WithEquations]:
@@ -183,6 +191,12 @@ def takes_relevance(surface: object) -> bool:
     """True if a classifier can be told which features matter, and was not told."""
     # One that is not to standardise is the paper's program to the letter.
     return option(surface, "relevance", ()) is None and bool(option(surface, "standardize", True))
+
+
+def is_movable(surface: object) -> TypeGuard[MovableClassifier]:
+    """True if a classifier can be told elsewhere, and its settings mean the same there."""
+    plain = option(surface, "feature_library", None) is None and takes_relevance(surface)
+    return plain and _has(surface, "moved")
 
 
 def option(surface: object, name: str, default: object) -> Any:

@@ -181,11 +181,12 @@ def _surprising(records: Records, velocity: Array, modes: Modes, target: int) ->
     assert records.t is not None
     before, after, crossings = [], [], []
     values = records.channel(target)
+    rounding = 8.0 * np.spacing(np.abs(values).max(initial=0.0))
     for rows in records.trajectories:
         step, rates = np.diff(records.t[rows]), velocity[rows]
         moved = 0.5 * step * (rates[1:] + rates[:-1])
         surprise = np.abs(np.diff(values[rows]) - moved)
-        usual = 2.0 * step * np.abs(np.diff(rates)) + 8.0 * np.median(surprise) + 1e-12
+        usual = 2.0 * step * np.abs(np.diff(rates)) + 8.0 * np.median(surprise) + rounding
         for place in np.flatnonzero(surprise > usual + 0.02 * np.std(values)).tolist():
             # half a step with each of the two laws is all the velocities explain
             before.append(values[rows[place]] + 0.5 * step[place] * rates[place])

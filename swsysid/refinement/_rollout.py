@@ -9,7 +9,7 @@ from swsysid._results import Array
 from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._steps import cross_smoothly, switched_step
 from swsysid.refinement._system import Maps, ParameterSets, RowSystem
-from swsysid.refinement._trajectories import Record
+from swsysid.refinement._trajectories import Record, spread
 
 
 class Segments:
@@ -96,7 +96,7 @@ def substeps_for(system: RowSystem, x: Array, u: Array, duration: float) -> int:
     """
     if system.maps.discrete_time:
         return 1
-    size = np.maximum(np.abs(x).max(axis=0), 1e-12)
+    size = spread(x)
     moves = np.diag(1e-5 * size)
     rate = 0.0
     for mode in range(system.maps.n_modes):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swsysid._data.rows import canonical_rows, check_sample_weight
+from swsysid._data.rows import as_repetitions, canonical_rows, check_sample_weight
 
 
 def tied_table(n_samples=300, seed=0):
@@ -86,3 +86,15 @@ def test_signed_zeros_are_one_row():
 def test_bad_weights_get_a_sentence(weight, sentence):
     with pytest.raises(ValueError, match=sentence):
         check_sample_weight(weight, 2)
+
+
+def test_the_largest_weight_counts_one_row_at_least():
+    rows = np.array([1.0, 2.0, 3.0])
+    np.testing.assert_allclose(as_repetitions(np.array([1e-9, 0.0, 4e-9]), rows), [0.25, 0.0, 1.0])
+    counted = np.array([0.5, 0.0, 2.0])
+    np.testing.assert_array_equal(as_repetitions(counted, rows), counted)
+
+
+def test_a_row_in_parts_is_a_whole_row():
+    parts = np.array([0.25, 0.75, 0.5])
+    np.testing.assert_array_equal(as_repetitions(parts, np.array([1.0, 1.0, 2.0])), parts)

@@ -1,0 +1,98 @@
+"""An automaton of columns that are counted from an origin, in the user's own columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from swsysid._automaton.columns import CLOCKS
+from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
+from swsysid._automaton_search.answer import IdentifiedAutomaton
+from swsysid._automaton_shooting.joint import Joint
+from swsysid._data.coordinates import shifted_monomials
+from swsysid._data.features import FeatureMap
+from swsysid._results import Array
+from swsysid._stays.certainty import errors_of
+from swsysid._stays.given import Given
+from swsysid._stays.origin import Origin
+
+
+def told_from(
+    origin: Origin, found: IdentifiedAutomaton, given: Given, library: object
+) -> IdentifiedAutomaton:
+    """What was found in columns counted from an origin; `given` are the user's recordings."""
+    if not origin.moves:
+        return found
+    automaton, states = found.automaton, [origin.states(own) for own in found.states]
+    features, first_modes = automaton.feature_map, automaton.first_modes
+    columns = np.hstack([np.vstack(states), np.vstack([one.u for one in given.records])])
+    if first_modes is not None:
+        first_modes = replace(first_modes, states=origin.states(first_modes.states))
+    moved = replace(
+        automaton,
+        coef=automaton.coef @ origin.change(features),
+        feature_map=FeatureMap(library, columns, features.names_in),
+        transitions=tuple(_transition(one, origin) for one in automaton.transitions),
+        first_modes=first_modes,
+    )
+    return replace(found, automaton=moved, states=states)
+
+
+def errors_from(
+    origin: Origin, joint: Joint, features: FeatureMap
+) -> tuple[Array, list[Array | None], Array]:
+    """Standard errors of laws, of the guard of each transition, and of resets.
+
+    They are those of the user's own columns, zero where a coefficient is fixed. Resets have the
+    shape (n_transitions, n_states, 1 + n_states): of the offset, then of the matrix.
+    """
+    estimate = joint.after
+    laws, guards, resets = estimate.laws, estimate.guards, estimate.resets
+    ends = np.cumsum([laws.n_free, guards.n_free, resets.n_free])
+    of_laws, of_guards, of_resets = (
+        joint.covariance[first:last, first:last]
+        for first, last in zip([0, *ends[:-1]], ends, strict=True)
+    )
+    coef = errors_of(laws.coef.shape, laws.places, of_laws, origin.change(features))
+    every = []
+    for number, (guard, free) in enumerate(zip(guards.guards, guards.free, strict=True)):
+        own = slice(guards.first(number), guards.first(number) + int(free.sum()))
+        _, change = _moved_guard(guard, origin)
+        places = np.nonzero(free[None, None])
+        every.append(errors_of((1, 1), places, of_guards[own, own], change)[0, 0])
+    n_states = resets.maps.shape[1]
+    of_offset = np.eye(1 + n_states)
+    of_offset[1:, 0] = -origin.offset[:n_states]
+    maps = errors_of(resets.maps.shape, resets.places, of_resets, of_offset)
+    return coef, [None if which < 0 else every[which] for which in guards.which], maps
+
+
+def _transition(one: Transition, origin: Origin) -> Transition:
+    reset = one.reset
+    if reset is not None:
+        own = origin.offset[: len(reset.offset)]
+        reset = AffineReset(reset.matrix, reset.offset + own - reset.matrix @ own)
+    return replace(one, guard=_moved_guard(one.guard, origin)[0], reset=reset)
+
+
+def _moved_guard(guard: PolynomialGuard, origin: Origin) -> tuple[PolynomialGuard, Array]:
+    """The same guard of the user's columns, and what its coefficients are multiplied by."""
+    if not origin.moves:
+        return guard, np.eye(len(guard.coef))
+    offset = np.append(origin.offset, np.zeros(len(CLOCKS)))
+    powers = _with_lower(guard.powers.tolist(), np.flatnonzero(offset).tolist())
+    change = shifted_monomials(powers, offset, np.ones(len(offset))).T[: len(guard.powers)]
+    return PolynomialGuard(guard.coef @ change, powers), change
+
+
+def _with_lower(powers: list[list[int]], columns: Sequence[int]) -> np.ndarray:
+    """Exponents, then those of further monomials that have some of the columns less often."""
+    every = list(powers)
+    for one in every:
+        for column in columns:
+            lower = [power - (k == column) for k, power in enumerate(one)]
+            if lower[column] >= 0 and lower not in every:
+                every.append(lower)
+    return np.array(every, dtype=np.intp)
