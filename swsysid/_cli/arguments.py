@@ -104,6 +104,11 @@ def _add_recording(add: Callable) -> None:
     add("--states", **_NAMES, metavar="NAME", help="columns of the measured states")
     add("--inputs", **_NAMES, metavar="NAME", help="columns of the inputs")
     add("--time", metavar="NAME", help="column of the times: numbers, or dates and clock times")
+    add(
+        "--time-unit",
+        choices=("s", "ms", "us", "ns"),
+        help="of the times (default: from the column's name, or from its steps, which is printed)",
+    )
     add("--time-step", type=float, metavar="S", help="seconds between rows, if no column has times")
     add(
         "--derivatives",

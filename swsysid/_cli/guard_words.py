@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,8 @@ def regions(surface: MarginClassifier, samples: Samples) -> list[str]:
     monomials = surface.surface_features(X)
     names = [str(name) for name in surface.fitted_surfaces.basis.names(samples.names)]
     units = [samples.unit(name) for name in names]
-    told = [inequality(coef, monomials, names, units) for coef in surface.coef_]
+    levels = _levels(samples)
+    told = [inequality(coef, monomials, names, units, levels) for coef in surface.coef_]
     lines = []
     for mode, signs in zip(surface.classes_, surface.mode_book_, strict=True):
         of = [(each, sign) for each, sign in zip(told, signs, strict=True) if sign]
@@ -53,18 +55,26 @@ def regions(surface: MarginClassifier, samples: Samples) -> list[str]:
 
 
 def inequality(
-    coef: Array, monomials: Array, names: Sequence[str], units: Sequence[str]
+    coef: Array,
+    monomials: Array,
+    names: Sequence[str],
+    units: Sequence[str],
+    levels: Mapping[str, Array] = MappingProxyType({}),
 ) -> Inequality:
     """A surface as an inequality between its largest monomials, the largest of coefficient 1.
 
     As few terms are kept as put nearly all samples on the same side. The rows of `monomials` are
-    samples; names and units are those of its columns, the constant's is "1".
+    samples; names and units are those of its columns, the constant's is "1". Of a column that
+    takes few values, as a switch does, these are `levels`, and those on each side are named.
 
     Examples
     --------
     >>> rows = np.array([[1.0, -2.0, -1.0], [1.0, 2.0, 1.0], [1.0, 1.0, 2.0], [1.0, 2.5, 2.0]])
     >>> inequality(np.array([-1.0, 2.0, -2.0]), rows, ["1", "a", "b"], ["", "V", "V"]).positive
     'a > b + 0.5 V'
+    >>> levels = {"b": np.array([-1.0, 1.0, 2.0])}
+    >>> inequality(np.array([0.0, 0.0, -1.0]), rows, ["1", "a", "b"], ["", "V", ""], levels)
+    Inequality(positive='b = -1', negative='b = 1 or 2', share=1.0)
     """
     positive = monomials @ coef > 0.0
     if positive.all() or not positive.any():
@@ -76,6 +86,11 @@ def inequality(
     scaled = coef / coef[lead]
     above = positive if coef[lead] > 0.0 else ~positive
     kept, threshold, share = _fewest_terms(scaled, monomials, order, above)
+    values = levels.get(names[lead], np.empty(0))
+    if kept == [lead] and len(np.unique(values > threshold)) == 2:
+        parted = values[values > threshold], values[values <= threshold]
+        highest, lowest = (_one_of(names[lead], side, units[lead]) for side in parted)
+        return Inequality(*_turned(highest, lowest, coef[lead]), share)
     terms = [(float(scaled[place]), names[place]) for place in sorted(kept)]
     left = _sum((value, name) for value, name in terms if value > 0.0)
     right = _sum((-value, name) for value, name in terms if value < 0.0)
@@ -84,8 +99,29 @@ def inequality(
         right += f" {'+' if threshold > 0.0 else '-'} {constant}"
     elif not right:
         right = f"-{constant}" if threshold < 0.0 else constant
-    sides = (f"{left} > {right}", f"{left} < {right}")
-    return Inequality(*(sides if coef[lead] > 0.0 else sides[::-1]), share)
+    return Inequality(*_turned(f"{left} > {right}", f"{left} < {right}", coef[lead]), share)
+
+
+def _turned(above: str, below: str, coef: float) -> tuple[str, str]:
+    """What is said where a surface is positive, and where negative."""
+    return (above, below) if coef > 0.0 else (below, above)
+
+
+def _levels(samples: Samples) -> dict[str, Array]:
+    """The values of the inputs that take few of them, as they were measured: a filter adds some."""
+    recorded, n_states = samples.recorded, len(samples.rate_names)
+    inputs = samples.X[:, n_states:] if recorded is None else recorded.inputs
+    known = [np.unique(column[np.isfinite(column)]) for column in inputs.T]
+    return {
+        name: values
+        for name, values in zip(samples.names[n_states:], known, strict=True)
+        if len(values) <= WORDING.levels
+    }
+
+
+def _one_of(name: str, levels: Array, unit: str) -> str:
+    """A column that has one of some values."""
+    return f"{name} = {' or '.join(f'{level:.4g}' for level in levels)} {unit}".rstrip()
 
 
 def _fewest_terms(

@@ -46,8 +46,8 @@ def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | N
     if labels is not None:
         codes = np.unique(labels.astype(str), return_inverse=True)[1]
         unlabelled = np.array([label == "" or label != label for label in labels], dtype=bool)
-    numbers[np.isinf(numbers)] = np.nan
-    remarks = [] if what.keep_spikes else _mask(table, what, names, numbers, codes)
+    remarks = _beyond(table, names, numbers)
+    remarks += [] if what.keep_spikes else _mask(table, what, names, numbers, codes)
     gaps = np.column_stack([~np.isfinite(numbers), unlabelled])
     n_states = 0 if what.derivatives else len(what.states)
     empty: Mask = gaps[:, n_states:].sum(axis=1) > 0
@@ -58,6 +58,19 @@ def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | N
         times = what.time_step * places_along(codes)
         numbers = np.column_stack([numbers, np.where(empty, np.nan, times)])
     return numbers, labels, remarks
+
+
+def _beyond(table: Table, names: Sequence[str], numbers: Column) -> list[str]:
+    """Make NaN of infinities, which stand for what a sensor could not show; a sentence on them."""
+    beyond = np.isinf(numbers)
+    numbers[beyond] = np.nan
+    rows = np.flatnonzero(beyond.any(axis=1)).tolist()
+    if not rows:
+        return []
+    return [
+        f"Clipped: {_counts(names, beyond)} beyond the range of the sensor (∞), which count as "
+        f"missing ({rows_listed(map(table.row, rows))})."
+    ]
 
 
 def _mask(table: Table, what: Measurement, names, numbers: Column, codes) -> list[str]:

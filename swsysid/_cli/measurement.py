@@ -28,6 +28,7 @@ class Measurement:
     cutoff: float | None = None
     decimate: int = 1
     time_step: float | None = None  # seconds between two rows, where no column holds the times
+    time_unit: str | None = None  # of the column of the times; None: by its name or its steps
     keep_spikes: bool = False  # use cells that look like no measurement all the same
 
     @property

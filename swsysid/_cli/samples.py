@@ -14,6 +14,7 @@ from swsysid._cli.measurement import Measurement, check_roles
 from swsysid._cli.recorded import Recorded
 from swsysid._cli.runs import Runs, runs_of
 from swsysid._cli.settings import PREPARING
+from swsysid._cli.times import in_seconds
 from swsysid._rendering.columns import counted
 from swsysid._results import Array
 from swsysid._stays.given import FEWEST_SAMPLES
@@ -68,6 +69,7 @@ class Samples:
 def measure(table: Table, what: Measurement) -> Samples:
     """The rows that `what` describes; TableError or ValueError say what is in the way."""
     check_roles(table, what)
+    table = in_seconds(table.spelled(what.channels), what)
     numbers, labels, remarks = complete_cells(table, what)
     runs = _runs(table, what, numbers, labels)
     remarks += _still(table, what, numbers[runs.rows])

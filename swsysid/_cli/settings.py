@@ -89,6 +89,7 @@ class Wording:
     most_rows: int = 20_000  # samples that decide where the modes are, in words
     same_side: float = 0.99  # share of the samples on which fewer terms must say the same as all
     no_constant: float = 0.001  # share of the samples that a constant has to put right to be told
+    levels: int = 8  # values of an input up to which those on each side of a surface are listed
     # Scatter of switches in distances of two thresholds, and switches to each side, that still
     # show a memory.
     sharp: float = 0.25

@@ -8,6 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._tables.units import SECONDS, is_unit
+
 # Words for a missing value; compared without regard to case.
 MISSING = frozenset(
     "|na|n/a|#n/a|#na|nan|-nan|null|none|nil|-|--|---|----|?|*|missing|#value!|#div/0!|#num!|"
@@ -15,18 +17,26 @@ MISSING = frozenset(
 )
 DAY = 86400.0  # s
 _LOGICAL = {"true": 1.0, "false": 0.0}
+# What lies beyond the range of an oscilloscope, as it writes that, and as Windows does.
+_BEYOND = re.compile(r"([+-]?)\s*(?:∞|inf(?:inity)?|1[.,]?#inf0*)", re.I)
 # With the other mark between thousands a number has both: 1.234,5 or 1,234.5.
 _NUMBER = {
     mark: re.compile(
-        rf"[+-]?(\d+({mark}\d*)?|{mark}\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?|"
+        rf"[+-]?(\d+({mark}\d*)?|{mark}\d+)([eE][+-]?\d+)?|{_BEYOND.pattern}|"
         rf"[+-]?\d{{1,3}}({other}\d{{3}})+{mark}\d+",
         re.I,
     )
     for mark, other in ((r"\.", ","), (",", r"\."))
 }
+_MINUTES = r"\d{1,2}:\d\d[.,]\d+"  # minutes and seconds, as spreadsheets show short times
 _TIME = r"\d{1,2}:\d\d(?::\d\d(?:[.,]\d+)?)?(?:\s?[AaPp][Mm])?\s?(?:Z|UTC|[+-]\d\d:?\d\d)?"
 _DATE = r"(?:\d{4}(?P<y>[-/.])\d{1,2}(?P=y)\d{1,2}|\d{1,2}(?P<d>[-/.])\d{1,2}(?P=d)\d{4})"
-_CLOCK = re.compile(rf"{_TIME}|{_DATE}(?:(?:T|\s){_TIME})?")
+_CLOCK = re.compile(rf"{_TIME}|{_MINUTES}|{_DATE}(?:(?:T|\s){_TIME})?")
+# A number with its unit, such as "0.01 sec"; a time that passed, as ISO 8601 and pandas have it.
+_QUANTITY = re.compile(r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^\W\d_].*|[°%Ω].*)")
+_PASSED = re.compile(
+    r"-?P(?=[\dT])(?:\d+D)?(?:T[\dHMS.]+)?|-?\d+ days?,? [+-]?\d\d?:\d\d:\d\d(?:\.\d+)?"
+)
 
 
 def is_missing(cell: str) -> bool:
@@ -66,15 +76,56 @@ def is_clock(cell: str) -> bool:
     return _CLOCK.fullmatch(cell.strip()) is not None
 
 
+def quantity_in(cell: str, decimal: str = ".") -> tuple[str, str] | None:
+    """The number, as it stands there, and the unit of a cell that holds both.
+
+    Examples
+    --------
+    >>> quantity_in("0.01 sec"), quantity_in("-3,5mV", ","), quantity_in("2 runs")
+    (('0.01', 'sec'), ('-3,5', 'mV'), None)
+    """
+    match = _QUANTITY.fullmatch(cell.strip())
+    if match is None or not is_number(match.group(1), decimal):
+        return None
+    unit = match.group(2)
+    return (match.group(1), unit) if unit.lower() in SECONDS or is_unit(unit) else None
+
+
+def is_understood(cell: str, decimal: str = ".") -> bool:
+    """True for numbers with and without a unit, times, and cells without a value."""
+    return bool(
+        is_number(cell, decimal)
+        or is_missing(cell)
+        or is_clock(cell)
+        or _PASSED.fullmatch(cell.strip())
+        or quantity_in(cell, decimal)
+    )
+
+
 def number_in(cell: object) -> float:
     """The number in a cell, NaN if there is none; logical values count as 0 and 1."""
-    logical = _LOGICAL.get(str(cell).strip().lower())
+    text = str(cell).strip()
+    logical, beyond = _LOGICAL.get(text.lower()), _BEYOND.fullmatch(text)
     if logical is not None:
         return logical
+    if beyond:
+        return float(f"{beyond.group(1)}inf")
     try:
         return float(cell)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return float("nan")
+
+
+def held_exactly(numbers: NDArray) -> NDArray:
+    """Floats, or the integers themselves where floats cannot hold them, as nanoseconds of 1970.
+
+    Examples
+    --------
+    >>> held_exactly(np.array([3])), held_exactly(np.array([2**60 + 1]))
+    (array([3.]), array([1152921504606846977]))
+    """
+    is_large = numbers.dtype.kind in "iu" and len(numbers) and abs(int(numbers[0])) > 2**53
+    return numbers.astype(np.int64 if is_large else float)
 
 
 def column_of(
@@ -82,7 +133,8 @@ def column_of(
 ) -> tuple[NDArray, str]:
     """Floats where every cell is missing (NaN), a number or a time, else the text; and a unit.
 
-    Times of the clock become seconds since the first of them, and the unit is then "s".
+    Times of the clock become seconds since the first of them, and times that passed seconds; the
+    unit is then "s". Numbers that all carry the same unit are numbers of that unit.
 
     Examples
     --------
@@ -90,20 +142,54 @@ def column_of(
     (array([1.5, nan]), '')
     >>> column_of(["2024-05-01T23:59:59Z", "2024-05-02T01:00:00.5+01:00"])
     (array([0. , 1.5]), 's')
+    >>> column_of(["250 ms", "1.5 sec"]), column_of(["3 V", "4 V"])
+    ((array([0.25, 1.5 ]), 's'), (array([3., 4.]), 'V'))
     """
     texts = [cell.strip() for cell in cells]
     gap = np.array([is_gap(text) for text in texts], dtype=bool)
     present = [text for text, missing in zip(texts, gap, strict=True) if not missing]
     values = np.full(len(texts), np.nan)
     if all(is_number(text, decimal) for text in present):
-        thousands = "." if decimal == "," else ","
-        plain = [text.replace(thousands, "").replace(decimal, ".") for text in present]
-        values[~gap] = [number_in(text) for text in plain]
+        values[~gap] = _plain(present, decimal)
         return values, ""
+    for read, unit in ((_quantities(present, decimal)), (_passed(present), "s")):
+        if read is not None:
+            values[~gap] = read
+            return values, unit
     if all(is_clock(text) for text in present):
         values[~gap] = _seconds(present)
         return values, "s"
     return np.array(["" if m else text for text, m in zip(texts, gap, strict=True)], object), ""
+
+
+def _plain(texts: Sequence[str], decimal: str) -> list[float]:
+    """Numbers without marks between thousands."""
+    thousands = "." if decimal == "," else ","
+    return [number_in(text.replace(thousands, "").replace(decimal, ".")) for text in texts]
+
+
+def _quantities(texts: list[str], decimal: str) -> tuple[NDArray | None, str]:
+    """Numbers of one unit, or seconds of whatever units of time; None if they are neither."""
+    found = [quantity_in(text, decimal) for text in texts]
+    parted = [each for each in found if each is not None]
+    if len(parted) < len(texts):
+        return None, ""
+    numbers, units = (
+        np.array(_plain([number for number, _ in parted], decimal)),
+        {u for _, u in parted},
+    )
+    if all(unit.lower() in SECONDS for unit in units):
+        return numbers * [SECONDS[unit.lower()] for _, unit in parted], "s"
+    return (numbers, units.pop()) if len(units) == 1 else (None, "")
+
+
+def _passed(texts: list[str]) -> NDArray | None:
+    """Seconds of times that passed; None if some are none."""
+    import pandas as pd
+
+    if not all(map(_PASSED.fullmatch, texts)):
+        return None
+    return pd.to_timedelta([text.replace(",", "") for text in texts]).total_seconds().to_numpy()
 
 
 def _seconds(clock: list[str]) -> NDArray[np.float64]:
@@ -112,10 +198,13 @@ def _seconds(clock: list[str]) -> NDArray[np.float64]:
 
     cells = [text.replace(",", ".").replace("/", "-") for text in clock]
     if re.fullmatch(r"[\d:.]+", "".join(cells)) and cells[0].find(":") in (1, 2):
-        full = [text if text.count(":") == 2 else f"{text}:00" for text in cells]
+        is_short = all(map(re.compile(_MINUTES).fullmatch, cells))
+        full = [f"0:{text}" if is_short else text for text in cells]
+        full = [text if text.count(":") == 2 else f"{text}:00" for text in full]
         seconds = pd.to_timedelta(full).total_seconds().to_numpy(dtype=float)
-        midnights = np.cumsum(np.diff(seconds, prepend=seconds[0]) < -DAY / 2)
-        return seconds - seconds[0] + DAY * midnights
+        turn = DAY / 24 if is_short else DAY
+        turns = np.cumsum(np.diff(seconds, prepend=seconds[0]) < -turn / 2)
+        return seconds - seconds[0] + turn * turns
     try:
         times = pd.to_datetime(cells, format="ISO8601", utc=True)
     except ValueError:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import compress, product
 from statistics import mode
 
-from swsysid._tables.cells import is_clock, is_missing, is_number
+from swsysid._tables.cells import is_missing, is_understood
 from swsysid._tables.units import is_unit
 
 WHITE = r"\s+"  # the delimiter of columns that stand apart by blanks
@@ -41,7 +41,7 @@ class Layout:
 
     def is_data(self, cells: Sequence[str]) -> bool:
         """True if the cells that should be numbers are, or are missing."""
-        return all(_is_understood(cell, self.decimal) for cell in compress(cells, self.numeric))
+        return all(is_understood(cell, self.decimal) for cell in compress(cells, self.numeric))
 
 
 def layout_of(lines: Sequence[str]) -> Layout:
@@ -56,7 +56,7 @@ def layout_of(lines: Sequence[str]) -> Layout:
     width = mode(map(len, rows))
     # Columns of numbers and times; a column that is always missing is one too.
     numeric = tuple(
-        sum(_is_understood(cell, decimal) for cell in column) > len(column) / 2
+        sum(is_understood(cell, decimal) for cell in column) > len(column) / 2
         for column in zip(*(row for row in rows if len(row) == width), strict=True)
     )
     first = _first_row(lines, filled, delimiter, decimal, numeric)
@@ -86,15 +86,11 @@ def _sense(sample: list[str], delimiter: str, decimal: str) -> tuple[float, bool
     """How much sense the rows make: understood cells, then an explicit delimiter, then columns."""
     rows = [split_row(line, delimiter) for line in sample]
     cells = [cell for row in rows for cell in row]
-    understood = sum(_is_understood(cell, decimal) for cell in cells)
+    understood = sum(is_understood(cell, decimal) for cell in cells)
     parted = sum(len(row) > 1 for row in rows) > len(rows) / 2
     share = understood / max(len(cells), 1)
     columns = understood / len(rows)
     return round(share, 2) if parted else 0.0, delimiter != WHITE, columns, decimal == "."
-
-
-def _is_understood(cell: str, decimal: str) -> bool:
-    return is_number(cell, decimal) or is_missing(cell) or is_clock(cell)
 
 
 def _is_comment(line: str) -> bool:
@@ -110,7 +106,7 @@ def _first_row(lines, filled, delimiter, decimal, numeric) -> int:
             continue
         cells = split_row(lines[k], delimiter)
         asked = list(compress(cells, numeric))
-        understood = all(_is_understood(cell, decimal) for cell in asked)
+        understood = all(is_understood(cell, decimal) for cell in asked)
         if len(cells) == len(numeric) and understood and not all(map(is_missing, asked)):
             return k
     raise ValueError("it holds no row below its header.")

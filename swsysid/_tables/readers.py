@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._tables.cells import held_exactly
 from swsysid._tables.table import Table, TableError
 from swsysid._tables.text import decoded, table_of_text
 
@@ -120,7 +121,9 @@ def _read_parquet(path: Path, missing: Sequence[str]) -> Table:
             column = (column - column.dropna().iloc[0]).dt.total_seconds()
             units[str(name)] = "s"
         if pd.api.types.is_numeric_dtype(column):
-            columns[str(name)] = column.to_numpy(dtype=float, na_value=np.nan)
+            whole = column.dtype.kind in "iu"  # a column with missing values is none
+            numbers = column.to_numpy() if whole else column.to_numpy(float, na_value=np.nan)
+            columns[str(name)] = held_exactly(numbers)
         else:
             columns[str(name)] = column.to_numpy(dtype=object, na_value="")
     return Table(path.name, columns, units)
@@ -210,8 +213,9 @@ def _split(name: str, array: NDArray) -> Columns:
         columns = columns.T
     if array.dtype.kind in "mM":
         columns = (columns - columns[0]) / np.timedelta64(1, "s")
-    columns = columns.astype(float if array.dtype.kind in "fiubmM" else object)
+    is_numeric = array.dtype.kind in "fiubmM"
     for k, column in enumerate(columns.T):
+        column = held_exactly(column) if is_numeric else column.astype(object)
         yield (name if columns.shape[1] == 1 else f"{name}_{k}"), column
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 
 from swsysid._tables.cells import is_number
 from swsysid._tables.units import unit_of, without_unit
+from swsysid._tables.words import MOST, bare, listed, two_words
+
+NUMERIC = "fiu"  # kinds of columns of numbers
 
 
 class TableError(ValueError):
@@ -22,7 +26,8 @@ class Table:
     """Columns of a file, which may differ in length."""
 
     source: str  # what the table was read from, for messages
-    # Floats, NaN where a value is missing; text where a cell is not a number.
+    # Floats, NaN where a value is missing; integers that floats cannot hold; text where a cell is
+    # not a number.
     columns: Mapping[str, NDArray]
     units: Mapping[str, str]  # of the user or a row of units; others are read from the names
     # The row of the file in which each row stands, counted from 1; None where that is 1, 2, 3, ...
@@ -59,11 +64,31 @@ class Table:
         bare = without_unit(name)
         return self.units.get(name, self.units.get(bare, unit_of(name)))
 
+    def replaced(self, name: str, values: NDArray, unit: str, remark: str = "") -> Table:
+        """The same table with other values in a column, and what is to be said of that."""
+        name = self.resolve(name)
+        return dataclasses.replace(
+            self,
+            columns={**self.columns, name: values},
+            units={**self.units, name: unit} if unit else self.units,
+            remarks=(*self.remarks, *([remark] if remark else [])),
+        )
+
+    def spelled(self, names: Sequence[str]) -> Table:
+        """The same table with 0 and 1 for ON and OFF and their like in the columns called so."""
+        table = self
+        for name in map(self.resolve, names):
+            column = table.columns[name]
+            read = None if column.dtype.kind in NUMERIC else two_words(column)
+            if read is not None:
+                table = table.replaced(name, read[0], "", f"Words of {name}: {read[1]}.")
+        return table
+
     def numbers(self, names: Sequence[str]) -> NDArray[np.float64]:
         """The columns called `names` side by side, shape (n_rows, n_names)."""
         columns = {name: self.columns[self.resolve(name)] for name in names}
         for name, column in columns.items():
-            if column.dtype.kind != "f":
+            if column.dtype.kind not in NUMERIC:
                 raise TableError(self._not_numeric(name, column))
         lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
@@ -72,7 +97,9 @@ class Table:
                 f"The columns of {self.source} chosen here differ in length: {found} rows; "
                 "choose columns of one recording."
             )
-        return np.column_stack(list(columns.values())) if columns else np.empty((0, 0))
+        if not columns:
+            return np.empty((0, 0))
+        return np.column_stack([column.astype(float) for column in columns.values()])
 
     def _not_numeric(self, name: str, column: NDArray) -> str:
         odd = [
@@ -81,11 +108,15 @@ class Table:
             if cell and not is_number(cell) and not is_number(cell, ",")
         ]
         first = odd[0] if odd else 0
-        cell = str(column[first])
-        rare = len(odd) < len(column) / 2
-        hint = (
-            f"if that means a missing value, say --missing {cell!r}" if rare else "choose another"
-        )
+        cell, words = str(column[first]), {bare(column[k]) for k in odd}
+        hint = "choose another"
+        if len(odd) < len(column) / 2:
+            hint = f"if that means a missing value, say --missing {cell!r}"
+        elif len(words) <= MOST:
+            hint = (
+                f"its words are {listed(column)}, and which number each of them means cannot be "
+                "told: write numbers in their place, or choose another"
+            )
         return (
             f"Column {name!r} of {self.source} is not numeric: row {self.row(first)} holds "
             f"{cell!r}; {hint}. Its columns are: {self.listing()}."

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._rendering.columns import counted, rows_listed
-from swsysid._tables.cells import MISSING, column_of, is_missing
+from swsysid._tables.cells import MISSING, column_of, held_exactly, is_missing
 from swsysid._tables.layout import COMMENTS, WHITE, Layout, layout_of, split_row
 from swsysid._tables.table import Table
 
@@ -146,6 +146,6 @@ def _frame(lines: list[str], layout: Layout, words: set[str]):
 
 def _column(cells, layout: Layout, words: set[str]) -> tuple[NDArray, str]:
     if cells.dtype.kind in "fiub":
-        return cells.to_numpy(dtype=float), ""
+        return held_exactly(cells.to_numpy()), ""
     texts = ["" if cell is None or cell != cell else str(cell) for cell in cells]
     return column_of(texts, layout.decimal, lambda text: text.lower() in words or is_missing(text))

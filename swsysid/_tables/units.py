@@ -18,6 +18,20 @@ _WORDS = frozenset(
     "sec secs second seconds minute minutes hour hours meter meters metre metres volt volts "
     "ampere amperes amp amps newton newtons degree degrees radian radians celsius kelvin".split()
 )
+# Seconds in each unit of time, by its name in small letters.
+SECONDS = {
+    name: seconds
+    for seconds, names in {
+        1.0: "s sec secs second seconds",
+        1e-3: "ms msec msecs millis millisecond milliseconds",
+        1e-6: "us µs μs usec usecs micros microsecond microseconds",
+        1e-9: "ns nsec nsecs nanos nanosecond nanoseconds",
+        60.0: "min mins minute minutes",
+        3600.0: "h hr hrs hour hours",
+        86400.0: "d day days",
+    }.items()
+    for name in names.split()
+}
 _BRACKET = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
 
 

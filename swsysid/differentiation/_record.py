@@ -109,8 +109,8 @@ def _warn(states: Array, sensors: Sensors, names: Sequence[str], drop: bool) -> 
             done = "count as missing" if drop else "are taken as measured"
             _say(
                 f"{name} stays at the end of its range, {ends}, in {beyond.sum()} of {n_rows} "
-                f"samples, which {done}; record with a wider range, or give clipped='keep' if "
-                "the system itself stops there."
+                f"samples, which {done}; record with a wider range. Where the system itself stops "
+                "there, swsysid.differentiation.differentiate(..., clipped='keep') believes them."
             )
 
 

@@ -321,3 +321,12 @@ def test_a_balance_of_forces_is_told_where_the_input_moves_the_body(gain, told):
     # 1 / 0.5 is the inertia; divided by 1e-12 the law would be its own noise
     assert ("    or 2 " in text) == told
     assert ("\n    or " in text) == told
+
+
+def test_a_surface_between_the_values_of_a_switch_names_them():
+    rng = np.random.default_rng(8)
+    T, window = rng.uniform(10, 30, 2000), rng.integers(0, 2, 2000).astype(float)
+    rate = np.where(window > 0.5, 20.0 - 1.2 * T, 3.0 - 0.1 * T)
+    result = job({"T": T, "window": window, "dT": rate}, ["T"], ["window"])
+    lines = sorted(regions(result.model.surface_, result.samples))
+    assert {line[13:] for line in lines} == {"window = 0", "window = 1"}, lines
