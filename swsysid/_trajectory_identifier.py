@@ -19,6 +19,7 @@ from swsysid._stays.origin import Origin
 from swsysid._stays.rollout_score import rollout_score
 from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
+from swsysid._stays.sensors import warn_of_turns
 from swsysid._stays.settings import StaySettings
 
 
@@ -167,6 +168,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         """
         order, estimator = check_order(self.order), check_estimator(self.estimator)
         given = read_given(x, t, groups, inputs)
+        warn_of_turns(given)
         settings = self.settings.joined(flag("refine", self.refine))
         estimator = seeded(estimator, self.random_state).set_params(n_jobs=self.n_jobs)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:

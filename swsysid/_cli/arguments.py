@@ -103,6 +103,13 @@ def _add_recording(add: Callable) -> None:
     )
     add("--states", **_NAMES, metavar="NAME", help="columns of the measured states")
     add("--inputs", **_NAMES, metavar="NAME", help="columns of the inputs")
+    add(
+        "--hold",
+        **_NAMES | {"nargs": "*", "default": None},
+        metavar="NAME",
+        help="inputs logged at times of their own that keep their value between these; others lie "
+        "on lines (default: those that change rarely and in steps)",
+    )
     add("--time", metavar="NAME", help="column of the times: numbers, or dates and clock times")
     add(
         "--time-unit",

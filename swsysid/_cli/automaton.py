@@ -45,7 +45,8 @@ def _identified(
     assert recorded is not None, "derivatives are refused"
     split = hold_out(recorded.groups, options.test_fraction, options.random_state)
     n_columns = samples.X.shape[1]
-    terms = Terms(tuple(range(n_columns)), options.library_degree, options.waves)
+    everything = tuple(range(n_columns))
+    terms = Terms(everything, options.library_degree, options.waves, *samples.angles)
     model = HybridAutomatonRegressor(
         options.modes,
         feature_library=terms.library(n_columns),

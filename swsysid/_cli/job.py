@@ -100,7 +100,7 @@ def _from_derivatives(
 def _terms(samples: Samples, split: Split, options: JobOptions) -> tuple[Terms, float | None]:
     """Terms of the laws, and what the positions are worth in them where that was tested."""
     everything = tuple(range(samples.X.shape[1]))
-    full = Terms(everything, options.library_degree, options.waves)
+    full = Terms(everything, options.library_degree, options.waves, *samples.angles)
     without = replace(full, columns=everything[samples.n_known :])
     if not samples.n_known or options.position == "yes":
         return full, None

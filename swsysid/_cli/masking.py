@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._cli.clocks import fill_inputs
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.settings import PREPARING
 from swsysid._data.trajectories import places_along
@@ -48,6 +49,9 @@ def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | N
         unlabelled = np.array([label == "" or label != label for label in labels], dtype=bool)
     remarks = _beyond(table, names, numbers)
     remarks += [] if what.keep_spikes else _mask(table, what, names, numbers, codes)
+    times = what.time_step * places_along(codes) if what.time_step is not None else numbers[:, -1]
+    if what.timed:
+        remarks += fill_inputs(what, numbers, times, labels)
     gaps = np.column_stack([~np.isfinite(numbers), unlabelled])
     n_states = 0 if what.derivatives else len(what.states)
     empty: Mask = gaps[:, n_states:].sum(axis=1) > 0
@@ -55,7 +59,6 @@ def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | N
     remarks += _left_out(table, [*names, what.groups], gaps, empty)
     numbers[empty] = np.nan
     if what.time_step is not None:
-        times = what.time_step * places_along(codes)
         numbers = np.column_stack([numbers, np.where(empty, np.nan, times)])
     return numbers, labels, remarks
 
@@ -93,7 +96,7 @@ def _mask(table: Table, what: Measurement, names, numbers: Column, codes) -> lis
 
 def _left_out(table: Table, names: Sequence[str | None], gaps: Mask, empty: Mask) -> list[str]:
     """How many rows are left out, how many have a gap, and in which columns."""
-    if gaps.any(axis=1).all():
+    if empty.all():
         raise TableError(
             f"No row of {table.source} has a number in every column chosen (missing: "
             f"{_counts(names, gaps)}); leave such a column out."
@@ -101,10 +104,8 @@ def _left_out(table: Table, names: Sequence[str | None], gaps: Mask, empty: Mask
     sentences = []
     if empty.any():
         told = _told(table, names, gaps, empty)
-        hint = " A column that was logged more slowly than the others costs their rows."
-        hint = hint if 2 * empty.sum() > len(gaps) else ""
         sentences.append(
-            f"Left out: {empty.sum():,} of {len(gaps):,} rows, with missing values {told}.{hint}"
+            f"Left out: {empty.sum():,} of {len(gaps):,} rows, with missing values {told}."
         )
     partly = gaps.any(axis=1) & ~empty
     if partly.any():

@@ -29,6 +29,8 @@ class Measurement:
     decimate: int = 1
     time_step: float | None = None  # seconds between two rows, where no column holds the times
     time_unit: str | None = None  # of the column of the times; None: by its name or its steps
+    # Inputs with times of their own that keep their value between them; None: found by their steps.
+    hold: tuple[str, ...] | None = None
     keep_spikes: bool = False  # use cells that look like no measurement all the same
 
     @property
@@ -65,6 +67,9 @@ def check_roles(table: Table, what: Measurement) -> None:
         raise TableError("Both --time and --time-step are given; one of them says it all.")
     if what.time_step is not None and not 0 < what.time_step < float("inf"):
         raise TableError(f"--time-step {what.time_step:g} is not a positive number of seconds.")
+    for name in what.hold or ():
+        if name not in what.inputs:
+            raise TableError(f"--hold {name} is no input; name it with --inputs too.")
     columns = [table.resolve(name) for name in [*what.channels, *times]]
     twice = [column for column in columns if columns.count(column) > 1]
     if twice:

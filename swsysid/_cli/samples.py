@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._cli.angles import is_angle, is_in_degrees, unwrapped
+from swsysid._cli.clocks import fill_states, with_own_clocks
 from swsysid._cli.masking import complete_cells
 from swsysid._cli.measurement import Measurement, check_roles
 from swsysid._cli.recorded import Recorded
@@ -17,7 +19,8 @@ from swsysid._cli.settings import PREPARING
 from swsysid._cli.times import in_seconds
 from swsysid._rendering.columns import counted
 from swsysid._results import Array
-from swsysid._stays.given import FEWEST_SAMPLES
+from swsysid._stays.given import FEWEST_SAMPLES, read_given
+from swsysid._stays.start import measured_noise
 from swsysid._tables.table import Table, TableError
 from swsysid._tables.units import rate_unit
 from swsysid.differentiation import Smoothing, choose_smoothing, differentiate
@@ -61,6 +64,15 @@ class Samples:
         """The unit of a column, "" where unknown."""
         return self.units.get(name, "")
 
+    @property
+    def angles(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """The columns of `X` that are angles; those of an angle in degrees or of its rate."""
+        units = list(enumerate(map(self.unit, self.names)))
+        return (
+            tuple(k for k, unit in units if is_angle(unit)),
+            tuple(k for k, unit in units if is_in_degrees(unit)),
+        )
+
     def with_unit(self, name: str) -> str:
         """A name with its unit in brackets."""
         return f"{name} [{self.unit(name)}]" if self.unit(name) else name
@@ -69,15 +81,22 @@ class Samples:
 def measure(table: Table, what: Measurement) -> Samples:
     """The rows that `what` describes; TableError or ValueError say what is in the way."""
     check_roles(table, what)
-    table = in_seconds(table.spelled(what.channels), what)
+    table = with_own_clocks(in_seconds(table.spelled(what.channels), what), what)
     numbers, labels, remarks = complete_cells(table, what)
     runs = _runs(table, what, numbers, labels)
+    table = unwrapped(table, what, numbers, runs)
     remarks += _still(table, what, numbers[runs.rows])
+    recorded = None if what.derivatives else Recorded.of(numbers[runs.rows], runs.labels, what)
+    put_between = np.zeros(len(what.states), dtype=bool)
+    if what.timed and not what.derivatives:
+        put_between = fill_states(what, numbers, labels)
     whole = _complete(table, what, numbers, runs)
     make = _with_derivatives if what.derivatives else _differentiated
     X, Xdot, t, kept, smoothing = make(numbers[whole.rows], whole.labels, what)
     remarks += [*runs.remarks, *_shortened(whole, kept, smoothing)]
     if smoothing is not None:
+        if recorded is not None and put_between.any():
+            smoothing = _of_samples(smoothing, recorded, put_between)
         remarks += _unlike(what, numbers[whole.rows], smoothing)
         _refuse_rates(what, X)
     X, signals = np.split(X, [X.shape[1] - len(what.signals)], axis=1)
@@ -93,7 +112,7 @@ def measure(table: Table, what: Measurement) -> Samples:
         decimate=what.decimate,
         smoothing=smoothing,
         remarks=(*table.remarks, *remarks),
-        recorded=None if what.derivatives else Recorded.of(numbers[runs.rows], runs.labels, what),
+        recorded=recorded,
     )
 
 
@@ -150,6 +169,14 @@ def _unlike(what: Measurement, numbers: Array, smoothing: Smoothing) -> list[str
         f"Neighbouring samples of {', '.join(names)} have little in common: that is noise, or a "
         "motion faster than its sampling; record at least ten samples between two switches."
     ]
+
+
+def _of_samples(smoothing: Smoothing, recorded: Recorded, put_between) -> Smoothing:
+    """The noise of states by their samples alone: values put between these are smoother."""
+    given = read_given(recorded.states, recorded.t, recorded.groups, None)
+    measured = measured_noise(given, smoothing.noise)
+    noise = np.where(put_between, measured, smoothing.noise)
+    return Smoothing(smoothing.method, smoothing.window, smoothing.cutoff, noise)
 
 
 def _refuse_rates(what: Measurement, X: Array) -> None:

@@ -32,6 +32,24 @@ class Preparing:
 
 
 @dataclass(frozen=True)
+class Clocks:
+    """Channels that have times of their own, or were filled in between them."""
+
+    # Changes of an input, of the rows of the states, up to which it may keep its value between.
+    rare: float = 0.5
+    # Mean square of the changes of its steps, of that of the steps: 2 where each is a surprise, 1
+    # for six samples a period, and little for what moves gradually and lies on lines.
+    rough: float = 1.0
+    # Share of the mean step by which the times of two rows differ that are one: far above rounding.
+    rounding: float = 1e-6
+    # Share of the largest bend below which a line is straight, digits of a file included.
+    straight: float = 1e-3
+    # Places of samples, and the share of them at regular steps, that show how a tool filled rows.
+    fewest: int = 8
+    regular: float = 0.9
+
+
+@dataclass(frozen=True)
 class Recordings:
     """From recordings to a model, without derivatives."""
 
@@ -96,5 +114,5 @@ class Wording:
     fewest_switches: int = 3
 
 
-PREPARING, RECORDINGS = Preparing(), Recordings()
+PREPARING, CLOCKS, RECORDINGS = Preparing(), Clocks(), Recordings()
 JUDGING, WORDING = Judging(), Wording()

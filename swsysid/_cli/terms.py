@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
@@ -21,11 +21,16 @@ _DEGREES = {0: "linear", 1: "affine", 2: "quadratic", 3: "cubic"}
 
 @dataclass(frozen=True)
 class Terms:
-    """Terms of a law: products of columns of X, and their sines and cosines."""
+    """Terms of a law: products of columns of X, and sines and cosines of angles among them.
+
+    Where no column is known to be an angle, any may be one.
+    """
 
     columns: tuple[int, ...]
     degree: int  # of the products; 0 means the columns themselves, without a constant
     waves: bool = False
+    angles: tuple[int, ...] = ()  # columns that are known to be angles
+    degrees: tuple[int, ...] = ()  # columns in degrees: their sines and cosines are of radians
 
     def library(self, n_columns: int) -> int | TransformerMixin | None:
         """The feature library of a regressor whose X has so many columns."""
@@ -33,7 +38,7 @@ class Terms:
             return self.degree or None
         terms = PolynomialFeatures(self.degree or 1, include_bias=self.degree > 0)
         if self.waves:
-            parts = [("products", terms), ("waves", FunctionLibrary([np.sin, np.cos]))]
+            parts = [("products", terms), ("waves", self._waves())]
             terms = FeatureUnion(parts, verbose_feature_names_out=False)
         if len(self.columns) == n_columns:
             return terms
@@ -44,22 +49,44 @@ class Terms:
 
     def at_once(self) -> TransformerMixin:
         """The same as one transformer, for models that are not kept."""
-        return LawTerms(self.columns, self.degree, self.waves)
+        turning = self.turning if self.waves else ()
+        return LawTerms(self.columns, self.degree, turning, self.degrees)
+
+    @property
+    def turning(self) -> tuple[int, ...]:
+        """The columns whose sines and cosines a law with waves has."""
+        return tuple(column for column in self.columns if column in self.angles) or self.columns
+
+    def _waves(self) -> TransformerMixin:
+        """Sines and cosines of the columns that turn; the first step keeps `columns` alone."""
+        waves = FunctionLibrary([np.sin, np.cos])
+        if self.turning == self.columns and not set(self.degrees) & set(self.columns):
+            return waves
+        radians = FunctionLibrary([np.deg2rad], names=["{}"])
+        each = [
+            (
+                f"column{column}",
+                radians if column in self.degrees else "passthrough",
+                [self.columns.index(column)],
+            )
+            for column in self.turning
+        ]
+        return make_pipeline(ColumnTransformer(each, verbose_feature_names_out=False), waves)
 
     @property
     def n_features(self) -> int:
         """How many terms a law has."""
         n_columns = len(self.columns)
         products = comb(n_columns + self.degree, self.degree) if self.degree else n_columns
-        return products + 2 * n_columns * self.waves
+        return products + 2 * len(self.turning) * self.waves
 
     def richer(self, n_rows: int) -> Sequence[Terms]:
         """Smooth laws with more terms: one degree more, two more, and sines of the columns."""
         least = max(self.degree, 1)
         more = [
-            Terms(self.columns, least + 1, self.waves),
-            Terms(self.columns, least + 2, self.waves),
-            Terms(self.columns, least, True),
+            replace(self, degree=least + 1),
+            replace(self, degree=least + 2),
+            replace(self, degree=least, waves=True),
         ]
         most = min(JUDGING.most_features, n_rows / JUDGING.rows_a_feature)
         return [terms for terms in more if terms != self and terms.n_features <= most]
@@ -84,14 +111,21 @@ class LawTerms(TransformerMixin, BaseEstimator):
 
     Examples
     --------
-    >>> LawTerms((1,), 2, True).fit_transform(np.array([[5.0, 0.0]]))
+    >>> LawTerms((1,), 2, (1,)).fit_transform(np.array([[5.0, 0.0]]))
     array([[1., 0., 0., 0., 1.]])
     """
 
-    def __init__(self, columns: tuple[int, ...], degree: int, waves: bool = False):
+    def __init__(
+        self,
+        columns: tuple[int, ...],
+        degree: int,
+        turning: tuple[int, ...] = (),
+        degrees: tuple[int, ...] = (),
+    ):
         self.columns = columns
         self.degree = degree
-        self.waves = waves
+        self.turning = turning
+        self.degrees = degrees
 
     def fit(self, X, y=None):
         """Exponents of the products, and units of the columns."""
@@ -102,8 +136,12 @@ class LawTerms(TransformerMixin, BaseEstimator):
 
     def transform(self, X) -> Array:
         """Products, then sines, then cosines of the columns."""
-        chosen = np.asarray(X, dtype=float)[:, list(self.columns)]
-        products = self._products(chosen / self._size)[:, 0 if self.degree else 1 :]
-        if not self.waves:
+        given = np.asarray(X, dtype=float)
+        products = self._products(given[:, list(self.columns)] / self._size)
+        products = products[:, 0 if self.degree else 1 :]
+        if not self.turning:
             return products
-        return np.hstack([products, np.sin(chosen), np.cos(chosen)])
+        angles = given[:, list(self.turning)] * np.where(
+            np.isin(self.turning, self.degrees), np.pi / 180.0, 1.0
+        )
+        return np.hstack([products, np.sin(angles), np.cos(angles)])

@@ -9,9 +9,10 @@ from swsysid._cli.job import JobResult
 from swsysid._cli.recording_words import recording_text, standard_errors
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import JUDGING, WORDING
+from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Comparison, Verdict
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._rendering.columns import text_table
+from swsysid._rendering.columns import ordinal, text_table
 from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
 from swsysid._surfaces.surface import solves_margin_program
@@ -49,13 +50,25 @@ def _data(result: JobResult) -> str:
             f"The position is {kept} the law: it lowers the error by {change:.1f} % "
             "(--position yes or no decides otherwise)."
         )
+    if result.terms.waves:
+        lines += _waves(result.terms, samples)
     return "\n".join(lines)
+
+
+def _waves(terms: Terms, samples: Samples) -> list[str]:
+    """Of which columns sines and cosines are taken, where units say so."""
+    if not terms.angles and not terms.degrees:
+        return []
+    named = ", ".join(samples.names[k] for k in terms.turning)
+    degrees = [samples.names[k] for k in terms.turning if k in terms.degrees]
+    taken = f", with {', '.join(degrees)} in radians" if degrees else ""
+    return [f"Sines and cosines are those of {named}{taken}."]
 
 
 def described(samples: Samples, n_samples: int, n_groups: int) -> str:
     """How many samples there are, and of what."""
     columns = ", ".join(map(samples.with_unit, samples.names))
-    every = f", every {_ordinal(samples.decimate)} row" if samples.decimate > 1 else ""
+    every = f", every {ordinal(samples.decimate)} row" if samples.decimate > 1 else ""
     trajectories = "1 trajectory" if n_groups == 1 else f"{n_groups} trajectories"
     return f"{n_samples:,} samples of {trajectories}{every}: {columns}"
 
@@ -313,8 +326,3 @@ def _advice(option: str) -> str:
 
 def _rms(errors):
     return np.sqrt(np.nanmean(errors**2, axis=0))
-
-
-def _ordinal(number: int) -> str:
-    suffix = {1: "st", 2: "nd", 3: "rd"}.get(number % 10 if number % 100 not in (11, 12, 13) else 0)
-    return f"{number}{suffix or 'th'}"

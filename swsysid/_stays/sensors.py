@@ -7,10 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from swsysid._data.angles import how_to_unwrap, turn_of
 from swsysid._results import IdentificationWarning
 from swsysid._stays.given import Given
 from swsysid.differentiation import inspect_sensors
 from swsysid.refinement._trajectories import Record
+
+
+def warn_of_turns(given: Given) -> None:
+    """Say which channels are angles that begin anew after a turn."""
+    names = given.names or [f"column {k} of x" for k in range(given.n_channels)]
+    for k in range(given.n_channels):
+        turn = turn_of([record.y[:, k] for record in given.records])
+        if turn is not None:
+            warnings.warn(f"{how_to_unwrap(names[k], turn)}.", IdentificationWarning, stacklevel=3)
 
 
 def without_clipped(given: Given) -> Given:

@@ -53,7 +53,7 @@ def differentiated(given: Given, order: int, stretch: float = 1.0) -> Differenti
     rows = differentiate(x, times, labels, inputs=u, order=order, window=window, too_short="drop")
     n_states = rows.Xdot.shape[1]
     spread = rows.X[:, :n_states].std(axis=0)
-    noise = np.maximum(_noise(given, rows.noise), 1e-6 * spread[: len(rows.noise)])
+    noise = np.maximum(measured_noise(given, rows.noise), 1e-6 * spread[: len(rows.noise)])
     if order == 2:
         # speeds are not measured; what is tied to them is tied as closely as a position
         share = np.median(noise / spread[: len(noise)])
@@ -83,7 +83,7 @@ def named(columns: Array, names: list[str] | None):
     return pd.DataFrame(columns, columns=names)
 
 
-def _noise(given: Given, of_filled: Array) -> Array:
+def measured_noise(given: Given, of_filled: Array) -> Array:
     """Noise of the values that were measured: those put between them are smoother than they."""
     found = of_filled.copy()
     for k in range(len(found)):

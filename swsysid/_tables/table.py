@@ -74,6 +74,11 @@ class Table:
             remarks=(*self.remarks, *([remark] if remark else [])),
         )
 
+    def with_rows(self, columns: Mapping[str, NDArray], rows: NDArray[np.intp]) -> Table:
+        """Other columns, made of these rows of the table."""
+        numbers = rows + 1 if self.rows is None else self.rows[rows]
+        return dataclasses.replace(self, columns=columns, rows=numbers)
+
     def spelled(self, names: Sequence[str]) -> Table:
         """The same table with 0 and 1 for ON and OFF and their like in the columns called so."""
         table = self

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, refuse_vanishing, table
 from swsysid._checks.parameters import one_of
+from swsysid._data.angles import how_to_unwrap, turn_of
 from swsysid._data.trajectories import group_labels, trajectories
 from swsysid._results import IdentificationWarning
 from swsysid.differentiation._sensors import Sensors, inspect_sensors
@@ -78,6 +79,7 @@ def record_of(
     sensors = inspect_sensors(states, labels)
     if names:
         _warn(states, sensors, names, drop)
+        _warn_of_turns(states, labels, names)
     beyond: NDArray[np.bool_] = np.asarray(sensors.clipped.any(axis=1) & drop)
     parts = []
     for label, rows in trajectories(labels):
@@ -112,6 +114,15 @@ def _warn(states: Array, sensors: Sensors, names: Sequence[str], drop: bool) -> 
                 f"samples, which {done}; record with a wider range. Where the system itself stops "
                 "there, swsysid.differentiation.differentiate(..., clipped='keep') believes them."
             )
+
+
+def _warn_of_turns(states: Array, labels: NDArray, names: Sequence[str]) -> None:
+    """Say which columns are angles that begin anew after a turn."""
+    rows = [members for _, members in trajectories(labels)]
+    for name, values in zip(names, states.T, strict=True):
+        turn = turn_of([values[own] for own in rows])
+        if turn is not None:
+            _say(f"{how_to_unwrap(name, turn)}.")
 
 
 def _say(sentence: str) -> None:

@@ -1,0 +1,163 @@
+"""Channels with clocks of their own: states where they were measured, inputs held or on lines."""
+
+import numpy as np
+import pytest
+
+from swsysid._cli.measurement import Measurement
+from swsysid._cli.samples import measure
+from swsysid._cli.text import preparation
+from swsysid._tables.table import Table, TableError
+
+N = 600
+T = 0.01 * np.arange(N)
+RNG = np.random.default_rng(0)
+X = np.sin(1.3 * T) + 1e-3 * RNG.standard_normal(N)
+V = 1.3 * np.cos(1.3 * T) + 1e-3 * RNG.standard_normal(N)
+COMMAND = RNG.normal(size=N // 10)  # a new one every ten rows
+WHAT = Measurement(states=("x", "v"), inputs=("u",), time="t")
+
+
+def union(**channels):
+    """A table with a row for each time of any channel, and holes where the others have none."""
+    every = np.unique(np.concatenate([t for t, _ in channels.values()]))
+    columns = {"t": every}
+    for name, (t, values) in channels.items():
+        columns[name] = np.full(len(every), np.nan)
+        columns[name][np.searchsorted(every, t)] = values
+    return Table("log", columns, {})
+
+
+def at(t):
+    """The held command, 3 ms late."""
+    return COMMAND[np.clip(np.floor((t - 0.003) / 0.1 + 1e-9), 0, None).astype(int)]
+
+
+SLOW = (T[::10] + 0.003, COMMAND)
+
+
+def test_a_slow_input_is_held_at_the_times_of_the_states():
+    recorded = measure(union(x=(T, X), v=(T, V), u=SLOW), WHAT).recorded
+    np.testing.assert_array_equal(recorded.t, T[1:])  # before its first sample it is not known
+    np.testing.assert_array_equal(recorded.states, np.column_stack([X, V])[1:])
+    np.testing.assert_array_equal(recorded.inputs[:, 0], at(T[1:]))
+
+
+@pytest.mark.parametrize(
+    ("t", "values", "hold", "line"),
+    [
+        (*SLOW, (), True),  # as asked for
+        (T[::10] + 0.003, np.sin(T[::10]), None, True),  # moves gradually
+        (T + 0.003, X + V, None, True),  # as fast as the states
+        (T[::10] + 0.003, np.sin(T[::10]), ("u",), False),
+        (T[::10] + 0.003, (T[::10] % 2 > 1).astype(float), None, False),  # a switch
+    ],
+)
+def test_an_input_lies_on_lines_where_it_moves_gradually_or_is_asked_to(t, values, hold, line):
+    what = Measurement(states=("x", "v"), inputs=("u",), time="t", hold=hold)
+    samples = measure(union(x=(T, X), v=(T, V), u=(t, values)), what)
+    recorded = samples.recorded
+    inside = recorded.t <= t[-1]
+    expected = values[np.searchsorted(t, recorded.t, side="right") - 1]
+    if line:
+        expected = np.interp(recorded.t, t, values)
+    np.testing.assert_allclose(recorded.inputs[inside, 0], expected[inside], atol=1e-12)
+    told = "lies on a line" if line else "keeps its value"
+    assert any("u has times of its own" in each and told in each for each in samples.remarks)
+
+
+def test_states_of_different_clocks_are_used_where_they_were_measured():
+    late = T + 0.004
+    recorded = measure(
+        union(x=(T, X), v=(late, V)), Measurement(states=("x", "v"), time="t")
+    ).recorded
+    known = np.isfinite(recorded.states)
+    np.testing.assert_array_equal(recorded.states[known[:, 0], 0], X)
+    np.testing.assert_array_equal(recorded.states[known[:, 1], 1], V)
+    assert len(recorded.t) == 2 * N and (known.sum(axis=1) == 1).all()
+
+
+def test_rows_one_rounding_apart_are_one():
+    other = np.cumsum(np.r_[0.0, np.full(N // 10 - 1, 0.1)])  # 0.1 + 0.1 + 0.1 is not 0.3
+    table = union(x=(T, X), v=(T, V), u=(other, COMMAND))
+    assert len(table.columns["t"]) > N
+    recorded = measure(table, WHAT).recorded
+    np.testing.assert_allclose(recorded.t, T, atol=1e-12)
+    np.testing.assert_array_equal(recorded.inputs[:, 0], np.repeat(COMMAND, 10))
+
+
+def test_channels_that_stand_one_below_the_other_are_one_recording():
+    columns = {"t": np.r_[T, T[::10]], "x": np.r_[X, np.full(N // 10, np.nan)]}
+    columns["v"] = np.r_[V, np.full(N // 10, np.nan)]
+    columns["u"] = np.r_[np.full(N, np.nan), COMMAND]
+    recorded = measure(Table("log", columns, {}), WHAT).recorded
+    np.testing.assert_array_equal(recorded.t, T)
+    np.testing.assert_array_equal(recorded.inputs[:, 0], np.repeat(COMMAND, 10))
+
+
+def test_two_runs_keep_their_inputs_apart():
+    one = union(x=(T, X), v=(T, V), u=SLOW)
+    columns = {name: np.tile(column, 2) for name, column in one.columns.items()}
+    recorded = measure(Table("log", columns, {}), WHAT).recorded
+    np.testing.assert_array_equal(recorded.inputs[:, 0], np.tile(at(T[1:]), 2))
+
+
+def test_a_state_that_was_filled_forward_is_used_at_its_samples_alone():
+    slow = V[::10]
+    columns = {"t": T, "x": X, "v": np.repeat(slow, 10), "u": at(T + 0.003)}
+    samples = measure(Table("log", columns, {}), WHAT)
+    values = samples.recorded.states
+    np.testing.assert_array_equal(values[:, 0], X)
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(values[:, 1])), np.arange(0, N, 10))
+    assert preparation(samples)[0].startswith("v changes in every 10th row only: it was filled")
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.round(X / 0.02) * 0.02,  # an encoder repeats its values where it is slow
+        np.repeat(np.arange(N // 10), 10) * 0.1,  # and steps by one quantum at constant speed
+        X,
+        np.where(np.sin(9.0 * T) > 0.0, 1.0, 0.0) + np.where(np.sin(T) > 0.0, 0.5, 0.0),
+    ],
+)
+def test_what_repeats_its_values_otherwise_is_no_filled_column(values):
+    columns = {"t": T, "x": values, "v": V, "u": at(T + 0.003)}
+    recorded = measure(Table("log", columns, {}), WHAT).recorded
+    np.testing.assert_array_equal(recorded.states[:, 0], values)
+
+
+def test_values_that_a_tool_put_on_lines_are_suspected_aloud_and_may_be_held():
+    lines = np.round(np.interp(T, T[::10], COMMAND), 6)
+    columns = {"t": T, "x": X, "v": V, "u": lines}
+    samples = measure(Table("log", columns, {}), WHAT)
+    assert any("u lies on straight lines between every 10th row" in r for r in samples.remarks)
+    np.testing.assert_array_equal(samples.recorded.inputs[:, 0], lines)  # nothing is done
+    hold = Measurement(states=("x", "v"), inputs=("u",), time="t", hold=("u",))
+    recorded = measure(Table("log", columns, {}), hold).recorded
+    held = np.repeat(COMMAND, 10)[: len(recorded.t)]
+    np.testing.assert_allclose(recorded.inputs[:590, 0], held[:590], atol=1e-6)
+
+
+@pytest.mark.parametrize("values", [np.abs(T % 1.0 - 0.5), X, np.repeat(COMMAND, 10), 2.0 * T])
+def test_signals_that_are_straight_by_themselves_are_not_suspected(values):
+    samples = measure(Table("log", {"t": T, "x": X, "v": V, "u": values}, {}), WHAT)
+    assert not any("straight lines" in remark for remark in samples.remarks)
+
+
+def test_a_column_to_hold_must_be_an_input():
+    what = Measurement(states=("x", "v"), inputs=("u",), time="t", hold=("x",))
+    with pytest.raises(TableError, match="--hold x is no input; name it with --inputs"):
+        measure(union(x=(T, X), v=(T, V), u=SLOW), what)
+
+
+def test_newest_row_first_and_a_run_that_lacks_a_channel():
+    one = union(x=(T, X), v=(T, V), u=SLOW)
+    newest = Table("log", {name: column[::-1] for name, column in one.columns.items()}, {})
+    recorded = measure(newest, WHAT).recorded
+    np.testing.assert_array_equal(recorded.inputs[:, 0], at(T[1:]))
+    # the clock starts again: nothing of the first run may stand between rows of the second
+    other = union(x=(T, -X), v=(T, -V), u=(T[:2], [0.0, 0.0]))
+    other.columns["u"][:] = np.nan
+    columns = {name: np.r_[one.columns[name], other.columns[name]] for name in one.columns}
+    recorded = measure(Table("log", columns, {}), WHAT).recorded
+    np.testing.assert_array_equal(recorded.states, np.column_stack([X, V])[1:])
