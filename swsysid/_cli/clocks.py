@@ -27,8 +27,9 @@ def with_own_clocks(table: Table, what: Measurement) -> Table:
     """The table with rows of one time as one, and without what was filled in between samples."""
     labels = None if what.groups is None else table.labels(what.groups)
     numbers = table.numbers(what.channels)
-    if what.time is not None and not np.isfinite(numbers).all():
-        table = _joined(table, numbers, table.numbers([what.time])[:, 0], labels)
+    if what.time is not None:
+        t = table.numbers([what.time])[:, 0]
+        table = _joined(table, numbers, len(what.states), t, labels)
         labels = None if what.groups is None else table.labels(what.groups)
         numbers = table.numbers(what.channels)
     t = np.arange(float(len(numbers)))
@@ -159,10 +160,12 @@ def _of_trajectories(t: Array, labels: NDArray | None) -> Iterator[list[Rows]]:
         yield np.split(rows, np.flatnonzero(np.diff(t[rows]) < 0.0) + 1)
 
 
-def _joined(table: Table, numbers: Array, t: Array, labels: NDArray | None) -> Table:
-    """Rows one rounding apart that hold different channels become one, channels in order of time.
+def _joined(table: Table, numbers: Array, n_states: int, t: Array, labels: NDArray | None) -> Table:
+    """Rows of one time that hold different channels become one, channels in order of time.
 
-    Channels that stand one below the other are sorted by time.
+    So do rows one rounding apart of which one only repeats its states, the first columns of
+    `numbers`, as a tool that fills forward leaves them. Channels that stand one below the other
+    are sorted by time.
     """
     known, parts = np.isfinite(numbers), []
     for own in _of_trajectories(t, labels):
@@ -178,18 +181,23 @@ def _joined(table: Table, numbers: Array, t: Array, labels: NDArray | None) -> T
     first[[rows[0] for rows in parts]] = True
     step = np.diff(t[order], prepend=-np.inf)
     close = np.abs(step) <= CLOCKS.rounding * np.ptp(t[order]) / len(order)
-    apart = known[order] & np.roll(known[order], 1, axis=0)
-    starts = first[order] | ~close | apart.any(axis=1)
-    if starts.all() and (np.diff(order) > 0).all():
+    both = known[order] & np.roll(known[order], 1, axis=0)
+    other = both & (numbers[order] != np.roll(numbers[order], 1, axis=0))
+    moved = other[:, :n_states].any(axis=1) | first[order]
+    # at exactly one time they are the left and the right limit of a jump
+    apart = np.where(step == 0.0, both.any(axis=1), moved & np.roll(moved, 1))
+    starts = first[order] | ~close | apart
+    sorted_before = (np.diff(order) > 0).all() or np.isfinite(numbers).all()
+    if starts.all() and sorted_before:
         return table
     number, columns = np.cumsum(starts) - 1, {}
     for name, column in table.columns.items():
         if len(column) != len(t):
             continue
         columns[name] = column[order[starts]].copy()
-        if column.dtype.kind == "f":  # the first number of each row counts
+        if column.dtype.kind == "f":  # the last number of each row counts
             there = np.isfinite(column[order])
-            columns[name][number[there][::-1]] = column[order][there][::-1]
+            columns[name][number[there]] = column[order][there]
     return table.with_rows(columns, order[starts])
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from swsysid._cli.clocks import with_own_clocks
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.samples import measure
 from swsysid._cli.text import preparation
@@ -83,6 +84,25 @@ def test_rows_one_rounding_apart_are_one():
     recorded = measure(table, WHAT).recorded
     np.testing.assert_allclose(recorded.t, T, atol=1e-12)
     np.testing.assert_array_equal(recorded.inputs[:, 0], np.repeat(COMMAND, 10))
+
+
+def test_rows_one_rounding_apart_are_one_although_they_were_filled_forward():
+    other = np.cumsum(np.r_[0.0, np.full(N // 10 - 1, 0.1)])
+    table = union(x=(T, X), v=(T, V), u=(other, COMMAND))
+    for column in table.columns.values():
+        last = np.maximum.accumulate(np.where(np.isfinite(column), np.arange(len(column)), 0))
+        column[:] = column[last]
+    recorded = measure(table, WHAT).recorded
+    np.testing.assert_allclose(recorded.t, T, atol=1e-12)
+    np.testing.assert_array_equal(recorded.states, np.column_stack([X, V]))
+    assert np.mean(recorded.inputs[:, 0] == np.repeat(COMMAND, 10)) > 0.99
+
+
+def test_two_rows_at_exactly_one_time_are_not_joined():
+    t, u = np.sort(np.r_[T, T[::50]]), np.repeat([0.0, 1.0], N // 2 + 6)
+    columns = {"t": t, "x": np.sin(t), "v": np.cos(t), "u": u}
+    table = Table("log", columns, {})
+    assert with_own_clocks(table, WHAT) is table
 
 
 def test_channels_that_stand_one_below_the_other_are_one_recording():
