@@ -198,7 +198,9 @@ def _joined(table: Table, numbers: Array, n_states: int, t: Array, labels: NDArr
         if column.dtype.kind == "f":  # the last number of each row counts
             there = np.isfinite(column[order])
             columns[name][number[there]] = column[order][there]
-    return table.with_rows(columns, order[starts])
+    joined = int(np.sum(~starts))
+    told = f"Rows of one time, or one rounding apart, are one: {counted(joined, 'row')} joined."
+    return table.with_rows(columns, order[starts], told if joined else "")
 
 
 # --- what a tool filled in ----------------------------------------------------------------------

@@ -71,13 +71,18 @@ class Table:
             self,
             columns={**self.columns, name: values},
             units={**self.units, name: unit} if unit else self.units,
-            remarks=(*self.remarks, *([remark] if remark else [])),
+            remarks=self._also(remark),
         )
 
-    def with_rows(self, columns: Mapping[str, NDArray], rows: NDArray[np.intp]) -> Table:
-        """Other columns, made of these rows of the table."""
+    def with_rows(
+        self, columns: Mapping[str, NDArray], rows: NDArray[np.intp], remark: str = ""
+    ) -> Table:
+        """Other columns, made of these rows of the table, and what is to be said of that."""
         numbers = rows + 1 if self.rows is None else self.rows[rows]
-        return dataclasses.replace(self, columns=columns, rows=numbers)
+        return dataclasses.replace(self, columns=columns, rows=numbers, remarks=self._also(remark))
+
+    def _also(self, remark: str) -> tuple[str, ...]:
+        return (*self.remarks, *([remark] if remark else []))
 
     def spelled(self, names: Sequence[str]) -> Table:
         """The same table with 0 and 1 for ON and OFF and their like in the columns called so."""

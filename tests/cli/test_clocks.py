@@ -80,8 +80,10 @@ def test_states_of_different_clocks_are_used_where_they_were_measured():
 def test_rows_one_rounding_apart_are_one():
     other = np.cumsum(np.r_[0.0, np.full(N // 10 - 1, 0.1)])  # 0.1 + 0.1 + 0.1 is not 0.3
     table = union(x=(T, X), v=(T, V), u=(other, COMMAND))
-    assert len(table.columns["t"]) > N
-    recorded = measure(table, WHAT).recorded
+    more = len(table.columns["t"]) - N
+    samples = measure(table, WHAT)
+    recorded = samples.recorded
+    assert more and samples.remarks[0].endswith(f"one rounding apart, are one: {more} rows joined.")
     np.testing.assert_allclose(recorded.t, T, atol=1e-12)
     np.testing.assert_array_equal(recorded.inputs[:, 0], np.repeat(COMMAND, 10))
 
