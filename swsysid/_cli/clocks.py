@@ -25,16 +25,15 @@ Rows = NDArray[np.intp]
 
 def with_own_clocks(table: Table, what: Measurement) -> Table:
     """The table with rows of one time as one, and without what was filled in between samples."""
-    labels = None if what.groups is None else table.labels(what.groups)
-    numbers = table.numbers(what.channels)
+    numbers, labels = _of(table, what)
+    if labels is not None and len(labels) != len(numbers):
+        return table  # which is refused where trajectories are told apart
+    if what.groups is not None:
+        table = _with_labels(table, what.groups, _holds_a_state(what, numbers))
     if what.time is not None:
-        t = table.numbers([what.time])[:, 0]
-        table = _joined(table, numbers, len(what.states), t, labels)
-        labels = None if what.groups is None else table.labels(what.groups)
-        numbers = table.numbers(what.channels)
-    t = np.arange(float(len(numbers)))
-    if what.time is not None:
-        t = table.numbers([what.time])[:, 0]
+        table = _joined(table, what, *_of(table, what))
+    numbers, labels = _of(table, what)
+    t = np.arange(float(len(numbers))) if what.time is None else numbers[:, -1]
     parts = _segments(t, labels)
     for name, values in zip((*what.states, *what.inputs), numbers.T, strict=False):
         is_state = name in what.states
@@ -57,6 +56,12 @@ def with_own_clocks(table: Table, what: Measurement) -> Table:
             )
             table = table.replaced(name, table.columns[table.resolve(name)], "", told)
     return table
+
+
+def _of(table: Table, what: Measurement) -> tuple[Array, NDArray | None]:
+    """Channels of a measurement, the times last, and the trajectories of the rows."""
+    numbers = table.numbers([*what.channels, *([what.time] if what.time else [])])
+    return numbers, None if what.groups is None else table.labels(what.groups)
 
 
 def fill_inputs(what: Measurement, numbers: Array, t: Array, labels: NDArray | None) -> list[str]:
@@ -160,13 +165,25 @@ def _of_trajectories(t: Array, labels: NDArray | None) -> Iterator[list[Rows]]:
         yield np.split(rows, np.flatnonzero(np.diff(t[rows]) < 0.0) + 1)
 
 
-def _joined(table: Table, numbers: Array, n_states: int, t: Array, labels: NDArray | None) -> Table:
+def _with_labels(table: Table, groups: str, moving: NDArray[np.bool_]) -> Table:
+    """The table with the trajectory of rows that hold no state, where both neighbours agree."""
+    import pandas as pd
+
+    given = pd.Series(table.labels(groups)).replace("", np.nan)
+    if len(given) != len(moving) or not (given.isna() & ~moving).any():
+        return table
+    last, following = given.ffill(), given.bfill()
+    filled = given.where(given.notna() | moving | (last != following), last)
+    return table.replaced(groups, filled.to_numpy(), "")
+
+
+def _joined(table: Table, what: Measurement, numbers: Array, labels: NDArray | None) -> Table:
     """Rows of one time that hold different channels become one, channels in order of time.
 
-    So do rows one rounding apart of which one only repeats its states, the first columns of
-    `numbers`, as a tool that fills forward leaves them. Channels that stand one below the other
-    are sorted by time.
+    So do rows one rounding apart of which one only repeats its states, as a tool that fills
+    forward leaves them. Channels that stand one below the other are sorted by time.
     """
+    numbers, t = numbers[:, :-1], numbers[:, -1]
     known, parts = np.isfinite(numbers), []
     for own in _of_trajectories(t, labels):
         times_there = np.sum([known[rows].any(axis=0) for rows in own], axis=0)
@@ -183,7 +200,7 @@ def _joined(table: Table, numbers: Array, n_states: int, t: Array, labels: NDArr
     close = np.abs(step) <= CLOCKS.rounding * np.ptp(t[order]) / len(order)
     both = known[order] & np.roll(known[order], 1, axis=0)
     other = both & (numbers[order] != np.roll(numbers[order], 1, axis=0))
-    moved = other[:, :n_states].any(axis=1) | first[order]
+    moved = other[:, : len(what.states)].any(axis=1) | first[order]
     # at exactly one time they are the left and the right limit of a jump
     apart = np.where(step == 0.0, both.any(axis=1), moved & np.roll(moved, 1))
     starts = first[order] | ~close | apart

@@ -183,3 +183,16 @@ def test_newest_row_first_and_a_run_that_lacks_a_channel():
     columns = {name: np.r_[one.columns[name], other.columns[name]] for name in one.columns}
     recorded = measure(Table("log", columns, {}), WHAT).recorded
     np.testing.assert_array_equal(recorded.states, np.column_stack([X, V])[1:])
+
+
+@pytest.mark.parametrize("names", [("a", "b", ""), (1.0, 2.0, np.nan)])
+def test_rows_of_other_channels_belong_to_the_trajectory_around_them(names):
+    one = union(x=(T, X), v=(T, V), u=SLOW)
+    columns = {name: np.tile(column, 2) for name, column in one.columns.items()}
+    run = np.repeat(np.array(names[:2], dtype=object), len(one.columns["t"]))
+    run[np.isnan(columns["x"])] = names[2]
+    columns["run"] = run if isinstance(names[0], str) else run.astype(float)
+    what = Measurement(states=("x", "v"), inputs=("u",), time="t", groups="run")
+    recorded = measure(Table("log", columns, {}), what).recorded
+    np.testing.assert_array_equal(recorded.inputs[:, 0], np.tile(at(T[1:]), 2))
+    assert recorded.labels == list(names[:2])
