@@ -171,11 +171,12 @@ class HybridAutomatonRegressor(BaseEstimator):
             Measured states, NaN where a value is missing. A recording is a dict with ``t``, ``x``
             and, if there are any, ``inputs``; the other arguments are then left out.
         t : array-like of shape (n_samples,), default=None
-            Times, increasing within each recording; in discrete time they may be left out.
+            Times, increasing within each recording; in discrete time they may be left out. Two
+            rows at one time are the left and the right limit of an event.
         groups : array-like of shape (n_samples,), default=None
             Recording of each row. None is one recording, or several where the times begin anew.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Linear between the samples.
+            Linear between the samples; they jump at an event.
 
         Returns
         -------
@@ -199,6 +200,10 @@ class HybridAutomatonRegressor(BaseEstimator):
             n_rows = len(table("x", x, missing=True))
             t = np.arange(n_rows) if groups is None else places_along(groups)
         given = read_given(x, t, groups, inputs)
+        if discrete and any(len(record.events) for record in given.records):
+            raise ValueError(
+                "t repeats times, and in discrete time every row is a step; give one row for each."
+            )
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
             if discrete:
                 found = sampled.identified(

@@ -16,6 +16,7 @@ from swsysid._stays.certainty import certainty
 from swsysid._stays.given import Given, read_given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.origin import Origin
+from swsysid._stays.pieces import Pieces, between_jumps
 from swsysid._stays.rollout_score import rollout_score
 from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
@@ -151,11 +152,12 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
             Measured states, NaN where a value is missing. A recording is a dict with ``t``, ``x``
             and, if there are any, ``inputs``; the other arguments are then left out.
         t : array-like of shape (n_samples,), default=None
-            Times, increasing within each recording; they may be uneven and differ in rate.
+            Times, increasing within each recording; they may be uneven and differ in rate. Two
+            rows at one time are the left and the right limit of an event.
         groups : array-like of shape (n_samples,), default=None
             Recording of each row. None is one recording, or several where the times begin anew.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Linear between the samples.
+            Linear between the samples; they jump at an event.
 
         Returns
         -------
@@ -169,14 +171,15 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         order, estimator = check_order(self.order), check_estimator(self.estimator)
         given = read_given(x, t, groups, inputs)
         warn_of_turns(given)
+        pieces = between_jumps(given)
         settings = self.settings.joined(flag("refine", self.refine))
         estimator = seeded(estimator, self.random_state).set_params(n_jobs=self.n_jobs)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
             origin = Origin.of(given, estimator, order)
-            counted = origin.counted(given)
+            counted = origin.counted(pieces.given)
             search = Search(estimator, counted, order, self.observed, settings, bar.update)
             found = origin.told(search.identified())
-        self._store(found, search, origin)
+        self._store(found, search, origin, pieces)
         return self
 
     def predict(self, X):
@@ -212,7 +215,8 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
             1 is perfect; not above 0 is no better than the mean. Minus infinity where a rollout
             diverges.
         """
-        return rollout_score(self._fitted, read_given(x, t, groups, inputs))
+        given = between_jumps(read_given(x, t, groups, inputs)).given
+        return rollout_score(self._fitted, given)
 
     def set_params(self, **params):
         """Set parameters, those of the default estimator (``estimator__n_modes``) included."""
@@ -223,15 +227,17 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
 
     # -- parts of fit ------------------------------------------------------------------------
 
-    def _store(self, found: StayIdentification, search: Search, origin: Origin) -> None:
+    def _store(
+        self, found: StayIdentification, search: Search, origin: Origin, pieces: Pieces
+    ) -> None:
         given, sure = search.given, certainty(found, origin)
         recordings = found.estimate.segments.recordings
         self.estimator_, self.n_modes_ = found.model, len(found.estimate.laws.coef)
         states = origin.states(recordings.joined(states_of(found.estimate)))
         self.states_ = given.by_rows(_split(states, given))
         self.modes_ = given.by_rows(_split(active_modes_of(found.estimate), given))
-        self.switch_times_ = [stays.instants for stays in found.estimate.segments.stays]
-        self.switch_time_errors_ = sure.instants
+        stays = found.estimate.segments.stays
+        self.switch_times_, self.switch_time_errors_ = pieces.switches(stays, sure.instants)
         self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface
         self.noise_ = found.left[: given.n_channels]
         self.mode_selection_, self.history_ = search.candidates, list(found.history)

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.jumps import Pieces, cut_at
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.descent import most_likely
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.pieces import Pieces, cut_at
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import modes_of, states_of
 from swsysid._stays.segments import Segments

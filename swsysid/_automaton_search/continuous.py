@@ -30,7 +30,7 @@ from swsysid._automaton_search.cutting import Cut, Cutting
 from swsysid._automaton_search.elsewhere import told_from
 from swsysid._automaton_search.found import Told
 from swsysid._automaton_search.instants import Settled
-from swsysid._automaton_search.jumps import Pieces, cut_at, jumps_of, whole
+from swsysid._automaton_search.jumps import jumps_of
 from swsysid._automaton_search.one_surface import (
     explains,
     guards_of,
@@ -48,6 +48,14 @@ from swsysid._stays.count import CountCandidate
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.origin import Origin
+from swsysid._stays.pieces import (
+    Pieces,
+    cut_at,
+    jumps_at_events,
+    noise_between_events,
+    whole,
+    without_limits,
+)
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.search import ExactStart, Search
 from swsysid._stays.sensors import without_clipped
@@ -107,7 +115,9 @@ def _identified(
     found = possible(found, stays)
     if origin is not None and found and not together:
         told()
-        parts, refinement = _refined_if_possible(given, stays, pieces, found, settings, origin)
+        parts, refinement = _refined_if_possible(
+            without_limits(given), stays, pieces, found, settings, origin
+        )
     else:
         parts, refinement = told_by_parts(given, stays, pieces, found), None
     return _answer(given, stays, parts, refinement, search, candidates, known)
@@ -195,7 +205,9 @@ def _exactly(
     None if these cuts leave no stay: rows that repeat the one before are no motion with jumps.
     """
     modes, sampled = exact.modes, exact.modes.recordings.sampled
-    pieces = cut_at(given, modes.breaks, SETTINGS.fewest_of_a_stay)
+    known = jumps_at_events(given, noise_between_events(given))
+    jumps = [np.union1d(*both).astype(np.intp) for both in zip(modes.breaks, known, strict=True)]
+    pieces = cut_at(given, jumps, SETTINGS.fewest_of_a_stay)
     if not pieces.given.records:
         return None
     parts = list(zip(pieces.recording, pieces.first, pieces.last, strict=True))

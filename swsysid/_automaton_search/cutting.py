@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.hidden_jumps import hidden_jumps
-from swsysid._automaton_search.jumps import Pieces, cut_at
 from swsysid._automaton_search.places import better_places
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.pieces import Pieces, cut_at
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.jumps import Pieces
 from swsysid._results import Array
 from swsysid._stays.assign import disturbances
 from swsysid._stays.decoding import decode
@@ -20,6 +19,7 @@ from swsysid._stays.filtering import Belief, Filter, Prediction
 from swsysid._stays.given import FEWEST_SAMPLES
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Modes
+from swsysid._stays.pieces import Pieces
 from swsysid._stays.samples import states_of
 from swsysid._stays.settings import StaySettings
 

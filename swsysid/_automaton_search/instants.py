@@ -10,7 +10,7 @@ that may go on do so, and every choice of these is tried.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -89,7 +89,9 @@ def settled(switches: Switches, known: Known) -> Settled:
     if not switches.jumped.any():
         return Settled(switches, known.guard(switches), None)
     flows = _Flows.of(switches, known.laws)
-    tried = [_settled(flows, held, known) for held in _may_go_on(flows, known)]
+    sets = _may_go_on(flows, known)
+    known = replace(known, noise=flows.blurred(max(sets, key=len), known))
+    tried = [_settled(flows, held, known) for held in sets]
     return least_of(tried, lambda one: one.cost)
 
 
@@ -121,6 +123,19 @@ class _Flows:
         """By what the states do not meet, (n_times, n_switches, n_states)."""
         return np.asarray(self.after - self.columns[:, :, : self.after.shape[2]])
 
+    def blurred(self, held: NDArray[np.intp], known: Known) -> Array:
+        """Noise of the states where the instants are as uncertain as components that go on."""
+        steps = np.diff(self.times, axis=0)[:, :, None]
+        if not len(held) or not (steps > 0.0).all():
+            return known.noise
+        n_states = self.after.shape[2]
+        before, after, gaps = (
+            np.median(np.abs(np.diff(one, axis=0) / steps), axis=(0, 1))
+            for one in (self.columns[:, :, :n_states], self.after, self.gaps)
+        )
+        uncertain = (known.noise[held] / np.maximum(gaps[held], np.finfo(float).tiny)).min()
+        return np.asarray(np.maximum(known.noise, (before + after) * uncertain))
+
     def where(self, held: NDArray[np.intp], known: Known) -> Switches:
         """The switches where some components meet; as they are for none."""
         gaps = self.gaps[:, :, held] / known.errors[held]
@@ -139,7 +154,9 @@ class _Flows:
             size = max(guard.usual_miss, SETTINGS.instant * known.interval)
             flat = self.columns.reshape(-1, self.columns.shape[2])
             value = guard.guard.values(flat).reshape(cost.shape)
-            rate = np.gradient(value, axis=0) / np.gradient(self.times, axis=0)
+            risen, lasted = (np.gradient(one, axis=0) for one in (value, self.times))
+            # instants of events are known, and times around them all but the same
+            rate = np.divide(risen, lasted, out=np.zeros_like(risen), where=lasted > 0.0)
             missed = value / np.where(rate == 0.0, np.inf, rate) / size
             cost = cost + np.nan_to_num(np.square(missed))
         return self.lowest(cost)

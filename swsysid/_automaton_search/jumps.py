@@ -8,73 +8,26 @@ beyond noise and beyond what the parabolas themselves leave over, is a jump.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
-from swsysid._stays.given import FEWEST_SAMPLES, Given
-from swsysid.differentiation import estimate_noise
+from swsysid._stays.given import Given
+from swsysid._stays.pieces import jumps_at_events, noise_between_events
 from swsysid.refinement._trajectories import Record
 
 
 def jumps_of(given: Given) -> list[NDArray[np.intp]]:
     """Of each recording the samples after which its state jumps."""
-    lengths = [len(record.t) for record in given.records]
-    labels = np.repeat(np.arange(len(lengths)), lengths)
-    x = np.vstack([record.filled for record in given.records])
-    noise = np.maximum(estimate_noise(x, labels), SETTINGS.least_noise * x.std(axis=0))
-    return [_jumps_of(record, noise) for record in given.records]
-
-
-@dataclass(frozen=True)
-class Pieces:
-    """The stretches between jumps as recordings of their own."""
-
-    given: Given
-    recording: NDArray[np.intp]  # of which each is a part
-    first: NDArray[np.intp]  # sample of the recording at which it begins
-    last: NDArray[np.intp]
-
-    def take(self, some: NDArray[np.bool_]) -> Pieces:
-        """Some of the pieces."""
-        own = self.given
-        kept = np.flatnonzero(some)
-        given = replace(
-            own,
-            records=[own.records[k] for k in kept],
-            rows=[own.rows[k] for k in kept],
-            labels=[own.labels[k] for k in kept],
-        )
-        return Pieces(given, self.recording[some], self.first[some], self.last[some])
-
-    @property
-    def follows(self) -> NDArray[np.bool_]:
-        """True for a piece that begins at the sample after the end of the one before."""
-        same = np.append(False, self.recording[1:] == self.recording[:-1])
-        return same & np.append(False, self.first[1:] == self.last[:-1] + 1)
-
-
-def whole(given: Given) -> Pieces:
-    """Recordings that are not cut."""
-    return cut_at(given, [np.zeros(0, dtype=np.intp)] * len(given.records))
-
-
-def cut_at(given: Given, jumps: list[NDArray[np.intp]], fewest: int = FEWEST_SAMPLES) -> Pieces:
-    """Recordings cut after some samples, stretches of fewer samples left out."""
-    records, rows, labels, places = [], [], [], []
-    for k, (record, own, after) in enumerate(zip(given.records, given.rows, jumps, strict=True)):
-        for part in np.split(np.arange(len(record.t)), after + 1):
-            if len(part) >= fewest:
-                records.append(Record(record.t[part], record.y[part], record.u[part]))
-                rows.append(own[part])
-                labels.append(given.labels[k])
-                places.append((k, part[0], part[-1]))
-    recording, first, last = np.array(places, dtype=np.intp).reshape(-1, 3).T
-    return Pieces(replace(given, records=records, rows=rows, labels=labels), recording, first, last)
+    noise, found = noise_between_events(given), []
+    for record, known in zip(given.records, jumps_at_events(given, noise), strict=True):
+        # whether it jumps at an event its limits tell, and beside one they hide what parabolas see
+        own = _jumps_of(record, noise)
+        apart = np.abs(own[:, None] - record.events).min(axis=1, initial=len(record.t))
+        found.append(np.union1d(known, own[apart >= SETTINGS.sides[0]]).astype(np.intp))
+    return found
 
 
 def _jumps_of(record: Record, noise: Array) -> NDArray[np.intp]:

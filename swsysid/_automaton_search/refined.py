@@ -13,7 +13,6 @@ from swsysid._automaton_search.elsewhere import errors_from
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import missed_by
 from swsysid._automaton_search.instants import Settled
-from swsysid._automaton_search.jumps import Pieces
 from swsysid._automaton_search.refinement import AutomatonRefinement, FreeRollouts
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches
@@ -26,6 +25,7 @@ from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.origin import Origin
+from swsysid._stays.pieces import Pieces
 from swsysid._stays.settings import StaySettings
 from swsysid.refinement._trajectories import Record
 

@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._results import Array
 from swsysid._stays.given import Given
+from swsysid._stays.pieces import without_limits
 from swsysid._stays.rollout_score import determination
 from swsysid._stays.settings import LIMITS
 from swsysid._ties import first_least
@@ -16,6 +17,7 @@ from swsysid.refinement._trajectories import Record, spread
 
 def rollout_score(automaton: HybridAutomaton, given: Given) -> float:
     """Mean coefficient of determination of the states."""
+    given = without_limits(given)
     return determination([_misfit(automaton, record) for record in given.records], given)
 
 
@@ -32,8 +34,8 @@ def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array,
     unit, guess = spread(first.filled), first.filled[: automaton.lags + 1]
 
     def misfit(start: Array) -> Array:
-        left = _left(automaton, first, start, mode) / unit
-        return np.nan_to_num(left, nan=LIMITS.diverged).ravel()
+        left = np.nan_to_num(_left(automaton, first, start, mode) / unit, nan=LIMITS.diverged)
+        return np.where(np.isfinite(first.y), left, 0.0).ravel()
 
     if automaton.lags:
         return guess, float(0.5 * np.square(misfit(guess)).sum())

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.jumps import Pieces
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._data.trajectories import AT_ONCE
 from swsysid._results import Array
 from swsysid._stays.certainty import certainty
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws, Modes
+from swsysid._stays.pieces import Pieces
 from swsysid._stays.rollouts import rollouts
 from swsysid._stays.samples import modes_of, states_of
 
@@ -134,16 +135,21 @@ def switches_of(
     known = np.array([
         (recordings.times[k - 1][-1], recordings.times[k][0]) for k in later
     ]).reshape(-1, 2)  # fmt: skip
+    source = np.array([stays[k - 1].modes[-1] for k in later], dtype=np.intp)
+    ends = np.array([columns[k - 1][-1] for k in later]).reshape(len(later), padded.shape[2])
+    errors = np.ptp(known, axis=1) / np.sqrt(12.0)
+    at_once = errors < AT_ONCE * recordings.interval
+    errors[at_once] = _blurred(estimate.laws, source[at_once], ends[at_once], found.left)
     between = Switches(
         pieces.recording[later],
-        np.array([stays[k - 1].modes[-1] for k in later], dtype=np.intp),
+        source,
         np.array([stays[k].modes[0] for k in later], dtype=np.intp),
         np.array([begins[k - 1][-1] for k in later]),
         known.mean(axis=1),
-        np.ptp(known, axis=1) / np.sqrt(12.0),
+        errors,
         np.ones(len(later), dtype=bool),
         known,
-        np.array([columns[k - 1][-1] for k in later]).reshape(len(later), padded.shape[2]),
+        ends,
         np.array([columns[k][0] for k in later]).reshape(len(later), padded.shape[2]),
         later,
     )
@@ -151,6 +157,16 @@ def switches_of(
     switches = Switches(*(np.concatenate(pair) for pair in pairs))
     ordered = switches.take(np.lexsort((switches.times, switches.recording)))
     return ordered, _visits(found, begins)
+
+
+def _blurred(laws: Laws, modes: Modes, columns: Array, noise: Array) -> Array:
+    """Times within which the states are not told from those at known instants, (n_switches,).
+
+    The instant of an event is known better than the states there, of which a guard is made.
+    """
+    x, u = np.split(columns, [len(noise)], axis=1)
+    rates = np.abs(laws.velocities(modes, x, u))
+    return np.asarray((noise / np.maximum(rates, np.finfo(float).tiny)).min(axis=1, initial=np.inf))
 
 
 def _in_the_middle(times: tuple[Array, ...], pieces: Pieces) -> Array:

@@ -11,9 +11,9 @@ import numpy as np
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.guards import surface_both_ways
 from swsysid._automaton_search.instants import Known, Settled, settled
-from swsysid._automaton_search.jumps import Pieces
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.pieces import Pieces
 
 
 def transitions_of(

@@ -16,6 +16,7 @@ from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Split, hold_out
 from swsysid._results import Array, SolverError
 from swsysid._stays.given import read_given
+from swsysid._stays.pieces import between_jumps
 from swsysid._stays.sensors import without_clipped
 from swsysid._stays.start import differentiated
 from swsysid._trajectory_identifier import TrajectoryIdentifier
@@ -32,7 +33,8 @@ class HeldOut:
         self.split: Split = hold_out(recorded.groups, options.test_fraction, options.random_state)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the fit to all recordings tells of clipped samples
-            given = without_clipped(read_given(*self.recorded.named(samples.names, slice(None))))
+            given = read_given(*self.recorded.named(samples.names, slice(None)))
+            given = without_clipped(between_jumps(given).given)
             base = differentiated(given, self.order)
         recordings = base.recordings
         # of the samples that were measured, whichever cells are missing between them

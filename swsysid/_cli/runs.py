@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._cli.settings import PREPARING
-from swsysid._data.trajectories import label_text, trajectories
+from swsysid._data.trajectories import is_coarse, label_text, trajectories
 from swsysid._rendering.columns import counted, rows_listed
 from swsysid._tables.table import TableError
 
@@ -35,6 +35,8 @@ _SENTENCES = {
     "mixed": "The rows stand in no order of time; they were sorted ({count}).",
     "late": "Rows that stood out of time order were moved: {rows}.",
     "repeated": "Left out: {count} with a time that was there before ({rows}).",
+    "amid": "Left out: {count} between the first and the last one of a time ({rows}).",
+    "events": "Two rows at one time are read as the left and the right limit of an event: {rows}.",
     "restarts": "The time starts again, and a new run with it: {rows}.",
     "gaps": "A gap in time, and a new run after it: {rows}.",
 }
@@ -43,6 +45,7 @@ Findings = dict[str, list[Rows]]
 
 def runs_of(
     times: NDArray[np.float64],
+    cells: NDArray[np.float64],
     labels: NDArray | None,
     rows: Rows,
     in_file: Callable[[int], int],
@@ -51,24 +54,24 @@ def runs_of(
 ) -> Runs:
     """Split rows where the time starts again, or skips more than `largest_gap` usual steps.
 
-    Times and labels are of all rows of the table, `rows` those to use in the order of the file;
-    `in_file` gives the row of the file. A clock that is too coarse is a TableError.
+    Times, cells (states, inputs and signals) and labels are of all rows of the table, `rows` those
+    to use in the order of the file; `in_file` gives the row of the file. Two rows at one time are
+    the limits of an event; a clock that is too coarse is a TableError.
     """
-    found: Findings = {kind: [] for kind in _SENTENCES}
+    found: Findings = {kind: [] for kind in (*_SENTENCES, "coarse")}
     pieces: list[Rows] = []
     names: list[str] = []
     given = np.zeros(len(times), dtype=int) if labels is None else labels
     for label, members in trajectories(given[rows]):
-        parts = list(_parts(times, rows[members], largest_gap, found))
+        parts = list(_parts(times, cells, rows[members], largest_gap, found))
         pieces += parts
         word = label_text(label)
         names += [f"{word}.{k}" if k > 1 else word for k in range(1, len(parts) + 1)]
-    repeated = sum(map(len, found["repeated"]))
-    if repeated > PREPARING.coarse * len(rows):
+    if coarse := sum(map(len, found.pop("coarse"))):
         raise TableError(
-            f"Column {name!r} repeats its times in {repeated:,} of {len(rows):,} rows: the clock "
-            "is too coarse, or rows stand there twice; name a finer column, give the time between "
-            "two rows with --time-step instead, or remove the repetitions."
+            f"Column {name!r} repeats its times in {coarse:,} of {len(rows):,} rows, and the "
+            "states move on between them: the clock is too coarse; name a finer column, or give "
+            "the time between two rows with --time-step instead."
         )
     kept = np.concatenate(pieces)
     lengths = list(map(len, pieces))
@@ -87,7 +90,7 @@ def runs_of(
     return Runs(kept, runs, remarks)
 
 
-def _parts(times, rows: Rows, largest_gap: float, found: Findings) -> Iterator[Rows]:
+def _parts(times, cells, rows: Rows, largest_gap: float, found: Findings) -> Iterator[Rows]:
     """The runs among the rows of one trajectory."""
     steps = np.diff(times[rows])
     if _is_mixed(times[rows]):
@@ -104,14 +107,32 @@ def _parts(times, rows: Rows, largest_gap: float, found: Findings) -> Iterator[R
         if late.any():
             found["late"].append(part[late])
         part = part[order]
-        again = np.diff(times[part], prepend=-np.inf) == 0
-        if again.any():
-            found["repeated"].append(part[again])
-        part = part[~again]
+        part = _limits(times, cells, part, found)
         gaps = np.flatnonzero(np.diff(times[part]) > largest_gap * usual) + 1
         if len(gaps):
             found["gaps"].append(part[gaps])
         yield from np.split(part, gaps)
+
+
+def _limits(times, cells, rows: Rows, found: Findings) -> Rows:
+    """Of the rows at each time one, or the two limits of an event; rows in order of time."""
+    same = np.diff(times[rows], prepend=-np.inf) == 0
+    if is_coarse(times[rows], cells[rows]):
+        found["coarse"].append(rows[same])
+        return rows
+    before, here = cells[rows[:-1]], cells[rows[1:]]
+    alike = ((before == here) | (np.isnan(before) & np.isnan(here))).all(axis=1)
+    again = same & np.append(False, alike)
+    if again.any():
+        found["repeated"].append(rows[again])
+        rows, same = rows[~again], same[~again]
+    amid = same & np.append(same[1:], False)
+    if amid.any():
+        found["amid"].append(rows[amid])
+        rows, same = rows[~amid], same[~amid]
+    if same.any():
+        found["events"].append(rows[same])
+    return rows
 
 
 def _is_mixed(t) -> bool:

@@ -122,7 +122,8 @@ def _runs(table: Table, what: Measurement, numbers: Array, labels: NDArray | Non
     if not what.timed:
         return Runs(rows, np.zeros(len(rows), dtype=int) if labels is None else labels[rows], [])
     gap = PREPARING.even_gap if what.method == "butterworth" else DIFFERENTIATION.largest_gap
-    return runs_of(numbers[:, -1], labels, rows, table.row, what.time or "time", gap)
+    times, cells = numbers[:, -1], numbers[:, :-1]
+    return runs_of(times, cells, labels, rows, table.row, what.time or "time", gap)
 
 
 def _complete(table: Table, what: Measurement, numbers: Array, runs: Runs) -> Runs:

@@ -21,8 +21,6 @@ class Preparing:
     late: int = 3
     # Share of the rows that go back in time, from which on they stand in no order at all.
     no_order: float = 0.1
-    # Share of rows with a time that was there before; more is a clock that is too coarse.
-    coarse: float = 0.2
     # Share of a column's spread that noise has where neighbouring samples have little in common.
     unlike: float = 0.5
     # Correlation from which on a column is the rate of another.

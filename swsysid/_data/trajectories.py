@@ -45,6 +45,73 @@ def places_along(groups: NDArray) -> Array:
     return places
 
 
+# of a usual step: how long after the left limit of an event its right one counts, and what is one
+LATER, AT_ONCE = 1e-9, 2e-9
+# of the rows that repeat a time, the share that is not too many; of a tick, what is no difference
+COARSE, EVEN = 0.2, 0.01
+
+
+def events_in(t: Array) -> NDArray[np.intp]:
+    """Rows after which an event is: they and the next ones are its left and its right limit.
+
+    >>> events_in(np.array([0.0, 1.0, 1.0, 2.0]))
+    array([1])
+    """
+    steps = np.diff(t)
+    lasting = steps[steps > 0.0]
+    usual = np.median(lasting) if len(lasting) else 0.0
+    return np.flatnonzero(steps <= max(AT_ONCE * usual, 1.5 * np.spacing(np.abs(t).max())))
+
+
+def is_coarse(t: Array, x: Array) -> bool:
+    """True if a clock is too slow for its rows: it ticks evenly, and all moves within a tick.
+
+    Events fall between the ticks, or the states go on in them. `t` increases, save for repetitions;
+    `x` are the columns, (n_rows, n_columns).
+    """
+    steps, moves = np.diff(t), np.abs(np.diff(x, axis=0))
+    at_once = steps == 0.0
+    if at_once.sum() <= COARSE * len(t) or at_once.all():
+        return bool(at_once.all())
+    if (at_once[1:] & at_once[:-1]).sum() > COARSE * len(t):
+        return True
+    ticks = steps[~at_once]
+    even = np.abs(ticks / np.median(ticks) - 1.0) < EVEN
+    within, between = (np.nanmedian(moves[some], axis=0) for some in (at_once, ~at_once))
+    moving = between > 0.0
+    return bool(even.mean() > 0.5 and (within > 0.5 * between)[moving].all())
+
+
+def limits_apart(t: Array) -> Array:
+    """Times of one trajectory that increase: the right limit of an event is a little later.
+
+    So little that no state has changed, and what goes from one sample to the next jumps there.
+
+    >>> limits_apart(np.array([0.0, 1.0, 1.0, 2.0])) - [0.0, 1.0, 1.0, 2.0]
+    array([0.e+00, 0.e+00, 1.e-09, 0.e+00])
+    """
+    steps = np.diff(t)
+    at_once = np.append(False, steps <= 0.0)
+    if not at_once.any() or (steps < 0.0).any():
+        return t
+    begins = np.flatnonzero(~at_once)
+    number = np.arange(len(t)) - begins[np.cumsum(~at_once) - 1]
+    after = np.append(t[begins[1:]], np.inf)[np.cumsum(~at_once) - 1] - t
+    usual = np.median(steps[steps > 0.0]) if (steps > 0.0).any() else 1.0
+    room = LATER * np.minimum(usual, after / (1 + number.max()))
+    return np.asarray(t + number * np.maximum(room, np.spacing(np.abs(t))))
+
+
+def between_limits(values: Array, t: Array) -> Array:
+    """Values of one trajectory, those amid the first and the last row at one time as the last."""
+    at_once = np.append(np.diff(t) == 0.0, False)
+    if not (at_once[:-1] & at_once[1:]).any():
+        return values
+    last = np.flatnonzero(~at_once)[np.cumsum(np.append(0, ~at_once[:-1]))]
+    amid = at_once & np.append(False, at_once[:-1])
+    return np.asarray(np.where(amid[:, None], values[last], values))
+
+
 def increasing_times(t: object, groups: NDArray) -> Array:
     """Times as numbers; refused where they do not increase along a trajectory."""
     t = column("t", t, len(groups))

@@ -76,6 +76,11 @@ class Reached:
         objective = replace(self.objective, guard_time=guard_time)
         return Reached(self.estimate, objective, objective.value(self.estimate))
 
+    def with_noise(self, noise: Array) -> Reached:
+        """The same estimate, its misfits measured in other noise."""
+        objective = self.objective.with_noise(noise)
+        return Reached(self.estimate, objective, objective.value(self.estimate))
+
     @cached_property
     def covariance(self) -> Inverse:
         """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix."""

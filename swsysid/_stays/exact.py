@@ -67,6 +67,22 @@ class ExactModes:
         sampled = enumerate(self.recordings.sampled)
         return [np.flatnonzero(self.broken[places[:-1], k]) for k, places in sampled]
 
+    def errors(self, laws: Laws) -> Array:
+        """What laws leave of each state along a stay at most, (n_states,).
+
+        As errors add up that single intervals have independently of each other.
+        """
+        place, recording = Intervals.places(self.recordings)
+        of = self.modes[place, recording]
+        within = (of == self.modes[place + 1, recording]) & (self.via[place, recording] < 0)
+        within &= ~self.broken[place, recording]
+        intervals = Intervals.of(self.recordings)
+        stay = np.cumsum(~(within & intervals.follows))
+        squares = np.square(intervals.states[1] - intervals.flown(laws, of))
+        along = np.zeros((stay[-1] + 1, squares.shape[1]))
+        np.add.at(along, stay[within], squares[within])
+        return np.asarray(np.sqrt(along.max(axis=0)))
+
 
 def exact_modes(laws: Laws, recordings: Recordings, settings: StaySettings) -> ExactModes:
     """The likeliest modes of all times, intervals without samples at their ends as they come."""
@@ -85,7 +101,7 @@ def exact_modes(laws: Laws, recordings: Recordings, settings: StaySettings) -> E
         seen[chosen[1][~left], chosen[2][~left]] = True
         told = told.with_brief_stays(laws, left, seen & ~np.eye(n_modes, dtype=bool))
     broken = np.zeros(recordings.steps.shape, dtype=bool)
-    broken[place] = left
+    broken[place] = _jumps(laws, recordings, left)
     via = np.full(recordings.steps.shape, -1)
     via[place] = told.via[chosen]
     parts = np.full((*recordings.steps.shape, 2), 0.5)
@@ -96,6 +112,25 @@ def exact_modes(laws: Laws, recordings: Recordings, settings: StaySettings) -> E
         begins[: len(t) - 1, k] = t[:-1]
     instants = begins[:, :, None] + parts * recordings.steps[:, :, None]
     return ExactModes(recordings, modes, via, instants, broken)
+
+
+def _jumps(laws: Laws, recordings: Recordings, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Those of the intervals which no switch explains in which the state jumps.
+
+    A solver that begins anew after a jump is off at its first steps. That is no jump where others,
+    those at events among them, are far larger than what a solver is off by.
+    """
+    intervals = Intervals.of(recordings)
+    some = intervals.take(left)
+    gaps = [
+        np.abs(some.states[1] - some.flown(laws, np.full(len(some), mode))) for mode in laws.modes
+    ]
+    least = np.maximum(LIMITS.jump * intervals.usual, np.finfo(float).tiny)
+    far = (np.array(gaps) / least).max(axis=2).min(axis=0) > 1.0
+    at_events = np.abs(Intervals.of_events(recordings).changes) > least
+    jumps = left.copy()
+    jumps[left] = far | ~(far.any() or at_events.any())
+    return jumps
 
 
 @dataclass(frozen=True)

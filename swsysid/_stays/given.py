@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
-from swsysid._data.trajectories import group_labels, trajectories
+from swsysid._data.trajectories import group_labels, is_coarse, trajectories
 from swsysid._results import Array, Trajectory
 from swsysid.refinement._trajectories import Record
 
@@ -30,6 +30,11 @@ class Given:
     def n_samples(self) -> int:
         """Number of rows of all recordings."""
         return sum(len(rows) for rows in self.rows)
+
+    @property
+    def n_recordings(self) -> int:
+        """Number of recordings, several records of one name being parts of one."""
+        return len(set(self.labels))
 
     @property
     def n_channels(self) -> int:
@@ -116,8 +121,8 @@ def _of_rows(where: str, x: object, t: object, groups: object, inputs: object) -
     labels = _restarts(times) if groups is None else group_labels(groups, len(y))
     found = trajectories(labels)
     for label, rows in found:
-        _check_times(f"recording {label!r}{where}", times[rows])
-    records = [Record(times[rows], y[rows], u[rows]) for _, rows in found]
+        _check_times(f"recording {label!r}{where}", times[rows], y[rows])
+    records = [Record.of(times[rows], y[rows], u[rows]) for _, rows in found]
     named = [
         names_of(given, width, "")
         for given, width in ((x, y.shape[1]), (inputs, u.shape[1]))
@@ -142,19 +147,25 @@ def _restarts(t: Array) -> NDArray[np.intp]:
     return labels
 
 
-def _check_times(name: str, t: Array) -> None:
+def _check_times(name: str, t: Array, y: Array) -> None:
     steps = np.diff(t)
     if len(t) < FEWEST_SAMPLES:
         raise ValueError(
             f"{name} has {len(t)} samples; at least {FEWEST_SAMPLES} are needed to tell a motion "
             "from noise: leave it out or join it to another."
         )
-    if steps.min() <= 0.0:
+    if steps.min() < 0.0:
         place = int(steps.argmin()) + 1
-        kind = "repeats a time" if steps.min() == 0.0 else "goes back in time"
         raise ValueError(
-            f"{name} {kind} at its sample {place} (t={t[place]:g}); sort the rows by time, remove "
-            "repeated ones, and name separate recordings by groups."
+            f"{name} goes back in time at its sample {place} (t={t[place]:g}); sort the rows by "
+            "time, and name separate recordings by groups."
+        )
+    if is_coarse(t, y):
+        place = int(steps.argmin()) + 1
+        raise ValueError(
+            f"{name} repeats a time at its sample {place} (t={t[place]:g}) and in "
+            f"{(steps == 0.0).sum()} of {len(t)} samples, and its states move on: the clock is too "
+            "coarse; give the times of a finer one."
         )
 
 

@@ -102,10 +102,10 @@ class Alternation:
         self.modes = intervals_of(self.last.estimate)
         return self.best
 
-    def finish(self, told: Callable[[], object]) -> StayIdentification:
-        """The other rounds; `told` is called now and then."""
+    def finish(self, told: Callable[[], object], *, exactly: bool = False) -> StayIdentification:
+        """The other rounds, none with stays known `exactly`; `told` is called now and then."""
         settings = self.settings
-        if not self._separates and is_exact(self.best):
+        if not self._separates and (exactly or is_exact(self.best)):
             return self._polished(self.best)
         n_prices = len(settings.prices)
         for turn in range(settings.settled, settings.most_rounds):

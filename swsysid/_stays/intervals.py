@@ -15,6 +15,7 @@ Bemporad, Garulli, Paoletti, Vicino, IEEE TAC 50, 2005, at the bound of rounding
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -38,11 +39,23 @@ class Intervals:
     durations: Array
     recording: NDArray[np.intp]
     follows: NDArray[np.bool_]  # True for one that begins where that before it ends
+    solver: float = 0.0  # of a usual change, what a solver may be off by
 
     @classmethod
     def of(cls, recordings: Recordings) -> Intervals:
         """All intervals with samples at both ends."""
-        place, recording = cls.places(recordings)
+        return cls._at(recordings, *cls.places(recordings))
+
+    @classmethod
+    def of_events(cls, recordings: Recordings) -> Intervals:
+        """Those that last no time: between the limits of events."""
+        place, recording = np.nonzero(recordings.at_once.T)[::-1]
+        return cls._at(recordings, place, recording)
+
+    @classmethod
+    def _at(
+        cls, recordings: Recordings, place: NDArray[np.intp], recording: NDArray[np.intp]
+    ) -> Intervals:
         after = np.diff(place, prepend=-2) == 1
         ends = np.array([place, place + 1])
         return cls(
@@ -55,9 +68,10 @@ class Intervals:
 
     @staticmethod
     def places(recordings: Recordings) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Step and recording of each of them."""
+        """Step and recording of each of them; the limits of an event are at one time."""
         known = np.asarray(np.isfinite(recordings.y).all(axis=2))
-        recording, place = np.nonzero((known[:-1] & known[1:] & (recordings.steps > 0.0)).T)
+        lasting = (recordings.steps > 0.0) & ~recordings.at_once
+        recording, place = np.nonzero((known[:-1] & known[1:] & lasting).T)
         return place, recording
 
     def __len__(self) -> int:
@@ -68,13 +82,27 @@ class Intervals:
         durations = self.durations[some]
         alone = np.zeros(len(durations), dtype=bool)
         states, inputs = self.states[:, some], self.inputs[:, some]
-        return Intervals(states, inputs, durations, self.recording[some], alone)
+        return Intervals(states, inputs, durations, self.recording[some], alone, self.solver)
 
-    @property
+    @cached_property
     def spread(self) -> Array:
         """Of the states at both ends, 1 for one that never changes."""
         spread = self.states.std(axis=(0, 1))
         return np.where(spread > 0.0, spread, 1.0)
+
+    @cached_property
+    def unit(self) -> Array:
+        """What misses are measured in: spreads, or more where a solver may be off by more.
+
+        A solver errs as smoothly as it steps, which no neighbours show, and by a part of what the
+        states change by.
+        """
+        return np.maximum(self.spread, self.solver / LIMITS.nearly_exactly * self.usual)
+
+    @property
+    def usual(self) -> Array:
+        """What the states usually change by."""
+        return np.asarray(np.median(np.abs(self.changes), axis=0))
 
     @property
     def changes(self) -> Array:
@@ -116,7 +144,7 @@ class IntervalLaws:
 
     coef: Array  # (n_modes, n_states, n_features)
     modes: NDArray[np.intp]  # (n_intervals,)
-    misses: Array  # (n_intervals,): in spreads, of the state that is missed most
+    misses: Array  # (n_intervals,): in units, of the state that is missed most
     means: Array  # (n_modes, n_intervals, n_features): mean features, times the durations
     intervals: Intervals
     free: NDArray[np.bool_]  # of the shape of coef
@@ -176,7 +204,7 @@ def laws_of(
 
 def along_flows(found: IntervalLaws, features: Features, turns: int) -> Laws:
     """The same laws where the flow from a sample, not Simpson's rule, leads to the next one."""
-    laws = Laws(found.coef, features, found.intervals.spread, found.free)
+    laws = Laws(found.coef, features, found.intervals.unit, found.free)
     own = ~found.unexplained
     intervals, modes = found.intervals.take(own), found.modes[own]
     every, least, weights = np.arange(len(modes)), np.inf, np.ones(len(modes))
@@ -194,6 +222,14 @@ def along_flows(found: IntervalLaws, features: Features, turns: int) -> Laws:
             coef[mode] += _moved(free, means[of], left[of], weights[of], sizes)
         laws = replace(laws, coef=coef)
     return best
+
+
+def usual_miss(found: IntervalLaws, laws: Laws) -> float:
+    """What the flows leave of most intervals that follow a law, in spreads."""
+    own = ~found.unexplained
+    intervals = found.intervals.take(own)
+    left = np.abs(intervals.states[1] - intervals.flown(laws, found.modes[own]))
+    return float(np.median((left / found.intervals.spread).max(axis=1)))
 
 
 def without_equal(found: IntervalLaws, features: Features, turns: int) -> IntervalLaws:
@@ -223,7 +259,7 @@ def _judged(
     """Laws with the intervals that follow each best."""
     means = intervals.durations[:, None] * intervals.mean_features(coef, features)
     left = intervals.changes - np.matmul(means, coef.transpose(0, 2, 1))
-    misses = np.nan_to_num(np.abs(left / intervals.spread).max(axis=2), nan=np.inf)
+    misses = np.nan_to_num(np.abs(left / intervals.unit).max(axis=2), nan=np.inf)
     modes = misses.argmin(axis=0)
     every = np.arange(len(intervals))
     return IntervalLaws(coef, modes, misses[modes, every], means, intervals, free)

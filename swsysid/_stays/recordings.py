@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.trajectories import events_in
 from swsysid._results import Array
 from swsysid._stays.settings import LIMITS
 from swsysid.refinement._trajectories import Record
@@ -82,6 +83,14 @@ class Recordings:
     def interval(self) -> float:
         """Usual duration between two samples."""
         return float(np.median(self.steps[self.steps > 0.0]) * self.per_sample)
+
+    @property
+    def at_once(self) -> NDArray[np.bool_]:
+        """Steps between the two limits of an event, of the shape of `steps`."""
+        at_once = np.zeros(self.steps.shape, dtype=bool)
+        for k, t in enumerate(self.times):
+            at_once[events_in(t), k] = True
+        return at_once
 
     @property
     def groups(self) -> NDArray[np.intp]:

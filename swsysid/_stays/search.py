@@ -5,7 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
 from numbers import Integral
 
 import numpy as np
@@ -24,7 +26,14 @@ from swsysid._stays.grown import grown
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
 from swsysid._stays.independent import in_these, of_their_own
-from swsysid._stays.intervals import Intervals, along_flows, laws_of, without_equal
+from swsysid._stays.intervals import (
+    IntervalLaws,
+    Intervals,
+    along_flows,
+    laws_of,
+    usual_miss,
+    without_equal,
+)
 from swsysid._stays.laws import Laws
 from swsysid._stays.merged import merged
 from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
@@ -64,6 +73,12 @@ class ExactStart:
     laws: Laws
     modes: ExactModes
     candidates: list[CountCandidate]  # of the number of modes, where that was not given
+    miss: float  # what the flows usually leave of an interval, in spreads
+
+    @property
+    def is_sharp(self) -> bool:
+        """True for one law, and for laws that leave less than a solver does of another one."""
+        return len(self.laws.coef) == 1 or self.miss <= LIMITS.sharply * LIMITS.nearly_exactly
 
 
 class Search:
@@ -85,6 +100,7 @@ class Search:
         self.settings, self.told, self.surfaces = settings, told, surfaces
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}
+        self._by_count: dict[object, tuple[SwitchingSystemRegressor, NDArray[np.bool_]]] = {}
 
     def identified(self) -> StayIdentification:
         """The most likely laws, modes and surface."""
@@ -128,7 +144,7 @@ class Search:
         with self.quietly():
             base = self.base
         spread = base.recordings.joined(base.recordings.guess).std(axis=0)
-        noiseless = (base.noise <= LIMITS.nearly_exactly * spread).all()
+        noiseless = (base.noise <= LIMITS.unseen * spread).all()
         return bool(noiseless) and self.order == 1
 
     @property
@@ -177,38 +193,86 @@ class Search:
         alternation.begin()
         return self._finished(alternation)
 
-    def _finished(self, begun: Alternation) -> StayIdentification:
-        """The other rounds, and the terms that are needed."""
-        return with_few_terms(begun.finish(self.told), self.estimator.sparsity, self.settings)
+    def _finished(self, begun: Alternation, *, exactly: bool = False) -> StayIdentification:
+        """The other rounds, unless stays are known exactly, and the terms that are needed."""
+        found = begun.finish(self.told, exactly=exactly)
+        return with_few_terms(found, self.estimator.sparsity, self.settings)
 
     def by_intervals(self) -> ExactStart | None:
-        """The fewest laws that explain the intervals of recordings without noise, if any do."""
+        """The fewest laws that explain the intervals of recordings without noise, if any do.
+
+        Up to rounding, or fewer of them up to what a solver may be off by.
+        """
         with self.quietly():
-            intervals, candidates = Intervals.of(self.base.recordings), []
-            rows, turns = intervals.differentiated(self.base), self.settings.turns_of_intervals
-            for n_modes in self.counts:
-                start, free = self._start(n_modes, rows)
-                features = start.switching_model.feature_map.at_rows
+            exact = self._explaining(self.counts, (0.0,))
+            if exact is not None and exact.is_sharp:
+                return exact
+            most = np.inf if exact is None else len(exact.laws.coef) - 1
+            fewer = [n for n in self.counts if n <= most]
+            return self._explaining(fewer, LIMITS.solver_errors) or exact
+
+    def _explaining(self, counts: Sequence, errors: Sequence[float]) -> ExactStart | None:
+        """The fewest laws that explain intervals up to the least of some errors, if any do."""
+        candidates: list[CountCandidate] = []
+        turns = self.settings.turns_of_intervals
+        for n_modes in counts:
+            start, free = self._start_of_intervals(n_modes)
+            features = start.switching_model.feature_map.at_rows
+            for error in errors:
+                intervals = replace(self._intervals, solver=error)
                 found = laws_of(start.coef_, free, features, intervals, turns)
-                candidates.append(found.candidate(n_modes))
-                self.told()
                 if found.tell_all:
-                    found = without_equal(found, features, turns)
-                    laws = along_flows(found, features, turns)
-                    start.coef_ = laws.coef
-                    modes = exact_modes(laws, self.base.recordings, self.settings)
-                    counted = self.estimator.n_modes == "auto"
-                    return ExactStart(start, laws, modes, candidates if counted else [])
-            return None
+                    break
+            candidates.append(found.candidate(n_modes))
+            self.told()
+            if found.tell_all:
+                return self._exactly(start, found, candidates)
+        return None
+
+    def _exactly(
+        self, start: SwitchingSystemRegressor, found: IntervalLaws, candidates: list[CountCandidate]
+    ) -> ExactStart:
+        """Laws that explain intervals followed along their flows, and the modes in them."""
+        features, turns = (
+            start.switching_model.feature_map.at_rows,
+            self.settings.turns_of_intervals,
+        )
+        found = without_equal(found, features, turns)
+        laws = along_flows(found, features, turns)
+        model = copy(start)
+        model.coef_ = laws.coef
+        modes = exact_modes(laws, self.base.recordings, self.settings)
+        counted = candidates if self.estimator.n_modes == "auto" else []
+        return ExactStart(model, laws, modes, counted, usual_miss(found, laws))
 
     def followed(
         self, exact: ExactStart, recordings: Recordings, stays: Sequence[Stays]
     ) -> StayIdentification:
-        """The most likely laws and modes from known stays of recordings."""
+        """The most likely laws and modes from known stays of recordings.
+
+        What they leave in single intervals, as a solver does, counts as noise from then on.
+        """
         with self.quietly():
+            noise = np.maximum(self.base.noise, exact.modes.errors(exact.laws))
+            self._by_stretch[1.0] = replace(self.base, noise=noise)
             begun = self.alternation(exact.start, exact.laws.free, recordings)
             begun.begin_at(stays)
-            return self._finished(begun)
+            found = self._finished(begun, exactly=True)
+            noise = np.maximum(noise, found.reached.noise)
+            return replace(found, reached=found.reached.with_noise(noise))
+
+    def _start_of_intervals(
+        self, n_modes: object
+    ) -> tuple[SwitchingSystemRegressor, NDArray[np.bool_]]:
+        """The start that slopes between neighbours give."""
+        if n_modes not in self._by_count:
+            rows = self._intervals.differentiated(self.base)
+            self._by_count[n_modes] = self._start(n_modes, rows)
+        return self._by_count[n_modes]
+
+    @cached_property
+    def _intervals(self) -> Intervals:
+        return Intervals.of(self.base.recordings)
 
     def _start(
         self, n_modes: object, base: Differentiated
@@ -279,7 +343,7 @@ class Search:
             surfaces = found.model.surface_equations()
         channels = tuple(names[:n_channels])
         return RecordingReport(
-            n_recordings=len(given.records),
+            n_recordings=given.n_recordings,
             n_samples=given.n_samples,
             n_switches=len(found.estimate.segments.instants),
             laws=tuple(laws),

@@ -97,6 +97,8 @@ class Limits:
     shortest_run: int = 7
     fewest_in_runs: int = 70
     first_samples: int = 20
+    # deviations of the noise of both limits of an event, beyond which the state jumps there
+    beyond_noise: float = 6.0
     turns_of_starts: int = 10
     # -- intervals without noise: part of a miss by which it changes where laws are found; of the
     # largest singular value of the features of a mode, the least that tells a coefficient; steps of
@@ -107,6 +109,14 @@ class Limits:
     steps_of_flows: int = 4
     shares: int = 5
     turns_of_shares: int = 6
+    # where a solver errs: what laws miss in the mean where they are exact to its tolerance, in
+    # parts of `nearly_exactly`; noise below which neighbours tell none of it, of a spread; and by
+    # what it may be off, of a usual change. SciPy's BDF, LSODA and Radau leave up to .001 at a
+    # tolerance of 1e-5 and up to .02 at 1e-3 (`tests/automaton_search/test_solver_errors.py`)
+    sharply: float = 0.01
+    unseen: float = 1e-5
+    solver_errors: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 3e-2)
+    jump: float = 0.3  # of a usual change: where others jump by more, less is an error of a solver
     # -- one more mode: of the largest singular value of the features of a segment, the least along
     # which its slopes change a law
     told_by_few: float = 0.1

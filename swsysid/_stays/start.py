@@ -59,9 +59,12 @@ def differentiated(given: Given, order: int, stretch: float = 1.0) -> Differenti
         share = np.median(noise / spread[: len(noise)])
         noise = np.append(noise, share * spread[len(noise) :])
     guess = [
-        _rough(record.filled, record.t, own, rows, n_states)
+        np.vstack([
+            _rough(record.filled[part], record.t[part], own[part], rows, n_states)
+            for part in np.split(np.arange(len(record.t)), record.events + 1)
+        ])
         for record, own in zip(given.records, _labels_of(t, labels), strict=True)
-    ]
+    ]  # fmt: skip
     return Differentiated(rows, Recordings.of(given.records, guess), noise)
 
 
@@ -137,13 +140,13 @@ def _labels_of(times: list[Array], labels: NDArray[np.intp]) -> list[NDArray[np.
 def _rough(
     filled: Array, t: Array, own: NDArray[np.intp], rows: Derivatives, n_states: int
 ) -> Array:
-    """All states of a recording: smoothed where the filter reached, positions as measured."""
-    inside = np.isin(rows.groups, np.unique(own))
+    """All states of a stretch: smoothed where the filter reached, positions as measured."""
+    inside = np.isin(rows.groups, np.unique(own)) & (rows.t >= t[0]) & (rows.t <= t[-1])
     rough = np.zeros((len(t), n_states))
     for k in range(n_states):
         if inside.any():
             rough[:, k] = np.interp(t, rows.t[inside], rows.X[inside, k])
-        elif k >= filled.shape[1]:
+        elif k >= filled.shape[1] and len(t) > 1:
             rough[:, k] = np.gradient(filled[:, k - filled.shape[1]], t)
     n_channels = filled.shape[1]
     if inside.any():

@@ -18,7 +18,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks.arrays import names_of, table
 from swsysid._checks.parameters import flag, one_of, real, whole
@@ -78,7 +78,9 @@ def differentiate(
     x : array-like of shape (n_samples, n_columns) or (n_samples,)
         Measured states, or positions with ``order=2``.
     t : array-like of shape (n_samples,)
-        Times, increasing within each trajectory; sampling may be uneven.
+        Times, increasing within each trajectory; sampling may be uneven. Two rows at one time are
+        the limits of an event, across which nothing is smoothed; stretches between events that are
+        too short for the filter are told by a parabola.
     groups : array-like of shape (n_samples,), default=None
         The trajectory each row belongs to; None means one trajectory.
     method : {"savitzky_golay", "butterworth", "finite_difference"} or object
@@ -127,7 +129,7 @@ def differentiate(
     Raises
     ------
     ValueError
-        If values are missing, times do not increase, or a trajectory is too short.
+        If values are missing, times go backward, or a trajectory is too short.
 
     Examples
     --------
@@ -138,7 +140,7 @@ def differentiate(
     >>> bool(abs(Xdot[:, 0] - np.cos(t_kept)).max() < 1e-6)
     True
     """
-    states, times, labels, signals = measured_rows(x, t, groups, inputs)
+    states, times, labels, signals = measured_rows(x, t, groups, inputs, events=True)
     flag("filter_inputs", filter_inputs)
     thin = one_of("rest", rest, ("thin", "keep")) == "thin"
     own = names_of(x, states.shape[1], "x")
@@ -157,9 +159,12 @@ def differentiate(
             try:
                 jets, trim = smoother(states[index], times[index], None)
             except TooShortError as error:
-                if too_short == "drop" or len(stretches) > 1:
-                    continue
-                raise ValueError(f"Trajectory {label!r} {error}") from None
+                if too_short != "drop" and len(stretches) == 1:
+                    raise ValueError(f"Trajectory {label!r} {error}") from None
+                if np.ptp(times[index]) >= record.brief:
+                    told = states[index], signals[index], times[index], labels[index]
+                    pieces += _between_samples(*told, order)
+                continue
             kept = index[trim : len(index) - trim]
             extra = signals[kept]
             if filter_inputs:
@@ -182,6 +187,31 @@ def differentiate(
     stays = thinned(still & thin, loud, every)
     X, Xdot, t, groups = (part[stays] for part in rows)
     return Derivatives(X, Xdot, t, groups, noise, names, every)
+
+
+def _between_samples(
+    states: Array, signals: Array, t: Array, labels: NDArray, order: int
+) -> list[list[NDArray]]:
+    """Rows between the samples of a short stretch, by the parabola through it.
+
+    A line for two samples, and nothing for too few. No row counts as one at rest.
+    """
+    degree = min(2, len(t) - 1)
+    if degree < order:
+        return []
+    middles, unit = 0.5 * (t[1:] + t[:-1]), t[-1] - t[0]
+    basis = np.polynomial.polynomial.polyvander((t - t[0]) / unit, degree)
+    fitted = np.linalg.pinv(basis) @ np.hstack([states, signals])
+    jets = [
+        np.polynomial.polynomial.polyval(
+            (middles - t[0]) / unit, np.polynomial.polynomial.polyder(fitted, k)
+        ).T / unit**k
+        for k in range(order + 1)
+    ]  # fmt: skip
+    n = states.shape[1]
+    X = np.hstack([*(jet[:, :n] for jet in jets[:order]), jets[0][:, n:]])
+    Xdot, rest = np.hstack([jet[:, :n] for jet in jets[1:]]), np.zeros(len(middles), dtype=bool)
+    return [[X, Xdot, middles, labels[1:], rest, np.ones(len(middles))]]
 
 
 def choose_smoothing(
@@ -223,7 +253,7 @@ def choose_smoothing(
     >>> choose_smoothing(np.sin(t) + noise, t).window
     115
     """
-    states, times, labels, _ = measured_rows(x, t, groups, None)
+    states, times, labels, _ = measured_rows(x, t, groups, None, events=True)
     record = record_of(states, times, labels, clipped, uneven=_takes_uneven(method))
     chosen = _strength(record, method, order, window, degree, cutoff, decimate, too_short)
     return Smoothing(method, chosen.window, chosen.cutoff, _noise(record))

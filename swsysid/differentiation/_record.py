@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from swsysid._checks.arrays import column, refuse_vanishing, table
 from swsysid._checks.parameters import one_of
 from swsysid._data.angles import how_to_unwrap, turn_of
-from swsysid._data.trajectories import group_labels, trajectories
+from swsysid._data.trajectories import events_in, group_labels, is_coarse, trajectories
 from swsysid._results import IdentificationWarning
 from swsysid.differentiation._sensors import Sensors, inspect_sensors
 from swsysid.differentiation._settings import SETTINGS
@@ -21,8 +21,13 @@ from swsysid.differentiation._smoothing import Array
 Stretch = NDArray[np.intp]  # rows of a trajectory, in order of time
 
 
-def measured_rows(x, t, groups, inputs) -> tuple[Array, Array, NDArray, Array]:
-    """States, times that increase along each trajectory, trajectories and inputs, checked."""
+def measured_rows(
+    x, t, groups, inputs, *, events: bool = False
+) -> tuple[Array, Array, NDArray, Array]:
+    """States, times that increase along each trajectory, trajectories and inputs, checked.
+
+    With `events` two rows may have one time: the limits of an event.
+    """
     states = table("x", x)
     n_rows = len(states)
     times = column("t", t, n_rows)
@@ -32,11 +37,22 @@ def measured_rows(x, t, groups, inputs) -> tuple[Array, Array, NDArray, Array]:
     labels = group_labels(groups, n_rows)
     for label, index in trajectories(labels):
         steps = np.diff(times[index])
-        if len(steps) and steps.min() <= 0:
-            kind = "repeats a time" if steps.min() == 0 else "goes back in time"
+        if not len(steps):
+            continue
+        place = int(np.argmin(steps)) + 1
+        if steps.min() < 0:
             raise ValueError(
-                f"Trajectory {label!r} {kind} at its sample {np.argmin(steps) + 1}; sort the rows "
-                "by time, remove repeated ones, and name separate trajectories by groups."
+                f"Trajectory {label!r} goes back in time at its sample {place}; sort the rows by "
+                "time, and name separate trajectories by groups."
+            )
+        if steps.min() == 0 and (not events or is_coarse(times[index], states[index])):
+            raise ValueError(
+                f"Trajectory {label!r} repeats a time at its sample {place}; "
+                + (
+                    "the clock is too coarse, give the times of a finer one."
+                    if events
+                    else "give the parts before and after each event different groups."
+                )
             )
     return states, times, labels, signals
 
@@ -50,6 +66,8 @@ class Record(NamedTuple):
     clipped: NDArray[np.bool_]  # (n_samples,), in any column
     # Each trajectory with its stretches, several where rows are missing between them.
     parts: list[tuple[object, list[Stretch]]]
+    # Stretches between events that last so long are told by a parabola where no filter fits.
+    brief: float
 
     @property
     def stretches(self) -> list[Stretch]:
@@ -73,19 +91,28 @@ def record_of(
 ) -> Record:
     """The rows that count; with `names` of the columns, what is wrong with them is said.
 
-    A smoother that takes `uneven` times bridges short gaps.
+    A smoother that takes `uneven` times bridges short gaps, and none bridges an event.
     """
     drop = one_of("clipped", clipped, ("drop", "keep")) == "drop"
-    sensors = inspect_sensors(states, labels)
+    whole = [
+        (label, np.split(rows, events_in(times[rows]) + 1)) for label, rows in trajectories(labels)
+    ]
+    number = np.empty(len(states), dtype=np.intp)
+    for k, rows in enumerate(rows for _, each in whole for rows in each):
+        number[rows] = k
+    sensors = inspect_sensors(states, number)
     if names:
         _warn(states, sensors, names, drop)
         _warn_of_turns(states, labels, names)
     beyond: NDArray[np.bool_] = np.asarray(sensors.clipped.any(axis=1) & drop)
-    parts = []
-    for label, rows in trajectories(labels):
-        there = rows[~(sensors.held | beyond)[rows]]
-        parts.append((label, _split(there, times, beyond, SETTINGS.bridged if uneven else 0.0)))
-    return Record(states, times, sensors.quantum, beyond, parts)
+    bridged, parts = SETTINGS.bridged if uneven else 0.0, []
+    for label, each in whole:
+        there = [rows[~(sensors.held | beyond)[rows]] for rows in each]
+        stretches = [stretch for rows in there for stretch in _split(rows, times, beyond, bridged)]
+        parts.append((label, stretches))
+    has_events = any(len(each) > 1 for _, each in whole)
+    brief = 0.5 * float(np.median(np.diff(times))) if has_events else np.inf
+    return Record(states, times, sensors.quantum, beyond, parts, brief)
 
 
 def _split(rows: Stretch, times: Array, beyond: NDArray[np.bool_], bridged: float) -> list[Stretch]:

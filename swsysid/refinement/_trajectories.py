@@ -10,17 +10,36 @@ from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks.arrays import column, numbers, refuse_overflow, refuse_vanishing, table
 from swsysid._checks.parameters import real, shown
-from swsysid._data.trajectories import group_labels, trajectories
+from swsysid._data.trajectories import (
+    between_limits,
+    events_in,
+    group_labels,
+    limits_apart,
+    trajectories,
+)
 from swsysid._results import Array, Trajectory
 
 
 @dataclass(frozen=True)
 class Record:
-    """One trajectory: times, measured channels (NaN where missing) and inputs."""
+    """One trajectory: times, measured channels (NaN where missing) and inputs.
+
+    Rows that follow each other at once are the limits of an event, before and after it.
+    """
 
     t: Array
     y: Array
     u: Array
+
+    @classmethod
+    def of(cls, t: Array, y: Array, u: Array) -> Record:
+        """Rows as they were measured; of several at one time the first and the last are limits."""
+        return cls(limits_apart(t), between_limits(y, t), between_limits(u, t))
+
+    @property
+    def events(self) -> NDArray[np.intp]:
+        """Samples after which an event is."""
+        return events_in(self.t)
 
     @property
     def filled(self) -> Array:
@@ -89,7 +108,7 @@ def _records(
                 f"for {wanted}; name measured states by observed, and give every input."
             )
     groups = group_labels(fields.get("groups"), len(t), f"groups of trajectory {place}")
-    records = [Record(t[rows], y[rows], u[rows]) for _, rows in trajectories(groups)]
+    records = [Record.of(t[rows], y[rows], u[rows]) for _, rows in trajectories(groups)]
     for record in records:
         if len(record.t) < 2:
             raise ValueError(

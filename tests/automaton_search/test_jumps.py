@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from swsysid._automaton_search.jumps import cut_at, jumps_of
+from swsysid._automaton_search.jumps import jumps_of
 from swsysid._stays.given import read_given
+from swsysid._stays.pieces import cut_at
 
 T = np.arange(0.0, 3.0, 0.01)
 

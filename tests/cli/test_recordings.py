@@ -471,3 +471,19 @@ def test_the_rows_that_choose_the_window_of_a_long_record_are_not_those_that_it_
     assert len(rows) == pytest.approx(50_000, rel=0.01)
     edge = min(rows[0], len(t) - 1 - rows[-1])
     assert edge > 5_000 and np.diff(rows).max() < 20_000  # spread over the record
+
+
+def test_two_rows_at_one_time_are_limits_and_a_repeated_row_is_left_out():
+    t, x = (
+        np.insert(T, [100, 200, 200], T[[100, 200, 200]]),
+        np.insert(X, [100, 200, 200], X[[100, 200, 200]]),
+    )
+    u = np.where(T < T[100], 1.0, -1.0)
+    u = np.insert(u, [100, 200, 200], [1.0, -1.0, -1.0])
+    table = Table("log", {"t": t, "x": x, "u": u}, {}, rows=np.arange(303) + 2)
+    samples = measure(table, Measurement(states=("x",), inputs=("u",), time="t"))
+    assert samples.remarks == (
+        "Left out: 2 rows with a time that was there before (rows 204, 205).",
+        "Two rows at one time are read as the left and the right limit of an event: row 103.",
+    )
+    assert len(samples.recorded.t) == 301

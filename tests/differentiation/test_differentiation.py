@@ -148,7 +148,10 @@ def test_units_of_time_and_state_only_scale():
     ("change", "sentence"),
     [
         ({"t": EVEN[::-1]}, "goes back in time"),
-        ({"t": np.r_[EVEN[:100], EVEN[99:-1]]}, "repeats a time at its sample 100"),
+        (
+            {"t": np.repeat(EVEN, 2)[:201]},
+            "repeats a time at its sample 1; the clock is too coarse",
+        ),
         ({"t": np.r_[EVEN[:100], EVEN[100:] + 50]}, "gap of 50"),
         ({"t": EVEN[:-1]}, "t has shape .200,.; give one value for each of the 201"),
         (
