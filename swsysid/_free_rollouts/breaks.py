@@ -1,0 +1,41 @@
+r"""Where what is left is no longer noise: Page's test of a variance.
+
+With e the residuals in units of their noise, the log likelihood ratio of a variance v against 1 is
+:math:`\ell_i = \tfrac12 \big( e_i^2 (1 - 1/v) - \log v \big)`. The sum over a stretch of noise
+alone exceeds h somewhere among n samples with a probability of at most :math:`n e^{-h}` (each
+begin is a martingale of mean one), which sets h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._free_rollouts.settings import SETTINGS
+from swsysid._results import Array
+
+
+def first_breaks(left: Sequence[Array], together: float = 1.0) -> list[NDArray[np.intp]]:
+    """Sample from which on each channel is no longer noise, -1 where it always is.
+
+    `left` are residuals of every course in units of the noise, (n_samples, n_channels), NaN where
+    nothing was measured and infinite where a rollout has ended; `together` samples count as one.
+    """
+    n_values = sum(int(np.isfinite(one).sum()) for one in left)
+    limit = np.log(max(1, n_values) / SETTINGS.significance)
+    return [np.array([_first(one, limit * together) for one in part.T]) for part in left]
+
+
+def _first(left: Array, limit: float) -> int:
+    """Begin of the first stretch that exceeds the limit."""
+    squares = np.where(np.isnan(left), 0.0, np.minimum(np.square(left), SETTINGS.most_squares))
+    gain = 0.5 * (squares * (1.0 - 1.0 / SETTINGS.variance) - np.log(SETTINGS.variance))
+    sums = np.append(0.0, np.cumsum(np.where(np.isnan(left), 0.0, gain)))
+    lowest = np.minimum.accumulate(sums)
+    over = np.flatnonzero(sums - lowest > limit)
+    ended = np.flatnonzero(np.isinf(left))
+    begin = len(left) if not over.size else int(np.argmin(sums[: over[0] + 1]))
+    first = min(begin, int(ended[0]) if ended.size else len(left))
+    return first if first < len(left) else -1

@@ -1,0 +1,139 @@
+"""What is rolled out: samples with an estimated start, and the switches that were identified."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._free_rollouts.settings import SETTINGS
+from swsysid._results import Array, Trajectory
+from swsysid.refinement._trajectories import Record
+
+SLIDES = -1  # the mode of a state that slides along a surface
+
+
+class Switch(NamedTuple):
+    """A change of the mode, or a transition of a mode to itself where the state jumps."""
+
+    time: float
+    before: int
+    after: int
+
+    @property
+    def transition(self) -> str:
+        """The modes in words."""
+        before, after = ("slide" if k == SLIDES else f"{k}" for k in (self.before, self.after))
+        return f"mode {before} -> {after}"
+
+
+@dataclass(frozen=True)
+class Course:
+    """A recording, or a stretch of one, with what was identified of it.
+
+    `switches` are None where nothing says how it switches, as in recordings that are held out.
+    """
+
+    label: str
+    record: Record
+    start: Array  # (n_states,), or (lags + 1, n_states)
+    mode: int | None = None  # at the start, for models whose guards do not tell it
+    switches: tuple[Switch, ...] | None = None
+
+    @property
+    def step(self) -> float:
+        """Usual time between two samples."""
+        return float(np.median(np.diff(self.record.t)))
+
+
+def switches_of_samples(t: Array, modes: NDArray[np.intp]) -> tuple[Switch, ...]:
+    """Switches between samples of known modes, each in the middle of its interval."""
+    places = np.flatnonzero(np.diff(modes))
+    return tuple(
+        Switch(float(0.5 * (t[k] + t[k + 1])), int(modes[k]), int(modes[k + 1])) for k in places
+    )
+
+
+def switches_of_stays(modes: Sequence[int], instants: Sequence[float]) -> tuple[Switch, ...]:
+    """Switches between stays of known modes."""
+    pairs = zip(instants, modes[:-1], modes[1:], strict=True)
+    return tuple(Switch(float(time), int(old), int(new)) for time, old, new in pairs)
+
+
+def switches_of_rollout(run: Trajectory) -> tuple[Switch, ...]:
+    """The events of a rollout."""
+    found = []
+    for event in run.events:
+        before = SLIDES if event.kind == "leaving" else event.before
+        after = SLIDES if event.kind == "sliding" else event.after
+        found.append(Switch(event.time, before, after))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Switches as identified and as rolled out: which belong together, which are alone."""
+
+    both: tuple[tuple[Switch, Switch], ...]  # identified, rolled out
+    missing: tuple[Switch, ...]  # identified only
+    extra: tuple[Switch, ...]  # rolled out only
+
+    @classmethod
+    def of(cls, identified: Sequence[Switch], rolled_out: Sequence[Switch]) -> Pairs:
+        """Two of one transition are a pair where each is the nearest of the other."""
+        both: list[tuple[int, int]] = []
+        for transition in {one[1:] for one in identified} & {one[1:] for one in rolled_out}:
+            first = [k for k, one in enumerate(identified) if one[1:] == transition]
+            second = [k for k, one in enumerate(rolled_out) if one[1:] == transition]
+            away = np.abs(
+                np.subtract.outer(
+                    [identified[k].time for k in first], [rolled_out[k].time for k in second]
+                )
+            )
+            nearest, back = away.argmin(axis=1), away.argmin(axis=0)
+            both += [(first[k], second[n]) for k, n in enumerate(nearest) if back[n] == k]
+        paired = [set(side) for side in zip(*both, strict=True)] or [set(), set()]
+        return cls(
+            tuple((identified[k], rolled_out[n]) for k, n in sorted(both)),
+            tuple(one for k, one in enumerate(identified) if k not in paired[0]),
+            tuple(one for k, one in enumerate(rolled_out) if k not in paired[1]),
+        )
+
+    @property
+    def distances(self) -> Array:
+        """Times between the two of every pair."""
+        return np.array([abs(two.time - one.time) for one, two in self.both])
+
+    def undecided(self, t: Array, step: float) -> NDArray[np.bool_]:
+        """Samples between the two instants of one switch: they are on either side of it."""
+        found = np.zeros(len(t), dtype=bool)
+        for one, two in self.both:
+            if abs(two.time - one.time) <= step:
+                first, last = sorted((one.time, two.time))
+                found |= (t >= first) & (t <= last)
+        return found
+
+    def blamed(self, time: float, step: float) -> tuple[float, str]:
+        """What goes wrong with the last switch up to a time, in words, and when.
+
+        The time itself and "" where nothing goes wrong. The time is known to a few steps.
+        """
+        told = [
+            (min(one.time, two.time), f"{one.transition} happens {_off(one, two, step)}")
+            if abs(two.time - one.time) > step
+            else (one.time, "")
+            for one, two in self.both
+        ]
+        told += [(one.time, f"{one.transition} does not happen") for one in self.missing]
+        told += [(one.time, f"{one.transition} happens in the model only") for one in self.extra]
+        before = [one for one in told if one[0] <= time + SETTINGS.begin * step]
+        last = max(before, default=(time, ""))
+        return last if last[1] else (time, "")
+
+
+def _off(identified: Switch, rolled_out: Switch, step: float) -> str:
+    off = (rolled_out.time - identified.time) / step
+    return f"{abs(off):.0f} samples {'late' if off > 0 else 'early'}"

@@ -1,0 +1,299 @@
+"""The delivered model rolled out along recordings, and whether it leaves nothing but noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._free_rollouts.breaks import first_breaks
+from swsysid._free_rollouts.courses import Course, Pairs, Switch, switches_of_rollout
+from swsysid._free_rollouts.sample_noise import SampleNoise
+from swsysid._free_rollouts.settings import SETTINGS
+from swsysid._rendering.columns import counted
+from swsysid._results import Array, Trajectory
+
+
+class Simulates(Protocol):
+    """A model that can be rolled out."""
+
+    simulate: Callable[..., Trajectory]
+
+
+@dataclass(frozen=True)
+class Break:
+    """Where a free rollout leaves the noise.
+
+    Attributes
+    ----------
+    recording : str
+    channel : str
+        The one that leaves it first.
+    time : float
+    follows : float
+        Time from the start of the rollout to there.
+    cause : str
+        What the model's guards do with the last switch before, in words; "" where that is right.
+    ended : str
+        Why the simulation ended there; "" where it went on.
+    hangs_on_start : bool
+        Whether a start that is off by its standard error alone leads as far away: a chaotic motion,
+        or a guard that is hit or missed by a hair. That is no proof against the model.
+    """
+
+    recording: str
+    channel: str
+    time: float
+    follows: float
+    cause: str
+    ended: str
+    hangs_on_start: bool
+
+
+@dataclass(frozen=True)
+class FreeRollouts:
+    """What free rollouts of a model leave of recordings, and what they make of the switches.
+
+    Attributes
+    ----------
+    channels : tuple of str
+    recordings : tuple of str
+        What was rolled out, in order: recordings, or stretches of them.
+    left : ndarray of shape (n_channels,)
+        Root mean squares of what is left, in units of the noise. Infinite where a rollout ends
+        early. Samples between the two instants of one switch, identified and rolled out, at most
+        one sample apart, are on either side of it and do not count.
+    left_of_each : ndarray of shape (n_recordings, n_channels)
+    n_switches : int
+        As identified.
+    n_reproduced : int
+        Of these, switches that the model's own guards make.
+    farthest : float
+        Largest distance of two of them, in samples; 0 where there are none.
+    missing, extra : tuple of (str, Switch)
+        Recordings and switches that the model does not make, or makes alone, each in order of time.
+    breaks : tuple of Break
+        Of each rollout that leaves the noise, where it does; the soonest after its start first.
+    over : str
+        What each rollout goes along, where that is not a whole recording.
+    """
+
+    channels: tuple[str, ...]
+    recordings: tuple[str, ...]
+    left: Array
+    left_of_each: Array
+    n_switches: int
+    n_reproduced: int
+    farthest: float
+    missing: tuple[tuple[str, Switch], ...]
+    extra: tuple[tuple[str, Switch], ...]
+    breaks: tuple[Break, ...]
+    over: str = ""
+
+    @property
+    def holds(self) -> bool:
+        """Whether the rollouts leave nothing but noise."""
+        return not self.breaks
+
+    @property
+    def tells_switches(self) -> bool:
+        """Whether the model's own guards make all switches and no other."""
+        return not self.missing and not self.extra
+
+    @property
+    def first_break(self) -> Break | None:
+        """The soonest after the start of its rollout; None where all hold."""
+        return self.breaks[0] if self.breaks else None
+
+    def sentence(self, time_unit: str = "") -> str:
+        """All of this in one line."""
+        left = ", ".join(
+            f"{name} {_size(size)}" for name, size in zip(self.channels, self.left, strict=True)
+        )
+        over = f" over {self.over}" if self.over else ""
+        told = [f"Free rollouts{over} leave: {left} of the noise"]
+        if self.n_switches or self.extra:
+            told.append(self._switches(time_unit))
+        broken = self.first_break
+        if broken is not None:
+            told.append(self._broken(broken, time_unit))
+        return f"{'; '.join(told)}."
+
+    def _switches(self, time_unit: str) -> str:
+        within = counted(max(1, int(np.ceil(self.farthest))), "sample")
+        if not self.missing:
+            all_of = "the switch" if self.n_switches == 1 else f"all {self.n_switches} switches"
+            told = f"{all_of} within {within}" if self.n_switches else "no switch was identified"
+        else:
+            told = f"{self.n_reproduced} of {counted(self.n_switches, 'switch')}"
+            told = told.replace("switchs", "switches")
+            told += f" within {within}" if self.n_reproduced else ""
+        if self.holds and not self.tells_switches:
+            told += f", but {self._alone(time_unit)}"
+        return told
+
+    def _alone(self, time_unit: str) -> str:
+        """The first switch that is made on one side only."""
+        told = [(*one, "does not happen") for one in self.missing[:1]]
+        told += [(*one, "happens in the model only") for one in self.extra[:1]]
+        label, switch, what = min(told, key=lambda one: one[1].time)
+        at = _at(switch.time, time_unit)
+        return f"{switch.transition} at {at}{self._of(label)} {what}"
+
+    def _broken(self, broken: Break, time_unit: str) -> str:
+        at = _at(broken.time, time_unit)
+        told = f"they follow {self._named(broken.recording)} to {at}"
+        why = broken.ended or broken.cause or f"{broken.channel} leaves it between switches"
+        if broken.hangs_on_start:
+            why = f"from there on they hang on how well the start is known ({why})"
+            return f"{told}, {why}, which is no proof against the laws"
+        return f"{told}: there {why}"
+
+    def _named(self, label: str) -> str:
+        return "the recording" if len(set(self.recordings)) == 1 else f"recording {label}"
+
+    def _of(self, label: str) -> str:
+        return "" if len(set(self.recordings)) == 1 else f" of recording {label}"
+
+
+def free_rollouts(
+    model: Simulates,
+    courses: Sequence[Course],
+    noise: SampleNoise,
+    channels: Sequence[str],
+    *,
+    together: float = 1.0,
+    input_hold: str = "linear",
+    over: str = "",
+) -> FreeRollouts:
+    """Roll a model out along courses and judge what that leaves.
+
+    `together` samples of the noise count as one. The model is given ``mode`` where a course has
+    one. `noise` is that of the first columns of the states, one for each of the `channels`.
+    """
+    done = [_RolledOut.of(model, course, noise, input_hold) for course in courses]
+    begins = first_breaks([one.left for one in done], together)
+    breaks = [
+        one.broken(model, begin, channels, input_hold)
+        for one, begin in zip(done, begins, strict=True)
+        if (begin >= 0).any()
+    ]
+    each = np.array([_root_mean_square(one.left) for one in done])
+    judged = [one for one in done if one.course.switches is not None]
+    steps = [one.pairs.distances / one.course.step for one in judged]
+    return FreeRollouts(
+        channels=tuple(channels),
+        recordings=tuple(one.course.label for one in done),
+        left=_root_mean_square(np.vstack([one.left for one in done])),
+        left_of_each=each,
+        n_switches=sum(len(one.course.switches or ()) for one in judged),
+        n_reproduced=sum(len(one.pairs.both) for one in judged),
+        farthest=float(max((one.max(initial=0.0) for one in steps), default=0.0)),
+        missing=_in_order((one.course.label, one.pairs.missing) for one in judged),
+        extra=_in_order((one.course.label, one.pairs.extra) for one in judged),
+        breaks=tuple(sorted(breaks, key=lambda one: one.follows)),
+        over=over,
+    )
+
+
+@dataclass(frozen=True)
+class _RolledOut:
+    """One course and its free rollout."""
+
+    course: Course
+    states: Array  # (n_samples, n_channels), NaN where the rollout has ended
+    noise: Array  # of the samples, of the same shape
+    left: Array  # in units of the noise; infinite where the rollout has ended
+    pairs: Pairs
+    ended: str
+
+    @classmethod
+    def of(
+        cls, model: Simulates, course: Course, noise: SampleNoise, input_hold: str
+    ) -> _RolledOut:
+        record = course.record
+        run = _run(model, course, course.start, input_hold)
+        states = _states(run, record.y.shape)
+        scale = noise.at(np.where(np.isfinite(states), states, record.filled), course.label)
+        left = (record.y - states) / scale
+        left[len(run.t) :] = np.where(np.isfinite(record.y[len(run.t) :]), np.inf, np.nan)
+        pairs = Pairs.of(course.switches or (), switches_of_rollout(run))
+        left[pairs.undecided(record.t, course.step)] = np.nan
+        ended = "" if run.status.ok else f"the simulation ends ({run.status.value})"
+        return cls(course, states, scale, left, pairs, ended)
+
+    def broken(
+        self, model: Simulates, begins: NDArray[np.intp], channels: Sequence[str], input_hold: str
+    ) -> Break:
+        """Where it leaves the noise, from the begins of each channel, -1 where it does not."""
+        t, step = self.course.record.t, self.course.step
+        first = int(begins[begins >= 0].min())
+        channel = int(np.flatnonzero(begins == first)[0])
+        ended = bool(np.isinf(self.left[first]).any())
+        time, cause = float(t[first]), ""
+        if self.course.switches is not None:
+            time, cause = self.pairs.blamed(time, step)
+        return Break(
+            recording=self.course.label,
+            channel=channels[channel],
+            time=time,
+            follows=time - float(t[0]),
+            cause=cause,
+            ended=self.ended if ended else "",
+            hangs_on_start=self._hangs_on_start(model, first, channel, input_hold),
+        )
+
+    def _hangs_on_start(self, model: Simulates, first: int, channel: int, input_hold: str) -> bool:
+        """Whether starts that are off by their standard error lead as far away from there on."""
+        # an error of the start that grows is in the direction that grows, whichever was moved
+        start, n_first = np.asarray(self.course.start, dtype=float), SETTINGS.first_samples
+        error = self.noise[0] * 2.0 / np.sqrt(min(n_first, len(self.noise)))
+        away = np.zeros(len(self.states))
+        for k, size in enumerate(error):
+            moved = start.copy()
+            moved[..., k] += SETTINGS.moved * size
+            other = _states(_run(model, self.course, moved, input_hold), self.states.shape)
+            off = (other - self.states)[:, channel] / self.noise[:, channel] / SETTINGS.moved
+            away += np.square(np.nan_to_num(off))
+        seen = np.isfinite(self.left[:, channel])
+        seen[:first] = False
+        left = self.left[seen, channel]
+        return bool(seen.any() and np.mean(away[seen]) >= np.mean(np.square(left)))
+
+
+def _run(model: Simulates, course: Course, start: Array, input_hold: str) -> Trajectory:
+    record = course.record
+    options = {} if course.mode is None else {"mode": course.mode}
+    inputs = record.u if record.u.shape[1] else None
+    return model.simulate(start, record.t, inputs, input_hold=input_hold, **options)
+
+
+def _states(run: Trajectory, shape: tuple[int, ...]) -> Array:
+    """The measured columns of a rollout, NaN where it has ended."""
+    states = np.full(shape, np.nan)
+    states[: len(run.x)] = run.x[:, : shape[1]]
+    return states
+
+
+def _root_mean_square(left: Array) -> Array:
+    """Of the samples that were measured."""
+    count = np.maximum(1, (~np.isnan(left)).sum(axis=0))
+    return np.asarray(np.sqrt(np.nansum(np.square(left), axis=0) / count))
+
+
+def _in_order(
+    found: Iterable[tuple[str, tuple[Switch, ...]]],
+) -> tuple[tuple[str, Switch], ...]:
+    every = [(label, switch) for label, switches in found for switch in switches]
+    return tuple(sorted(every, key=lambda one: one[1].time))
+
+
+def _size(left: float) -> str:
+    return f"{left:.3g}" if np.isfinite(left) else "inf"
+
+
+def _at(time: float, unit: str) -> str:
+    return f"t = {time:.4g}{f' {unit}' if unit else ''}"

@@ -1,0 +1,32 @@
+"""The numbers that free rollouts are judged by, each with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """From what rollouts leave to whether a model holds."""
+
+    # Chance of a break in all samples together that are noise alone.
+    significance: float = 1e-3
+    # Variance that Page's test looks for: what a wrong rollout adds is as large as the noise.
+    variance: float = 2.0
+    # Squares of a sample count up to here: one outlier, or a sample on the wrong side of a jump,
+    # is no break, which takes at least half a dozen.
+    most_squares: float = 9.0
+    # Samples to which the begin of a break is known: noise may lead up to it.
+    begin: int = 3
+    # Samples that tell where a recording starts, where its error is not known.
+    first_samples: int = 20
+    # Part of the error of a start by which it is moved to see what hangs on it.
+    moved: float = 0.1
+    # Samples of a set whose noise is compared with that of others, and sets of a channel's values.
+    fewest: int = 40
+    most_parts: int = 8
+    # Part of the noise that differences of what is left must show: less is rounding.
+    shown: float = 0.3
+
+
+SETTINGS = Judgement()
