@@ -17,6 +17,7 @@ from swsysid._stays.given import Given, read_given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
+from swsysid._stays.reported import reported
 from swsysid._stays.rollout_score import rollout_score
 from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
@@ -88,7 +89,8 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
     history_ : list of StayRecord
         The rounds of the alternation.
     report_ : RecordingReport
-        What was found, as text.
+        What was found, as text; its ``rollouts`` are what free rollouts of the model leave of the
+        recordings, modes told by its own surface, and which of the switches they make.
 
     See Also
     --------
@@ -241,7 +243,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface
         self.noise_ = found.left[: given.n_channels]
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
-        self.report_ = search.report(found, sure, self.modes_)
+        self.report_ = reported(search, found, sure, self.modes_, origin)
 
     @property
     def _fitted(self) -> SwitchingSystemRegressor:

@@ -46,7 +46,9 @@ class Course:
     @property
     def step(self) -> float:
         """Usual time between two samples."""
-        return float(np.median(np.diff(self.record.t)))
+        steps = np.diff(self.record.t)
+        # the two limits of an event are no step
+        return float(np.median(steps[steps > 1e-6 * steps.max()]))
 
 
 def switches_of_samples(t: Array, modes: NDArray[np.intp]) -> tuple[Switch, ...]:
@@ -71,6 +73,20 @@ def switches_of_rollout(run: Trajectory) -> tuple[Switch, ...]:
         after = SLIDES if event.kind == "sliding" else event.after
         found.append(Switch(event.time, before, after))
     return tuple(found)
+
+
+def seen_by_samples(switches: Sequence[Switch], step: float) -> tuple[Switch, ...]:
+    """The switches without stays that end within a step: no sample need be in them."""
+    kept: list[Switch] = []
+    for one in switches:
+        last = kept[-1] if kept else None
+        if last is None or last.before == last.after or one.time - last.time > step:
+            kept.append(one)
+            continue
+        kept.pop()
+        if last.before != one.after:
+            kept.append(Switch(last.time, last.before, one.after))
+    return tuple(kept)
 
 
 @dataclass(frozen=True)
@@ -101,6 +117,15 @@ class Pairs:
             tuple(one for k, one in enumerate(identified) if k not in paired[0]),
             tuple(one for k, one in enumerate(rolled_out) if k not in paired[1]),
         )
+
+    def inside(self, t: Array, step: float) -> Pairs:
+        """Without lone switches in the first and the last step: the other may be outside."""
+        first, last = t[0] + step, t[-1] - step
+        alone = [
+            tuple(one for one in side if first < one.time < last)
+            for side in (self.missing, self.extra)
+        ]
+        return Pairs(self.both, *alone)
 
     @property
     def distances(self) -> Array:

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._free_rollouts.breaks import first_breaks
-from swsysid._free_rollouts.courses import Course, Pairs, Switch, switches_of_rollout
+from swsysid._free_rollouts.courses import (
+    Course,
+    Pairs,
+    Switch,
+    seen_by_samples,
+    switches_of_rollout,
+)
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._rendering.columns import counted
@@ -39,9 +45,6 @@ class Break:
         What the model's guards do with the last switch before, in words; "" where that is right.
     ended : str
         Why the simulation ended there; "" where it went on.
-    hangs_on_start : bool
-        Whether a start that is off by its standard error alone leads as far away: a chaotic motion,
-        or a guard that is hit or missed by a hair. That is no proof against the model.
     """
 
     recording: str
@@ -50,7 +53,6 @@ class Break:
     follows: float
     cause: str
     ended: str
-    hangs_on_start: bool
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class FreeRollouts:
         one sample apart, are on either side of it and do not count.
     left_of_each : ndarray of shape (n_recordings, n_channels)
     n_switches : int
-        As identified.
+        As identified; without stays that end within a sample.
     n_reproduced : int
         Of these, switches that the model's own guards make.
     farthest : float
@@ -77,6 +79,10 @@ class FreeRollouts:
         Recordings and switches that the model does not make, or makes alone, each in order of time.
     breaks : tuple of Break
         Of each rollout that leaves the noise, where it does; the soonest after its start first.
+    hangs_on_start : bool
+        Whether a start that is off by its standard error alone leads as far away at the first
+        break: a chaotic motion, or a guard that is hit or missed by a hair. That is no proof
+        against the model.
     over : str
         What each rollout goes along, where that is not a whole recording.
     """
@@ -91,6 +97,7 @@ class FreeRollouts:
     missing: tuple[tuple[str, Switch], ...]
     extra: tuple[tuple[str, Switch], ...]
     breaks: tuple[Break, ...]
+    hangs_on_start: bool = False
     over: str = ""
 
     @property
@@ -129,7 +136,6 @@ class FreeRollouts:
             told = f"{all_of} within {within}" if self.n_switches else "no switch was identified"
         else:
             told = f"{self.n_reproduced} of {counted(self.n_switches, 'switch')}"
-            told = told.replace("switchs", "switches")
             told += f" within {within}" if self.n_reproduced else ""
         if self.holds and not self.tells_switches:
             told += f", but {self._alone(time_unit)}"
@@ -144,13 +150,18 @@ class FreeRollouts:
         return f"{switch.transition} at {at}{self._of(label)} {what}"
 
     def _broken(self, broken: Break, time_unit: str) -> str:
-        at = _at(broken.time, time_unit)
-        told = f"they follow {self._named(broken.recording)} to {at}"
-        why = broken.ended or broken.cause or f"{broken.channel} leaves it between switches"
-        if broken.hangs_on_start:
-            why = f"from there on they hang on how well the start is known ({why})"
-            return f"{told}, {why}, which is no proof against the laws"
-        return f"{told}: there {why}"
+        named = self._named(broken.recording)
+        if broken.follows <= 0.0:
+            return f"they leave {named} from its start"
+        told, why = f"they follow {named} to {_at(broken.time, time_unit)}", broken.cause
+        if self.hangs_on_start:
+            return (
+                f"{told}, from there on they hang on how well the start is known, which is no "
+                "proof against the laws"
+            )
+        if why or broken.ended:
+            return f"{told}: there {broken.ended or why}"
+        return f"{told} and leave it between switches" if self.n_switches else told
 
     def _named(self, label: str) -> str:
         return "the recording" if len(set(self.recordings)) == 1 else f"recording {label}"
@@ -174,13 +185,14 @@ def free_rollouts(
     `together` samples of the noise count as one. The model is given ``mode`` where a course has
     one. `noise` is that of the first columns of the states, one for each of the `channels`.
     """
-    done = [_RolledOut.of(model, course, noise, input_hold) for course in courses]
+    done = [_RolledOut.of(_Runs(model, input_hold), course, noise) for course in courses]
     begins = first_breaks([one.left for one in done], together)
-    breaks = [
-        one.broken(model, begin, channels, input_hold)
+    broken = [
+        (one.broken(begin, channels), one, begin)
         for one, begin in zip(done, begins, strict=True)
         if (begin >= 0).any()
     ]
+    broken.sort(key=lambda one: one[0].follows)
     each = np.array([_root_mean_square(one.left) for one in done])
     judged = [one for one in done if one.course.switches is not None]
     steps = [one.pairs.distances / one.course.step for one in judged]
@@ -189,20 +201,45 @@ def free_rollouts(
         recordings=tuple(one.course.label for one in done),
         left=_root_mean_square(np.vstack([one.left for one in done])),
         left_of_each=each,
-        n_switches=sum(len(one.course.switches or ()) for one in judged),
+        n_switches=sum(len(one.pairs.both) + len(one.pairs.missing) for one in judged),
         n_reproduced=sum(len(one.pairs.both) for one in judged),
         farthest=float(max((one.max(initial=0.0) for one in steps), default=0.0)),
         missing=_in_order((one.course.label, one.pairs.missing) for one in judged),
         extra=_in_order((one.course.label, one.pairs.extra) for one in judged),
-        breaks=tuple(sorted(breaks, key=lambda one: one.follows)),
+        breaks=tuple(one for one, _, _ in broken),
+        hangs_on_start=any(one.hangs_on_start(begin) for _, one, begin in broken[:1]),
         over=over,
     )
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """The model, and how it is rolled out."""
+
+    model: Simulates
+    input_hold: str
+
+    def __call__(self, course: Course, start: Array, noise: Array) -> Trajectory:
+        """Rolled out from a start, to a small part of the noise, (n_samples, n_channels)."""
+        record = course.record
+        options: dict[str, object] = {} if course.mode is None else {"mode": course.mode}
+        least, size = float(np.nanmin(noise)), float(np.abs(record.filled).max())
+        options |= {
+            "input_hold": self.input_hold,
+            "rtol": float(np.clip(SETTINGS.accuracy * least / (size or 1.0), 1e-10, 1e-6)),
+            "atol": SETTINGS.accuracy * least,
+            # a wrong model may chatter at its guards for ever
+            "max_switches": SETTINGS.most_switches + len(record.t),
+        }
+        inputs = record.u if record.u.shape[1] else None
+        return self.model.simulate(start, record.t, inputs, **options)
 
 
 @dataclass(frozen=True)
 class _RolledOut:
     """One course and its free rollout."""
 
+    runs: _Runs
     course: Course
     states: Array  # (n_samples, n_channels), NaN where the rollout has ended
     noise: Array  # of the samples, of the same shape
@@ -211,51 +248,46 @@ class _RolledOut:
     ended: str
 
     @classmethod
-    def of(
-        cls, model: Simulates, course: Course, noise: SampleNoise, input_hold: str
-    ) -> _RolledOut:
+    def of(cls, runs: _Runs, course: Course, noise: SampleNoise) -> _RolledOut:
         record = course.record
-        run = _run(model, course, course.start, input_hold)
+        run = runs(course, course.start, noise.at(record.filled, course.label))
         states = _states(run, record.y.shape)
         scale = noise.at(np.where(np.isfinite(states), states, record.filled), course.label)
         left = (record.y - states) / scale
         left[len(run.t) :] = np.where(np.isfinite(record.y[len(run.t) :]), np.inf, np.nan)
-        pairs = Pairs.of(course.switches or (), switches_of_rollout(run))
+        sides = course.switches or (), switches_of_rollout(run)
+        pairs = Pairs.of(*(seen_by_samples(side, course.step) for side in sides))
+        pairs = pairs.inside(record.t, course.step)
         left[pairs.undecided(record.t, course.step)] = np.nan
         ended = "" if run.status.ok else f"the simulation ends ({run.status.value})"
-        return cls(course, states, scale, left, pairs, ended)
+        return cls(runs, course, states, scale, left, pairs, ended)
 
-    def broken(
-        self, model: Simulates, begins: NDArray[np.intp], channels: Sequence[str], input_hold: str
-    ) -> Break:
+    def broken(self, begins: NDArray[np.intp], channels: Sequence[str]) -> Break:
         """Where it leaves the noise, from the begins of each channel, -1 where it does not."""
-        t, step = self.course.record.t, self.course.step
-        first = int(begins[begins >= 0].min())
-        channel = int(np.flatnonzero(begins == first)[0])
-        ended = bool(np.isinf(self.left[first]).any())
+        t = self.course.record.t
+        first, channel = _soonest(begins)
         time, cause = float(t[first]), ""
         if self.course.switches is not None:
-            time, cause = self.pairs.blamed(time, step)
+            time, cause = self.pairs.blamed(time, self.course.step)
         return Break(
             recording=self.course.label,
             channel=channels[channel],
             time=time,
             follows=time - float(t[0]),
             cause=cause,
-            ended=self.ended if ended else "",
-            hangs_on_start=self._hangs_on_start(model, first, channel, input_hold),
+            ended=self.ended if np.isinf(self.left[first]).any() else "",
         )
 
-    def _hangs_on_start(self, model: Simulates, first: int, channel: int, input_hold: str) -> bool:
+    def hangs_on_start(self, begins: NDArray[np.intp]) -> bool:
         """Whether starts that are off by their standard error lead as far away from there on."""
         # an error of the start that grows is in the direction that grows, whichever was moved
-        start, n_first = np.asarray(self.course.start, dtype=float), SETTINGS.first_samples
-        error = self.noise[0] * 2.0 / np.sqrt(min(n_first, len(self.noise)))
+        first, channel = _soonest(begins)
+        n_first = min(SETTINGS.first_samples, len(self.noise))
         away = np.zeros(len(self.states))
-        for k, size in enumerate(error):
-            moved = start.copy()
+        for k, size in enumerate(self.noise[0] * 2.0 / np.sqrt(n_first)):
+            moved = np.array(self.course.start, dtype=float)
             moved[..., k] += SETTINGS.moved * size
-            other = _states(_run(model, self.course, moved, input_hold), self.states.shape)
+            other = _states(self.runs(self.course, moved, self.noise), self.states.shape)
             off = (other - self.states)[:, channel] / self.noise[:, channel] / SETTINGS.moved
             away += np.square(np.nan_to_num(off))
         seen = np.isfinite(self.left[:, channel])
@@ -264,11 +296,10 @@ class _RolledOut:
         return bool(seen.any() and np.mean(away[seen]) >= np.mean(np.square(left)))
 
 
-def _run(model: Simulates, course: Course, start: Array, input_hold: str) -> Trajectory:
-    record = course.record
-    options = {} if course.mode is None else {"mode": course.mode}
-    inputs = record.u if record.u.shape[1] else None
-    return model.simulate(start, record.t, inputs, input_hold=input_hold, **options)
+def _soonest(begins: NDArray[np.intp]) -> tuple[int, int]:
+    """Sample and channel of the first break."""
+    first = int(begins[begins >= 0].min())
+    return first, int(np.flatnonzero(begins == first)[0])
 
 
 def _states(run: Trajectory, shape: tuple[int, ...]) -> Array:

@@ -25,19 +25,21 @@ _ERROR = 1.6  # standard error of the logarithm of a median size, times the root
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Standard deviations of one channel: the root of constant² + (share · value)² + by recording.
+    """Standard deviations of one channel: the root of constant² + (share · value)².
 
-    `by_recording` is empty where recordings do not differ.
+    They are at least the `least`: a value that crosses zero has no less noise than was seen of the
+    smallest ones. `by_recording` are constants, empty where recordings do not differ.
     """
 
     constant: float
     share: float = 0.0
+    least: float = 0.0
     by_recording: tuple[float, ...] = ()
 
     def at(self, values: Array, recording: int) -> Array:
         """Of samples of a recording."""
         constant = self.by_recording[recording] if self.by_recording else self.constant
-        return np.hypot(constant, self.share * values)
+        return np.maximum(np.hypot(constant, self.share * values), self.least)
 
     def sentence(self, name: str, labels: Sequence[str]) -> str:
         """How it differs from sample to sample; "" where it does not."""
@@ -48,7 +50,7 @@ class ChannelNoise:
         least, most = int(np.argmin(self.by_recording)), int(np.argmax(self.by_recording))
         return (
             f"The noise of {name} differs by recording: {self.by_recording[least]:.2g} in "
-            f"{labels[least]}, {self.by_recording[most]:.2g} in {labels[most]}."
+            f"recording {labels[least]}, {self.by_recording[most]:.2g} in recording {labels[most]}."
         )
 
 
@@ -124,7 +126,7 @@ def _seen(noise: float, sizes: Array, values: Array, recording: NDArray[np.intp]
     if max(gain, other) <= 0.0:
         return plain
     if gain >= other:
-        return ChannelNoise(constant, share)
+        return ChannelNoise(constant, share, float(by_value.scale.min()))
     return ChannelNoise(noise, by_recording=tuple(by_recording.scale.tolist()))
 
 

@@ -27,6 +27,10 @@ class Judgement:
     most_parts: int = 8
     # Part of the noise that differences of what is left must show: less is rounding.
     shown: float = 0.3
+    # Part of the noise to which a rollout is integrated, and switches beside one a sample after
+    # which a model chatters.
+    accuracy: float = 1e-3
+    most_switches: int = 100
 
 
 SETTINGS = Judgement()

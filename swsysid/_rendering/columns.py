@@ -36,10 +36,11 @@ def counted(number: int, noun: str) -> str:
 
     Examples
     --------
-    >>> counted(1, "row"), counted(12000, "row")
-    ('1 row', '12,000 rows')
+    >>> counted(1, "row"), counted(12000, "row"), counted(2, "switch")
+    ('1 row', '12,000 rows', '2 switches')
     """
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+    plural = "es" if noun.endswith("ch") else "s"
+    return f"{number:,} {noun}{'' if number == 1 else plural}"
 
 
 def ordinal(number: int) -> str:

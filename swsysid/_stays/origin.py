@@ -101,7 +101,7 @@ class Origin:
 
     def states(self, states: Array) -> Array:
         """States in the user's own columns."""
-        return states + self.offset[: states.shape[1]]
+        return states + self.offset[: states.shape[-1]]
 
 
 def _may_move(estimator: SwitchingSystemRegressor, offset: Array) -> bool:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from swsysid._free_rollouts.judge import Break, FreeRollouts
+from swsysid._rendering.columns import counted
 from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
 
@@ -29,6 +31,10 @@ class RecordingReport:
         The noise that neighbouring samples show, whatever the laws are.
     samples_that_count_as_one : float
         1 where what is left is white.
+    rollouts : FreeRollouts
+        What rollouts by the surface alone leave, and which of the switches they make.
+    doubts : tuple of str
+        What the recordings do not tell, or tell otherwise than asked: a sentence each.
     advice : str
         What to do about it.
     """
@@ -43,13 +49,15 @@ class RecordingReport:
     noise: Array
     noise_of_differences: Array
     samples_that_count_as_one: float
+    rollouts: FreeRollouts
+    doubts: tuple[str, ...]
     advice: str
 
     def __str__(self) -> str:
         n_modes = len(self.shares)
         head = (
-            f"{_counted(self.n_recordings, 'recording')}, {self.n_samples} samples: "
-            f"{_counted(n_modes, 'mode')}, {_counted(self.n_switches, 'switch')}."
+            f"{counted(self.n_recordings, 'recording')}, {self.n_samples} samples: "
+            f"{counted(n_modes, 'mode')}, {counted(self.n_switches, 'switch')}."
         )
         lived = ", ".join(f"mode {k} {share:.0%}" for k, share in enumerate(self.shares))
         noise = ", ".join(
@@ -61,19 +69,26 @@ class RecordingReport:
         lines = [head, *self.laws, *self.surfaces]
         if n_modes > 1:
             lines.append(f"Samples: {lived}.")
-        return "\n".join([*lines, f"Rollouts leave: {noise}.", self.advice])
+        lines += [f"Rollouts leave: {noise}.", self.rollouts.sentence(), *self.doubts]
+        return "\n".join([*lines, self.advice])
 
     __repr__ = __str__
 
 
-def advice_of(excess: Array, channels: tuple[str, ...], together: float) -> str:
-    """One sentence on what the rollouts leave, `excess` times the noise."""
-    worst = int(np.argmax(excess))
+def advice_of(
+    excess: Array, channels: tuple[str, ...], together: float, rollouts: FreeRollouts
+) -> str:
+    """One sentence on what the rollouts leave, `excess` times the noise where switches are told."""
+    worst, broken = int(np.argmax(excess)), rollouts.first_break
     if excess[worst] > 1.3:
         return (
             f"The rollouts of {channels[worst]} leave {excess[worst]:.2g} times its noise: a term, "
             "a mode or an effect is missing; try a larger library or more modes, or search for "
             "effects."
+        )
+    if broken is not None:
+        return (
+            f"Told when to switch, the laws leave nothing but noise; {_by_itself(rollouts, broken)}"
         )
     if together > 2.0:
         return (
@@ -81,6 +96,21 @@ def advice_of(excess: Array, channels: tuple[str, ...], together: float) -> str:
             "count as one; a weak term may be missing."
         )
     return "The rollouts leave nothing but noise."
+
+
+def _by_itself(rollouts: FreeRollouts, broken: Break) -> str:
+    """What that says of the model by itself."""
+    if rollouts.hangs_on_start:
+        return (
+            "free rollouts hang on how well their start is known, as those of a chaotic motion "
+            "do: judge them over stretches (refine=False)."
+        )
+    if broken.cause:
+        return (
+            "the surface alone does not tell all switches: give it a higher degree or another "
+            "column, or, if the modes have a memory, use HybridAutomatonRegressor."
+        )
+    return "rolled out freely they leave it: a law is a little off, or a weak term is missing."
 
 
 def law_with_errors(
@@ -104,8 +134,3 @@ def law_with_errors(
 def _decimals(error: float, least: int) -> int:
     """So many decimals that the error has one digit or two."""
     return int(np.clip(np.ceil(-np.log10(error)) + 1, 0, 12)) if error > 0.0 else least
-
-
-def _counted(number: int, what: str) -> str:
-    plural = what + ("es" if what.endswith("ch") else "s")
-    return f"{number} {what if number == 1 else plural}"

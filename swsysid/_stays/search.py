@@ -18,7 +18,6 @@ from sklearn.base import clone
 from swsysid._checks.parameters import shown, whole
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
-from swsysid._stays.certainty import Certainty
 from swsysid._stays.count import CountCandidate, fewest_modes
 from swsysid._stays.exact import ExactModes, exact_modes
 from swsysid._stays.given import Given, check_channels
@@ -36,7 +35,6 @@ from swsysid._stays.intervals import (
 )
 from swsysid._stays.laws import Laws
 from swsysid._stays.merged import merged
-from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import misfits
 from swsysid._stays.sensors import without_clipped
@@ -44,7 +42,6 @@ from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.start import Differentiated, differentiated, start_from
 from swsysid._stays.stays import Stays
 from swsysid._stays.terms import with_few_terms
-from swsysid._surfaces.surface import has_equations
 from swsysid._ties import least_of
 
 
@@ -151,6 +148,11 @@ class Search:
     def names(self) -> list[str] | None:
         """Names of states and inputs, if the data have names."""
         return self.base.names(self.given)
+
+    @property
+    def stretch(self) -> int | None:
+        """Samples of a stretch, where recordings are not rolled out as a whole."""
+        return None if len(self.settings.ties) > 1 else self.settings.segment
 
     @property
     def counts(self) -> list:
@@ -322,39 +324,6 @@ class Search:
             coef[:, :n_positions] = np.where(adds > least[:, None], exact, 0.0)
             free[:, :n_positions] = False
         return coef, free
-
-    def report(
-        self, found: StayIdentification, sure: Certainty, modes: NDArray[np.intp]
-    ) -> RecordingReport:
-        """What was found, with how certain it is."""
-        given, system = self.given, found.model.switching_model
-        n_channels, n_modes = given.n_channels, len(found.estimate.laws.coef)
-        names = system.feature_map.names_in
-        features = list(system.feature_map.names_out)
-        laws = [
-            law_with_errors(
-                f"mode {mode}: {names[state]}'", system.coef[mode, state], errors, features
-            )
-            for mode, of_states in enumerate(sure.coef)
-            for state, errors in enumerate(of_states)
-        ]
-        surfaces: list[str] = []
-        if n_modes > 1 and has_equations(found.model.surface_):
-            surfaces = found.model.surface_equations()
-        channels = tuple(names[:n_channels])
-        return RecordingReport(
-            n_recordings=given.n_recordings,
-            n_samples=given.n_samples,
-            n_switches=len(found.estimate.segments.instants),
-            laws=tuple(laws),
-            surfaces=tuple(surfaces),
-            shares=np.bincount(modes, minlength=n_modes) / len(modes),
-            channels=channels,
-            noise=found.left[:n_channels],
-            noise_of_differences=self.base.noise[:n_channels],
-            samples_that_count_as_one=sure.samples_that_count_as_one,
-            advice=advice_of(self.excess(found), channels, sure.samples_that_count_as_one),
-        )
 
     def usual_excess(self, found: StayIdentification) -> float:
         """The same of most recordings, where some may have been told wrongly."""

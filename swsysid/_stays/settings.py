@@ -128,6 +128,10 @@ class Limits:
     most_squares: float = 60.0
     steady: float = 0.01  # of a velocity: by how much it varies at least
     diverged_nats: float = -1e6
+    # -- samples that follow no law: chance of one among all of noise alone, and the share of them
+    # above which they are no outliers but what a law lacks
+    by_chance: float = 1e-3
+    most_apart: float = 0.05
     # -- rollouts: spreads of a state beyond which it is held; of these, one-sided differences
     diverged: float = 1e3
     difference: float = 1e-6

@@ -54,7 +54,7 @@ def test_the_plant_itself_holds(seed):
     found = judged(spring(), given)
     assert found.holds and found.tells_switches
     np.testing.assert_allclose(found.left, 1.0, atol=0.1)  # of 903 samples
-    assert found.farthest == 0.0
+    assert found.farthest < 0.01  # a rollout is exact to a thousandth of the noise
     assert f"all {found.n_switches} switches within 1 sample." in found.sentence()
 
 
@@ -62,7 +62,7 @@ def test_a_guard_at_another_place_breaks_at_a_switch():
     found = judged(spring(at=0.3), courses(spring()))
     assert not found.holds
     broken = found.first_break
-    assert "mode" in broken.cause and not broken.hangs_on_start
+    assert "mode" in broken.cause and not found.hangs_on_start
     first = courses(spring())[int(broken.recording)].switches[0].time
     assert broken.time == pytest.approx(first, abs=0.6)  # a few samples after the first switch
     assert f"they follow recording {broken.recording} to t = " in found.sentence()
@@ -122,7 +122,7 @@ def test_a_chaotic_motion_is_no_proof_against_its_laws():
     given = courses(lorenz, noise, t=np.arange(0.0, 20.0, 0.02), starts=([-8.0, -8.0, 27.0],))
     off = [replace(given[0], start=given[0].start + 0.02)]
     found = judged(lorenz, off, noise, "xyz")
-    assert not found.holds and found.first_break.hangs_on_start
+    assert not found.holds and found.hangs_on_start
     assert found.sentence().endswith("which is no proof against the laws.")
     assert 3.0 < found.first_break.follows < 15.0
 
@@ -188,9 +188,7 @@ def test_noise_that_grows_with_the_value_is_seen(seed):
     seen = SampleNoise.seen(NOISE, left, values, "abc")
     assert seen.channels[1].share == pytest.approx(0.05, rel=0.15)
     assert "The noise of v grows with its size:" in seen.sentences("xv")[1]
-    np.testing.assert_allclose(
-        seen.at(values[0], "a")[:, 1], np.hypot(0.002, 0.05 * values[0][:, 1]), rtol=0.25
-    )
+    np.testing.assert_allclose(seen.at(values[0], "a")[:, 1], 0.05 * values[0][:, 1], rtol=0.25)
 
 
 def test_noise_that_differs_by_recording_is_seen_beside_a_law_that_lacks_a_term():

@@ -1,0 +1,83 @@
+"""Free rollouts of what was identified: from the estimated starts, modes told by the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from swsysid._data.trajectories import label_text
+from swsysid._free_rollouts.courses import SLIDES, Course, switches_of_stays
+from swsysid._free_rollouts.judge import FreeRollouts, free_rollouts
+from swsysid._free_rollouts.sample_noise import SampleNoise
+from swsysid._results import Array
+from swsysid._stays.identification import StayIdentification
+from swsysid._stays.origin import Origin
+from swsysid._stays.samples import misfits, states_of
+from swsysid._stays.shooting import Estimate
+from swsysid.refinement._trajectories import Record
+
+
+def judged(
+    found: StayIdentification,
+    origin: Origin,
+    labels: Sequence[object],
+    noise: Array,
+    channels: Sequence[str],
+    together: float,
+    stretch: int | None,
+) -> tuple[FreeRollouts, SampleNoise]:
+    """What free rollouts leave, and the noise of the samples by which they are judged.
+
+    `noise` are standard deviations of the channels; with `stretch` the segments of so many samples
+    are rolled out, each from its own start, and otherwise whole recordings.
+    """
+    names = [label_text(label) for label in labels]
+    courses = list(courses_of(found.estimate, origin, names, len(noise), apart=stretch is not None))
+    seen = noise_of_samples(found.estimate, origin, names, noise)
+    judgement = free_rollouts(
+        found.model,
+        courses,
+        seen,
+        channels,
+        together=together,
+        over=f"stretches of {stretch} samples" if stretch else "",
+    )
+    return judgement, seen
+
+
+def courses_of(
+    estimate: Estimate, origin: Origin, labels: Sequence[str], n_channels: int, *, apart: bool
+) -> Iterator[Course]:
+    """The recordings of an estimate, or its segments apart, each from its estimated start."""
+    segments, recordings = estimate.segments, estimate.segments.recordings
+    for (k, first, last), start in zip(segments.places, estimate.starts, strict=True):
+        if not apart:
+            if first > 0:
+                continue
+            last = recordings.lengths[k] - 1
+        rows = slice(first, last + 1)
+        t, y = recordings.times[k][rows], recordings.y[rows, k, :n_channels].copy()
+        if last < recordings.lengths[k] - 1:
+            y[-1] = np.nan  # a sample where two segments meet counts in the second
+        stays = segments.stays[k].inside(t)
+        modes = np.where(stays.modes < len(estimate.laws.coef), stays.modes, SLIDES)
+        yield Course(
+            labels[k],
+            Record(t, origin.states(y), recordings.u[rows, k] + origin.offset[len(start) :]),
+            origin.states(start),
+            switches=switches_of_stays(modes.tolist(), stays.instants.tolist()),
+        )
+
+
+def noise_of_samples(
+    estimate: Estimate, origin: Origin, labels: Sequence[str], noise: Array
+) -> SampleNoise:
+    """Of this size, or as what the fit leaves shows that it differs from sample to sample."""
+    recordings = estimate.segments.recordings
+    left, states = misfits(estimate), origin.states(states_of(estimate))
+    parts = [
+        (left[places, k, : len(noise)], states[places, k, : len(noise)])
+        for k, places in enumerate(recordings.sampled)
+    ]
+    return SampleNoise.seen(noise, [one for one, _ in parts], [one for _, one in parts], labels)
