@@ -14,6 +14,7 @@ from swsysid._cli.samples import Samples
 from swsysid._cli.settings import JUDGING, RECORDINGS
 from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Comparison, Rival, Split, Verdict, relative_error
+from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, SolverError
 from swsysid._trajectory_identifier import TrajectoryIdentifier
@@ -31,6 +32,13 @@ class FromRecordings:
     comparison: Comparison
     given_up: int | None  # modes that "auto" found before a smooth law proved as good
     excess: Array  # what rollouts leave, in units of the noise that neighbouring samples show
+    # of held-out samples, by a model of the others; None where these are too few
+    free_of_held_out: FreeRollouts | None
+
+    @property
+    def free(self) -> FreeRollouts:
+        """Of the recordings, or of stretches of them."""
+        return self.identifier.report_.rollouts
 
     @property
     def model(self) -> SwitchingSystemRegressor:
@@ -74,9 +82,12 @@ class _Identification:
     def __init__(self, samples: Samples, terms: Terms, options: JobOptions):
         self.samples, self.terms, self.options = samples, terms, options
         self.held_out = HeldOut(samples, options)
-        fitted = self.held_out.rivals(terms)
-        self.plain = fitted[0][1]
-        self.rivals = tuple(Rival(each, self.held_out.left_by(one)) for each, one in fitted)
+        self.fitted = dict(self.held_out.rivals(terms))
+        # the model of the other recordings that stands for the answer on those held out
+        self.plain = self.by_others = self.fitted[terms]
+        self.rivals = tuple(
+            Rival(each, self.held_out.left_by(one)) for each, one in self.fitted.items()
+        )
 
     def found(self) -> FromRecordings:
         """The model of all recordings and the comparison, or an exception that says why not."""
@@ -90,6 +101,7 @@ class _Identification:
             if identifier.n_modes_ > 1:
                 given_up, terms = identifier.n_modes_, comparison.best.terms
                 identifier = self._finished(terms, 1, None, sparsity="auto")
+                self.by_others = self.fitted[terms]
         self._check(identifier, terms)
         predicted = identifier.predict_modes(self.samples.frame)
         recorded, samples = self.held_out.recorded, self.samples
@@ -103,7 +115,8 @@ class _Identification:
             self.held_out.split,
             comparison,
             given_up,
-            self.held_out.excess(identifier),
+            identifier.report_.excess,
+            self.held_out.free(self.by_others),
         )
 
     def _of_several(self, n_modes: int | str) -> tuple[TrajectoryIdentifier, Comparison]:
@@ -144,10 +157,10 @@ class _Identification:
         identified = self.held_out.identified
         if trained is None:
             trained = stretches = identified(terms, n_modes, **options)
-        if (self.held_out.excess(trained) <= RECORDINGS.noise_alone).all():
+        if (trained.report_.excess <= RECORDINGS.noise_alone).all():
             whole = identified(terms, n_modes, whole=True, **options)
             same = stretches is None or whole.n_modes_ == stretches.n_modes_
-            if same and (self.held_out.excess(whole) <= RECORDINGS.noise_alone).all():
+            if same and (whole.report_.excess <= RECORDINGS.noise_alone).all():
                 return whole
         return identified(terms, n_modes, **options) if stretches is None else stretches
 
@@ -169,6 +182,7 @@ class _Identification:
         self, identifier: TrajectoryIdentifier, trained: TrajectoryIdentifier
     ) -> Comparison:
         """The modes of a model by rollouts of one that was trained without what is held out."""
+        self.by_others = trained
         held_out, is_seen = self.held_out, self._is_seen(identifier)
         judged = held_out.stretches_in(is_seen[identifier.modes_[held_out.rows]])
         judged = judged if judged.any() else np.ones(len(judged), dtype=bool)
@@ -203,7 +217,7 @@ class _Identification:
 
     def _check(self, identifier: TrajectoryIdentifier, terms: Terms) -> None:
         """Refuse what derivatives know better."""
-        samples, excess = self.samples, self.held_out.excess(identifier)
+        samples, excess = self.samples, identifier.report_.excess
         lacking = bool((excess > RECORDINGS.noise_alone).any())
         wanted = self.options.modes
         asked = identifier.n_modes_ if wanted == "auto" else int(wanted)

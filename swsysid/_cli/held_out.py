@@ -8,12 +8,14 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._cli.free import free_of_records
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import JUDGING
 from swsysid._cli.stretches import Stretches
 from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Split, hold_out
+from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._results import Array, SolverError
 from swsysid._stays.given import read_given
 from swsysid._stays.pieces import between_jumps
@@ -42,14 +44,16 @@ class HeldOut:
         shown = samples.smoothing.noise[: given.n_channels]
         self.noise: Array = np.maximum(shown, JUDGING.integrated * spread[: given.n_channels])
         records, guess, places = [], [], []
+        self.labels: list[object] = []  # of the recordings that are held out, or their ends
         for k, (record, rows) in enumerate(zip(given.records, given.rows, strict=True)):
             held = self.split.test[rows]
             if held.any():
+                self.labels.append(given.labels[k])
                 records.append(Record(record.t[held], record.y[held], record.u[held]))
                 guess.append(recordings.guess[recordings.sampled[k][held], k])
                 places.append(rows[held])
         self.rows = np.concatenate(places)  # of the recordings: those of the stretches
-        self.stretches = Stretches.of(records, guess)
+        self.records, self.stretches = records, Stretches.of(records, guess)
         self.measured = np.vstack([record.y for record in records])
 
     def identified(
@@ -79,13 +83,14 @@ class HeldOut:
                 found.append((each, self.trained(each, 1)))
         return found
 
-    def excess(self, identifier: TrajectoryIdentifier) -> Array:
-        """What the rollouts of a fit leave, in units of what neighbouring samples show."""
-        return np.asarray(identifier.noise_ / self.noise, dtype=float)
-
     def left_by(self, identifier: TrajectoryIdentifier) -> Array:
         """What rollouts leave of all held-out samples."""
         return self.stretches.left_by(identifier.estimator_.switching_model, self.noise)
+
+    def free(self, identifier: TrajectoryIdentifier) -> FreeRollouts | None:
+        """What free rollouts of a fit leave of the held-out samples."""
+        model, names = identifier.estimator_, self.samples.names
+        return free_of_records(model, self.records, self.labels, self.noise, names)
 
     def stretches_in(self, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Samples of the stretches all of whose samples are kept."""

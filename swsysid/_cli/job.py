@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._cli.free import free_of_samples
 from swsysid._cli.from_recordings import FromRecordings, identify_recordings
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
@@ -19,6 +20,7 @@ from swsysid._cli.settings import JUDGING
 from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Comparison, Rival, Split, Verdict, count_switches, hold_out
 from swsysid._data.features import Monomials
+from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._tables.table import Table
 
@@ -40,6 +42,13 @@ class JobResult:
     position_gain: float | None  # by which positions lower the error, where that decided
     notes: tuple[str, ...] = ()  # what the fit to derivatives warned about
     remark: str = ""  # why the model is one of derivatives, where they were computed
+    free: FreeRollouts | None = None  # of a model of derivatives; None without times
+
+    @property
+    def free_rollouts(self) -> list[FreeRollouts | None]:
+        """What free rollouts leave of the trajectories, and of those that are held out."""
+        found = self.found
+        return [self.free] if found is None else [found.free, found.free_of_held_out]
 
 
 def run_job(table: Table, options: JobOptions) -> JobResult:
@@ -94,6 +103,7 @@ def _from_derivatives(
         given_up=given_up,
         position_gain=None,
         notes=notes,
+        free=free_of_samples(model, samples, model.modes_),
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from swsysid._cli.from_recordings import FromRecordings
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import RECORDINGS
+from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._rendering.columns import counted
 
 
@@ -25,12 +26,33 @@ def standard_errors(
     return [f"      standard errors {', '.join(terms)}"] if terms else []
 
 
-def recording_text(found: FromRecordings, samples: Samples, asked: int | str) -> str:
-    """What the rollouts leave, and when the trajectories switch; `asked` are modes."""
-    lines, n_modes = [_left_over(found, samples)], found.identifier.n_modes_
-    if asked != "auto" and n_modes < int(asked):
-        lines.append(f"The trajectories show {n_modes} of the {asked} modes asked for.")
-    return "\n".join([*lines, *_instants(found, samples)])
+def recording_text(found: FromRecordings, samples: Samples) -> str:
+    """What the rollouts leave, what that says, and when the trajectories switch."""
+    report, time_unit = found.identifier.report_, samples.time_unit
+    lines = [_left_over(found, samples), found.free.sentence(time_unit)]
+    held_out = free_of_held_out(found.free_of_held_out, time_unit)
+    return "\n".join([*lines, *held_out, *report.doubts, *_instants(found, samples)])
+
+
+def free_of_held_out(free: FreeRollouts | None, time_unit: str) -> list[str]:
+    """A line on free rollouts of what a model has not seen."""
+    if free is None:
+        return []
+    told = free.sentence(time_unit)
+    return [f"Held out, by laws of the others: {told[:1].lower()}{told[1:]}"]
+
+
+def distrust(rollouts: Sequence[FreeRollouts | None], time_unit: str) -> str:
+    """For how long the model is to be trusted by itself; "" where it always is."""
+    breaks = [one.first_break for one in rollouts if one is not None]
+    follows = [one.follows for one in breaks if one is not None]
+    if not follows:
+        return ""
+    unit = f" {time_unit}" if time_unit else ""
+    return (
+        f"By itself the model leaves the noise {min(follows):.3g}{unit} after a known state, as "
+        "free rollouts show: from there on it predicts less well than it fits."
+    )
 
 
 def _left_over(found: FromRecordings, samples: Samples) -> str:
@@ -42,7 +64,8 @@ def _left_over(found: FromRecordings, samples: Samples) -> str:
             f"{name} {size:.2g} {samples.unit(name)}".rstrip()
             for name, size in zip(report.channels, report.noise, strict=True)
         )
-        return f"{begin}nothing but noise: {noise}."
+        alone = "nothing but noise" if found.free.holds else "noise where switches are told"
+        return f"{begin}{alone}: {noise}."
     worst = int(np.argmax(found.excess))
     return (
         f"{begin}{found.excess[worst]:.2g} times the noise of {samples.names[worst]}: a term, a "

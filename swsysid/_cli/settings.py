@@ -92,6 +92,9 @@ class Judging:
     stretch: int = 30
     turns: int = 12
     damping: float = 1e-3
+    # Samples that tell where a trajectory starts of which the model has seen nothing: its error is
+    # then a fifth of the noise.
+    samples_of_start: int = 100
     integrated: float = 1e-5  # of a state's spread: to this rollouts are exact, without noise too
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from swsysid._cli.guard_words import memory, regions
 from swsysid._cli.job import JobResult
-from swsysid._cli.recording_words import recording_text, standard_errors
+from swsysid._cli.recording_words import distrust, recording_text, standard_errors
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import JUDGING, WORDING
 from swsysid._cli.terms import Terms
@@ -20,11 +20,14 @@ from swsysid._surfaces.surface import solves_margin_program
 
 def render(result: JobResult) -> str:
     """The whole text, sections separated by empty lines."""
-    told = result.remark
     if result.found is not None:
-        told = recording_text(result.found, result.samples, result.options.modes)
+        told = recording_text(result.found, result.samples)
+    else:
+        rolled = [] if result.free is None else [result.free.sentence(result.samples.time_unit)]
+        told = "\n".join(part for part in [result.remark, *rolled] if part)
     parts = [_data(result), *_laws(result), _guards(result), told]
-    parts += [_errors(result), verdict_text(result)]
+    sure = distrust(result.free_rollouts, result.samples.time_unit)
+    parts += [_errors(result), "\n".join(part for part in [verdict_text(result), sure] if part)]
     return "\n\n".join(part for part in parts if part)
 
 

@@ -13,8 +13,9 @@ from swsysid._data.records import Records
 from swsysid._data.trajectories import label_text
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import Shape, effect_shape
-from swsysid._effect_search.rollouts import Rollout, rolled_out
+from swsysid._effect_search.rollouts import Rollout, free_of, rolled_out
 from swsysid._effect_search.settings import SETTINGS
+from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._noise import exact_below, root_mean_square
 from swsysid._rendering.parts import Parts, entries_of
 from swsysid._residual_report.report import ResidualReport
@@ -76,6 +77,10 @@ class EffectData:
     trajectory_names : ndarray or None
     aside : ndarray of int
         Rows of the record with gross errors.
+    states : ndarray of shape (n_samples, n_states) or None
+        As they were measured, where velocities were made of them.
+    noise : ndarray of shape (n_states,) or None
+        Of these.
     """
 
     records: Records
@@ -87,6 +92,8 @@ class EffectData:
     covariances: tuple[Array, ...]
     trajectory_names: NDArray | None = None
     aside: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+    states: Array | None = None
+    noise: Array | None = None
 
     @property
     def discrete(self) -> bool:
@@ -189,6 +196,18 @@ class EffectData:
         if self.why_no_rollouts:
             return ()
         return rolled_out(self.models, self.records, self._parts, self.discrete)
+
+    @cached_property
+    def free(self) -> FreeRollouts | None:
+        """What the rollouts with the effects leave of measured states, in units of their noise.
+
+        None where velocities were given: nothing tells the noise of the states.
+        """
+        if self.states is None or self.noise is None or not self.rollouts:
+            return None
+        return free_of(
+            self.models[1], self.records, self.states, self.noise, self.rollouts, self.discrete
+        )
 
     @property
     def most_changed(self) -> int:
@@ -309,6 +328,12 @@ class EffectContents(Parts):
         return (
             [] if self.data is None else [entries_of(vars(one)) for one in self.data.by_trajectory]
         )
+
+    @property
+    def free_rollouts(self) -> str | None:
+        """What free rollouts leave of recordings held out, in a line; None without recordings."""
+        free = None if self.data is None else self.data.free
+        return None if free is None else free.sentence()
 
     @property
     def rollouts(self) -> list[dict[str, object]]:

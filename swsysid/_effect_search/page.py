@@ -246,6 +246,8 @@ def _trajectories(told: _Told) -> Iterable[str]:
 
 def _rollouts(told: _Told) -> Iterable[str]:
     rollouts = told.data.rollouts
+    if told.report.free_rollouts is not None:
+        yield paragraph(told.report.free_rollouts)
     if not told.report.effects:
         return
     if not rollouts:

@@ -26,6 +26,7 @@ from swsysid._effect_search.display import EffectReportDisplay
 from swsysid._effect_search.findings import Ladder
 from swsysid._effect_search.greedy import Round
 from swsysid._effect_search.page import effect_page
+from swsysid._effect_search.recording import Measured
 from swsysid._effect_search.set_aside import Event, SetAside, Whereabouts, set_aside
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.text import report_lines, summary
@@ -110,6 +111,7 @@ class EffectReport(EffectContents):
         *(name for name in EffectContents.__dataclass_fields__ if name not in ("discrete", "data")),
         "by_trajectory",
         "rollouts",
+        "free_rollouts",
     )
 
     @classmethod
@@ -130,12 +132,14 @@ class EffectReport(EffectContents):
         tried: Sequence[Tried] = (),
         alarms: Sequence[str] = (),
         n_declared: int = 0,
+        measured: Measured | None = None,
     ) -> EffectReport:
         """Everything a search has found.
 
         `models` are the declared one and that with the effects, fitted to the rows of the search,
         and the final one, fitted to all rows, with the `covariances` of its effects' parameters.
-        `n_declared` is how many modes were declared, 0 if they were left open.
+        `n_declared` is how many modes were declared, 0 if they were left open. `measured` has the
+        states as they were measured, if velocities were made of them.
         """
         records, split, names = ladder.records, ladder.split, trajectory_names
         first, last = ladder.fits[0], ladder.fits[-1]
@@ -178,6 +182,7 @@ class EffectReport(EffectContents):
                 covariances=tuple(covariances),
                 trajectory_names=names,
                 aside=gross.rows,
+                **_as_measured(measured),
             ),
         )
 
@@ -273,6 +278,14 @@ def _when(fit: JointFit, event: Event, records: Records, names: NDArray | None) 
             columns=laws.column_names(records.names),
         ),
     }
+
+
+def _as_measured(measured: Measured | None) -> dict[str, Array]:
+    """States as they were recorded, and their noise; empty where velocities were given."""
+    if measured is None or measured.recorded is None or measured.noise is None:
+        return {}
+    recorded = measured.recorded
+    return {"states": recorded.X[:, : recorded.n_states], "noise": measured.noise.states}
 
 
 def dropped(rounds: list[Round], told: Sequence[PlacedEffect], records: Records) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,12 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.settings import REPORT
+from swsysid._free_rollouts.courses import Course, switches_of_samples
+from swsysid._free_rollouts.judge import FreeRollouts, judged
+from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._noise import root_mean_square
 from swsysid._results import Array, Status, Trajectory
+from swsysid.refinement._trajectories import Record
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +36,10 @@ class Rollout:
     chatters : bool
         True if the simulation with the effects slides along a surface, and therefore ended: the
         end of what is simulated, and no fault of the laws.
+    rows : ndarray of int
+        The samples of the record.
+    run : Trajectory or None
+        The simulation with the effects.
     """
 
     name: str
@@ -41,6 +49,8 @@ class Rollout:
     after: Array
     ended: tuple[str, str]
     chatters: bool = False
+    rows: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+    run: Trajectory | None = None
 
     @property
     def compared(self) -> float:
@@ -96,11 +106,47 @@ def rolled_out(
         part = records.take(rows[: REPORT.most_samples])
         if len(rows) > 1:
             t = np.asarray(part.t if part.timed else np.arange(len(part)), dtype=float)
-            before, after = (_rollout(model, part, t, discrete) for model in models)
+            start = part.X[0, : part.n_states]
+            before, after = (_rollout(model, part, t, discrete, start) for model in models)
             measured, ended = part.X[:, : part.n_states], (_why(before), _why(after))
             slides = after.status is Status.SWITCH_LIMIT
-            done.append(Rollout(name, t, measured, before.x, after.x, ended, slides))
+            own = rows[: REPORT.most_samples]
+            done.append(Rollout(name, t, measured, before.x, after.x, ended, slides, own, after))
     return tuple(done)
+
+
+def free_of(
+    model: EffectRegressor,
+    records: Records,
+    measured: Array,
+    noise: Array,
+    rollouts: Sequence[Rollout],
+    discrete: bool,
+) -> FreeRollouts:
+    """What the rollouts of a model leave of states as they were measured, with this noise.
+
+    They begin at the states as they are known best, those of the `records`.
+    """
+    parts, runs_by_name, courses = {}, {one.name: one for one in rollouts}, []
+    for one in rollouts:
+        part = parts[one.name] = records.take(one.rows)
+        record = Record(one.t, measured[one.rows], np.empty((len(one.t), 0)))
+        modes = part.told
+        switches = None
+        if modes is not None and (modes >= 0).all() and model.joint_fit_.n_modes > 1:
+            switches = switches_of_samples(one.t, modes)
+        courses.append(Course(one.name, record, part.X[0, : part.n_states], switches=switches))
+
+    def runs(course: Course, start: Array, noise: Array) -> Trajectory:
+        one = runs_by_name[course.label]
+        if one.run is not None and np.array_equal(start, course.start):
+            return one.run
+        return _rollout(model, parts[course.label], one.t, discrete, start)
+
+    spread = np.std(np.vstack([one.measured for one in rollouts]), axis=0)
+    known = np.maximum(noise, REPORT.least_noise * spread)
+    each = SampleNoise.constant(known, [course.label for course in courses])
+    return judged(runs, courses, each, records.names[: records.n_states], unseen=True)
 
 
 def errors_of_all(rollouts: Sequence[Rollout]) -> tuple[float, float]:
@@ -135,11 +181,13 @@ def are_worse(
     return after > (clearly if in_doubt else max(clearly, gained)) * before
 
 
-def _rollout(model: EffectRegressor, part: Records, t: Array, discrete: bool) -> Trajectory:
-    """A simulation from the first state of a measured part of a trajectory."""
+def _rollout(
+    model: EffectRegressor, part: Records, t: Array, discrete: bool, start: Array
+) -> Trajectory:
+    """A simulation along a measured part of a trajectory."""
     spread = np.std(part.X[:, : part.n_states], axis=0)
     simulated: Trajectory = model.simulate(
-        part.X[0, : part.n_states],
+        start,
         t,
         part.X[:, part.n_states :] if part.n_inputs else None,
         signals=part.signals if part.signals.shape[1] else None,

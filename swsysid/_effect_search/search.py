@@ -337,18 +337,18 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             self.best_estimator_ = self._handed_over(final, measured)
         covariances = term_covariances(final, whole)
         self.effects_ = describe_findings(ladder, final, covariances)
-        models = [self._regressor(ladder.fits[place], records) for place in (0, -1)]
-        models.append(self.best_estimator_)
+        fitted = (self._regressor(ladder.fits[place], records) for place in (0, -1))
         self.report_ = EffectReport.of(
             ladder,
             found.rounds,
             self.effects_,
-            models,
+            [*fitted, self.best_estimator_],
             covariances,
             self._trajectory_names,
             tried=found.tried,
             alarms=self._alarms,
             n_declared=asked if isinstance(asked := self._declared.n_modes, int) else 0,
+            measured=measured,
         )
         return final, ladder
 

@@ -132,6 +132,7 @@ class ReportSettings:
     clearly_worse: float = 0.05  # share by which rollouts of recordings rise: beyond their luck
     most_rollouts: int = 4  # each has a picture of its own
     rollout_accuracy: float = 1e-5  # of the spreads of the states: no one measures more
+    least_noise: float = 1e-4  # of these spreads: less is rounding beside that accuracy
     most_samples: int = 1000  # of one rollout: seconds of work, and all that a picture resolves
 
     # -- pictures -----------------------------------------------------------------------------

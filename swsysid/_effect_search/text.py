@@ -267,6 +267,8 @@ def report_lines(report: EffectContents) -> Iterator[str]:
             yield f"Left over of {name}{told}: {said}"
     if report.effects:
         yield from _rollouts(report)
+    if report.free_rollouts is not None:
+        yield f"Held out: {report.free_rollouts[:1].lower()}{report.free_rollouts[1:]}"
     for heading, entries in (
         (NOT_KEPT, not_kept(report)),
         (NOT_LOOKED_FOR, skipped(report)),

@@ -17,21 +17,24 @@ from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._results import Array
 
 
-def first_breaks(left: Sequence[Array], together: float = 1.0) -> list[NDArray[np.intp]]:
+def first_breaks(
+    left: Sequence[Array], together: float = 1.0, variance: float = SETTINGS.variance
+) -> list[NDArray[np.intp]]:
     """Sample from which on each channel is no longer noise, -1 where it always is.
 
     `left` are residuals of every course in units of the noise, (n_samples, n_channels), NaN where
     nothing was measured and infinite where a rollout has ended; `together` samples count as one.
+    `variance` is what the test looks for.
     """
     n_values = sum(int(np.isfinite(one).sum()) for one in left)
     limit = np.log(max(1, n_values) / SETTINGS.significance)
-    return [np.array([_first(one, limit * together) for one in part.T]) for part in left]
+    return [np.array([_first(one, limit * together, variance) for one in part.T]) for part in left]
 
 
-def _first(left: Array, limit: float) -> int:
+def _first(left: Array, limit: float, variance: float) -> int:
     """Begin of the first stretch that exceeds the limit."""
     squares = np.where(np.isnan(left), 0.0, np.minimum(np.square(left), SETTINGS.most_squares))
-    gain = 0.5 * (squares * (1.0 - 1.0 / SETTINGS.variance) - np.log(SETTINGS.variance))
+    gain = 0.5 * (squares * (1.0 - 1.0 / variance) - np.log(variance))
     sums = np.append(0.0, np.cumsum(np.where(np.isnan(left), 0.0, gain)))
     lowest = np.minimum.accumulate(sums)
     over = np.flatnonzero(sums - lowest > limit)

@@ -80,7 +80,7 @@ class FreeRollouts:
     breaks : tuple of Break
         Of each rollout that leaves the noise, where it does; the soonest after its start first.
     hangs_on_start : bool
-        Whether a start that is off by its standard error alone leads as far away at the first
+        Whether a start that is off by two standard errors alone leads as far away at the first
         break: a chaotic motion, or a guard that is hit or missed by a hair. That is no proof
         against the model.
     over : str
@@ -170,6 +170,10 @@ class FreeRollouts:
         return "" if len(set(self.recordings)) == 1 else f" of recording {label}"
 
 
+# A course rolled out from a start, to a small part of the noise (n_samples, n_channels).
+Runs = Callable[[Course, Array, Array], Trajectory]
+
+
 def free_rollouts(
     model: Simulates,
     courses: Sequence[Course],
@@ -179,14 +183,32 @@ def free_rollouts(
     together: float = 1.0,
     input_hold: str = "linear",
     over: str = "",
+    unseen: bool = False,
 ) -> FreeRollouts:
     """Roll a model out along courses and judge what that leaves.
 
     `together` samples of the noise count as one. The model is given ``mode`` where a course has
     one. `noise` is that of the first columns of the states, one for each of the `channels`.
+    `unseen` recordings have taken no part in the fit.
     """
-    done = [_RolledOut.of(_Runs(model, input_hold), course, noise) for course in courses]
-    begins = first_breaks([one.left for one in done], together)
+    runs = _Runs(model, input_hold)
+    return judged(runs, courses, noise, channels, together=together, over=over, unseen=unseen)
+
+
+def judged(
+    runs: Runs,
+    courses: Sequence[Course],
+    noise: SampleNoise,
+    channels: Sequence[str],
+    *,
+    together: float = 1.0,
+    over: str = "",
+    unseen: bool = False,
+) -> FreeRollouts:
+    """The same of rollouts that are made otherwise."""
+    done = [_RolledOut.of(runs, course, noise) for course in courses]
+    variance = SETTINGS.unseen_variance if unseen else SETTINGS.variance
+    begins = first_breaks([one.left for one in done], together, variance)
     broken = [
         (one.broken(begin, channels), one, begin)
         for one, begin in zip(done, begins, strict=True)
@@ -239,7 +261,7 @@ class _Runs:
 class _RolledOut:
     """One course and its free rollout."""
 
-    runs: _Runs
+    runs: Runs
     course: Course
     states: Array  # (n_samples, n_channels), NaN where the rollout has ended
     noise: Array  # of the samples, of the same shape
@@ -248,7 +270,7 @@ class _RolledOut:
     ended: str
 
     @classmethod
-    def of(cls, runs: _Runs, course: Course, noise: SampleNoise) -> _RolledOut:
+    def of(cls, runs: Runs, course: Course, noise: SampleNoise) -> _RolledOut:
         record = course.record
         run = runs(course, course.start, noise.at(record.filled, course.label))
         states = _states(run, record.y.shape)
@@ -279,7 +301,7 @@ class _RolledOut:
         )
 
     def hangs_on_start(self, begins: NDArray[np.intp]) -> bool:
-        """Whether starts that are off by their standard error lead as far away from there on."""
+        """Whether starts off by two standard errors lead as far from the noise, from there on."""
         # an error of the start that grows is in the direction that grows, whichever was moved
         first, channel = _soonest(begins)
         n_first = min(SETTINGS.first_samples, len(self.noise))
@@ -293,7 +315,7 @@ class _RolledOut:
         seen = np.isfinite(self.left[:, channel])
         seen[:first] = False
         left = self.left[seen, channel]
-        return bool(seen.any() and np.mean(away[seen]) >= np.mean(np.square(left)))
+        return bool(seen.any() and 4.0 * np.mean(away[seen]) >= np.mean(np.square(left)) - 1.0)
 
 
 def _soonest(begins: NDArray[np.intp]) -> tuple[int, int]:

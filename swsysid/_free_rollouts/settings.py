@@ -13,6 +13,9 @@ class Judgement:
     significance: float = 1e-3
     # Variance that Page's test looks for: what a wrong rollout adds is as large as the noise.
     variance: float = 2.0
+    # The same of recordings that the model has not seen: there the standard errors of its laws, and
+    # of where a rollout starts, add to the noise.
+    unseen_variance: float = 4.0
     # Squares of a sample count up to here: one outlier, or a sample on the wrong side of a jump,
     # is no break, which takes at least half a dozen.
     most_squares: float = 9.0

@@ -92,10 +92,9 @@ def mode_doubts(n_found: int, asked: int | str, most: int) -> Iterator[str]:
             "max_modes."
         )
     if asked != "auto" and n_found < int(asked):
-        which = "was" if n_found == 1 else "were"
         yield (
-            f"{n_found} of the {asked} modes asked for {which} found: no surface of these columns "
-            "tells another; if the modes have a memory, use HybridAutomatonRegressor."
+            f"The trajectories show {n_found} of the {asked} modes asked for. No surface of these "
+            "columns tells another; if the modes have a memory, use HybridAutomatonRegressor."
         )
 
 

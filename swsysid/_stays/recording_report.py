@@ -31,6 +31,9 @@ class RecordingReport:
         The noise that neighbouring samples show, whatever the laws are.
     samples_that_count_as_one : float
         1 where what is left is white.
+    excess : ndarray of shape (n_channels,)
+        What the rollouts leave in units of the noise of each sample, without samples that follow
+        no law.
     rollouts : FreeRollouts
         What rollouts by the surface alone leave, and which of the switches they make.
     doubts : tuple of str
@@ -49,6 +52,7 @@ class RecordingReport:
     noise: Array
     noise_of_differences: Array
     samples_that_count_as_one: float
+    excess: Array
     rollouts: FreeRollouts
     doubts: tuple[str, ...]
     advice: str

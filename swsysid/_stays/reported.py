@@ -54,6 +54,7 @@ def reported(
         noise=found.left[:n_channels],
         noise_of_differences=search.base.noise[:n_channels],
         samples_that_count_as_one=together,
+        excess=left.excess,
         rollouts=rollouts,
         doubts=tuple(doubts),
         advice=advice_of(left.excess, channels, together, rollouts),

@@ -39,10 +39,12 @@ def _misfit(model: SwitchingSystemRegressor, record: Record) -> Array:
     return record.y - run.x[:, : record.y.shape[1]]
 
 
-def start_of(model: SwitchingSystemRegressor, record: Record) -> Array:
+def start_of(
+    model: SwitchingSystemRegressor, record: Record, n_first: int = LIMITS.first_samples
+) -> Array:
     """The state from which a rollout fits the first samples best."""
     n_states, n_channels = model.coef_.shape[1], record.y.shape[1]
-    first = record.part(0, min(LIMITS.first_samples, len(record.t) - 1))
+    first = record.part(0, min(n_first, len(record.t) - 1))
     filled = first.filled
     speeds = np.gradient(filled, first.t, axis=0)[:2].mean(axis=0)
     guess = np.concatenate([filled[0], speeds])[:n_states]

@@ -95,7 +95,7 @@ def test_a_thermostat_is_not_said_to_have_one_law():
     given = recorded(plant, lambda k, x: 0.05, ([15.0], [19.0], [20.0]), t, mode=0)
     found = report(given, library=1)
     assert not found.rollouts.holds
-    assert any("1 of the 2 modes asked for was found" in one for one in found.doubts)
+    assert any("show 1 of the 2 modes asked for" in one for one in found.doubts)
     assert "HybridAutomatonRegressor" in str(found) and FINE not in str(found)
 
 
@@ -126,5 +126,5 @@ def test_thresholds_are_of_columns_that_part_all_samples():
 
 def test_fewer_modes_than_asked_for_and_the_most_tried_are_said():
     assert not list(mode_doubts(2, 2, 2)) and not list(mode_doubts(2, "auto", 6))
-    assert "2 of the 3 modes asked for were found" in next(mode_doubts(2, 3, 3))
+    assert "show 2 of the 3 modes asked for" in next(mode_doubts(2, 3, 3))
     assert "raise max_modes" in next(mode_doubts(6, "auto", 6))
