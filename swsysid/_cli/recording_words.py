@@ -11,6 +11,7 @@ from swsysid._cli.samples import Samples
 from swsysid._cli.settings import RECORDINGS
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._rendering.columns import counted
+from swsysid._stays.doubts import mode_doubts
 
 
 def standard_errors(
@@ -26,12 +27,15 @@ def standard_errors(
     return [f"      standard errors {', '.join(terms)}"] if terms else []
 
 
-def recording_text(found: FromRecordings, samples: Samples) -> str:
-    """What the rollouts leave, what that says, and when the trajectories switch."""
-    report, time_unit = found.identifier.report_, samples.time_unit
+def recording_text(found: FromRecordings, samples: Samples, asked: int | str) -> str:
+    """What the rollouts leave, and when the trajectories switch; `asked` are modes."""
+    time_unit, n_modes = samples.time_unit, found.identifier.n_modes_
+    # a model of fewer modes was identified anew, and knows nothing of those asked for
+    fewer = mode_doubts(n_modes, asked, 0)
+    doubts = dict.fromkeys([*fewer, *found.identifier.report_.doubts])
     lines = [_left_over(found, samples), found.free.sentence(time_unit)]
     held_out = free_of_held_out(found.free_of_held_out, time_unit)
-    return "\n".join([*lines, *held_out, *report.doubts, *_instants(found, samples)])
+    return "\n".join([*lines, *held_out, *doubts, *_instants(found, samples)])
 
 
 def free_of_held_out(free: FreeRollouts | None, time_unit: str) -> list[str]:

@@ -21,7 +21,7 @@ from swsysid._surfaces.surface import solves_margin_program
 def render(result: JobResult) -> str:
     """The whole text, sections separated by empty lines."""
     if result.found is not None:
-        told = recording_text(result.found, result.samples)
+        told = recording_text(result.found, result.samples, result.options.modes)
     else:
         rolled = [] if result.free is None else [result.free.sentence(result.samples.time_unit)]
         told = "\n".join(part for part in [result.remark, *rolled] if part)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._free_rollouts.settings import SETTINGS
+from swsysid._rendering.columns import counted
 from swsysid._results import Array, Trajectory
 from swsysid.refinement._trajectories import Record
 
@@ -161,4 +162,4 @@ class Pairs:
 
 def _off(identified: Switch, rolled_out: Switch, step: float) -> str:
     off = (rolled_out.time - identified.time) / step
-    return f"{abs(off):.0f} samples {'late' if off > 0 else 'early'}"
+    return f"{counted(round(abs(off)), 'sample')} {'late' if off > 0 else 'early'}"

@@ -94,7 +94,8 @@ def mode_doubts(n_found: int, asked: int | str, most: int) -> Iterator[str]:
     if asked != "auto" and n_found < int(asked):
         yield (
             f"The trajectories show {n_found} of the {asked} modes asked for. No surface of these "
-            "columns tells another; if the modes have a memory, use HybridAutomatonRegressor."
+            "columns tells another; if the modes have a memory, use HybridAutomatonRegressor "
+            "(--automaton)."
         )
 
 

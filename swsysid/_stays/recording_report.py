@@ -91,9 +91,8 @@ def advice_of(
             "effects."
         )
     if broken is not None:
-        return (
-            f"Told when to switch, the laws leave nothing but noise; {_by_itself(rollouts, broken)}"
-        )
+        told = "Told when to switch" if rollouts.n_switches else "Stretch by stretch"
+        return f"{told}, the laws leave nothing but noise; {_by_itself(rollouts, broken)}"
     if together > 2.0:
         return (
             f"The misfit is as small as the noise, but {together:.2g} neighbouring samples of it "
@@ -106,8 +105,8 @@ def _by_itself(rollouts: FreeRollouts, broken: Break) -> str:
     """What that says of the model by itself."""
     if rollouts.hangs_on_start:
         return (
-            "free rollouts hang on how well their start is known, as those of a chaotic motion "
-            "do: judge them over stretches (refine=False)."
+            "free rollouts hang on how well their start is known, as where a motion is chaotic: "
+            "judge them over stretches (refine=False)."
         )
     if broken.cause:
         return (
