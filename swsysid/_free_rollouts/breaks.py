@@ -31,11 +31,22 @@ def first_breaks(
     return [np.array([_first(one, limit * together, variance) for one in part.T]) for part in left]
 
 
+def leave_more(left: Sequence[Array], together: float, variance: float) -> bool:
+    """Whether all samples of a channel together are no noise, if no stretch alone tells so."""
+    gains = _gain(np.vstack(left), variance).sum(axis=0)
+    return bool((gains > -np.log(SETTINGS.significance) * together).any())
+
+
+def _gain(left: Array, variance: float) -> Array:
+    """Log likelihood ratios of the samples, 0 where nothing was measured."""
+    squares = np.minimum(np.square(left), SETTINGS.most_squares)
+    gain = 0.5 * (squares * (1.0 - 1.0 / variance) - np.log(variance))
+    return np.where(np.isnan(left), 0.0, gain)
+
+
 def _first(left: Array, limit: float, variance: float) -> int:
     """Begin of the first stretch that exceeds the limit."""
-    squares = np.where(np.isnan(left), 0.0, np.minimum(np.square(left), SETTINGS.most_squares))
-    gain = 0.5 * (squares * (1.0 - 1.0 / variance) - np.log(variance))
-    sums = np.append(0.0, np.cumsum(np.where(np.isnan(left), 0.0, gain)))
+    sums = np.append(0.0, np.cumsum(_gain(left, variance)))
     lowest = np.minimum.accumulate(sums)
     over = np.flatnonzero(sums - lowest > limit)
     ended = np.flatnonzero(np.isinf(left))

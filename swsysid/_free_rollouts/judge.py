@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._free_rollouts.breaks import first_breaks
+from swsysid._free_rollouts.breaks import first_breaks, leave_more
 from swsysid._free_rollouts.courses import (
     Course,
     Pairs,
@@ -83,6 +83,8 @@ class FreeRollouts:
         Whether a start that is off by two standard errors alone leads as far away at the first
         break: a chaotic motion, or a guard that is hit or missed by a hair. That is no proof
         against the model.
+    leave_more : bool
+        Whether all of them together leave more than noise.
     over : str
         What each rollout goes along, where that is not a whole recording.
     """
@@ -98,12 +100,13 @@ class FreeRollouts:
     extra: tuple[tuple[str, Switch], ...]
     breaks: tuple[Break, ...]
     hangs_on_start: bool = False
+    leave_more: bool = False
     over: str = ""
 
     @property
     def holds(self) -> bool:
         """Whether the rollouts leave nothing but noise."""
-        return not self.breaks
+        return not self.breaks and not self.leave_more
 
     @property
     def tells_switches(self) -> bool:
@@ -230,6 +233,7 @@ def judged(
         extra=_in_order((one.course.label, one.pairs.extra) for one in judged),
         breaks=tuple(one for one, _, _ in broken),
         hangs_on_start=any(one.hangs_on_start(begin) for _, one, begin in broken[:1]),
+        leave_more=leave_more([one.left for one in done], together, variance),
         over=over,
     )
 

@@ -90,7 +90,7 @@ def advice_of(
             "a mode or an effect is missing; try a larger library or more modes, or search for "
             "effects."
         )
-    if broken is not None:
+    if not rollouts.holds:
         told = "Told when to switch" if rollouts.n_switches else "Stretch by stretch"
         return f"{told}, the laws leave nothing but noise; {_by_itself(rollouts, broken)}"
     if together > 2.0:
@@ -101,14 +101,14 @@ def advice_of(
     return "The rollouts leave nothing but noise."
 
 
-def _by_itself(rollouts: FreeRollouts, broken: Break) -> str:
+def _by_itself(rollouts: FreeRollouts, broken: Break | None) -> str:
     """What that says of the model by itself."""
     if rollouts.hangs_on_start:
         return (
             "free rollouts hang on how well their start is known, as where a motion is chaotic: "
             "judge them over stretches (refine=False)."
         )
-    if broken.cause:
+    if broken is not None and broken.cause:
         return (
             "the surface alone does not tell all switches: give it a higher degree or another "
             "column, or, if the modes have a memory, use HybridAutomatonRegressor."

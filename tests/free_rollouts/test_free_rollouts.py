@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton
-from swsysid._free_rollouts.breaks import first_breaks
+from swsysid._free_rollouts.breaks import first_breaks, leave_more
 from swsysid._free_rollouts.courses import (
     Course,
     Pairs,
@@ -151,6 +151,14 @@ def test_one_outlier_is_no_break_and_a_stretch_is():
     assert first_breaks([left])[0][0] == -1
     left[300:330] += 3.0
     assert abs(first_breaks([left])[0][0] - 300) <= 2
+
+
+def test_many_stretches_together_tell_what_none_does():
+    rng = np.random.default_rng(0)
+    stretches = [1.4 * rng.standard_normal((30, 1)) for _ in range(40)]
+    assert all(one[0] == -1 for one in first_breaks(stretches, 4.0))
+    assert leave_more(stretches, 4.0, 2.0)
+    assert not leave_more([one / 1.4 for one in stretches], 1.0, 2.0)
 
 
 def test_pairs_are_mutual_nearest_of_one_transition():
