@@ -9,7 +9,8 @@ from sklearn.base import BaseEstimator
 
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search import continuous, sampled
-from swsysid._automaton_search.answer import AutomatonReport, IdentifiedAutomaton
+from swsysid._automaton_search.answer import IdentifiedAutomaton
+from swsysid._automaton_search.report import AutomatonReport
 from swsysid._automaton_search.scores import rollout_score
 from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
@@ -94,7 +95,16 @@ class HybridAutomatonRegressor(BaseEstimator):
     switch_times_ : list of ndarray
         Instants at which each recording switches.
     noise_ : ndarray of shape (n_states,)
-        What the laws leave of the samples.
+        What the laws leave of the samples: noise of the sensor.
+    equation_noise_ : ndarray of shape (n_states,) or None
+        In discrete time, where samples are not exact: noise in the equation, a sample.
+    coef_errors_ : ndarray of the shape of ``coef_``
+        Standard errors of the laws: 0 where fixed, infinite where the recordings tell nothing.
+    guard_errors_ : tuple of ndarray
+        Of the coefficients of the guard of each transition; the one that sets its scale has none.
+        In discrete time those of anywhere between the nearest samples on both sides.
+    reset_errors_ : tuple of ndarray or None
+        Of offset and matrix of the reset of each transition, (n_states, 1 + n_states).
     verdicts_ : list of TransitionVerdict
         How well each guard tells its switches.
     mode_selection_ : list
@@ -302,7 +312,10 @@ class HybridAutomatonRegressor(BaseEstimator):
         self.verdicts_ = found.verdicts
         self.mode_selection_ = list(found.candidates)
         self.refinement_ = found.refinement
-        self.report_ = AutomatonReport.of(found)
+        self.coef_errors_ = found.errors.coef
+        self.guard_errors_, self.reset_errors_ = found.errors.guards, found.errors.resets
+        self.equation_noise_ = None if found.noises is None else found.noises.equation
+        self.report_ = AutomatonReport.of(found, self.n_modes, self.max_modes)
         for verdict in found.verdicts:
             if not verdict.is_told:
                 warnings.warn(verdict.advice(), GuardWarning, stacklevel=4)

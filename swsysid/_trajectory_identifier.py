@@ -79,7 +79,8 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
     noise_ : ndarray of shape (n_channels,)
         Standard deviation of the noise of each column of x.
     coef_errors_ : ndarray of the shape of ``estimator_.coef_``
-        Standard errors of the coefficients of the laws; 0 where fixed.
+        Standard errors of the coefficients of the laws; 0 where fixed, infinite where the
+        recordings tell nothing (rate and constant of a mode that rests).
     surface_errors_ : ndarray of the shape of ``estimator_.surface_.coef_`` or None
         Standard errors of the coefficients of the surfaces, the largest of each held; None for
         one mode and for a classifier without coefficients.

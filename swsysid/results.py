@@ -10,9 +10,9 @@ public, whichever part of the package makes them.
 
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
-from swsysid._automaton_search.answer import AutomatonReport
 from swsysid._automaton_search.assembly import TransitionVerdict
 from swsysid._automaton_search.refinement import AutomatonRefinement
+from swsysid._automaton_search.report import AutomatonReport
 from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._results import (

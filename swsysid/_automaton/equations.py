@@ -45,19 +45,24 @@ def guard_text(
     Where one monomial stands beside a constant it stands alone: T >= 22.
     """
     terms: dict[str, float] = {}
-    for value, powers in zip(guard.coef.tolist(), guard.powers.tolist(), strict=True):
-        name = monomial_name(powers, columns)
+    for value, name in zip(guard.coef.tolist(), guard_terms(guard, columns), strict=True):
         terms[name] = terms.get(name, 0.0) + value
     combined = partial(linear_combination, precision=precision, style=style, brief=brief)
     others = [name for name, value in terms.items() if value and name != "1"]
     if len(others) == 1:
         coef = terms[others[0]]
         level = combined([-terms.get("1", 0.0) / coef], ["1"])
-        return f"{symbol(others[0], style)} {_relation(coef, style)} {level}"
-    return f"{combined(list(terms.values()), list(terms))} {_relation(1.0, style)} 0"
+        return f"{symbol(others[0], style)} {relation(coef, style)} {level}"
+    return f"{combined(list(terms.values()), list(terms))} {relation(1.0, style)} 0"
 
 
-def _relation(coef: float, style: str) -> str:
+def guard_terms(guard: PolynomialGuard, columns: Sequence[str]) -> list[str]:
+    """Names of the monomials of a guard."""
+    return [monomial_name(powers, columns) for powers in guard.powers.tolist()]
+
+
+def relation(coef: float, style: str = "text") -> str:
+    """What a column is to its threshold where a guard holds in which it has a coefficient."""
     if style == "latex":
         return r"\geq" if coef > 0.0 else r"\leq"
     return ">=" if coef > 0.0 else "<="

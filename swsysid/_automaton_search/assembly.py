@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton.equations import guard_text
 from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
-from swsysid._automaton.transitions import Transition
+from swsysid._automaton.transitions import PolynomialGuard, Transition
 from swsysid._automaton_search.certificates import Certificate
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.features import FeatureMap
+from swsysid._rendering.columns import counted
 from swsysid._results import Array
 
 
@@ -39,6 +41,14 @@ class TransitionVerdict:
         a half, and negative where a sample is on the wrong side.
     largest_margin : float
         Of any guard of the same monomials: the optimum of the paper's margin program.
+    n_coefficients : int
+        Of the guard. With no more switches than coefficients it is not determined: guards of other
+        columns tell the switches as well.
+    rivals : tuple of str
+        Guards of other columns, of no more, that tell the same switches to within two samples.
+    is_in_model : bool
+        Whether the automaton has the transition: not where no guard explains more switches than it
+        has coefficients, and not nearly all.
     """
 
     source: int
@@ -48,19 +58,38 @@ class TransitionVerdict:
     miss: float
     margin: float = np.nan
     largest_margin: float = np.nan
+    n_coefficients: int = 0
+    rivals: tuple[str, ...] = ()
+    is_in_model: bool = True
 
     @property
     def is_told(self) -> bool:
         """True if the guard explains nearly all switches."""
         return self.explained >= SETTINGS.told_by_guard
 
+    @property
+    def is_determined(self) -> bool:
+        """True if there are more switches than coefficients of the guard."""
+        return self.support > self.n_coefficients
+
     def advice(self) -> str:
-        """One sentence on a transition that no guard explains."""
+        """One sentence on a transition that no guard explains, or that too few switches tell."""
+        between = f"from mode {self.source} to mode {self.target}"
+        if self.is_told:
+            rests = counted(self.support, "switch") if self.support != 1 else "one switch"
+            rivals = " or ".join(f"`{one}`" for one in self.rivals)
+            as_well = f"; {rivals} {'tells' if len(self.rivals) == 1 else 'tell'} them as well"
+            return (
+                f"The guard {between} is not determined: it has {self.n_coefficients} "
+                f"coefficients and rests on {rests}{as_well if rivals else ''}. Record more "
+                "switches, from other states."
+            )
+        best = f"the best guard explains {self.explained:.0%} of {self.support}"
+        best += f" and is off by {self.miss:.3g} in time" if np.isfinite(self.miss) else ""
+        none = "" if self.is_in_model else " (it is no transition of the model)"
         return (
-            f"The switches from mode {self.source} to mode {self.target} happen where nothing in "
-            f"the recordings tells: the best guard explains {self.explained:.0%} of "
-            f"{self.support} and is off by {self.miss:.3g} in time; record the signal that "
-            "triggers them and give it as an input, or raise guard_degree."
+            f"The switches {between} happen where nothing in the recordings tells: {best}{none}; "
+            "record the signal that triggers them and give it as an input, or raise guard_degree."
         )
 
 
@@ -76,11 +105,15 @@ def automaton_of(
     found: Sequence[FoundTransition],
     first_modes: FirstModes,
     order: NDArray[np.intp],
+    interval: float,
     *,
     discrete_time: bool = False,
     lags: int = 0,
 ) -> HybridAutomaton:
-    """The automaton whose mode k is the mode ``order[k]`` that was found."""
+    """The automaton whose mode k is the mode ``order[k]`` that was found.
+
+    Guards that tell nothing make no transitions.
+    """
     names = np.argsort(order)
     transitions = [
         Transition(
@@ -91,7 +124,7 @@ def automaton_of(
             len(one),
         )
         for one in found
-        if one.guard is not None
+        if one.guard is not None and one.guard.is_any(interval)
     ]
     transitions.sort(key=lambda one: (one.source, one.target))
     named = FirstModes(first_modes.states, names[first_modes.modes])
@@ -106,12 +139,13 @@ class Assembled:
     order: NDArray[np.intp]
 
 
-def assembled(told: Told, feature_map: FeatureMap) -> Assembled:
+def assembled(told: Told, feature_map: FeatureMap, interval: float) -> Assembled:
     """The automaton in continuous time of what is told."""
     modes = [filled(own) for own in told.modes]
     order = order_of_modes(modes, len(told.coef))
     first_modes = first_modes_of(told.states, modes)
-    return Assembled(automaton_of(told.coef, feature_map, told.real, first_modes, order), order)
+    automaton = automaton_of(told.coef, feature_map, told.real, first_modes, order, interval)
+    return Assembled(automaton, order)
 
 
 def filled(modes: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -144,16 +178,35 @@ def verdicts_of(
     certificates: Sequence[Certificate],
     order: NDArray[np.intp],
     interval: float,
+    columns: Sequence[str],
+    in_users: Callable[[PolynomialGuard], PolynomialGuard] = lambda guard: guard,
 ) -> list[TransitionVerdict]:
-    """One verdict for each transition, in the names of the answer."""
+    """One verdict for each transition, in the names of the answer.
+
+    `columns` are those of guards, which `in_users` tells in the user's.
+    """
     names, verdicts = np.argsort(order), []
     for one, margins in zip(found, certificates, strict=True):
-        near, miss = 0.0, np.inf
+        verdict = TransitionVerdict(
+            int(names[one.source]), int(names[one.target]), len(one), 0.0, np.inf,
+            is_in_model=False,
+        )  # fmt: skip
         if one.guard is not None:
-            near, miss = one.guard.explained(interval), one.guard.miss
-        verdicts.append(
-            TransitionVerdict(
-                int(names[one.source]), int(names[one.target]), len(one), near, miss, *margins
+            guard = one.guard
+            verdict = replace(
+                verdict,
+                explained=guard.explained(interval),
+                miss=guard.miss,
+                margin=margins.margin,
+                largest_margin=margins.largest,
+                n_coefficients=guard.n_coefficients,
+                rivals=tuple(
+                    guard_text(
+                        in_users(rival.guard), columns, SETTINGS.digits_of_rivals, brief=True
+                    )
+                    for rival in guard.rivals
+                ),
+                is_in_model=guard.is_any(interval),
             )
-        )
+        verdicts.append(verdict)
     return sorted(verdicts, key=lambda one: (one.source, one.target))

@@ -16,20 +16,36 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.apart import apart
-from swsysid._automaton_search.assembly import assembled, filled, switch_times_of, verdicts_of
+from swsysid._automaton_search.assembly import (
+    Assembled,
+    assembled,
+    filled,
+    switch_times_of,
+    verdicts_of,
+)
 from swsysid._automaton_search.certificates import certificates
 from swsysid._automaton_search.cutting import Cut, Cutting
-from swsysid._automaton_search.elsewhere import told_from
-from swsysid._automaton_search.found import Told
+from swsysid._automaton_search.elsewhere import errors_elsewhere, guard_elsewhere, told_from
+from swsysid._automaton_search.errors import AutomatonErrors
+from swsysid._automaton_search.exits import shared_exits
+from swsysid._automaton_search.found import FoundTransition, Told
+from swsysid._automaton_search.guards import missed_by
 from swsysid._automaton_search.instants import Settled
+from swsysid._automaton_search.judged import (
+    Guards,
+    by_rollouts,
+    judged,
+    switches_by_recording,
+)
 from swsysid._automaton_search.jumps import jumps_of
 from swsysid._automaton_search.one_surface import (
     explains,
@@ -42,8 +58,10 @@ from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.transitions import transitions_of
+from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._regressor import SwitchingSystemRegressor
-from swsysid._results import IdentificationWarning
+from swsysid._results import Array, IdentificationWarning
+from swsysid._stays.certainty import certainty
 from swsysid._stays.count import CountCandidate
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
@@ -77,7 +95,7 @@ def identified(
     """
     origin = Origin.of(given, estimator)
     counted = origin.counted(given)
-    found = _identified(estimator, counted, degree, settings, told, origin if refine else None)
+    found = _identified(estimator, counted, degree, settings, told, origin, refine=refine)
     return told_from(origin, found, given, estimator.feature_library)
 
 
@@ -87,9 +105,11 @@ def _identified(
     degree: int,
     settings: StaySettings,
     told: Callable[[], object],
-    origin: Origin | None,
+    origin: Origin,
+    *,
+    refine: bool,
 ) -> IdentifiedAutomaton:
-    """The same in columns counted from the origin; not refined where there is none."""
+    """The same in columns counted from the origin, its errors and what is said in the user's."""
     jumps = jumps_of(given)
     search = _search(estimator, cut_at(given, jumps), settings, told)
     exact, known = _exact_start(estimator, given, search), None
@@ -112,15 +132,16 @@ def _identified(
     more = None if together else with_brief_stays(found, stays, settings)
     if more is not None:
         stays, found = more, transitions_of(more, pieces, degree)
-    found = possible(found, stays)
-    if origin is not None and found and not together:
+    found = _by_rollouts(given, stays, pieces, possible(found, stays))
+    if refine and found and not together:
         told()
         parts, refinement = _refined_if_possible(
             without_limits(given), stays, pieces, found, settings, origin
         )
     else:
         parts, refinement = told_by_parts(given, stays, pieces, found), None
-    return _answer(given, stays, parts, refinement, search, candidates, known)
+    shared = partial(_shared_exits, found, stays, origin)
+    return _answer(given, stays, parts, refinement, search, candidates, shared, origin, known)
 
 
 def _refined_if_possible(
@@ -167,24 +188,92 @@ def _answer(
     refinement: AutomatonRefinement | None,
     search: Search,
     candidates: list[CountCandidate],
+    shared: Callable[[Assembled], Iterator[str]],
+    origin: Origin,
     known: list[NDArray[np.intp]] | None = None,  # modes of samples that are in no piece
 ) -> IdentifiedAutomaton:
     if known is not None:
         modes = [np.where(own < 0, by, own) for own, by in zip(told.modes, known, strict=True)]
         told = replace(told, modes=modes)
-    found = assembled(told, stays.model.switching_model.feature_map)
-    laws = replace(stays.estimate.laws, coef=told.coef)
     interval = stays.estimate.segments.recordings.interval
+    found = assembled(told, stays.model.switching_model.feature_map, interval)
+    automaton, order = found.automaton, found.order
+    modes = [np.argsort(order)[filled(own)] for own in told.modes]
+    laws = replace(stays.estimate.laws, coef=told.coef)
+    if refinement is not None and refinement.kept:
+        errors = AutomatonErrors(*refinement.standard_errors)
+    else:
+        coef = certainty(stays, origin).coef
+        errors = AutomatonErrors.by_parts(coef, told.real, automaton, order)
+        errors = errors_elsewhere(origin, errors, automaton)
+    rollouts, uneven = _rolled_out(given, told, found, stays.left)
     return IdentifiedAutomaton(
-        found.automaton,
-        [np.argsort(found.order)[filled(own)] for own in told.modes],
+        automaton,
+        errors,
+        modes,
         told.states,
         switch_times_of(told.changes, len(given.records)),
         told.left,
         float(search.excess(stays).max()),
-        verdicts_of(told.real, certificates(told, given, laws), found.order, interval),
+        verdicts_of(
+            told.real,
+            certificates(told, given, laws),
+            order,
+            interval,
+            automaton.guard_columns,
+            partial(guard_elsewhere, origin),
+        ),
+        rollouts,
+        (*shared(found), *uneven),
         candidates,
+        n_unexplained=sum(int((own < 0).sum()) for own in told.modes),
         refinement=refinement,
+    )
+
+
+def _by_rollouts(
+    given: Given, stays: StayIdentification, pieces: Pieces, found: list[Settled]
+) -> list[Settled]:
+    """The same with guards that free rollouts prefer to their rivals."""
+    feature_map = stays.model.switching_model.feature_map
+    interval = stays.estimate.segments.recordings.interval
+
+    def with_guards(guards: Guards) -> list[Settled]:
+        return [replace(one, guard=guard) for one, guard in zip(found, guards, strict=True)]
+
+    def judge(guards: Guards) -> FreeRollouts:
+        told = told_by_parts(given, stays, pieces, with_guards(guards))
+        return _rolled_out(given, told, assembled(told, feature_map, interval), stays.left)[0]
+
+    return with_guards(by_rollouts([one.guard for one in found], judge))
+
+
+def _rolled_out(
+    given: Given, told: Told, found: Assembled, noise: Array
+) -> tuple[FreeRollouts, list[str]]:
+    modes = [np.argsort(found.order)[filled(own)] for own in told.modes]
+    switches = switches_by_recording(told.changes, found.order, len(given.records))
+    return judged(found.automaton, without_limits(given), modes, told.states, switches, noise)
+
+
+def _shared_exits(
+    found: list[Settled], stays: StayIdentification, origin: Origin, answer: Assembled
+) -> Iterator[str]:
+    """What is said of modes that are left two ways at one guard."""
+    recordings, laws = stays.estimate.segments.recordings, stays.estimate.laws
+    crossed = {one.pair: one.switches.before(laws) for one in found}
+
+    def rises(one: FoundTransition, other: FoundTransition) -> float:
+        assert one.guard is not None, "only guards are compared"
+        missed = missed_by(one.guard.guard, *crossed[other.source, other.target])
+        return float(np.mean(np.abs(missed) <= SETTINGS.near * recordings.interval))
+
+    return shared_exits(
+        [one.transition for one in found],
+        rises,
+        lambda one: crossed[one.source, one.target][0] + np.append(origin.offset, [0.0, 0.0]),
+        np.argsort(answer.order).tolist(),
+        answer.automaton.guard_columns,
     )
 
 

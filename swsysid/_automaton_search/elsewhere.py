@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from swsysid._automaton.columns import CLOCKS
+from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._automaton_search.answer import IdentifiedAutomaton
+from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_shooting.joint import Joint
 from swsysid._data.coordinates import shifted_monomials
 from swsysid._data.features import FeatureMap
@@ -67,6 +69,30 @@ def errors_from(
     of_offset[1:, 0] = -origin.offset[:n_states]
     maps = errors_of(resets.maps.shape, resets.places, of_resets, of_offset)
     return coef, [None if which < 0 else every[which] for which in guards.which], maps
+
+
+def errors_elsewhere(
+    origin: Origin, errors: AutomatonErrors, automaton: HybridAutomaton
+) -> AutomatonErrors:
+    """Standard errors of guards and resets in the user's columns, those of laws as they are.
+
+    Coefficients of one guard or reset are taken to be independent.
+    """
+    guards, resets = [], []
+    for one, guard, reset in zip(automaton.transitions, errors.guards, errors.resets, strict=True):
+        _, change = _moved_guard(one.guard, origin)
+        guards.append(np.sqrt(np.square(guard) @ np.square(change)))
+        if reset is not None:
+            own = origin.offset[: len(reset)]
+            offset = np.sqrt(np.square(reset) @ np.append(1.0, np.square(own)))
+            reset = np.column_stack([offset, reset[:, 1:]])
+        resets.append(reset)
+    return replace(errors, guards=tuple(guards), resets=tuple(resets))
+
+
+def guard_elsewhere(origin: Origin, guard: PolynomialGuard) -> PolynomialGuard:
+    """The same guard of the user's columns."""
+    return _moved_guard(guard, origin)[0]
 
 
 def _transition(one: Transition, origin: Origin) -> Transition:

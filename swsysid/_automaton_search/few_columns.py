@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -74,6 +74,17 @@ class FewColumns:
         wide[:, self.some] = self.powers
         return PolynomialGuard(np.where(sizes > SETTINGS.exact * sizes.max(), own, 0.0), wide)
 
+    def errors(self, coef: Array, covariance: Array) -> Array:
+        """Standard errors of `guard`, the coefficient that adds most to it held as its scale."""
+        to_user = shifted_monomials(self.powers, self.centre, self.spread)
+        own, sizes = to_user @ coef, np.prod(self.spread**self.powers, axis=1)
+        varies = self.powers.any(axis=1)
+        scale = int(np.argmax(np.where(varies, np.abs(own) * sizes, -1.0)))
+        ratios = np.eye(len(own)) - np.outer(own, np.arange(len(own)) == scale) / own[scale]
+        slopes = ratios @ to_user
+        variances = np.einsum("ki,ij,kj->k", slopes, covariance, slopes)
+        return np.where(np.arange(len(own)) == scale, 0.0, np.sqrt(variances.clip(0.0)))
+
     @cached_property
     def _monomials(self) -> Monomials:
         return Monomials(self.powers)
@@ -94,15 +105,28 @@ def without_clocks(columns: Array) -> Array:
 def cheapest_guard(
     n_columns: int,
     guard_of: Callable[[NDArray[np.intp]], FoundGuard | None],
+    interval: float,
     best: FoundGuard | None = None,
 ) -> FoundGuard | None:
     """The guard of least cost among those of few columns; the simplest one that costs the least.
 
-    One to begin with, if there is any, is left only for one that is better.
+    One to begin with, if there is any, is left only for one that is better. Its rivals are the
+    cheapest ones that tell the same switches to within samples, which are an `interval` apart.
     """
+    every = [] if best is None else [best]
     for count in range(1, min(SETTINGS.most_columns, n_columns) + 1):
         for some in combinations(range(n_columns), count):
             found = guard_of(np.array(some))
-            if found is not None and (best is None or found.cost < best.cost - SETTINGS.better):
+            if found is None:
+                continue
+            every.append(found)
+            if best is None or found.cost < best.cost - SETTINGS.better:
                 best = found
-    return best
+    if best is None:
+        return None
+    rivals: list[FoundGuard] = []
+    for one in sorted(every, key=lambda one: (len(one.some), one.cost)):
+        known_already = any(set(other.some) <= set(one.some) for other in rivals)
+        if one is not best and not known_already and one.tells_as_well(best, interval):
+            rivals.append(one)
+    return replace(best, rivals=tuple(rivals[: SETTINGS.most_rivals]))

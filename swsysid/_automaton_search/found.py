@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,50 @@ class FoundGuard:
     cost: float  # half the squares of what is missed, in nats, and the price of its columns
     misses: Array  # (n_switches,): times by which the guard is missed, NaN where it is not defined
     some: NDArray[np.intp]  # columns that it may depend on
+    # standard errors of its coefficients; the one that sets its scale has none
+    errors: Array = field(default_factory=lambda: np.zeros(0))
+    beyond: int = 0  # samples of its mode that lie on the wrong side
+    rivals: tuple[FoundGuard, ...] = ()  # of other columns, that tell the same switches
+
+    def turned(self, sign: float, missed: Callable[[FoundGuard], Array]) -> FoundGuard:
+        """That of one way, of a surface that is crossed both ways; so are its rivals."""
+        guard = PolynomialGuard(sign * self.guard.coef, self.guard.powers)
+        rivals = tuple(one.turned(sign, missed) for one in self.rivals)
+        own = replace(self, guard=guard, rivals=rivals)
+        return replace(own, misses=missed(own))
+
+    def instead(self) -> Iterator[FoundGuard]:
+        """Each rival, with this one among its rivals."""
+        for rival in self.rivals:
+            others = tuple(one for one in self.rivals if one is not rival)
+            yield replace(rival, rivals=(replace(self, rivals=()), *others))
+
+    def without(self, which: Sequence[bool]) -> FoundGuard:
+        """The same without some of its rivals."""
+        pairs = zip(self.rivals, which, strict=True)
+        return replace(self, rivals=tuple(rival for rival, gone in pairs if not gone))
+
+    @property
+    def n_coefficients(self) -> int:
+        """How many coefficients its switches have to tell, those that came out as zero included."""
+        return len(self.guard.coef)
+
+    @property
+    def n_known(self) -> int:
+        """Switches at which its columns are known."""
+        return int(np.isfinite(self.misses).sum())
+
+    def is_any(self, interval: float) -> bool:
+        """True if it explains more switches than any guard of so many coefficients does."""
+        explained = self.explained(interval) * self.n_known
+        return self.tells(interval) or explained > self.n_coefficients
+
+    def tells_as_well(self, other: FoundGuard, interval: float) -> bool:
+        """True if it is of other columns than another guard, of no more, and tells its switches."""
+        of_others = not set(other.some.tolist()) <= set(self.some.tolist())
+        simple = len(self.some) <= len(other.some) and self.n_known >= other.n_known
+        right = self.tells(interval) and self.beyond <= other.beyond
+        return of_others and simple and right
 
     @property
     def miss(self) -> float:
@@ -50,6 +95,8 @@ class FoundReset:
     left: Array  # (n_switches, n_states)
     changed: NDArray[np.bool_]  # (n_states,): components that do not go on
     cost: float  # the sum over the components of what `resets` minimises
+    # (n_states, 1 + n_states): standard errors of offset and matrix, zero where they are fixed
+    errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def sizes(self) -> Array:

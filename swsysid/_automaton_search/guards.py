@@ -21,7 +21,7 @@ coefficient, with which one more switch can be explained.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -87,13 +87,25 @@ def best_guard(
     """The guard of least cost among those of few columns, or the one of some columns."""
     if some is not None:
         return _guard_of(crossed, some, degree)
-    return cheapest_guard(crossed.columns.shape[1], lambda some: _guard_of(crossed, some, degree))
+    n_columns = crossed.columns.shape[1]
+    return cheapest_guard(
+        n_columns, lambda some: _guard_of(crossed, some, degree), crossed.interval
+    )
 
 
-def stated_guard(crossed: Crossed, guard: PolynomialGuard) -> FoundGuard:
+class StatedGuard(NamedTuple):
+    """A guard that is known otherwise, with the standard errors of its coefficients."""
+
+    guard: PolynomialGuard
+    errors: Array
+
+
+def stated_guard(crossed: Crossed, stated: StatedGuard) -> FoundGuard:
     """A guard that is known."""
+    guard = stated.guard
     misses = missed_by(guard, crossed.columns, crossed.rates)
-    return FoundGuard(guard, 0.0, misses, np.flatnonzero(guard.powers.any(axis=0)))
+    some = np.flatnonzero(guard.powers.any(axis=0))
+    return FoundGuard(guard, 0.0, misses, some, stated.errors)
 
 
 def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
@@ -128,9 +140,11 @@ def surface_both_ways(
     found = best_guard(there.joined(back), degree)
     if found is None:
         return None
-    n, down = len(there.columns), PolynomialGuard(-found.guard.coef, found.guard.powers)
-    up = replace(found, misses=found.misses[:n])
-    return up, replace(found, guard=down, misses=-found.misses[n:])
+    n = len(there.columns)
+    return (
+        found.turned(1.0, lambda one: one.misses[:n]),
+        found.turned(-1.0, lambda one: -one.misses[n:]),
+    )
 
 
 def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
@@ -149,7 +163,10 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     price = basis.price(
         len(seen), int((~seen).sum()), solved.random, term=solved.random, chance=solved.chance
     )
-    return FoundGuard(basis.guard(solved.coef), solved.cost + price, misses, some)
+    errors = basis.errors(solved.coef, solved.covariance)
+    return FoundGuard(
+        basis.guard(solved.coef), solved.cost + price, misses, some, errors, solved.beyond
+    )
 
 
 class _Solved(NamedTuple):
@@ -160,6 +177,8 @@ class _Solved(NamedTuple):
     cost: float
     random: float  # nats of a switch at random
     chance: float  # nats by which another guard that explains the same may be better
+    covariance: Array  # of the coefficients
+    beyond: int  # samples that are on the wrong side
 
 
 def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
@@ -201,7 +220,9 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
             pulls[_costs_beside(wrong, unit) > random] = 0.0
     told = _explained(times / errors, random)
     cost = told.cost + float(np.minimum(_costs_beside(wrong, unit), random).sum())
-    return _Solved(coef, times, cost, random, told.chance)
+    rows = values * (weights / (rates * errors))[:, None]
+    n_beyond = int((wrong > SETTINGS.near * own.interval).sum())
+    return _Solved(coef, times, cost, random, told.chance, _covariance(rows, rising), n_beyond)
 
 
 def _least_absolute(misses: Array) -> Array:
@@ -240,6 +261,13 @@ def _explained(misses: Array, random: float) -> _Explained:
     explained[order[: best + 1]] = True
     chance = max(1.0, float(np.sqrt(squares[best]) / scale[best]))
     return _Explained(explained, float(scale[best]), float(costs[best]), chance)
+
+
+def _covariance(rows: Array, rising: Array) -> Array:
+    """Of coefficients with rising . a = 1 whose switches are known by rows of unit errors."""
+    others = np.linalg.svd(rising[None, :])[2][1:].T
+    moved = rows @ others
+    return np.asarray(others @ np.linalg.pinv(moved.T @ moved, hermitian=True) @ others.T)
 
 
 def _least(rows: Array, rising: Array) -> Array:

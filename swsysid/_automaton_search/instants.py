@@ -16,9 +16,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransition
-from swsysid._automaton_search.guards import Crossed, best_guard, blurred_by, stated_guard
+from swsysid._automaton_search.guards import (
+    Crossed,
+    StatedGuard,
+    best_guard,
+    blurred_by,
+    stated_guard,
+)
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
@@ -36,7 +41,7 @@ class Known:
     noise: Array  # (n_states,)
     interval: float
     degree: int
-    stated: Mapping[tuple[int, int], PolynomialGuard]  # guards that are known
+    stated: Mapping[tuple[int, int], StatedGuard]  # guards that are known
 
     def crossed(self, switches: Switches) -> Crossed:
         """What the guard of switches is known by, these at their present instants."""

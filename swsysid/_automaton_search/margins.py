@@ -20,7 +20,7 @@ bent, is known from the laws and has nothing to be paid for.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from swsysid._automaton_search.few_columns import (
 )
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._automaton_shooting.parameters import monomials
 from swsysid._results import Array
 from swsysid._solvers.conic import linear_program
 
@@ -74,6 +75,7 @@ def guard_with_margin(
     return cheapest_guard(
         sides.below.shape[1],
         lambda some: _guard_of(sides, some, degree),
+        1.0,
         min((one for one in told if one), key=lambda one: one.cost, default=None),
     )
 
@@ -85,9 +87,10 @@ def surface_with_margin(
     found = guard_with_margin(there.joined(back), degree, stated)
     if found is None:
         return None
-    up = replace(found, misses=found.misses[: len(there.last)])
-    down = PolynomialGuard(-found.guard.coef, found.guard.powers)
-    return up, FoundGuard(down, found.cost, _missed(down, back.reached), found.some)
+    return (
+        found.turned(1.0, lambda one: _missed(one.guard, there.reached)),
+        found.turned(-1.0, lambda one: _missed(one.guard, back.reached)),
+    )
 
 
 def _stated(guard: PolynomialGuard, sides: Sides) -> FoundGuard | None:
@@ -103,7 +106,8 @@ def _stated(guard: PolynomialGuard, sides: Sides) -> FoundGuard | None:
     wrong = np.maximum(0.0, scaled.values(sides.below)).sum()
     wrong += np.maximum(0.0, -scaled.values(sides.above)).sum()
     cost = SETTINGS.slack_price * wrong
-    return FoundGuard(scaled, float(cost), _missed(scaled, sides.reached), used)
+    misses = _missed(scaled, sides.reached)
+    return FoundGuard(scaled, float(cost), misses, used, *_between(scaled, sides))
 
 
 def _missed(guard: PolynomialGuard, reached: Array) -> Array:
@@ -125,11 +129,43 @@ def _guard_of(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard |
     if coef is None:
         return None
     wrong = np.maximum(0.0, below @ coef).sum() + np.maximum(0.0, -(above @ coef)).sum()
-    cost = SETTINGS.slack_price * wrong
+    # at zero a transition is taken, and a step beyond it is no more wrong
+    at_zero = np.count_nonzero(np.abs(below @ coef) <= SETTINGS.exact)
+    cost = SETTINGS.slack_price * wrong + SETTINGS.unexplained * at_zero
     cost += basis.price(len(seen), int((~seen).sum()), SETTINGS.unexplained, chance=1.0)
     misses = np.full(len(seen), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
-    return FoundGuard(basis.guard(coef), float(cost), misses, some)
+    guard = basis.guard(coef)
+    return FoundGuard(guard, float(cost), misses, some, *_between(guard, sides))
+
+
+def _between(guard: PolynomialGuard, sides: Sides) -> tuple[Array, int]:
+    """Standard errors of the coefficients, and the number of rows on the wrong side.
+
+    Each coefficient may be anywhere between the nearest rows on both sides, the others held; where
+    rows are on the wrong side it is known no better than they are off.
+    """
+    used = guard.powers.any(axis=0)
+    below, above = (
+        rows[known(rows, np.flatnonzero(used))]
+        for rows in (np.vstack([sides.below, sides.last]), np.vstack([sides.above, sides.reached]))
+    )
+    signs = np.repeat([-1.0, 1.0], [len(below), len(above)])
+    terms = monomials(guard, np.vstack([below, above])) * signs[:, None]
+    value = terms @ guard.coef
+    wrong = np.where(signs < 0.0, value <= SETTINGS.exact, value < 0.0)
+    errors = np.zeros(len(guard.coef))
+    scale = int(
+        np.argmax(np.where(guard.powers.any(axis=1), np.abs(terms * guard.coef).max(axis=0), -1.0))
+    )
+    for k, of_one in enumerate(terms.T):
+        if k == scale or guard.coef[k] == 0.0:
+            continue
+        moved = -value / np.where(of_one != 0.0, of_one, np.nan)
+        lower, upper = moved[(of_one > 0.0) & ~wrong], moved[(of_one < 0.0) & ~wrong]
+        width = upper.min(initial=np.inf) - lower.max(initial=-np.inf)
+        errors[k] = max(width, np.abs(moved[wrong]).max(initial=0.0)) / np.sqrt(12.0)
+    return errors, int(wrong.sum())
 
 
 def _separating(below: Array, above: Array, rising: Array) -> Array | None:

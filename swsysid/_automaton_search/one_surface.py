@@ -13,11 +13,13 @@ from sklearn.base import clone
 
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.transitions import PolynomialGuard
+from swsysid._automaton_search.guards import StatedGuard
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import Monomials
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._stays.certainty import certainty
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import misfits
@@ -63,11 +65,15 @@ def explains(surfaced: StayIdentification, stays: StayIdentification) -> bool:
     return held_to - free < 0.5 * held + SETTINGS.sure * np.sqrt(0.5 * held)
 
 
-def guards_of(surfaced: StayIdentification) -> dict[tuple[int, int], PolynomialGuard]:
+def guards_of(surfaced: StayIdentification) -> dict[tuple[int, int], StatedGuard]:
     """The surface as a guard for each direction."""
-    surface = surfaced.model.surface_
+    surface, errors = surfaced.model.surface_, certainty(surfaced).surface
     assert isinstance(surface, PolynomialSurfaceClassifier), "asked for by with_surface"
+    assert errors is not None, "of a surface with coefficients"
     [coef], signs = surface.coef_, surface.mode_book_[:, 0]
     powers = Monomials.up_to(surface.degree, surface.n_features_in_).powers
     wide = np.pad(powers, ((0, 0), (0, len(CLOCKS))))
-    return {(mode, 1 - mode): PolynomialGuard(-signs[mode] * coef, wide) for mode in (0, 1)}
+    return {
+        (mode, 1 - mode): StatedGuard(PolynomialGuard(-signs[mode] * coef, wide), errors[0])
+        for mode in (0, 1)
+    }

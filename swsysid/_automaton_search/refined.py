@@ -48,13 +48,15 @@ def refined(
     joint = jointly(start, noise, sources, settings)
     told = told_jointly(joint.after, parts, stays, pieces, found)
     feature_map = stays.model.switching_model.feature_map
-    before, after = (assembled(one, feature_map) for one in (parts, told))
+    interval = stays.estimate.segments.recordings.interval
+    before, after = (assembled(one, feature_map, interval) for one in (parts, told))
     free = FreeRollouts.of(after, joint.after)
     rolled_before = FreeRollouts.of(before, joint.before).misfit(noise)
     rolled_after = free.misfit(noise)
     likely = joint.value_after <= joint.value_before + settings.converged
     kept = likely and rolled_after <= (1.0 + SHOOTING.worse) * rolled_before
-    told = _judged_by_rollouts(told, free, joint, stays.estimate.segments.recordings.interval)
+    told = _judged_by_rollouts(told, free, joint, interval)
+    after = assembled(told, feature_map, interval)
     return (told if kept else parts), AutomatonRefinement(
         kept,
         joint.value_before,

@@ -45,6 +45,17 @@ class AutomatonRefinement:
     reset_standard_errors: tuple[Array | None, ...]
 
     @property
+    def standard_errors(
+        self,
+    ) -> tuple[Array, tuple[Array, ...], tuple[Array | None, ...]]:
+        """Of laws, guards and resets."""
+        return (
+            self.coef_standard_errors,
+            self.guard_standard_errors,
+            self.reset_standard_errors,
+        )
+
+    @property
     def advice(self) -> str:
         """What to do about it."""
         if self.kept:

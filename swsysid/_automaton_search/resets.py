@@ -19,6 +19,7 @@ from swsysid._automaton.transitions import AffineReset
 from swsysid._automaton_search.found import FoundReset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
+from swsysid._stays.information import covariance_of
 
 
 def best_reset(before: Array, after: Array, errors: Array, held: NDArray[np.intp]) -> FoundReset:
@@ -29,6 +30,7 @@ def best_reset(before: Array, after: Array, errors: Array, held: NDArray[np.intp
     n, n_states = before.shape
     matrix, offset = np.eye(n_states), np.zeros(n_states)
     changed, total = np.zeros(n_states, dtype=bool), 0.0
+    of_errors = np.zeros((n_states, 1 + n_states))
     sizes = np.maximum(before.std(axis=0), np.finfo(float).tiny)
     regressors = np.column_stack([np.ones(n), before])
     # in units in which an error of a state is one
@@ -41,11 +43,24 @@ def best_reset(before: Array, after: Array, errors: Array, held: NDArray[np.intp
         changed[component] = bool(len(terms))
         full = np.zeros(n_states + 1)
         full[terms] = coef
+        of_errors[component, terms] = _errors(regressors[:, terms], jump, coef)
         offset[component] = full[0]
         matrix[component] += full[1:]
     matrix[np.abs(matrix) < SETTINGS.exact] = 0.0
     reset = AffineReset(matrix, offset)
-    return FoundReset(reset, after - before @ matrix.T - offset, changed, total)
+    return FoundReset(reset, after - before @ matrix.T - offset, changed, total, of_errors)
+
+
+def _errors(regressors: Array, jump: Array, coef: Array) -> Array:
+    """Standard errors of the terms of a jump by what they leave.
+
+    Infinite where that is nothing, since there are no more jumps than terms.
+    """
+    n, n_terms = regressors.shape
+    if n <= n_terms:
+        return np.full(n_terms, np.inf)
+    left = np.square(jump - regressors @ coef).sum() / (n - n_terms)
+    return np.sqrt(left * np.diag(covariance_of(regressors.T @ regressors)))
 
 
 def _few_terms(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.first_modes import FirstModes
+from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import (
@@ -19,14 +20,25 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.certificates import UNKNOWN, Certificate, certificate
+from swsysid._automaton_search.errors import AutomatonErrors
+from swsysid._automaton_search.exits import shared_exits
 from swsysid._automaton_search.found import FoundReset, FoundTransition
+from swsysid._automaton_search.judged import (
+    Guards,
+    by_rollouts,
+    judged,
+    switches_by_recording,
+)
 from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_with_margin
 from swsysid._automaton_search.mode_rows import ModeRows, Taken
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._discrete_stays.certainty import DiscreteCertainty
 from swsysid._discrete_stays.identify import DiscreteStays, identify_stays, with_guards
 from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.settings import SETTINGS as DISCRETE
+from swsysid._free_rollouts.judge import FreeRollouts
+from swsysid._results import Array
 from swsysid._stays.given import Given
 
 Pair = tuple[int, int]
@@ -51,28 +63,89 @@ def identified(
         settings=replace(DISCRETE, most_modes=max_modes),
     )
     rows, transitions = _agreeing(ModeRows(stays, given), degree)
-    stays = rows.stays
-    modes, found = rows.with_ends(transitions)
-    order = order_of_modes(modes, len(stays.coef))
-    first = FirstModes(rows.columns[:, : rows.n_lagged], rows.modes)
-    automaton = automaton_of(
-        stays.coef, stays.feature_map, found, first, order, discrete_time=True, lags=stays.rows.lags
-    )
+    stays, sure = rows.stays, DiscreteCertainty.of(rows.stays)
+    noise = stays.noise if sure.noises is None else np.hypot(*sure.noises.sizes)
+
+    def with_guards(guards: Guards) -> _Made:
+        changed = [
+            replace(one, guard=guard) for one, guard in zip(transitions, guards, strict=True)
+        ]
+        return _Made.of(rows, changed)
+
+    guards = [one.guard for one in transitions]
+    if sure.noises is None or not sure.noises.drives:  # else rollouts go where noise leads them
+        guards = by_rollouts(guards, lambda own: with_guards(own).rolled_out(noise)[0])
+    made = with_guards(guards)
+    found, order, automaton = made.found, made.order, made.automaton
+    rollouts, uneven = made.rolled_out(noise)
     jumps = sum(np.count_nonzero(rows.taken.jumped[_is_of(one, rows.taken)]) for one in found)
+    certificates = [_certificate(one, rows) for one in found]
     return IdentifiedAutomaton(
         automaton,
-        [np.argsort(order)[own] for own in modes],
-        [
-            np.where(np.isfinite(x), x, r.filled)
-            for x, r in zip(stays.states, given.records, strict=True)
-        ],
+        AutomatonErrors.by_parts(sure.coef, found, automaton, order),
+        made.modes,
+        made.states,
         switch_times_of(found, len(given.records)),
         stays.noise,
         None,
-        verdicts_of(found, [_certificate(one, rows) for one in found], order, 1.0),
+        verdicts_of(found, certificates, order, 1.0, automaton.guard_columns),
+        rollouts,
+        (*_shared_exits(made), *uneven),
         stays.candidates,
-        (stays.straddling.sum() - jumps) / len(stays.rows),
+        int(stays.straddling.sum() - jumps),
+        noises=sure.noises,
     )
+
+
+@dataclass(frozen=True)
+class _Made:
+    """An automaton of some transitions, and what the recordings went through."""
+
+    rows: ModeRows
+    found: list[FoundTransition]  # those at the ends of recordings included
+    automaton: HybridAutomaton
+    order: NDArray[np.intp]  # the mode that was found as each of its modes
+    modes: list[NDArray[np.intp]]
+
+    @classmethod
+    def of(cls, rows: ModeRows, transitions: Sequence[FoundTransition]) -> _Made:
+        """That of transitions with these guards."""
+        stays = rows.stays
+        modes, found = rows.with_ends(transitions)
+        order = order_of_modes(modes, len(stays.coef))
+        first = FirstModes(rows.columns[:, : rows.n_lagged], rows.modes)
+        lags = stays.rows.lags
+        automaton = automaton_of(
+            stays.coef, stays.feature_map, found, first, order, 1.0, discrete_time=True, lags=lags
+        )
+        return cls(rows, found, automaton, order, [np.argsort(order)[own] for own in modes])
+
+    @property
+    def states(self) -> list[Array]:
+        """Of all samples, measured where no row tells them."""
+        pairs = zip(self.rows.stays.states, self.rows.given.records, strict=True)
+        return [np.where(np.isfinite(x), x, record.filled) for x, record in pairs]
+
+    def rolled_out(self, noise: Array) -> tuple[FreeRollouts, list[str]]:
+        """What free rollouts leave."""
+        given = self.rows.given
+        switches = switches_by_recording(self.found, self.order, len(given.records))
+        return judged(self.automaton, given, self.modes, self.states, switches, noise)
+
+
+def _shared_exits(made: _Made) -> Iterator[str]:
+    """What is said of modes that are left two ways at one guard."""
+    taken, pairs = made.rows.taken, _pairs_of(made.rows.taken)
+
+    def given(one: FoundTransition) -> Array:
+        return taken.given[(pairs == (one.source, one.target)).all(axis=1)]
+
+    def rises(one: FoundTransition, other: FoundTransition) -> float:
+        assert one.guard is not None, "only guards are compared"
+        return float(np.mean(one.guard.guard.values(given(other)) >= 0.0))
+
+    names = np.argsort(made.order).tolist()
+    return shared_exits(made.found, rises, given, names, made.automaton.guard_columns)
 
 
 def _agreeing(rows: ModeRows, degree: int) -> tuple[ModeRows, list[FoundTransition]]:

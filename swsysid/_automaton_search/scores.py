@@ -23,10 +23,15 @@ def rollout_score(automaton: HybridAutomaton, given: Given) -> float:
 
 def _misfit(automaton: HybridAutomaton, record: Record) -> Array:
     """Measured minus rolled out, from the mode and the state that fit the first samples best."""
+    return _left(automaton, record, *start_of(automaton, record))
+
+
+def start_of(automaton: HybridAutomaton, record: Record) -> tuple[Array, int]:
+    """The state and the mode from which a rollout fits the first samples of a recording best."""
     first = record.part(0, min(LIMITS.first_samples, len(record.t) - 1))
     tried = [_start(automaton, first, mode) for mode in range(automaton.n_modes)]
     mode = int(first_least([cost for _, cost in tried]))
-    return _left(automaton, record, tried[mode][0], mode)
+    return tried[mode][0], mode
 
 
 def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array, float]:

@@ -43,6 +43,9 @@ class AutomatonSettings:
     turns: int = 12
     turns_without_sides: int = 4
     turns_of_explained: int = 4
+    # rivals of a guard that are named, and digits of their numbers
+    most_rivals: int = 3
+    digits_of_rivals: int = 4
     # -- choice of a guard, in nats: by which one of more columns must be better, beside its price;
     # by which one with a clock must, in deviations of what noise makes of it (three of seventy-two
     # published automata have one); at least, of a switch that it does not explain

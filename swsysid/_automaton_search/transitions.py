@@ -8,8 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from swsysid._automaton.transitions import PolynomialGuard
-from swsysid._automaton_search.guards import surface_both_ways
+from swsysid._automaton_search.guards import StatedGuard, surface_both_ways
 from swsysid._automaton_search.instants import Known, Settled, settled
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
 from swsysid._stays.identification import StayIdentification
@@ -20,7 +19,7 @@ def transitions_of(
     stays: StayIdentification,
     pieces: Pieces,
     degree: int,
-    stated: Mapping[tuple[int, int], PolynomialGuard] = MappingProxyType({}),
+    stated: Mapping[tuple[int, int], StatedGuard] = MappingProxyType({}),
 ) -> list[Settled]:
     """Guards, resets and instants of all transitions; some guards may be known."""
     found = _settled(stays, switches_of(stays, pieces), degree, stated)
@@ -38,7 +37,7 @@ def _settled(
     stays: StayIdentification,
     told: tuple[Switches, Visits],
     degree: int,
-    stated: Mapping[tuple[int, int], PolynomialGuard],
+    stated: Mapping[tuple[int, int], StatedGuard],
 ) -> list[Settled]:
     switches, visits = told
     interval = stays.estimate.segments.recordings.interval

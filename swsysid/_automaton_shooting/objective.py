@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swsysid._automaton_shooting.equations import JointEquations, add_blocks
 from swsysid._automaton_shooting.estimate import Flown, JointEstimate
 from swsysid._results import Array
-from swsysid._stays.settings import LIMITS
+from swsysid._stays.information import covariance_of
 
 Numbers = NDArray[np.intp]
 
@@ -65,14 +65,8 @@ class JointObjective:
 
         Infinite where no sample and no switch says anything.
         """
-        matrix = self.normal_equations(estimate).matrix
-        told = np.diag(matrix) > 0.0
-        unit = 1.0 / np.sqrt(np.where(told, np.diag(matrix), 1.0))
-        scaled, n = matrix * unit[:, None] * unit, estimate.n_shared
-        inverse = np.linalg.pinv(scaled, rcond=LIMITS.rounding, hermitian=True)
-        covariance = (inverse * unit[:, None] * unit)[:n, :n]
-        covariance[np.diag_indices(n)] = np.where(told[:n], np.diag(covariance), np.inf)
-        return np.asarray(covariance)
+        n = estimate.n_shared
+        return covariance_of(self.normal_equations(estimate).matrix)[:n, :n]
 
     # -- parts -------------------------------------------------------------------------------------
 

@@ -149,7 +149,9 @@ class _Known:
             return False
         sure = np.hypot(self.errors, other.errors)
         apart = np.abs(self.coef - other.coef)
-        return np.array_equal(self.free, other.free) and bool((apart <= most * sure).all())
+        known = np.isfinite(sure)
+        same = np.array_equal(self.free, other.free) and bool(known.all())
+        return same and bool((apart <= most * sure).all())
 
     def with_other(self, other: _Known) -> _Known:
         """The mean of both."""

@@ -5,13 +5,18 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import numpy as np
+
 from swsysid._automaton_regressor import HybridAutomatonRegressor
+from swsysid._automaton_search.judged import judged_on
+from swsysid._automaton_search.scores import rollout_score
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.saving import save_automaton
 from swsysid._cli.terms import Terms
 from swsysid._cli.text import described
 from swsysid._cli.verdict import hold_out
+from swsysid._stays.given import read_given
 from swsysid._tables.table import Table, TableError
 
 
@@ -25,21 +30,17 @@ def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str
     samples = measure(table, options.measurement)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        found, score, held_out = _identified(samples, options)
-    notes = dict.fromkeys(str(warning.message) for warning in caught)
+        found, held_out = _identified(samples, options)
+    # those of the arithmetic below are none of the user's
+    own = [one for one in caught if issubclass(one.category, UserWarning)]
+    notes = dict.fromkeys(str(warning.message) for warning in own)
     # the advice of the report says what guards do not tell
     told = [f"note: {note}" for note in notes if note not in found.report_.advice]
-    text = "\n\n".join([
-        _recorded(samples), str(found.report_),
-        f"held-out rollouts: R2 of {score:.4f} on {held_out}, by an automaton of the others",
-        *told,
-    ])  # fmt: skip
+    text = "\n\n".join([_recorded(samples), str(found.report_), held_out, *told])
     return save_automaton(found, samples, text, folder, checksum)
 
 
-def _identified(
-    samples: Samples, options: JobOptions
-) -> tuple[HybridAutomatonRegressor, float, str]:
+def _identified(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonRegressor, str]:
     """The automaton of all recordings; how one of the training rows rolls out the others."""
     recorded = samples.recorded
     assert recorded is not None, "derivatives are refused"
@@ -58,10 +59,16 @@ def _identified(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the fit to all recordings says the same
         trained = model.fit(*recorded.named(samples.names, split.train))
-        score = trained.score(*recorded.named(samples.names, split.test))
+        others = read_given(*recorded.named(samples.names, split.test))
+        score = rollout_score(trained.automaton_, others)
+        rollouts = judged_on(trained.automaton_, others, trained.noise_)
     what = "whole trajectories" if split.whole_groups else "the last stretch of each trajectory"
-    held_out = f"{split.test.sum():,} samples, {what}"
-    return model.fit(*recorded.named(samples.names, slice(None))), score, held_out
+    well = f"R2 of {score:.4f}" if np.isfinite(score) else "no R2, since a rollout diverges,"
+    held_out = (
+        f"held-out rollouts: {well} on {split.test.sum():,} samples, {what}, by an automaton of "
+        f"the others\n{rollouts.sentence()}"
+    )
+    return model.fit(*recorded.named(samples.names, slice(None))), held_out
 
 
 def _recorded(samples: Samples) -> str:

@@ -20,7 +20,8 @@ def standard_errors(
     """A line with the standard error of every coefficient of a law that was estimated."""
     errors = found.identifier.coef_errors_[mode, state]
     terms = [
-        f"{error:.1g}" if name == "1" else f"{error:.1g} {name}"
+        (f"{error:.1g}" if np.isfinite(error) else "not determined")
+        + (f" {name}" if name != "1" else "")
         for error, name in zip(errors, features, strict=True)
         if error > 0.0
     ]

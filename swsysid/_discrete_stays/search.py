@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.modes import reassigned
+from swsysid._discrete_stays.noises import with_own_ratio
 from swsysid._discrete_stays.rows import (
     RowFit,
     alternate,
@@ -96,10 +97,12 @@ class StaySearch:
                 hopeful = self._hopeful(found, self.settings.hopeless[turn])
                 again = [with_noise(self.part, one, ties) for one in hopeful]
                 found = _best_of_each(lasting_only(self.part, one) for one in again)
+            found = [with_both_noises(self.part, one) for one in found]
         found = _best_of_each(found)
         chosen = min(found, key=lambda one: one.cost)
         candidates = [DiscreteCandidate(len(one.coef), one.cost) for one in found]
-        return Searched(self.data, self._on_all_rows(chosen), tuple(candidates))
+        most = self.settings.most_modes if n_modes is None else n_modes
+        return Searched(self.data, self._on_all_rows(chosen, most), tuple(candidates))
 
     def _hopeful(self, found: list[Found], nats: float) -> list[Found]:
         """Candidates not worse than one of fewer modes, nor by so many nats a row than any."""
@@ -146,18 +149,30 @@ class StaySearch:
         fits = [alternate(self.part.problem, coef) for coef in starts]
         return min(fits, key=lambda fit: fit.cost)
 
-    def _on_all_rows(self, found: Found) -> Found:
-        """The same with all rows."""
+    def _on_all_rows(self, found: Found, most: int) -> Found:
+        """The same with all rows; modes that the part has not visited come in, up to so many."""
         if self.part is self.data:
             return found
+        scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
+        found = self._followed(found, found.coef, scale)
+        while np.count_nonzero(found.fit.unexplained) > self.data.problem.features.shape[1]:
+            rare = law_of(self.data.problem, found.fit.unexplained)
+            scale = np.vstack([scale, scale.mean(axis=0)])
+            more = self._followed(found, np.concatenate([found.coef, rare[None]]), scale)
+            if not len(found.coef) < len(more.coef) <= most or more.cost >= found.cost:
+                break
+            found = more
+        return found
+
+    def _followed(self, found: Found, coef: Array, scale: Array) -> Found:
+        """Laws led on all rows, with as much disturbance as in the part of them."""
+        data, problem = self.data, self.data.problem
         if found.states is None:
-            fit = alternate(self.data.problem, found.coef)
+            fit = without_momentary(data, alternate(problem, coef))
             return Found(fit, None, found.history + fit.history)
-        problem, part = self.data.problem, self.part.problem
-        scale = scale_of(part, found.coef, found.fit.lawful)
-        fit = assigned(problem, found.coef, scale, found.fit.switching)
+        fit = assigned(problem, coef, scale, found.fit.switching)
         start = Found(replace(fit, guards=found.fit.guards), None, found.history)
-        return lasting_only(self.data, with_noise(self.data, start, [found.states.tie] * 2))
+        return lasting_only(data, with_noise(data, start, [found.states.tie] * 2))
 
 
 def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:
@@ -193,16 +208,16 @@ def _is_rough(fit: RowFit, settings: DiscreteSettings) -> NDArray[np.bool_]:
     return np.asarray(size > settings.rough * size.min())
 
 
-def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found:
+def with_noise(data: DiscreteData, found: Found, ties: Sequence[Array | float]) -> Found:
     """Laws and modes in turn, with noise where it was measured and ever less disturbance.
 
     A disturbance is left as soon as the modes stay, or where the measurements have become much less
     likely: then the next one begins with the best that was found.
     """
     now, best, history = found, found, [*found.history]
-    left = None
+    left: Array | float | None = None
     for tie in ties:
-        if tie == left:
+        if left is not None and np.array_equal(tie, left):
             continue
         states = with_states(data, now.fit, tie, now.states)
         history.append(states.cost)
@@ -215,6 +230,18 @@ def with_noise(data: DiscreteData, found: Found, ties: Sequence[float]) -> Found
         if states.cost > best.cost + data.settings.worse * len(data.rows):
             now, left = best, tie
     return replace(best, history=tuple(history))
+
+
+def with_both_noises(data: DiscreteData, found: Found) -> Found:
+    """The same with the noise of the sensor and that in the equation told apart."""
+    if found.states is None:
+        return found
+    told = replace(found, states=with_own_ratio(data, found.fit, found.states))
+    assert told.states is not None
+    fit, _ = reassigned(data, told.fit, told.states)
+    again = replace(told, fit=fit, states=with_states(data, fit, told.states.tie, told.states))
+    best = min(told, again, key=lambda one: one.cost)
+    return lasting_only(data, replace(best, history=(*found.history, best.cost)))
 
 
 def lasting_only(data: DiscreteData, found: Found) -> Found:

@@ -64,6 +64,13 @@ class DiscreteSettings:
     damping: float = 1e-6
     converged: float = 0.02
     least_noise: float = 1e-7
+    # the disturbance as a share of the noise when they are told apart, from noise of the sensor
+    # alone to noise of the equation alone (a ten-thousandth of the variance is the other's), and
+    # the steps in which it climbs: likelihoods of 30 to 2000 rows have one summit
+    ratios: tuple[float, ...] = (0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0)
+    ratio_steps: tuple[float, ...] = (10.0**0.5, 10.0**0.125)
+    # nats by which one kind of noise may be worse and still be all there is: two deviations
+    as_likely: float = 2.0
     # -- Modes by a filter: rows that are decoded side by side, those more to both sides in which a
     # hypothesis settles, and hypotheses of a piece; one whose state is further off is given up
     decoded: int = 60

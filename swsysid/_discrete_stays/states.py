@@ -7,10 +7,11 @@ and white:
 .. math:: \tfrac12 \sum_k \Big\| \frac{y_k - x_k}{\sigma} \Big\|^2
           + \tfrac12 \sum_i \Big\| \frac{x_{k_i + 1} - C_{j_i} \Phi(x_{k_i}, \dots)}{q_i} \Big\|^2 .
 
-The disturbance is a small share of the noise; of a row that no law explains it is as large as the
-states, so that those before and after a jump are free of each other. States enter few rows each:
-Gauss and Newton's matrix has a band for them and a border for the laws, and costs as much as the
-rows are many. Integrated over the states it gives the likelihood of the laws.
+The disturbance is a share of the noise, small where a sensor makes it (`noises`); of a row that no
+law explains it is as large as the states, so that those before and after a jump are free of each
+other. States enter few rows each: Gauss and Newton's matrix has a band for them and a border for
+the laws, and costs as much as the rows are many. Integrated over the states it gives the likelihood
+of the laws.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import RowFit, nats_of_unexplained
 from swsysid._results import Array
+from swsysid._stays.information import covariance_of
 from swsysid._stays.laws import slopes_of
 
 
@@ -43,7 +45,7 @@ class StateFit:
     back: Labels  # (n_rows, lags + 2): places of x[k + 1], x[k], ... of every row among them
     left: Array  # (n_rows, n_states): what the laws leave of the states
     noise: Array  # (n_states,)
-    tie: float
+    tie: Array  # (n_states,): the disturbance as a share of the noise
     cost: float
 
 
@@ -99,7 +101,7 @@ class StateProblem:
         every = np.repeat(self.free[:, None], self.y.shape[1], axis=1)
         return np.where(every, np.cumsum(every).reshape(every.shape) - 1, -1)
 
-    def disturbance(self, noise: Array, tie: float) -> Array:
+    def disturbance(self, noise: Array, tie: Array) -> Array:
         """Standard deviations of what the rows leave, (n_rows, n_states)."""
         return np.where((self.modes < 0)[:, None], 1.0, tie * noise)
 
@@ -117,7 +119,7 @@ class StateProblem:
         """Lagged columns of estimated states."""
         return np.hstack([states[self.back[:, 1:]].reshape(len(self.now), -1), self.inputs])
 
-    def value(self, coef: Array, states: Array, noise: Array, tie: float) -> float:
+    def value(self, coef: Array, states: Array, noise: Array, tie: Array) -> float:
         """The sum of squares."""
         left = self.left(coef, states, self.data.features(self.columns(states)))
         with np.errstate(over="ignore", invalid="ignore"):
@@ -125,7 +127,7 @@ class StateProblem:
             value += np.square(left / self.disturbance(noise, tie)).sum()
         return float(0.5 * value) if np.isfinite(value) else np.inf
 
-    def normal(self, coef: Array, states: Array, noise: Array, tie: float) -> _Normal:
+    def normal(self, coef: Array, states: Array, noise: Array, tie: Array) -> _Normal:
         """Gauss and Newton's equations of the laws, the states eliminated."""
         n_lags, n = self.back.shape[1] - 1, self.y.shape[1]
         features, by_column = slopes_of(
@@ -204,17 +206,18 @@ class StateProblem:
 def with_states(
     data: DiscreteData,
     fit: RowFit,
-    tie: float,
+    tie: Array | float,
     near: StateFit | None = None,
     free: NDArray[np.bool_] | None = None,
 ) -> StateFit:
     """Laws, states and noise of highest likelihood, with the modes of a fit by rows.
 
     From the laws of that fit, or from those of another one; `tie` is the disturbance as a share of
-    the noise.
+    the noise, of each state or of all.
     """
     settings = data.settings
     free = np.ones(fit.coef[:, 0].shape, dtype=bool) if free is None else free
+    tie = np.broadcast_to(np.asarray(tie, dtype=float), data.rows.n_states)
     problem = StateProblem(data, fit.lawful, free)
     coef, states, noise = fit.coef, problem.y, fit.scale.mean(axis=0)
     if near is not None:
@@ -229,7 +232,7 @@ def with_states(
 
 
 def _descended(
-    problem: StateProblem, coef: Array, states: Array, noise: Array, tie: float
+    problem: StateProblem, coef: Array, states: Array, noise: Array, tie: Array
 ) -> tuple[Array, Array]:
     """Levenberg and Marquardt's steps."""
     settings = problem.data.settings
@@ -257,7 +260,7 @@ def _descended(
     return coef, states
 
 
-def _noise(problem: StateProblem, coef: Array, states: Array, tie: float) -> Array:
+def _noise(problem: StateProblem, coef: Array, states: Array, tie: Array) -> Array:
     """Standard deviations of the measurements by what states and rows leave."""
     known = problem.modes >= 0
     left = problem.left(coef, states, problem.data.features(problem.columns(states)))[known]
@@ -267,7 +270,7 @@ def _noise(problem: StateProblem, coef: Array, states: Array, tie: float) -> Arr
     return np.maximum(np.sqrt(squares / freedom), problem.data.settings.least_noise)
 
 
-def _cost(problem: StateProblem, normal: _Normal, noise: Array, tie: float, fit: RowFit) -> float:
+def _cost(problem: StateProblem, normal: _Normal, noise: Array, tie: Array, fit: RowFit) -> float:
     """Negative log likelihood of the rows, the states integrated out, with what laws take."""
     n_samples = len(problem.y)
     nats = normal.value + n_samples * np.log(noise).sum() + 0.5 * normal.log_det
@@ -275,3 +278,14 @@ def _cost(problem: StateProblem, normal: _Normal, noise: Array, tie: float, fit:
     nats += nats_of_unexplained(problem.modes < 0)
     nats += 0.5 * float(np.linalg.slogdet(np.eye(len(normal.matrix)) + normal.matrix)[1])
     return float(nats + fit.of_switches)
+
+
+def law_covariance(
+    data: DiscreteData, fit: RowFit, found: StateFit, free: NDArray[np.bool_]
+) -> Array:
+    """Variances of the laws, like their coefficients; infinite where no row says anything."""
+    problem = StateProblem(data, fit.lawful, free)
+    matrix = problem.normal(found.coef, found.states, found.noise, found.tie).matrix
+    variances, places = np.zeros(found.coef.shape), problem.columns_of_coef
+    variances[places >= 0] = np.diag(covariance_of(matrix))[places[places >= 0]]
+    return variances

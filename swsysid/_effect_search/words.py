@@ -8,6 +8,7 @@ import numpy as np
 
 from swsysid._effect_search.contents import EffectContents
 from swsysid._effect_search.settings import REPORT
+from swsysid._rendering.errors import between
 from swsysid.effects import FoundEffect, Rival
 from swsysid.effects._base import NOWHERE
 
@@ -55,7 +56,10 @@ def error(value: float, before: float) -> str:
 def interval(effect: FoundEffect, name: str) -> str:
     """95 % confidence interval of a parameter, "" if there is none."""
     low, high = effect.intervals.get(name, (np.nan, np.nan))
-    return f"{low:.4g} to {high:.4g}" if np.isfinite(low) and np.isfinite(high) else ""
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return ""
+    ends = f"{low:.4g}", f"{high:.4g}"
+    return between(low, high) if ends[0] == ends[1] else " to ".join(ends)
 
 
 def joined(parts: Sequence[str]) -> str:

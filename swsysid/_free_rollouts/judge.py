@@ -26,7 +26,9 @@ from swsysid._results import Array, Trajectory
 class Simulates(Protocol):
     """A model that can be rolled out."""
 
-    simulate: Callable[..., Trajectory]
+    @property
+    def simulate(self) -> Callable[..., Trajectory]:
+        """As `HybridAutomaton.simulate`."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from swsysid._stays.samples import misfits
 
 @dataclass(frozen=True)
 class Certainty:
-    """Standard errors; zero where a coefficient is fixed."""
+    """Standard errors; zero where a coefficient is fixed, infinite where nothing tells it."""
 
     coef: Array  # (n_modes, n_states, n_features)
     surface: Array | None  # (n_surfaces, n_surface_features), in the user's units
@@ -35,7 +35,11 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     covariance = found.reached.covariance
     features = found.model.switching_model.feature_map
     change = np.eye(features.n_features_out) if origin is None else origin.change(features)
-    coef = errors_of(laws.coef.shape, laws.places, together * covariance.of_laws, change)
+    of_laws = together * covariance.of_laws
+    of_laws[np.diag_indices(laws.n_free)] = np.where(
+        covariance.untold_laws, np.inf, np.diag(of_laws)
+    )
+    coef = errors_of(laws.coef.shape, laws.places, of_laws, change)
     counts = [len(stays.instants) for stays in estimate.segments.stays]
     errors = _errors(together * covariance.variances_of_instants)
     instants = np.split(errors, np.cumsum(counts)[:-1])
@@ -47,13 +51,16 @@ def errors_of(
 ) -> Array:
     """Errors of rows of coefficients (first, second, n) multiplied by `change`.
 
-    `places` are those of the free coefficients, whose covariance is given.
+    `places` are those of the free coefficients, whose covariance is given; an infinite variance
+    makes those infinite that it enters.
     """
     errors, (first, second, column) = np.zeros((*shape[:2], change.shape[1])), places
     for row in np.ndindex(errors.shape[:2]):
         own = np.flatnonzero((first == row[0]) & (second == row[1]))
-        moved, block = change[column[own]], covariance[np.ix_(own, own)]
+        told = own[np.isfinite(np.diag(covariance)[own])]
+        moved, block = change[column[told]], covariance[np.ix_(told, told)]
         errors[row] = _errors(np.einsum("fi,fg,gi->i", moved, block, moved))
+        errors[row][(change[column[np.setdiff1d(own, told)]] != 0.0).any(axis=0)] = np.inf
     return errors
 
 

@@ -123,7 +123,7 @@ class NormalEquations:
         more = LIMITS.rounding
         while True:
             try:
-                return Inverse(self.layout, unit, scaled.with_diagonal(more).factor())
+                return Inverse(self.layout, unit, scaled.with_diagonal(more).factor(), more)
             except LinAlgError:  # not positive by rounding
                 more *= LIMITS.more_rounding
 
@@ -149,6 +149,13 @@ class Inverse:
     layout: Layout
     unit: Array
     factor: Factor
+    held: float  # the share of the diagonal that holds what the data do not tell
+
+    @property
+    def untold_laws(self) -> NDArray[np.bool_]:
+        """Free coefficients of the laws of which nothing but what holds them tells."""
+        of_laws = np.diag(self.factor.inverse_of_corner)[: self.layout.n_laws]
+        return np.asarray(of_laws > LIMITS.untold / self.held)
 
     @property
     def of_laws(self) -> Array:

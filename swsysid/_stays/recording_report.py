@@ -8,7 +8,6 @@ import numpy as np
 
 from swsysid._free_rollouts.judge import Break, FreeRollouts
 from swsysid._rendering.columns import counted
-from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
 
 
@@ -114,26 +113,3 @@ def _by_itself(rollouts: FreeRollouts, broken: Break | None) -> str:
             "column, or, if the modes have a memory, use HybridAutomatonRegressor."
         )
     return "rolled out freely they leave it: a law is a little off, or a weak term is missing."
-
-
-def law_with_errors(
-    left: str, values: Array, errors: Array, names: list[str], precision: int = 3
-) -> str:
-    """One law, each coefficient with its standard error in brackets; zeros are left out."""
-    shown = [
-        f"{value:+.{_decimals(error, precision)}f} ({error:.1g}) {name}".replace(" 1", "", 1)
-        if name == "1"
-        else f"{value:+.{_decimals(error, precision)}f} ({error:.1g}) {name}"
-        for value, error, name in zip(values, errors, names, strict=True)
-        if error > 0.0
-    ]
-    exact = linear_combination(
-        np.where(errors > 0.0, 0.0, values).tolist(), names, precision=precision, style="text"
-    )
-    parts = ([exact] if (np.where(errors > 0.0, 0.0, values) != 0.0).any() else []) + shown
-    return f"{left} = {' '.join(parts) if parts else '0'}"
-
-
-def _decimals(error: float, least: int) -> int:
-    """So many decimals that the error has one digit or two."""
-    return int(np.clip(np.ceil(-np.log10(error)) + 1, 0, 12)) if error > 0.0 else least

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._rendering.errors import sum_with_errors
 from swsysid._stays.certainty import Certainty
 from swsysid._stays.doubts import FitLeft, mode_doubts, surface_doubts
 from swsysid._stays.free import judged
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.origin import Origin
-from swsysid._stays.recording_report import RecordingReport, advice_of, law_with_errors
+from swsysid._stays.recording_report import RecordingReport, advice_of
 from swsysid._stays.search import Search
 from swsysid._stays.settings import LIMITS
 from swsysid._surfaces.surface import has_equations
@@ -66,7 +67,8 @@ def _laws(found: StayIdentification, sure: Certainty, names: Sequence[str]) -> l
     system = found.model.switching_model
     features = list(system.feature_map.names_out)
     return [
-        law_with_errors(f"mode {mode}: {names[state]}'", system.coef[mode, state], errors, features)
+        f"mode {mode}: {names[state]}' = "
+        + sum_with_errors(system.coef[mode, state].tolist(), errors.tolist(), features)
         for mode, of_states in enumerate(sure.coef)
         for state, errors in enumerate(of_states)
     ]

@@ -151,6 +151,7 @@ class Limits:
     # of the diagonal: what normal equations of double precision cannot tell
     rounding: float = 1e-12
     more_rounding: float = 100.0  # by which it grows until they can be solved
+    untold: float = 0.1  # part of a direction that nothing else tells, of a coefficient in it
 
 
 SETTINGS, LIMITS = StaySettings(), Limits()

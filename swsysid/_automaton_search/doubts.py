@@ -1,0 +1,79 @@
+"""What recordings do not tell of an automaton, in a sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from swsysid._automaton_search.answer import IdentifiedAutomaton
+from swsysid._discrete_stays.certainty import KindsOfNoise
+from swsysid._simulation.law_equations import law_equations
+
+
+def doubts_of(found: IdentifiedAutomaton, asked: int | str, most: int) -> Iterator[str]:
+    """Of modes, guards, samples and noise."""
+    yield from _of_modes(found.automaton.n_modes, asked, most)
+    for verdict in found.verdicts:
+        if verdict.is_told and not verdict.is_determined:
+            yield verdict.advice()
+        elif verdict.is_told and verdict.rivals:
+            rivals = " or ".join(f"`{one}`" for one in verdict.rivals)
+            yield (
+                f"The switches {verdict.source} -> {verdict.target} are told as well by {rivals}: "
+                "recordings that start elsewhere would tell which."
+            )
+    yield from found.shared_exits
+    if found.n_unexplained:
+        n = sum(len(own) for own in found.modes)
+        yield (
+            f"{found.n_unexplained:,} of {n:,} samples follow none of the laws and have the mode "
+            "of their neighbours."
+        )
+    if found.noises is not None:
+        yield _of_noise(found, found.noises)
+
+
+def _of_modes(n_found: int, asked: int | str, most: int) -> Iterator[str]:
+    if asked == "auto" and n_found == most > 1:
+        yield (
+            f"{n_found} modes are the most that were tried (max_modes): there may be more; raise "
+            "max_modes."
+        )
+    if asked != "auto" and n_found < int(asked):
+        which = "was" if n_found == 1 else "were"
+        yield (
+            f"{n_found} of the {asked} modes asked for {which} found: the recordings tell no more "
+            "of them apart; give a smaller n_modes, or record what the others do."
+        )
+
+
+def _of_noise(found: IdentifiedAutomaton, noises: KindsOfNoise) -> str:
+    """Which of both noises there is, or both answers where nothing tells."""
+    if noises.drives:
+        only = "" if noises.senses else ", none of it the sensor's that is seen"
+        return (
+            f"There is noise in the equation{only}: that of the sensor alone is "
+            f"{noises.sensor_alone:.3g} nats less likely."
+        )
+    if noises.senses:
+        return (
+            "The noise is the sensor's: that of the equation alone is "
+            f"{noises.equation_alone:.3g} nats less likely."
+        )
+    laws = [
+        "; ".join(
+            law_equations(
+                coef,
+                found.automaton.feature_map,
+                3,
+                "text",
+                discrete_time=True,
+                states=found.automaton.state_names,
+            )
+        )
+        for coef in (noises.laws_of_sensor, noises.laws_of_equation)
+    ]
+    return (
+        "The recordings do not tell noise of the sensor from noise in the equation. The sensor's "
+        f"alone: {laws[0]}. The equation's alone: {laws[1]}. A longer recording, or an input that "
+        "moves the states far beyond the noise, tells."
+    )

@@ -1,0 +1,127 @@
+"""Free rollouts of an automaton along recordings, from their estimated starts and modes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import cycle
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton_search.found import FoundGuard, FoundTransition
+from swsysid._automaton_search.scores import start_of
+from swsysid._data.trajectories import label_text
+from swsysid._free_rollouts.courses import Course, Switch
+from swsysid._free_rollouts.judge import FreeRollouts, free_rollouts
+from swsysid._free_rollouts.sample_noise import SampleNoise
+from swsysid._results import Array
+from swsysid._stays.given import Given
+from swsysid._stays.settings import LIMITS
+
+
+def judged(
+    automaton: HybridAutomaton,
+    given: Given,
+    modes: Sequence[NDArray[np.intp]],
+    states: Sequence[Array],
+    switches: Sequence[tuple[Switch, ...]],
+    noise: Array,
+) -> tuple[FreeRollouts, list[str]]:
+    """What they leave of the recordings that an automaton was made from.
+
+    And how the noise differs from sample to sample, in a sentence each.
+    """
+    labels = [label_text(label) for label in given.labels]
+    left = [record.y - own for record, own in zip(given.records, states, strict=True)]
+    seen = SampleNoise.seen(_least(noise, given), left, list(states), labels)
+    first = automaton.lags + 1
+    courses = [
+        Course(*told)
+        for told in zip(
+            labels,
+            given.records,
+            [own[:first] if automaton.lags else own[0] for own in states],
+            [int(own[first - 1]) for own in modes],
+            switches,
+            strict=True,
+        )
+    ]
+    return _rolled_out(automaton, courses, seen), seen.sentences(automaton.state_names)
+
+
+def judged_on(automaton: HybridAutomaton, given: Given, noise: Array) -> FreeRollouts:
+    """What they leave of others, from the mode and the state that fit the first samples best."""
+    courses = []
+    for label, record in zip(given.labels, given.records, strict=True):
+        start, mode = start_of(automaton, record)
+        courses.append(Course(label_text(label), record, start, mode))
+    labels = [course.label for course in courses]
+    return _rolled_out(automaton, courses, SampleNoise.constant(_least(noise, given), labels))
+
+
+Guards = list[FoundGuard | None]
+
+
+def by_rollouts(guards: Guards, judge: Callable[[Guards], FreeRollouts]) -> Guards:
+    """Guards, or rivals in their place with which free rollouts follow the recordings better.
+
+    That is with fewer wrong switches, or as many and half of what they leave. What tells the
+    switches of a limit cycle as well need not tell those of a recording that begins elsewhere.
+    Rivals stay those with which rollouts are no worse.
+    """
+    if not any(one is not None and one.rivals for one in guards):
+        return guards
+
+    def with_rivals(place: int) -> Iterator[tuple[Guards, FreeRollouts]]:
+        guard = guards[place]
+        for rival in guard.instead() if guard is not None else ():
+            trial = [*guards[:place], rival, *guards[place + 1 :]]
+            yield trial, judge(trial)
+
+    best, at_rest = judge(guards), 0  # guards in a row that have stayed
+    for place in cycle(range(len(guards))):
+        if (best.holds and best.tells_switches) or at_rest == len(guards):
+            break
+        better = [one for one in with_rivals(place) if _is_better(one[1], best)]
+        at_rest = 0 if better else at_rest + 1
+        for trial, rolled in better:
+            if _is_better(rolled, best):
+                guards, best = trial, rolled
+    told: Guards = []
+    for place, guard in enumerate(guards):
+        worse = [_is_better(best, rolled) for _, rolled in with_rivals(place)]
+        told.append(None if guard is None else guard.without(worse))
+    return told
+
+
+def _is_better(one: FreeRollouts, other: FreeRollouts) -> bool:
+    wrong, before = (len(own.missing) + len(own.extra) for own in (one, other))
+    left, left_before = (float(np.linalg.norm(own.left)) for own in (one, other))
+    return wrong < before or (wrong == before and left < 0.5 * left_before)
+
+
+def switches_by_recording(
+    found: Sequence[FoundTransition], order: NDArray[np.intp], n_recordings: int
+) -> list[tuple[Switch, ...]]:
+    """When each recording switches and how, in the names of the answer and in order of time."""
+    names = np.argsort(order)
+    every: list[list[Switch]] = [[] for _ in range(n_recordings)]
+    for one in found:
+        pair = int(names[one.source]), int(names[one.target])
+        for recording, time in zip(one.recording.tolist(), one.times.tolist(), strict=True):
+            every[recording].append(Switch(time, *pair))
+    return [tuple(sorted(own)) for own in every]
+
+
+def _least(noise: Array, given: Given) -> Array:
+    """Noise, no less than what counts as exact."""
+    spread = np.nanstd(np.vstack([record.y for record in given.records]), axis=0)
+    return np.asarray(np.maximum(noise, LIMITS.exactly * np.where(spread > 0.0, spread, 1.0)))
+
+
+def _rolled_out(
+    automaton: HybridAutomaton, courses: Sequence[Course], noise: SampleNoise
+) -> FreeRollouts:
+    hold = "zero" if automaton.discrete_time else "linear"
+    return free_rollouts(automaton, courses, noise, automaton.state_names, input_hold=hold)

@@ -1,0 +1,141 @@
+"""What an identification of an automaton has to say, as text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._automaton_search.answer import IdentifiedAutomaton
+from swsysid._automaton_search.assembly import TransitionVerdict
+from swsysid._automaton_search.doubts import doubts_of
+from swsysid._automaton_search.refinement import AutomatonRefinement
+from swsysid._automaton_search.settings import SETTINGS
+from swsysid._discrete_stays.certainty import KindsOfNoise
+from swsysid._free_rollouts.judge import FreeRollouts
+from swsysid._results import Array
+
+
+@dataclass(frozen=True, repr=False)
+class AutomatonReport:
+    """Laws and transitions of an automaton, how well each is told, and what to do about it.
+
+    Attributes
+    ----------
+    equations : tuple of str
+        With standard errors; a threshold in discrete time is one of an interval.
+    shares : ndarray of shape (n_modes,)
+        Part of the samples in each mode.
+    verdicts : tuple of TransitionVerdict
+    noise : ndarray of shape (n_states,)
+        What the laws leave of the samples: noise of the sensor.
+    noises : KindsOfNoise or None
+        Of the sensor and in the equation, in discrete time where samples are not exact.
+    states : tuple of str
+        Their names.
+    refinement : AutomatonRefinement or None
+        What was gained by refining all of it together.
+    rollouts : FreeRollouts
+        What rollouts of the automaton leave of the recordings, each from its estimated start, and
+        which of the switches its own guards make.
+    doubts : tuple of str
+        What the recordings do not tell, or tell otherwise than asked: a sentence each.
+    advice : str
+    """
+
+    equations: tuple[str, ...]
+    shares: Array
+    verdicts: tuple[TransitionVerdict, ...]
+    noise: Array
+    noises: KindsOfNoise | None
+    states: tuple[str, ...]
+    refinement: AutomatonRefinement | None
+    rollouts: FreeRollouts
+    doubts: tuple[str, ...]
+    advice: str
+
+    @classmethod
+    def of(cls, found: IdentifiedAutomaton, asked: int | str, most: int) -> AutomatonReport:
+        """The report of an answer where `asked` modes were asked for, at `most` some."""
+        modes, automaton = np.concatenate(found.modes), found.automaton
+        shares = np.bincount(modes, minlength=automaton.n_modes) / len(modes)
+        untold = [one.advice() for one in found.verdicts if not one.is_told]
+        if found.excess is not None and found.excess > SETTINGS.most_excess:
+            untold.append(
+                f"The laws leave {found.excess:.2g} times the noise: a term or a mode is missing; "
+                "try a larger library or more modes."
+            )
+        unexplained = found.n_unexplained / len(modes)
+        if unexplained > SETTINGS.most_unexplained:
+            untold.append(
+                f"{unexplained:.0%} of the samples follow none of the laws: a term or a mode "
+                "is missing, or stays are too short to tell theirs; try a larger library, give "
+                "n_modes, or record at a higher rate."
+            )
+        return cls(
+            tuple(found.errors.lines(automaton)),
+            shares,
+            tuple(found.verdicts),
+            found.noise,
+            found.noises,
+            tuple(automaton.state_names),
+            found.refinement,
+            found.rollouts,
+            tuple(doubts_of(found, asked, most)),
+            " ".join(untold) or _judgement(found),
+        )
+
+    def __str__(self) -> str:
+        lived = ", ".join(f"mode {k} {share:.0%}" for k, share in enumerate(self.shares))
+        counted = ", ".join(
+            f"{one.source} -> {one.target} {one.support} times" for one in self.verdicts
+        )
+        lines = [*self.equations, f"Samples: {lived}."]
+        if counted:
+            lines.append(f"Switches: {counted}.")
+        lines.append(self._noise())
+        if self.refinement is not None:
+            lines.append(str(self.refinement))
+        return "\n".join([*lines, self.rollouts.sentence(), *self.doubts, self.advice])
+
+    def _noise(self) -> str:
+        if self.noises is None:
+            return f"The laws leave: {self._sizes(self.noise)}."
+        kinds = []
+        if self.noises.senses or not self.noises.drives:
+            kinds.append(f"of the sensor: {self._sizes(self.noises.sensor)}")
+        if self.noises.drives or not self.noises.senses:
+            kinds.append(f"in the equation: {self._sizes(self.noises.equation)}")
+        return f"Noise {'; '.join(kinds)}."
+
+    def _sizes(self, noise: Array) -> str:
+        pairs = zip(self.states, noise, strict=True)
+        return ", ".join(f"{name} {size:.3g}" for name, size in pairs)
+
+    __repr__ = __str__
+
+
+def _judgement(found: IdentifiedAutomaton) -> str:
+    """What laws leave, and whether the guards of the model tell all switches by themselves."""
+    rollouts = found.rollouts
+    left = "The laws leave nothing but noise"
+    if found.excess is None:
+        left = "What the laws leave counts as noise"
+    if rollouts.holds and rollouts.tells_switches:
+        if all(one.is_determined for one in found.verdicts):
+            return f"{left}, and guards tell all switches."
+        return f"{left}, and guards tell the switches of these recordings; not all are determined."
+    if found.noises is not None and found.noises.drives:
+        return (
+            f"{left}, one sample ahead; noise in the equation leads free rollouts away from any "
+            "recording, which is no proof against the laws."
+        )
+    if rollouts.hangs_on_start:
+        return (
+            f"{left} where they are told when to switch; free rollouts hang on how well their "
+            "start is known, as those of a chaotic motion do."
+        )
+    return (
+        f"{left} where they are told when to switch; by itself the automaton goes another way: a "
+        "guard or a law is off, or a transition is missing."
+    )
