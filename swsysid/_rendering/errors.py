@@ -8,13 +8,14 @@ import numpy as np
 
 from swsysid._rendering.printing import linear_combination
 
-_MOST_DIGITS = 6  # that are shown of a number which is known better
+_MOST_KNOWN = 9  # digits; a number that is known to more of them counts as exact
+_MOST_DIGITS = 6  # that are shown of it then
 
 
 def with_error(value: float, error: float, *, signed: bool = False, precision: int = 3) -> str:
     """A number with its standard error in brackets, which has one digit.
 
-    The number has a digit more. One that is known better than to six digits stands alone, one that
+    The number has a digit more. One that is known to more than nine digits stands alone, one that
     is fixed (an error of zero) has `precision` decimals, and one of infinite error says so.
 
     Examples
@@ -32,7 +33,7 @@ def with_error(value: float, error: float, *, signed: bool = False, precision: i
         return f"+{text}" if signed and not text.startswith("-") else text
     decimals = int(np.ceil(-np.log10(error))) + 1
     digits = decimals + int(np.floor(np.log10(abs(value)))) + 1 if value else decimals
-    if value and digits > _MOST_DIGITS + 1:
+    if value and digits > _MOST_KNOWN:
         return _plain(f"{value:{sign}.{_MOST_DIGITS}g}")
     shown = f"{value:{sign}.{min(max(decimals, 0), 12)}f}"
     if value and not 1e-4 <= abs(value) < 1e7:
