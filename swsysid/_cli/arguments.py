@@ -177,6 +177,12 @@ def _add_model(add: Callable) -> None:
         "the built-in example of --diagnose)",
     )
     add("--library-degree", type=int, metavar="D", help="all products up to degree D instead")
+    add(
+        "--sparsity",
+        type=_sparsity,
+        metavar="auto|SIZE",
+        help="leave out terms that are not needed (auto), or coefficients below a size",
+    )
     add("--surface-degree", type=int, default=1, metavar="D", help="of the surface (default: 1)")
     add(
         "--loss",
@@ -253,6 +259,14 @@ def modes(word: str | None, automaton: bool = False) -> int | str:
     if not word.isdecimal() or int(word) < 1:
         raise TableError(f'--modes {word!r} is neither a positive number nor "auto".')
     return int(word)
+
+
+def _sparsity(word: str) -> str | float:
+    """A size of coefficients, or "auto"."""
+    try:
+        return word if word == "auto" else float(word)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f'{word!r} is neither a number nor "auto"') from error
 
 
 def is_watched(verbose: bool) -> bool:

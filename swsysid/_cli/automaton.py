@@ -52,6 +52,7 @@ def _identified(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonR
         options.modes,
         feature_library=terms.library(n_columns),
         guard_degree=options.surface_degree,
+        sparsity=options.sparsity,
         n_jobs=options.n_jobs,
         random_state=options.random_state,
         verbose=int(options.verbose),

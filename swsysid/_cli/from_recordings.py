@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +140,13 @@ class _Identification:
         n_seen = int(self._is_seen(identifier).sum())
         if n_seen < identifier.n_modes_:
             trained = held_out.trained(self.terms, n_seen)
-        return identifier, self._compared(identifier, trained)
+        comparison = self._compared(identifier, trained)
+        noise_alone = bool((identifier.report_.excess <= RECORDINGS.noise_alone).all())
+        if comparison.improvement <= JUDGING.worth and noise_alone:
+            seen = self._compared(identifier, identifier)
+            comparison = replace(comparison, explains=seen.improvement > JUDGING.worth)
+            self.by_others = trained
+        return identifier, comparison
 
     def _finished(
         self,
@@ -230,8 +236,7 @@ class _Identification:
             worst = int(np.argmax(excess))
             raise _Unfit(
                 f"over stretches of 30 samples rollouts leave {excess[worst]:.2g} times the noise "
-                f"of {samples.names[worst]}; a term, a mode or an effect is missing (--diagnose "
-                "looks for it)."
+                f"of {samples.names[worst]}; {self.options.missing}."
             )
         if not lacking:
             return

@@ -184,15 +184,19 @@ def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> 
     """Fraction by which positions lower the error of the law, cross-validated over blocks.
 
     The modes are those of the model that may use the positions; given them the laws are plain
-    least squares, so that the comparison costs nothing.
+    least squares, so that the comparison costs nothing. An angle that turns over matters by its
+    sine, whatever the library, and products of it say nothing.
     """
     X, targets = samples.X[train], samples.Xdot[train, samples.n_known :]
     modes, n_blocks = model.predict_modes(samples.frame[train]), JUDGING.blocks
     block = np.arange(len(X)) * n_blocks // len(X)
-    everything = list(range(X.shape[1]))
+    degree, positions = options.library_degree or 1, X[:, : samples.n_known]
+    without, full = (
+        Monomials.up_to(degree, columns.shape[1])(columns)
+        for columns in (X[:, samples.n_known :], X)
+    )
     errors = []
-    for columns in (everything[samples.n_known :], everything):
-        design = Monomials.up_to(options.library_degree or 1, len(columns))(X[:, columns])
+    for design in (without, full, np.hstack([full, np.sin(positions), np.cos(positions)])):
         residuals = np.full_like(targets, np.nan)
         for mode in np.unique(modes):
             for held in range(n_blocks):
@@ -202,4 +206,4 @@ def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> 
                     coef = np.linalg.lstsq(design[inside], targets[inside], rcond=None)[0]
                     residuals[outside] = targets[outside] - design[outside] @ coef
         errors.append(np.sqrt(np.nanmean((residuals / targets.std(axis=0)) ** 2)))
-    return float(1.0 - errors[1] / errors[0]) if errors[0] > 0 else 0.0
+    return float(1.0 - min(errors[1:]) / errors[0]) if errors[0] > 0 else 0.0

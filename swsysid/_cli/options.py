@@ -18,6 +18,7 @@ class JobOptions:
     library_degree: int = 1  # of the law of each mode; 0 is linear without a constant
     waves: bool = False  # the law may have sines and cosines of the columns
     surface_degree: int = 1
+    sparsity: str | float | None = None  # "auto" leaves out terms that are not needed
     loss: str = "l1"
     position: str = "auto"  # with order 2: "yes" and "no" let the law use the positions or not
     test_fraction: float = 0.3
@@ -26,12 +27,19 @@ class JobOptions:
     n_jobs: int | None = None
     verbose: bool = False
 
+    @property
+    def missing(self) -> str:
+        """What laws lack that leave more than noise, and what looks for it."""
+        told = "a term, a mode or an effect is missing (--diagnose looks for it)"
+        return told if self.modes == "auto" else f"{told}; --modes auto tries more modes"
+
     def regressor(self, n_modes: object, **options) -> SwitchingSystemRegressor:
         """The estimator of so many modes; its other parameters are `options`."""
         return SwitchingSystemRegressor(
             n_modes=n_modes,
             surface=PolynomialSurfaceClassifier(degree=self.surface_degree),
             loss=self.loss,
+            sparsity=self.sparsity,
             n_jobs=self.n_jobs,
             random_state=self.random_state,
             verbose=int(self.verbose),

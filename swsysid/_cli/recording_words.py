@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from swsysid._cli.from_recordings import FromRecordings
+from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import RECORDINGS
 from swsysid._free_rollouts.judge import FreeRollouts
@@ -28,13 +29,13 @@ def standard_errors(
     return [f"      standard errors {', '.join(terms)}"] if terms else []
 
 
-def recording_text(found: FromRecordings, samples: Samples, asked: int | str) -> str:
-    """What the rollouts leave, and when the trajectories switch; `asked` are modes."""
+def recording_text(found: FromRecordings, samples: Samples, options: JobOptions) -> str:
+    """What the rollouts leave, what that says, and when the trajectories switch."""
     time_unit, n_modes = samples.time_unit, found.identifier.n_modes_
     # a model of fewer modes was identified anew, and knows nothing of those asked for
-    fewer = mode_doubts(n_modes, asked, 0)
+    fewer = mode_doubts(n_modes, options.modes, 0)
     doubts = dict.fromkeys([*fewer, *found.identifier.report_.doubts])
-    lines = [_left_over(found, samples), found.free.sentence(time_unit)]
+    lines = [_left_over(found, samples, options), found.free.sentence(time_unit)]
     held_out = free_of_held_out(found.free_of_held_out, time_unit)
     return "\n".join([*lines, *held_out, *doubts, *_instants(found, samples)])
 
@@ -60,7 +61,7 @@ def distrust(rollouts: Sequence[FreeRollouts | None], time_unit: str) -> str:
     )
 
 
-def _left_over(found: FromRecordings, samples: Samples) -> str:
+def _left_over(found: FromRecordings, samples: Samples, options: JobOptions) -> str:
     span = "whole trajectories" if found.whole else "stretches of 30 samples"
     begin = f"Identified from the trajectories as they were measured. Over {span} rollouts leave "
     if (found.excess <= RECORDINGS.noise_alone).all():
@@ -73,8 +74,8 @@ def _left_over(found: FromRecordings, samples: Samples) -> str:
         return f"{begin}{alone}: {noise}."
     worst = int(np.argmax(found.excess))
     return (
-        f"{begin}{found.excess[worst]:.2g} times the noise of {samples.names[worst]}: a term, a "
-        "mode or an effect is missing (--diagnose looks for it)."
+        f"{begin}{found.excess[worst]:.2g} times the noise of {samples.names[worst]}: "
+        f"{options.missing}."
     )
 
 

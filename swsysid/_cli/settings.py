@@ -105,6 +105,9 @@ class Wording:
     precision: int = 6  # decimals of coefficients
     # Share of the spread of a rate that an input has to move to be called its drive.
     sensible: float = 0.01
+    still: float = 0.01  # share of the motion of other modes that is called none
+    rounding: float = 1e-6  # share of a coefficient by which two laws without noise may differ
+    sure: float = 3.0  # standard errors by which two laws differ in a term: two-sided 0.3 %
     most_rows: int = 20_000  # samples that decide where the modes are, in words
     same_side: float = 0.99  # share of the samples on which fewer terms must say the same as all
     no_constant: float = 0.001  # share of the samples that a constant has to put right to be told

@@ -6,6 +6,7 @@ import numpy as np
 
 from swsysid._cli.guard_words import memory, regions
 from swsysid._cli.job import JobResult
+from swsysid._cli.physics_words import physics
 from swsysid._cli.recording_words import distrust, recording_text, standard_errors
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import JUDGING, WORDING
@@ -21,7 +22,7 @@ from swsysid._surfaces.surface import solves_margin_program
 def render(result: JobResult) -> str:
     """The whole text, sections separated by empty lines."""
     if result.found is not None:
-        told = recording_text(result.found, result.samples, result.options.modes)
+        told = recording_text(result.found, result.samples, result.options)
     else:
         rolled = [] if result.free is None else [result.free.sentence(result.samples.time_unit)]
         told = "\n".join(part for part in [result.remark, *rolled] if part)
@@ -166,6 +167,7 @@ def _guards(result: JobResult) -> str:
     if not result.comparison.constant:
         surface = model.surface_
         lines = regions(surface, samples) if solves_margin_program(surface) else []
+        lines += physics(result.found, samples) if result.found is not None else []
         equations = model.surface_equations(precision=WORDING.precision)
         return "\n    ".join(["switching surface", *lines, *equations])
     always = int(model.surface_.predict(samples.X[:1])[0])
@@ -181,8 +183,9 @@ def _guards(result: JobResult) -> str:
     if told:
         lines.append(f"The modes have a memory (hysteresis): {told}.")
     lines.append(
-        "Run again with --diagnose, which looks for a guard that remembers, or add the column "
-        "that drives the switching to --inputs."
+        "Run again with --automaton or --diagnose, which look for guards that remember, with "
+        "another number of modes (--modes auto), or add the column that drives the switching to "
+        "--inputs."
     )
     return "\n    ".join(lines)
 
@@ -277,6 +280,13 @@ def _of_modes(result: JobResult) -> str:
     law = f"one mode with {best.terms} terms"
     judged = "rates" if comparison.noise is None else "states"
     sure = f"error {_change(comparison)}, {comparison.gain:.1f} standard errors over blocks"
+    if comparison.improvement <= JUDGING.worth and (told := _memory(result)):
+        return (
+            f"The guard remembers (hysteresis): {told}. No surface tells that, and so the laws, "
+            "which stand, predict the held-out samples no better than one mode "
+            f"(error {_change(comparison)}). Run again with --automaton, which finds such guards."
+        )
+    other = "" if result.options.modes == "auto" else "; or let the data say how many: --modes auto"
     return {
         Verdict.SWITCHES: (
             "Switching predicts the held-out samples clearly better than one mode: than the best "
@@ -290,12 +300,19 @@ def _of_modes(result: JobResult) -> str:
             "Switching does not predict the held-out samples clearly better than one mode: "
             f"{law} does as well (error of the {n_modes} modes {_change(comparison)}). Do not "
             "trust the modes, which may only follow a curve piece by piece"
-            f"{_advice(best.terms.option)}."
+            f"{_advice(best.terms.option)}{other}."
+        ),
+        Verdict.UNREPEATED: (
+            f"Switching explains all that was recorded: told when to switch, {n_modes} modes leave "
+            "nothing but noise, which no smooth law that was tried does. Laws of the other samples "
+            f"alone do not repeat that on what is held out (error against {law} "
+            f"{_change(comparison)}): they are too few for every coefficient. Record more."
         ),
         Verdict.ONE_MODE: (
             "Switching does not predict the held-out samples clearly better than one mode "
             f"(error {_change(comparison)}). Do not trust the modes: try another library, keep one "
-            "mode (--modes 1), or, if the modes may have memory or states jump, try --automaton."
+            "mode (--modes 1), or, if the modes may have memory or states jump, try --automaton"
+            f"{other}."
         ),
         Verdict.TOO_FEW: (
             "These data do not decide whether there is switching: the modes change "
@@ -311,9 +328,18 @@ def _of_modes(result: JobResult) -> str:
         Verdict.HIDDEN: (
             "Switching does not predict the held-out samples clearly better than one mode, since "
             "the columns do not say which mode is active: the model uses the law of one mode "
-            f"everywhere, and its error, against {law}, is {_change(comparison)}."
+            f"everywhere, and its error, against {law}, is {_change(comparison)}{other}."
         ),
     }[comparison.verdict]
+
+
+def _memory(result: JobResult) -> str:
+    """Where each of two modes begins, if their surface cannot tell it."""
+    found = result.found
+    if found is None or result.model.n_modes_ != 2:
+        return ""
+    rollouts = found.identifier.report_.rollouts
+    return "" if rollouts.tells_switches else memory(result.modes, result.samples)
 
 
 def _change(comparison: Comparison) -> str:

@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._cli.settings import JUDGING
+from swsysid._cli.settings import JUDGING, RECORDINGS
 from swsysid._cli.terms import Terms
 from swsysid._data.trajectories import places_along
 from swsysid._results import Array
@@ -57,6 +57,7 @@ class Verdict(Enum):
     CHANCE = "several modes predict better, which may be chance"
     TOO_FEW = "too few rows or switches to judge"
     USELESS = "nothing predicts better than the mean"
+    UNREPEATED = "right for all that was recorded, which laws of a part of it do not repeat"
     HIDDEN = "the surface is constant: the columns do not say which mode is active"
 
 
@@ -88,6 +89,9 @@ class Comparison:
     noise: Array | None = None  # of the columns, where they are measured states
     blocks: NDArray[np.intp] | None = None  # of the rows: independent stretches; None cuts some
     seen: bool = False  # by the model of several modes, which is no better all the same
+    # Whether the model of all recordings leaves nothing but noise where switches are told, and
+    # predicts better than the best rival what is held out, which it has seen.
+    explains: bool = False
 
     @property
     def unit(self) -> Array:
@@ -127,6 +131,8 @@ class Comparison:
         if self.hidden:
             return Verdict.HIDDEN
         if self.improvement <= JUDGING.worth:
+            if self.explains and self._size(self.best.errors) > RECORDINGS.noise_alone:
+                return Verdict.UNREPEATED
             return Verdict.ONE_MODE if self.best is self.rivals[0] else Verdict.SMOOTH
         if relative_error(self.errors, self.spread) >= 1.0:
             return Verdict.USELESS

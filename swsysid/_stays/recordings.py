@@ -97,6 +97,11 @@ class Recordings:
         """Recording of every sample, the recordings one after the other."""
         return np.repeat(np.arange(len(self)), [len(places) for places in self.sampled])
 
+    @property
+    def columns(self) -> Array:
+        """Rough states and inputs at the samples, (n_samples, n_states + n_inputs)."""
+        return np.hstack([self.joined(self.guess), self.joined(self.u)])
+
     def joined(self, padded: NDArray) -> NDArray:
         """Rows of the samples of all recordings one after the other, padded like `y`."""
         return np.concatenate([padded[places, k] for k, places in enumerate(self.sampled)])

@@ -282,7 +282,8 @@ class Search:
         """The estimator fitted to derivatives, and which of its coefficients are sought."""
         start = start_from(clone(self.estimator).set_params(n_modes=n_modes), base, self.names)
         start.coef_, free = self._law_of_positions(start, base)
-        features = start.switching_model.feature_map(base.rows.X)
+        # at the samples: a filter makes of a square of a 0/1 input something of its own
+        features = start.switching_model.feature_map(base.recordings.columns)
         own = of_their_own(features)
         start.coef_, free = in_these(start.coef_, features, own), free & own
         if self.estimator.sparsity is not None:

@@ -30,6 +30,7 @@ SAYINGS = (
     "do not decide whether",
     "no better than the mean",
     "do not say which mode is active",
+    "Switching explains all that was recorded",
     "No switching",
 )
 
@@ -202,6 +203,14 @@ def compared(several, one, richer, n_switches=20, told=None, n_rows=200, uneven=
         (compared(0.6, 0.5, 0.5, told=0.1), Verdict.HIDDEN),
         (compared(0.6, 0.5, 0.1, told=0.1), Verdict.SMOOTH),
         (compared(0.6, 0.5, 0.5, told=0.4), Verdict.ONE_MODE),
+        # rollouts of the model of all recordings leave nothing but noise, of 0.1 here
+        (
+            replace(compared(0.6, 0.5, 0.4), noise=np.full(1, 0.1), explains=True),
+            Verdict.UNREPEATED,
+        ),
+        (replace(compared(0.6, 0.5, 0.4), noise=np.full(1, 0.1)), Verdict.SMOOTH),
+        # so do those of a smooth law
+        (replace(compared(0.6, 0.5, 0.1), noise=np.full(1, 0.1), explains=True), Verdict.SMOOTH),
     ],
 )
 def test_each_case_has_its_verdict(comparison, verdict):
