@@ -2,6 +2,7 @@
 
 import os
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 import swsysid
@@ -53,7 +54,10 @@ exclude_patterns = [
     "trajectories_tables.md",
 ]
 html_theme = "pydata_sphinx_theme"
-html_static_path = ["_static"]
+# formulas are set without network: all of MathJax, its fonts as outlines, is this one file
+mathjax = files("sphinx-mathjax-offline") / "static" / "mathjax" / "tex-svg-full.js"
+mathjax_path = mathjax.name
+html_static_path = ["_static", str(mathjax)]
 html_title = f"swsysid {release}"
 html_css_files = ["site.css"]
 html_theme_options = {
