@@ -102,7 +102,13 @@ def main():
             draw_answer(ax, QUESTION_WIDTH + column * (WIDTH + GAP), top, case, setting)
         if row:
             ax.axhline(top - GAP, color="#cccccc", linewidth=0.8)
-    ax.text(0.1, size[1] - 0.15, "Filled boxes are the defaults of SwitchingSystemRegressor.", size=10, color=INK)
+    ax.text(
+        0.1,
+        size[1] - 0.15,
+        "Filled boxes are the defaults of SwitchingSystemRegressor.",
+        size=10,
+        color=INK,
+    )
     CHART.parent.mkdir(exist_ok=True)
     plt.rcParams["svg.hashsalt"] = "swsysid"  # the same file from every run
     figure.savefig(CHART, metadata={"Date": None}, facecolor="white")

@@ -37,6 +37,9 @@ exclude_patterns = [
     "_build",
     "auto_examples/*.ipynb",
     "auto_examples/*.py.md5",
+    # seconds of the examples, in a table that the network draws
+    "auto_examples/sg_execution_times.rst",
+    "sg_execution_times.rst",
     "automata_tables.md",
     "calibration_table.md",
     "fresh_table.md",
@@ -99,6 +102,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": "auto_examples",
     "abort_on_example_error": True,
     "show_memory": False,
+    "remove_config_comments": True,
     # what a block prints is shown, not what its last line happens to be
     "capture_repr": (),
     "download_all_examples": False,

@@ -150,7 +150,8 @@ class SwitchingSurfaceDisplay(Display):
         shape, points = first.shape, np.tile(middle, (first.size, 1))
         points[:, columns] = np.column_stack([first.ravel(), second.ravel()])
         held = _deciding(estimator, X, points[0], set(range(X.shape[1])) - set(columns))
-        shown_where = [f"{axis_label(names[one], units)} = {points[0, one]:.3g}" for one in held]
+        told = {one: (units or {}).get(names[one], "") for one in held}
+        where = [f"{names[one]} = {points[0, one]:.3g} {unit}" for one, unit in told.items()]
 
         predicted = predicted_modes(estimator, np.vstack([X, points]))
         if isinstance(modes, str):
@@ -167,7 +168,7 @@ class SwitchingSurfaceDisplay(Display):
             modes=modes,
             classes=mode_names(predicted, modes),
             labels=tuple(axis_label(names[column], units) for column in columns),
-            where=", ".join(shown_where),
+            where=", ".join(map(str.strip, where)),
         )
         return display.plot(ax=ax, **kwargs)
 

@@ -127,11 +127,11 @@ class _ByInput(_Switching):
 def test_a_portrait_of_modes_that_an_input_decides_says_where_it_is_drawn():
     X = _samples(4)
     X[:, 3] = np.arange(len(X)) % 2  # as often on as off: half on is no state of a switch
-    told = {"names": ["x", "v", "load", "window"], "units": {"window": "1"}}
+    told = {"names": ["x", "v", "load", "window"], "units": {"window": "open"}}
     model = _ByInput().fit()
     del model.surface_
     display = SwitchingSurfaceDisplay.from_estimator(model, X, **told)
-    assert display.ax_.get_xlabel() == "x\nregions shown at window (1) = 0"
+    assert display.ax_.get_xlabel() == "x\nregions shown at window = 0 open"
     assert (display.regions == 0).all()
     # over the input itself nothing that decides is held
     display = SwitchingSurfaceDisplay.from_estimator(model, X, features=("x", "window"), **told)
