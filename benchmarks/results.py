@@ -85,15 +85,21 @@ def _commit() -> str:
 
 def origins(parts: dict[str, dict]) -> str:
     """A sentence for each origin of the parts: what it is the origin of, commit, day, machine."""
-    named: dict[str, list[str]] = {}
+    named: dict[tuple[str, str], list[str]] = {}
     for name, part in parts.items():
-        told = ", ".join(
+        machine = ", ".join(
             f"{key} {value}"
             for key, value in part["origin"].items()
             if key not in ("commit", "day")
         )
         origin = f"at commit {part['origin']['commit']} on {part['origin']['day']}"
-        named.setdefault(origin + (f" ({told})" if told else ""), []).append(name)
-    if len(named) == 1:
-        return f"Measured {next(iter(named))}."
-    return "Measured " + "; ".join(f"{origin}: {', '.join(n)}" for origin, n in named.items()) + "."
+        named.setdefault((origin, f" ({machine})" if machine else ""), []).append(name)
+    machines = {machine for _, machine in named}
+    common = machines.pop() if len(machines) == 1 else ""  # is told once
+    every = [
+        f"{origin}{'' if common else machine}" + (f": {', '.join(n)}" if len(named) > 1 else "")
+        for (origin, machine), n in named.items()
+    ]
+    if len(every) == 1:
+        return f"Measured {every[0]}{common}."
+    return f"Measured{common} {'; '.join(every)}."

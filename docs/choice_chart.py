@@ -18,10 +18,18 @@ QUESTIONS = [
         "What do you have?",
         [
             ("a logged file", "python -m swsysid FILE"),
+            ("noisy recordings of states\nor positions", "TrajectoryIdentifier"),
+            ("the same; states jump, or\nguards remember", "HybridAutomatonRegressor"),
             ("states and velocities", "SwitchingSystemRegressor"),
             ("samples with known modes", "PolynomialSurfaceClassifier"),
-            ("a model that lacks\nsomething", "EffectSearchCV"),
-            ("a model, and hidden states\nor coarse samples", "refine"),
+        ],
+    ),
+    (
+        "Do you have a\nmodel already?",
+        [
+            ("it lacks something", "EffectSearchCV"),
+            ("hidden states, or coarse\nsamples", "refine"),
+            ("with guards and jumps,\nto be simulated", "HybridAutomaton"),
         ],
     ),
     (
@@ -48,7 +56,7 @@ QUESTIONS = [
             ("at a threshold, on a plane", "surface__degree=1"),
             ("on a sphere, an ellipse,\ntwo planes", "surface__degree=2"),
             ("you do not know", "GridSearchCV"),
-            ("with a memory: hysteresis", "EffectSearchCV"),
+            ("with a memory, on a clock,\nand states may jump", "HybridAutomatonRegressor"),
         ],
     ),
     (
@@ -94,7 +102,13 @@ def main():
             draw_answer(ax, QUESTION_WIDTH + column * (WIDTH + GAP), top, case, setting)
         if row:
             ax.axhline(top - GAP, color="#cccccc", linewidth=0.8)
-    ax.text(0.1, size[1] - 0.15, "Filled boxes are the defaults.", size=10, color=INK)
+    ax.text(
+        0.1,
+        size[1] - 0.15,
+        "Filled boxes are the defaults of SwitchingSystemRegressor.",
+        size=10,
+        color=INK,
+    )
     CHART.parent.mkdir(exist_ok=True)
     plt.rcParams["svg.hashsalt"] = "swsysid"  # the same file from every run
     figure.savefig(CHART, metadata={"Date": None}, facecolor="white")

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 import swsysid
@@ -36,6 +37,9 @@ exclude_patterns = [
     "_build",
     "auto_examples/*.ipynb",
     "auto_examples/*.py.md5",
+    # seconds of the examples, in a table that the network draws
+    "auto_examples/sg_execution_times.rst",
+    "sg_execution_times.rst",
     "automata_tables.md",
     "calibration_table.md",
     "fresh_table.md",
@@ -53,7 +57,10 @@ exclude_patterns = [
     "trajectories_tables.md",
 ]
 html_theme = "pydata_sphinx_theme"
-html_static_path = ["_static"]
+# formulas are set without network: all of MathJax, its fonts as outlines, is this one file
+mathjax = files("sphinx-mathjax-offline") / "static" / "mathjax" / "tex-svg-full.js"
+mathjax_path = mathjax.name
+html_static_path = ["_static", str(mathjax)]
 html_title = f"swsysid {release}"
 html_css_files = ["site.css"]
 html_theme_options = {
@@ -95,6 +102,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": "auto_examples",
     "abort_on_example_error": True,
     "show_memory": False,
+    "remove_config_comments": True,
     # what a block prints is shown, not what its last line happens to be
     "capture_repr": (),
     "download_all_examples": False,

@@ -7,7 +7,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from swsysid._cli.arguments import is_watched, measurement, modes, parser, say, units
+from swsysid._cli.arguments import is_watched, measurement, modes, parser, units
 from swsysid._tables.table import TableError
 
 if TYPE_CHECKING:
@@ -56,11 +56,12 @@ def _recording(arguments: argparse.Namespace) -> tuple[Table, Measurement]:
     if arguments.file is None:
         return _built_in(arguments)
     from swsysid._cli.measurement import check_roles
+    from swsysid._rendering.progress import stage
     from swsysid._tables.readers import read_table
 
-    say(f"Reading {arguments.file}", is_watched(arguments.verbose))
     what = measurement(arguments)
-    table = read_table(arguments.file, units(arguments.units), arguments.missing)
+    with stage(f"Reading {arguments.file}", is_watched(arguments.verbose)):
+        table = read_table(arguments.file, units(arguments.units), arguments.missing)
     check_roles(table, what)
     return table, what
 

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.automata.figures import FIGURES
 from benchmarks.automata.plants import PLANTS
 from benchmarks.automata.published import DAINARX, NOISE, SOURCE
-from benchmarks.markdown import table
+from benchmarks.markdown import percent, share, table
 from benchmarks.results import origins
 from swsysid._rendering.columns import counted
 
@@ -18,8 +18,7 @@ _OWN = {
     "share": "samples right",
     "guard": "guards off by",
     "edges": "crossings with a guard",
-    "mean": "rollout, mean",
-    "largest": "rollout, largest",
+    "mean": "rollout off by, mean (largest)",
     "ended": "ended early",
     "near": "instants within 2 samples",
     "spurious": "instants not true",
@@ -58,28 +57,43 @@ def tables(parts: dict) -> str:
             if here:
                 seeds = counted(max(one["seeds"] for one in here), "seed")
                 text += ["", f"**{method}**, {scenario}, {seeds}", ""]
-                text += table(["plant", *_OWN.values()], [_row(one) for one in here])
+                text += _own_figures(here)
                 text += [*_refusals(here), "", *_beside_tools(here)]
     return "\n".join([*text, "", f"DAINARX: {SOURCE}. With noise, {NOISE}.", ""])
 
 
-def _row(cell: dict) -> list[str]:
+def _own_figures(cells: list[dict]) -> list[str]:
+    """A column for each figure; one that is the same in all lines is a sentence beneath."""
+    rows = [(one["plant"], _row(one)) for one in cells]
+    done = [row for _, row in rows if row]
+    same = {name: done[0][name] for name in _OWN if len({row[name] for row in done}) == 1}
+    names = [name for name in _OWN if name not in same]
+    head = ["plant", *(_OWN[name] for name in names)]
+    lines = [[plant, *(row.get(name, "fails") for name in names)] for plant, row in rows]
+    told = "; ".join(f"{_OWN[name]}: {value}" for name, value in same.items())
+    return [*table(head, lines), *(["", f"The same in all lines: {told}."] if told else [])]
+
+
+def _row(cell: dict) -> dict[str, str]:
+    """The figures as they are shown, by name; none where every seed failed."""
     if cell["failed"] == cell["seeds"]:
-        return [cell["plant"], *["fails"] * (len(_OWN) - 1), ""]
-    told = {name: _told(name, cell[name]) for name in _OWN}
+        return {}
+    shown = {name: _shown(name, cell[name]) for name in _OWN}
+    if cell["mean"] is not None:
+        shown["mean"] += f" ({_shown('largest', cell['largest'])})"
     if cell["edges"] == 0.0:
-        told["guard"] = "none"
-    return [cell["plant"], *told.values()]
+        shown["guard"] = "none"
+    return shown
 
 
-def _told(name: str, value: float | None) -> str:
+def _shown(name: str, value: float | None) -> str:
     if value is None:
         return "diverges"
     if name == "seconds":
         return f"{value:.1f}"
     if name == "modes":
         return f"{value:+.0f}" if value else "0"
-    return f"{value:.2%}" if name in _SHARES else f"{value:.1e}"
+    return share(value) if name in _SHARES else percent(value)
 
 
 def _refusals(cells: list[dict]) -> list[str]:
@@ -96,8 +110,8 @@ def _beside_tools(cells: list[dict]) -> list[str]:
             pairs = [
                 (cell["tool_modes"], tool.modes, ".0f"),
                 (cell["tool_instants"], tool.instants, ".2g"),
-                (cell["tool_mean"], tool.mean, ".1e"),
-                (cell["tool_largest"], tool.largest, ".1e"),
+                (cell["tool_mean"], tool.mean, ".2g"),
+                (cell["tool_largest"], tool.largest, ".2g"),
                 (cell["seconds"], tool.seconds, ".1f"),
             ]
             rows.append([cell["plant"], *(_pair(*one) for one in pairs)])
@@ -106,5 +120,10 @@ def _beside_tools(cells: list[dict]) -> list[str]:
 
 
 def _pair(own: float | None, tool: float, style: str) -> str:
-    shown = ["none" if one is None else format(one, style) if one else "0" for one in (own, tool)]
-    return " / ".join(shown)
+    return " / ".join(_number(one, style) for one in (own, tool))
+
+
+def _number(value: float | None, style: str) -> str:
+    if value is None:
+        return "none"
+    return "< 1e-6" if 0.0 < value < 1e-6 else format(value, style)

@@ -107,7 +107,8 @@ def run(name: str, scenario: Scenario, seed: int, method: str) -> list[dict]:
                 one |= figures(plant, METHODS[method](plant, campaign, seed))
         except ValueError as refusal:
             one["refused"] = str(refusal)
-    return [one | {"seconds": time.process_time() - began}]
+    seconds = time.process_time() - began
+    return [one | {"seconds": seconds, "commit": measured_here()["commit"]}]
 
 
 if __name__ == "__main__":

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
-from benchmarks.markdown import table
-from benchmarks.results import origins
+from benchmarks.markdown import percent, share, table
 from swsysid._rendering.columns import counted
 
 __all__ = ["condensed", "tables"]
@@ -23,6 +24,7 @@ def condensed(records: list[dict]) -> dict:
 
 def _condensed(key: tuple, found: list[dict]) -> dict:
     cell = dict(zip(("plant", "scenario", "method"), key, strict=True), seeds=len(found))
+    cell["commit"] = ", ".join(sorted({one["commit"] for one in found}))
     cell["seconds"] = float(np.median([one["seconds"] for one in found]))
     if key[2] == COUNT:
         return cell | {"right": float(np.mean([one.get("right", False) for one in found]))}
@@ -47,7 +49,10 @@ def tables(parts: dict) -> str:
     """For each scenario: errors and accuracy, and what the recordings tell of themselves."""
     cells = parts["trajectories"]["cells"]
     by_key = {(one["plant"], one["scenario"], one["method"]): one for one in cells}
-    text = [origins(parts)]
+    origin = dict(parts["trajectories"]["origin"])
+    day, _ = origin.pop("day"), origin.pop("commit")  # which stands beneath each table
+    machine = ", ".join(f"{name} {value}" for name, value in origin.items())
+    text = [f"Last measured on {day} ({machine}); the commit stands beneath each table."]
     for scenario in dict.fromkeys(one["scenario"] for one in cells):
         here = [one for one in cells if one["scenario"] == scenario]
         plants, methods = (
@@ -59,11 +64,28 @@ def tables(parts: dict) -> str:
         ]
         seeds = max(one["seeds"] for one in here)
         text += ["", f"**{scenario}**, {counted(seeds, 'seed')}", ""]
-        text += table(["plant", *methods], rows)
+        text += [*table(["plant", *methods], rows), "", _measured(here)]
         own = [one for one in here if "late" in one]
         if own:
             text += ["", *table(_OWN, [_of_recordings(one) for one in own])]
     return "\n".join([*text, ""])
+
+
+def _measured(cells: list[dict]) -> str:
+    """At which commit the lines of a scenario were measured; the exceptions by name."""
+    columns: dict[tuple[str, str], list[str]] = {}
+    for one in cells:
+        columns.setdefault((one["commit"], one["plant"]), []).append(one["method"])
+    most = Counter(one["commit"] for one in cells).most_common(1)[0][0]
+    alike: dict[tuple[str, str], list[str]] = {}
+    for (commit, plant), methods in columns.items():
+        if commit != most:
+            alike.setdefault((commit, ", ".join(methods)), []).append(plant)
+    others = [
+        f"; at commit {commit} the columns {methods} of {'; '.join(plants)}"
+        for (commit, methods), plants in alike.items()
+    ]
+    return f"Measured at commit {most}{''.join(others)}."
 
 
 _OWN = ["plant", "switches off by", "missed", "intervals hold", "seconds"]
@@ -71,8 +93,9 @@ _OWN = ["plant", "switches off by", "missed", "intervals hold", "seconds"]
 
 def _of_recordings(cell: dict) -> list[str]:
     shown = [cell["plant"]]
-    for name, style in (("late", ".2g"), ("missed", ".1%"), ("covered", ".1%")):
-        shown.append("" if cell[name] is None else format(cell[name], style))
+    late, *shares = (cell[name] for name in ("late", "missed", "covered"))
+    shown.append("" if late is None else format(late, ".2g"))
+    shown += ["" if one is None else share(one) for one in shares]
     return [*shown, f"{cell['seconds']:.1f}"]
 
 
@@ -80,6 +103,10 @@ def _cell(cell: dict | None) -> str:
     if cell is None:
         return ""
     if cell["method"] == COUNT:
-        return f"{cell['right']:.0%}"
-    median, largest = ("fails" if value is None else f"{value:.3g}" for value in cell["field"])
-    return f"{median} ({largest}), {cell['balanced']:.3f}"
+        return share(cell["right"])
+    if cell["failed"] == cell["seeds"]:
+        return "cannot"
+    median, largest = ("fails" if value is None else percent(value) for value in cell["field"])
+    # of a single seed the median is the largest
+    most = f" (to {largest})" if cell["seeds"] > 1 else ""
+    return f"{median}{most}; {share(cell['balanced'])}"

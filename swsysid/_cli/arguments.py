@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -34,17 +36,19 @@ with pictures (swsysid_diagnosis.html) is written."""
 EXAMPLES = """\
 examples:
   A pendulum log with angle, rate and motor voltage, several runs in one file:
-    python -m swsysid runs.csv --states angle_rad rate_rad_per_s --inputs motor_V \\
-        --time t_s --groups run
+    python -m swsysid runs.csv --states angle_rad rate_rad_per_s \\
+        --inputs motor_V --time t_s --groups run
 
-  A servo axis: force and position measured, acceleration = (force - friction) / mass,
-  friction changes with the direction of motion:
+  A servo axis: force and position measured, acceleration is (force - friction)
+  / mass, friction changes with the direction of motion:
     python -m swsysid axis.mat --states q --inputs force --time t --order 2 \\
         --units q=m,force=N,t=s
 
-  What does one linear law of a cart lack? One mode, a logged signal it does not use, a page:
-    python -m swsysid cart.csv --states x v --inputs u --time t --groups run --modes 1 \\
-        --library linear --diagnose --signals battery_V --html cart.html
+  What does one linear law of a cart lack? One mode, a logged signal that it
+  does not use, a page:
+    python -m swsysid cart.csv --states x v --inputs u --time t --groups run \\
+        --modes 1 --library linear --diagnose --signals battery_V \\
+        --html cart.html
 
 Units are read from names such as v_m_per_s or "force [N]". Load the model with
 swsysid.load_model("swsysid_output/model.json"), which runs no code of the file; its columns are
@@ -82,8 +86,9 @@ def parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     parser = _Parser(
         prog="python -m swsysid",
-        description=DESCRIPTION,
-        epilog=EXAMPLES,
+        usage="%(prog)s [file] [options]",
+        description=_filled(DESCRIPTION),
+        epilog=_filled(EXAMPLES),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"swsysid {__version__}")
@@ -91,6 +96,17 @@ def parser() -> argparse.ArgumentParser:
     _add_model(parser.add_argument)
     _add_diagnosis(parser.add_argument)
     return parser
+
+
+def _filled(text: str) -> str:
+    """Paragraphs as wide as argparse makes its own lines; what is indented stands as it is."""
+    width = shutil.get_terminal_size().columns - 2
+    return "\n\n".join(
+        paragraph
+        if "\n " in paragraph or paragraph.startswith(" ")
+        else textwrap.fill(paragraph, width, break_long_words=False, break_on_hyphens=False)
+        for paragraph in text.split("\n\n")
+    )
 
 
 def _add_recording(add: Callable) -> None:
@@ -209,7 +225,8 @@ def _add_model(add: Callable) -> None:
         "-v",
         "--verbose",
         action="store_true",
-        help="show progress on standard error, which a terminal gets anyway",
+        help="show each step on standard error, which a terminal gets anyway; a file or a pipe "
+        "otherwise gets a line every ten seconds",
     )
 
 
@@ -272,9 +289,3 @@ def _sparsity(word: str) -> str | float:
 def is_watched(verbose: bool) -> bool:
     """Whether somebody wants to see progress: asked for, or sitting at a terminal."""
     return verbose or sys.stderr.isatty()
-
-
-def say(stage: str, watched: bool) -> None:
-    """Name the stage that begins."""
-    if watched:
-        print(f"{stage} ...", file=sys.stderr, flush=True)

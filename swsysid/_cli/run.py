@@ -15,13 +15,14 @@ from pathlib import Path
 
 from sklearn.base import clone
 
-from swsysid._cli.arguments import LIBRARIES, is_watched, modes, say
+from swsysid._cli.arguments import LIBRARIES, is_watched, modes
 from swsysid._cli.automaton import run_automaton
 from swsysid._cli.job import JobOptions, JobResult, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.output import prepare
 from swsysid._cli.saving import page_title, save
 from swsysid._cli.text import render, with_effects
+from swsysid._rendering.progress import stage
 from swsysid._results import SolverError
 from swsysid._tables.table import Table, TableError
 from swsysid.diagnosis import EffectSearchCV
@@ -42,19 +43,21 @@ def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -
 def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
     checksum = _checksum(arguments.file)
     prepare(arguments.output, table.source, checksum)
-    if arguments.automaton:
-        return run_automaton(table, _options(arguments, measurement), arguments.output, checksum)
-    search, page, effects = None, None, []
     watched = is_watched(arguments.verbose)
+    if arguments.automaton:
+        options = _options(arguments, measurement)
+        with stage("Identifying an automaton", watched):
+            return run_automaton(table, options, arguments.output, checksum)
+    search, page, effects = None, None, []
     if arguments.diagnose:
         effects, page = _chosen_effects(arguments.effects), _page_path(arguments.html, table.source)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        say("Smoothing, and identifying modes", watched)
-        result = run_job(table, _options(arguments, measurement))
+        with stage("Smoothing, and identifying modes", watched):
+            result = run_job(table, _options(arguments, measurement))
         if page is not None:
-            say("Searching for what the model lacks", watched)
-            search = _diagnose(result, effects, verbose=watched)
+            with stage("Searching for what the model lacks", watched):
+                search = _diagnose(result, effects, verbose=watched)
     text = render(result)
     notes = dict.fromkeys([*(str(warning.message) for warning in caught), *result.notes])
     told = [f"note: {note}" for note in notes]

@@ -30,7 +30,9 @@ _MOST_RESOLUTION = 5000
 class SwitchingSurfaceDisplay(Display):
     """Samples coloured by mode, predicted regions shaded, identified surfaces drawn.
 
-    Use `from_estimator`. All features but two are held at their medians over the samples.
+    Use `from_estimator`. All features but two are held at their medians over the samples, or at
+    the sample below where that falls between two. Where the modes depend on such a feature, a line
+    below the axis says at which value the regions are drawn.
 
     Parameters
     ----------
@@ -48,6 +50,8 @@ class SwitchingSurfaceDisplay(Display):
         Names of the modes.
     labels : tuple of two str
         Labels of the axes, with units where they are known.
+    where : str, default=""
+        Values of the other features on which the predicted modes depend.
 
     Attributes
     ----------
@@ -75,6 +79,7 @@ class SwitchingSurfaceDisplay(Display):
     modes: NDArray
     classes: list
     labels: tuple[str, str]
+    where: str = ""
 
     _panel_size, _one_panel = (6.4, 5.2), True
 
@@ -140,8 +145,13 @@ class SwitchingSurfaceDisplay(Display):
             limits = np.transpose(ends)
         grid = tuple(np.linspace(low, high, grid_resolution) for low, high in limits)
         first, second = np.meshgrid(*grid)
-        shape, points = first.shape, np.tile(np.median(X, axis=0), (first.size, 1))
+        # a value that occurs: half of a switch that is 0 or 1 is no state of it
+        middle = np.quantile(X, 0.5, axis=0, method="lower")
+        shape, points = first.shape, np.tile(middle, (first.size, 1))
         points[:, columns] = np.column_stack([first.ravel(), second.ravel()])
+        held = _deciding(estimator, X, points[0], set(range(X.shape[1])) - set(columns))
+        told = {one: (units or {}).get(names[one], "") for one in held}
+        where = [f"{names[one]} = {points[0, one]:.3g} {unit}" for one, unit in told.items()]
 
         predicted = predicted_modes(estimator, np.vstack([X, points]))
         if isinstance(modes, str):
@@ -158,6 +168,7 @@ class SwitchingSurfaceDisplay(Display):
             modes=modes,
             classes=mode_names(predicted, modes),
             labels=tuple(axis_label(names[column], units) for column in columns),
+            where=", ".join(map(str.strip, where)),
         )
         return display.plot(ax=ax, **kwargs)
 
@@ -174,7 +185,8 @@ class SwitchingSurfaceDisplay(Display):
             ax.scatter(*points, color=colour, marker=marker, label=f"mode {mode}", **style)
         _draw_levels(ax, self.grid, self.levels, "identified surface", "black", "-")
         _draw_levels(ax, self.grid, self.true_levels, "true guard", "#F0E442", "--")
-        ax.set(xlabel=self.labels[0], ylabel=self.labels[1])
+        where = f"\nregions shown at {self.where}" if self.where else ""
+        ax.set(xlabel=self.labels[0] + where, ylabel=self.labels[1])
         ax.set_xlim(self.grid[0][[0, -1]])
         ax.set_ylim(self.grid[1][[0, -1]])
         handles, _ = ax.get_legend_handles_labels()
@@ -183,6 +195,17 @@ class SwitchingSurfaceDisplay(Display):
         for handle in legend.legend_handles[: len(self.classes)]:
             handle.set_sizes([50])
             handle.set_alpha(1.0)
+
+
+def _deciding(estimator, X, middle, others):
+    """The columns beside those on the axes that change the mode of a sample if they are held."""
+    told, answer = predicted_modes(estimator, X), []
+    for column in sorted(others):
+        held = X.copy()
+        held[:, column] = middle[column]
+        if np.any(predicted_modes(estimator, held) != told):
+            answer.append(column)
+    return answer
 
 
 def _fitted_modes(estimator, modes, n_samples):

@@ -195,7 +195,8 @@ def effect_shape(
     everything = np.arange(len(records))
     half_width = np.full(len(records), np.nan)
     if term.effect.terms:
-        seen = corrected(fit.terms, records)
+        # the function itself: a filter that smears it in time leaves no function of the channel
+        seen = replace(corrected(fit.terms, records), average=None)
         slopes = linearised(fit, place, seen, everything, modes)
         contribution = slopes[:, : len(fit.coef[place])] @ fit.coef[place]
         if len(covariance):

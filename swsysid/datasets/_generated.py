@@ -25,7 +25,7 @@ def make_damped_oscillator(
 ):
     r"""Mass on a spring whose damping depends on the side (the paper's linear example).
 
-    .. math:: \dot x = v, \qquad \dot v = -x - \gamma v, \qquad
+    .. math:: \dot x = v, \qquad \dot v = -x - \gamma v, \\
         \gamma = 0.1 \text{ where } x \ge 0 \text{ (mode 0)}, \; 0.5 \text{ where } x < 0
         \text{ (mode 1)}.
 

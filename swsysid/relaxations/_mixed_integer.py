@@ -59,7 +59,7 @@ def solve_mip(
     r"""Identify dynamics and modes to global optimality (paper, Problem 1 with the l1 cost).
 
     .. math:: \min_{C, b, \delta} \sum_{i,k} \delta_{ik} \quad\text{s.t.}\quad
-        \pm (\dot x_{ik} - c_{jk}^T \Phi(x_i)) \le \delta_{ik} + B_{ik} (1 - b_{ij}), \;
+        \pm (\dot x_{ik} - c_{jk}^T \Phi(x_i)) \le \delta_{ik} + B_{ik} (1 - b_{ij}), \\
         \sum_j b_{ij} = 1, \; |C| \le \eta, \; b \in \{0, 1\}
 
     :math:`B_{ik} = |\dot x_{ik}| + \eta \|\Phi(x_i)\|_1` is the largest residual that the

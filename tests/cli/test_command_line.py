@@ -291,6 +291,16 @@ def test_help_shows_two_examples(capsys):
     assert capsys.readouterr().out.count("python -m swsysid ") >= 3  # usage and two examples
 
 
+@pytest.mark.parametrize("columns", [80, 120])
+def test_no_line_of_the_help_is_wider_than_the_terminal(columns, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    # argparse leaves two columns free, and paragraphs use the rest
+    assert columns - 10 < max(map(len, lines)) < columns
+
+
 def test_modes_that_no_state_separates_are_called_so(tmp_path, capsys):
     """Two laws drawn by a coin: two modes fit better in sample, and the text must not be proud."""
     rng = np.random.default_rng(0)

@@ -58,6 +58,19 @@ def test_finite_differences_by_hand_on_uneven_times():
     assert kept.tolist() == [1.0]
 
 
+def test_whole_numbers_have_the_derivatives_of_floats():
+    """PySINDy's differences of an encoder's integer counts are cut to integers."""
+    from pysindy.differentiation import FiniteDifference
+
+    t = np.arange(60.0)
+    counts = np.round(100.0 * np.exp(-t / 20.0)).astype(int)
+    whole, floats = (
+        differentiate(x, t, method=FiniteDifference()) for x in (counts, counts.astype(float))
+    )
+    np.testing.assert_array_equal(whole.Xdot, floats.Xdot)
+    assert (whole.Xdot % 1.0 != 0.0).any()
+
+
 def test_pysindy_differentiators_are_accepted():
     from pysindy.differentiation import FiniteDifference, SmoothedFiniteDifference
 

@@ -112,7 +112,30 @@ def test_other_features_are_held_at_their_medians(model):
     X[:, 2] = X[:, 2] + 1.0
     display = SwitchingSurfaceDisplay.from_estimator(model, X)
     (line,) = _lines_of(display.ax_)
-    np.testing.assert_allclose(line[:, 0], THRESHOLD - (np.median(X[:, 2]) - 1.0), atol=1e-12)
+    # of the two samples in the middle the lower one: a value that occurs
+    middle = np.sort(X[:, 2])[(len(X) - 1) // 2]
+    np.testing.assert_allclose(line[:, 0], THRESHOLD - (middle - 1.0), atol=1e-12)
+
+
+class _ByInput(_Switching):
+    """The last of four columns is a switch that alone decides the mode; the third one is idle."""
+
+    def predict_modes(self, X):
+        return (np.asarray(X)[:, 3] > 0.5).astype(int)
+
+
+def test_a_portrait_of_modes_that_an_input_decides_says_where_it_is_drawn():
+    X = _samples(4)
+    X[:, 3] = np.arange(len(X)) % 2  # as often on as off: half on is no state of a switch
+    told = {"names": ["x", "v", "load", "window"], "units": {"window": "open"}}
+    model = _ByInput().fit()
+    del model.surface_
+    display = SwitchingSurfaceDisplay.from_estimator(model, X, **told)
+    assert display.ax_.get_xlabel() == "x\nregions shown at window = 0 open"
+    assert (display.regions == 0).all()
+    # over the input itself nothing that decides is held
+    display = SwitchingSurfaceDisplay.from_estimator(model, X, features=("x", "window"), **told)
+    assert display.ax_.get_xlabel() == "x"
 
 
 def test_true_guard_and_names(model):

@@ -173,6 +173,14 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(arguments, message):
         EffectSearchCV(SwitchingSystemRegressor(n_modes=1)).fit(x, given.pop("y", None), **given)
 
 
+def test_the_picture_of_an_effect_is_its_function_of_the_channel():
+    """The filter that smears the columns of the fit where the sign changes has no part in it."""
+    found = search(*recorded("coulomb_friction", "pendulum", seed=0), effects=[CoulombFriction()])
+    (effect,), (shape,) = found.effects_, found.report_.data.shapes
+    size = effect.parameters["friction"]
+    np.testing.assert_allclose(shape.contribution, -size * np.sign(shape.values), rtol=1e-12)
+
+
 def test_a_late_sensor_is_found_although_its_velocity_is_late_with_it():
     data, x, u = recorded("clock_lag", "pendulum", seed=0)
     result = search(data, x, u, effects=[*LIBRARY, ClockLag()])

@@ -1,5 +1,6 @@
-"""Bars of progress go to standard error, only where asked for, and end full."""
+"""Progress goes to standard error: bars at a terminal, lines elsewhere, and both end full."""
 
+import sys
 from time import sleep
 
 import numpy as np
@@ -7,12 +8,21 @@ import pytest
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor, TrajectoryIdentifier
 from swsysid._rendering import progress as module
-from swsysid._rendering.progress import progress, watched
+from swsysid._rendering.progress import progress, stage, watched
 from swsysid.effects import CoulombFriction
 from swsysid.refinement import StatedModel, refine
 
 T = np.linspace(0.0, 3.0, 7)
 DECAY = {"t": T, "x": np.exp(-2.0 * T)}
+
+
+PLACES = pytest.mark.parametrize("place", ["terminal", "file"])
+
+
+def _is(place, monkeypatch):
+    """Make standard error a terminal, or no terminal, both in quick time."""
+    monkeypatch.setattr(module, "_BEAT" if place == "terminal" else "_LINE", 0.05)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: place == "terminal")
 
 
 def _last(written):
@@ -28,21 +38,42 @@ def test_a_bar_ends_full_when_the_work_ends_early(most, capsys):
     assert shown.startswith("rounds: 100%") and "3/3" in shown
 
 
-def test_short_work_leaves_its_full_bar_only(capsys):
+@PLACES
+def test_short_work_leaves_its_full_bar_only(place, capsys, monkeypatch):
+    _is(place, monkeypatch)
     assert list(watched([1, 2, 3], "steps", verbose=True)) == [1, 2, 3]
     drawn = [frame for frame in capsys.readouterr().err.split("\r") if frame]
     assert drawn and all("3/3" in frame for frame in drawn)
 
 
-def test_a_long_step_is_seen_to_go_on(capsys, monkeypatch):
-    monkeypatch.setattr(module, "_BEAT", 0.05)
+@PLACES
+def test_a_long_step_is_seen_to_go_on(place, capsys, monkeypatch):
+    _is(place, monkeypatch)
     with progress(None, "rounds", verbose=True):
         sleep(0.4)
-    assert capsys.readouterr().err.count("rounds: 0it") >= 2
+    told = capsys.readouterr().err
+    assert told.count("rounds: 0it") >= 2
+    # a file is not written over
+    assert ("\r" in told) == (place == "terminal")
 
 
-def test_work_that_fails_leaves_no_bar_open(capsys, monkeypatch):
-    monkeypatch.setattr(module, "_BEAT", 0.05)
+def test_a_long_stage_that_nobody_watches_gets_a_line_now_and_then(capsys, monkeypatch):
+    monkeypatch.setattr(module, "_LINE", 0.05)
+    with stage("Reading", verbose=False):
+        pass
+    assert capsys.readouterr().err == ""
+    with stage("Reading", verbose=False):
+        sleep(0.4)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) >= 2 and set(lines) == {"Reading ... 0 s"}
+    with stage("Reading", verbose=True):
+        sleep(0.2)
+    assert capsys.readouterr().err == "Reading ...\n"
+
+
+@PLACES
+def test_work_that_fails_leaves_no_bar_open(place, capsys, monkeypatch):
+    _is(place, monkeypatch)
     with pytest.raises(RuntimeError), progress(3, "rounds", verbose=True):
         sleep(0.2)
         raise RuntimeError
