@@ -17,7 +17,7 @@ from swsysid._automaton.spaceex import spaceex_model, spaceex_settings
 from swsysid._automaton.spaceex_reading import read_spaceex
 from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement, constants_of
 from swsysid._checks.parameters import flag
-from swsysid._files import written_beside
+from swsysid._files import write_text, written_beside
 from swsysid._results import Trajectory
 from swsysid._simulation.law_equations import law_equations
 
@@ -255,9 +255,9 @@ class HybridAutomaton(AutomatonParts):
         """
         model = spaceex_model(self, component)
         settings = spaceex_settings(self, component, x0, t, mode)
-        with written_beside(path) as draft, written_beside(Path(path).with_suffix(".cfg")) as cfg:
+        with written_beside(path) as draft:
             draft.write_bytes(model)
-            cfg.write_text(settings, encoding="utf-8")
+            write_text(Path(path).with_suffix(".cfg"), settings)
 
     @classmethod
     def from_spaceex(

@@ -7,12 +7,14 @@ import pytest
 
 from swsysid import HybridAutomaton
 from swsysid._automaton.transitions import PolynomialGuard
+from swsysid._automaton_search.elsewhere import errors_from
 from swsysid._automaton_shooting.courses import Course, Legs
 from swsysid._automaton_shooting.estimate import JointEstimate
 from swsysid._automaton_shooting.joint import jointly
 from swsysid._automaton_shooting.objective import JointObjective
 from swsysid._automaton_shooting.parameters import GuardUnknowns, ResetUnknowns
 from swsysid._stays.laws import Laws
+from swsysid._stays.origin import Origin
 from swsysid._stays.settings import StaySettings
 from swsysid.refinement._trajectories import Record
 
@@ -84,6 +86,12 @@ def recorded(plant, starts, t, noise, seed=0, inputs=None):
     ])  # fmt: skip
     interval = float(np.diff(t).mean())
     return JointEstimate(laws, guards, resets, legs, first, legs.instants, interval, 1)
+
+
+def errors_of(found, plant):
+    """Standard errors of laws, guards and resets, columns counted from zero."""
+    nowhere = Origin(np.zeros(plant.n_states + plant.n_inputs))
+    return errors_from(nowhere, found, plant.feature_map)
 
 
 def sources(plant):
@@ -181,21 +189,21 @@ def test_the_truth_is_found_from_a_start_some_way_off(plant, make, noise):
     ))  # fmt: skip
     found = jointly(start, np.array(noise), sources(plant), StaySettings())
     assert found.value_after < found.value_before
-    errors = found.errors
+    of_laws, of_guards, of_resets = errors_of(found, plant)
     for number, (own, true) in enumerate(
         zip(found.after.guards.guards, truth.guards.guards, strict=True)
     ):
         free = truth.guards.free[number]
         off = (own.coef - true.coef)[free]
-        size = errors.guards[list(truth.guards.which).index(number)][free]
+        size = of_guards[list(truth.guards.which).index(number)][free]
         # of less than thirty estimates none is four standard errors off
         assert (np.abs(off) < 4.0 * size).all()
         assert (size > 0.0).all()
     free = truth.resets.free
     off = (found.after.resets.maps - truth.resets.maps)[free]
-    assert (np.abs(off) < 4.0 * errors.resets[free]).all()
+    assert (np.abs(off) < 4.0 * of_resets[free]).all()
     off = (found.after.laws.coef - truth.laws.coef)[truth.laws.free]
-    assert (np.abs(off) < 4.0 * errors.coef[truth.laws.free]).all()
+    assert (np.abs(off) < 4.0 * of_laws[truth.laws.free]).all()
 
 
 @pytest.mark.nightly
@@ -204,14 +212,15 @@ def test_intervals_of_guards_and_resets_hold_the_truth_as_often_as_they_say():
     for seed in range(50):
         truth = ball(seed, n=2, until=1.6)
         found = jointly(truth, np.array([0.02, 0.02]), sources(BALL), StaySettings())
-        errors, after = found.errors, found.after
+        (_, of_guards, of_resets), after = errors_of(found, BALL), found.after
         level, rebound = after.guards.guards[0].coef[0], after.resets.maps[after.resets.free][0]
-        scores.append((level - 0.2) / errors.guards[0][0])
-        scores.append((rebound + 0.8) / errors.resets[after.resets.free][0])
+        scores.append((level - 0.2) / of_guards[0][0])
+        scores.append((rebound + 0.8) / of_resets[after.resets.free][0])
         truth = thermostat(seed, n=2, until=16.0)
         found = jointly(truth, np.array([0.05]), sources(THERMOSTAT), StaySettings())
+        of_guards = errors_of(found, THERMOSTAT)[1]
         for guard, true, error in zip(
-            found.after.guards.guards, truth.guards.guards, found.errors.guards, strict=True
+            found.after.guards.guards, truth.guards.guards, of_guards, strict=True
         ):
             free = error > 0.0
             scores.extend((guard.coef - true.coef)[free] / error[free])
