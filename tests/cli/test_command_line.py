@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 import swsysid
 from swsysid import load_model
 from swsysid.__main__ import main
+from swsysid._cli.saving import _with_recorded_inputs
 from swsysid.datasets import make_undeclared
 
 
@@ -299,6 +301,17 @@ def test_no_line_of_the_help_is_wider_than_the_terminal(columns, monkeypatch, ca
     lines = capsys.readouterr().out.splitlines()
     # argparse leaves two columns free, and paragraphs use the rest
     assert columns - 10 < max(map(len, lines)) < columns
+
+
+def test_a_portrait_is_drawn_at_values_that_an_input_has():
+    """What a filter makes of a switch between its two positions is none of them."""
+    inputs = np.repeat([[0.0], [1.0]], 5, axis=0)
+    filtered = np.column_stack([np.arange(4.0), [-0.02, 0.2, 0.7, 1.0]])
+    recorded = SimpleNamespace(inputs=inputs)
+    drawn = _with_recorded_inputs(SimpleNamespace(X=filtered, recorded=recorded))
+    np.testing.assert_array_equal(drawn, np.column_stack([np.arange(4.0), [0, 0, 1, 1]]))
+    measured = _with_recorded_inputs(SimpleNamespace(X=filtered, recorded=None))
+    np.testing.assert_array_equal(measured, filtered)
 
 
 def test_modes_that_no_state_separates_are_called_so(tmp_path, capsys):
