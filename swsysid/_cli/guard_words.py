@@ -75,6 +75,13 @@ def inequality(
     >>> levels = {"b": np.array([-1.0, 1.0, 2.0])}
     >>> inequality(np.array([0.0, 0.0, -1.0]), rows, ["1", "a", "b"], ["", "V", ""], levels)
     Inequality(positive='b = -1', negative='b = 1 or 2', share=1.0)
+
+    A square alone says how far a column is from zero:
+
+    >>> x = np.array([-3.0, -1.0, 1.0, 3.0])
+    >>> rows = np.column_stack([np.ones(4), x, x**2])
+    >>> inequality(np.array([-4.0, 0.0, 1.0]), rows, ["1", "x", "x^2"], ["", "m", ""]).positive
+    '|x| > 2 m'
     """
     positive = monomials @ coef > 0.0
     if positive.all() or not positive.any():
@@ -91,6 +98,10 @@ def inequality(
         parted = values[values > threshold], values[values <= threshold]
         highest, lowest = (_one_of(names[lead], side, units[lead]) for side in parted)
         return Inequality(*_turned(highest, lowest, coef[lead]), share)
+    name, base = names[lead], names[lead].removesuffix("^2")
+    if kept == [lead] and base != name and base in names and threshold > 0.0:
+        bound = f"{np.sqrt(threshold):.4g} {units[names.index(base)]}".rstrip()
+        return Inequality(*_turned(f"|{base}| > {bound}", f"|{base}| < {bound}", coef[lead]), share)
     terms = [(float(scaled[place]), names[place]) for place in sorted(kept)]
     left = _sum((value, name) for value, name in terms if value > 0.0)
     right = _sum((-value, name) for value, name in terms if value < 0.0)
