@@ -63,10 +63,14 @@ def tables(parts: dict) -> str:
 
 
 def _own_figures(cells: list[dict]) -> list[str]:
-    """A column for each figure; one that is the same in all lines is a sentence beneath."""
+    """A column for each figure; one that is the same in all lines is a sentence beneath.
+
+    Where all are, the table stays as it is.
+    """
     rows = [(one["plant"], _row(one)) for one in cells]
     done = [row for _, row in rows if row]
     same = {name: done[0][name] for name in _OWN if len({row[name] for row in done}) == 1}
+    same = same if len(same) < len(_OWN) else {}
     names = [name for name in _OWN if name not in same]
     head = ["plant", *(_OWN[name] for name in names)]
     lines = [[plant, *(row.get(name, "fails") for name in names)] for plant, row in rows]

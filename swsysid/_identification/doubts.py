@@ -21,7 +21,6 @@ from swsysid._identification.identify import Identification
 from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import GuardSettings, Parameters
 from swsysid._identification.setup import TrainingRows
-from swsysid._noise import robust_regression
 from swsysid._results import Array, GuardWarning, IdentificationWarning, MisfitWarning, Status
 from swsysid._seeding.designs import centre_and_scale
 from swsysid._seeding.misfit import Misfit, MissingConstant, missing_constant, shared_residual
@@ -191,38 +190,14 @@ def _undetermined(found: Identification) -> Warned:
 
 
 def _open(estimator: Parameters, found: Identification) -> Warned:
-    """What may be more modes than there are in the answer."""
-    n_modes, _, n_features = found.best.coef.shape
+    """Where there may be more modes than were tried."""
+    n_modes = len(found.best.coef)
     if len(found.candidates) == estimator.max_modes == n_modes > 1:
         yield (
             IdentificationWarning,
             f'n_modes="auto" found max_modes={n_modes} modes, the most that it tries: there may be '
             "more; raise max_modes.",
         )
-    count = _law_of_their_own(found)
-    if n_modes > 1 and count:
-        yield (
-            IdentificationWarning,
-            f"{count} of {len(found.problem.weight)} samples follow none of the laws, but one of "
-            "their own, and have the mode that lies next to them: use a larger n_modes.",
-        )
-
-
-def _law_of_their_own(found: Identification) -> int:
-    """Samples that no law explains, if another one explains most of them; otherwise 0.
-
-    Gross errors have no law, and fewer samples than three times its coefficients would fit any.
-    """
-    problem = found.problem
-    apart = problem.outlying & (problem.weight > 0.0)
-    count, n_features = int(apart.sum()), found.best.coef.shape[2]
-    if count <= 3 * n_features:
-        return 0
-    features, targets = problem.features[apart], problem.targets[apart]
-    laws = [robust_regression(features, target) for target in targets.T]
-    left = np.abs(targets - features @ np.transpose(laws)) / problem.scale
-    explained = left.max(axis=1) <= problem.settings.calibration.outlying
-    return count if explained.mean() > 0.5 else 0
 
 
 def _unsure(answer: Answer, max_iter: int) -> Warned:

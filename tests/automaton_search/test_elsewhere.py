@@ -27,7 +27,10 @@ def test_guards_resets_and_laws_told_elsewhere_go_the_same_way():
     run = near.simulate(start, T, u, mode=0)
     assert len(run.events) > 2
     far = {"t": T, "x": run.x + offset[:2], "inputs": u + offset[2]}
-    found = IdentifiedAutomaton(near, [run.modes], [run.x], [], np.ones(2), None, [], [], 0.0, None)
+    # only the automaton and the states have a place; what is said of them has none
+    found = IdentifiedAutomaton(
+        near, None, [run.modes], [run.x], [], np.ones(2), None, [], None, [], []
+    )
     given = read_given([far], None, None, None)
     there = told_from(Origin(offset), found, given, 1).automaton
     again = there.simulate(start + offset[:2], T, u + offset[2], mode=0)

@@ -66,7 +66,7 @@ REGRESSORS = {
     "moments": {"relaxation": MomentRelaxation(order=1), "max_iter": 2, "n_init": 1},
     "another classifier": {"surface": LogisticRegression()},
     "one mode": {"n_modes": 1},
-    "counted modes": {"n_modes": "auto", "max_modes": 2},
+    "counted modes": {"n_modes": "auto", "max_modes": 3},
     "generator": {"random_state": np.random.RandomState(3)},
 }
 
