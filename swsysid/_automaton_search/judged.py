@@ -17,6 +17,7 @@ from swsysid._free_rollouts.judge import FreeRollouts, free_rollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._results import Array
 from swsysid._stays.given import Given
+from swsysid._stays.pieces import without_limits
 from swsysid._stays.settings import LIMITS
 
 
@@ -52,7 +53,7 @@ def judged(
 
 def judged_on(automaton: HybridAutomaton, given: Given, noise: Array) -> FreeRollouts:
     """What they leave of others, from the mode and the state that fit the first samples best."""
-    courses = []
+    courses, given = [], given if automaton.discrete_time else without_limits(given)
     for label, record in zip(given.labels, given.records, strict=True):
         start, mode = start_of(automaton, record)
         courses.append(Course(label_text(label), record, start, mode))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +21,8 @@ from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._rendering.columns import counted
 from swsysid._results import Array, Trajectory
+
+_UNIT = "a thousandth of the spread"  # `size` of the settings
 
 
 class Simulates(Protocol):
@@ -89,6 +91,8 @@ class FreeRollouts:
         Whether all of them together leave more than noise.
     over : str
         What each rollout goes along, where that is not a whole recording.
+    unit : str
+        In which `left` is told: the noise, or part of the spread where there is less of it.
     """
 
     channels: tuple[str, ...]
@@ -104,6 +108,7 @@ class FreeRollouts:
     hangs_on_start: bool = False
     leave_more: bool = False
     over: str = ""
+    unit: str = "the noise"
 
     @property
     def holds(self) -> bool:
@@ -126,7 +131,7 @@ class FreeRollouts:
             f"{name} {_size(size)}" for name, size in zip(self.channels, self.left, strict=True)
         )
         over = f" over {self.over}" if self.over else ""
-        told = [f"Free rollouts{over} leave: {left} of the noise"]
+        told = [f"Free rollouts{over} leave: {left} of {self.unit}"]
         if self.n_switches or self.extra:
             told.append(self._switches(time_unit))
         broken = self.first_break
@@ -211,6 +216,9 @@ def judged(
     unseen: bool = False,
 ) -> FreeRollouts:
     """The same of rollouts that are made otherwise."""
+    spread = np.nanstd(np.vstack([course.record.y for course in courses]), axis=0)
+    least = SETTINGS.size * spread
+    noise = replace(noise, least=least)
     done = [_RolledOut.of(runs, course, noise) for course in courses]
     variance = SETTINGS.unseen_variance if unseen else SETTINGS.variance
     begins = first_breaks([one.left for one in done], together, variance)
@@ -237,6 +245,7 @@ def judged(
         hangs_on_start=any(one.hangs_on_start(begin) for _, one, begin in broken[:1]),
         leave_more=leave_more([one.left for one in done], together, variance),
         over=over,
+        unit=_UNIT if all((one.noise <= least).all() for one in done) else "the noise",
     )
 
 

@@ -60,6 +60,7 @@ class SampleNoise:
 
     channels: tuple[ChannelNoise, ...]
     labels: tuple[str, ...]  # of the recordings
+    least: Array | None = None  # (n_channels,): it counts as no less than that
 
     @classmethod
     def constant(cls, noise: Array, labels: Sequence[str]) -> SampleNoise:
@@ -93,7 +94,8 @@ class SampleNoise:
         """Standard deviations of the samples of a course, (n_samples, n_channels)."""
         recording = self.labels.index(label)
         pairs = zip(self.channels, values.T, strict=True)
-        return np.column_stack([channel.at(one, recording) for channel, one in pairs])
+        sizes = np.column_stack([channel.at(one, recording) for channel, one in pairs])
+        return sizes if self.least is None else np.maximum(sizes, self.least)
 
     def sentences(self, names: Sequence[str]) -> list[str]:
         """How the noise of channels differs from sample to sample."""

@@ -16,6 +16,9 @@ class Judgement:
     # The same of recordings that the model has not seen: there the standard errors of its laws, and
     # of where a rollout starts, add to the noise.
     unseen_variance: float = 4.0
+    # Of the spread of a channel: what a rollout may be off by whatever the noise. The errors of a
+    # solver add up along a recording, unlike noise: 2e-4 in six impacts at a tolerance of 1e-5.
+    size: float = 1e-3
     # Squares of a sample count up to here: one outlier, or a sample on the wrong side of a jump,
     # is no break, which takes at least half a dozen.
     most_squares: float = 9.0
