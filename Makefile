@@ -18,13 +18,16 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
 .PHONY: help demo test nightly test-kernels test-oldest lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
-	bench-undeclared bench-measured bench-speed bench-trajectories bench-automata figures clean
+	bench-undeclared bench-measured bench-speed bench-trajectories bench-automata golden golden-quick \
+	figures clean
 
 help:
 	@echo "make demo      identify the built-in example and draw it"
 	@echo "make test      run the tests, warnings as errors"
 	@echo "make nightly   the longest tests, an hour together, and the pages with all examples"
 	@echo "make test-kernels  the deciding tests and all examples under every kernel of OpenBLAS (hours)"
+	@echo "make golden    answers of today beside those frozen before the engine was rebuilt (half an hour)"
+	@echo "make golden-quick  a part of them, in five minutes"
 	@echo "make test-oldest   the tests with the lower bounds of every dependency"
 	@echo "make lint      ruff and mypy"
 	@echo "make examples  run every example, headless, and compare what it prints"
@@ -59,6 +62,13 @@ test-kernels: $(VENV)/.installed-test
 
 test-oldest: $(OLDEST)/.installed
 	$(OLDEST)/bin/python -m pytest -n $(WORKERS)
+
+golden: $(VENV)/.installed-bench
+	$(BIN)/python -W ignore -m benchmarks.golden --jobs $(WORKERS) --compare benchmarks/golden/frozen
+
+golden-quick: $(VENV)/.installed-bench
+	$(BIN)/python -W ignore -m benchmarks.golden --part quick --jobs $(WORKERS) \
+		--compare benchmarks/golden/frozen
 
 $(OLDEST)/.installed: pyproject.toml tests/helpers/lower_bounds.py
 	test -x $(OLDEST)/bin/python || $(OLDEST_PYTHON) -m venv $(OLDEST)
