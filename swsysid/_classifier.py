@@ -23,8 +23,7 @@ from swsysid._surfaces.mode_books import (
     surface_scale,
     warn_if_doubtful,
 )
-from swsysid._surfaces.parameters import check_parameters
-from swsysid._surfaces.polynomials import surface_basis
+from swsysid._surfaces.polynomials import check_parameters, surface_basis
 from swsysid._surfaces.probability import ModePosterior
 from swsysid._surfaces.surface import LinearForm
 

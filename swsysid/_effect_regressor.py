@@ -14,7 +14,12 @@ from swsysid._checks.estimators import check_fitted, column_names, rows_and_velo
 from swsysid._checks.parameters import MOST_MODES, shown
 from swsysid._data.records import Records, make_records
 from swsysid._data.scores import ScoredByR2
-from swsysid._effect_model.equations import guards_with_effects, laws_with_effects
+from swsysid._effect_model.equations import (
+    NoAutomatonError,
+    automaton_of_fit,
+    guards_with_effects,
+    laws_with_effects,
+)
 from swsysid._effect_model.joint_fit import (
     JointFit,
     as_stated,
@@ -25,7 +30,6 @@ from swsysid._effect_model.joint_fit import (
 from swsysid._effect_model.models import check_declared, declared_model
 from swsysid._effect_model.refinable import as_stated_model, with_numbers_of
 from swsysid._effect_model.simulation import simulate_with_effects
-from swsysid._effect_model.transitions import NoAutomatonError, automaton_of_fit
 from swsysid._fitting import whole_or_nothing
 from swsysid._rendering.printing import check_format
 from swsysid.effects import PlacedEffect

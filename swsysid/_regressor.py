@@ -15,7 +15,6 @@ from swsysid._identification.answer import Answer, answer_of_all, answer_of_many
 from swsysid._identification.calibration import attach_likelihood
 from swsysid._identification.doubts import Doubts, examine, warn_about
 from swsysid._identification.identify import identify
-from swsysid._identification.monomials import surface_candidates
 from swsysid._identification.settings import IdentificationSettings
 from swsysid._identification.setup import (
     TrainingRows,
@@ -24,6 +23,7 @@ from swsysid._identification.setup import (
     check_parameters,
     checked_rows,
 )
+from swsysid._identification.terms import surface_candidates
 from swsysid._simulation.model import SwitchingModel
 from swsysid.relaxations import get_relaxation
 from swsysid.relaxations._base import one_hot

@@ -7,7 +7,7 @@ from swsysid._displays.rollout import RolloutDisplay
 from swsysid._displays.surface import SwitchingSurfaceDisplay
 from swsysid._displays.timeline import ModeTimelineDisplay
 from swsysid._effect_search.display import EffectReportDisplay
-from swsysid._rendering.canvas import PALETTE, STYLE
+from swsysid._rendering.series import PALETTE, STYLE
 from swsysid._residual_report.display import ResidualReportDisplay
 
 __all__ = [

@@ -13,8 +13,8 @@ from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transit
 from swsysid._automaton_search.assembly import TransitionVerdict
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.report import AutomatonReport
-from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
+from swsysid._identification.terms import SurfaceCandidate
 from swsysid._results import (
     Assignment,
     IterationRecord,

@@ -9,7 +9,7 @@ from benchmarks.automata.plants import PLANTS
 from benchmarks.automata.published import DAINARX, NOISE, SOURCE
 from benchmarks.markdown import percent, share, table
 from benchmarks.results import origins
-from swsysid._rendering.columns import counted
+from swsysid._rendering.printing import counted
 
 __all__ = ["condensed", "tables"]
 

@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 
 from benchmarks.markdown import percent, share, table
-from swsysid._rendering.columns import counted
+from swsysid._rendering.printing import counted
 
 __all__ = ["condensed", "tables"]
 

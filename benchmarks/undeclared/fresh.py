@@ -25,7 +25,7 @@ from benchmarks.undeclared.fresh_plants import FRESH_PLANTS
 from benchmarks.undeclared.unlisted import verdict
 from swsysid import EffectSearchCV
 from swsysid.datasets import unlisted_kinds
-from swsysid.datasets._undeclared.planting import planted_record
+from swsysid.datasets._undeclared.make import planted_record
 from swsysid.datasets._undeclared.records import Plant
 from swsysid.datasets._undeclared.simulation import reference_run
 from swsysid.effects import UnknownFunction, UnmeasuredDisturbance

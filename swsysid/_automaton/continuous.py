@@ -10,8 +10,7 @@ from swsysid._automaton.parts import AutomatonParts
 from swsysid._automaton.transitions import Transition
 from swsysid._automaton.watch import GuardWatch
 from swsysid._results import Array, Trajectory
-from swsysid._simulation.events import Piece
-from swsysid._simulation.flow import Flow
+from swsysid._simulation.events import Flow, Piece
 from swsysid._simulation.inputs import Options, Signal, Stretch
 from swsysid._simulation.system import GuardedLaws
 

@@ -19,7 +19,7 @@ from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement, 
 from swsysid._checks.parameters import flag
 from swsysid._files import write_text, written_beside
 from swsysid._results import Trajectory
-from swsysid._simulation.law_equations import law_equations
+from swsysid._simulation.model import law_equations
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.settings import SETTINGS
 from swsysid._automaton.transitions import Transition, check_transition
 from swsysid._checks.parameters import flag, whole
-from swsysid._data.extent import Extent
+from swsysid._data.coordinates import Extent
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 from swsysid._simulation.system import Laws

@@ -16,7 +16,7 @@ from swsysid._automaton_search.certificates import Certificate
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.features import FeatureMap
-from swsysid._rendering.columns import counted
+from swsysid._rendering.printing import counted
 from swsysid._results import Array
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._discrete_stays.certainty import KindsOfNoise
-from swsysid._simulation.law_equations import law_equations
+from swsysid._simulation.model import law_equations
 
 
 def doubts_of(found: IdentifiedAutomaton, asked: int | str, most: int) -> Iterator[str]:

@@ -13,8 +13,7 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard
 from swsysid._automaton_search.found import FoundTransition
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._rendering.errors import between, sum_with_errors, with_error
-from swsysid._rendering.printing import rate
+from swsysid._rendering.printing import between, rate, sum_with_errors, with_error
 from swsysid._results import Array
 
 

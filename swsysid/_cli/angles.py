@@ -8,8 +8,7 @@ import numpy as np
 
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.runs import Runs
-from swsysid._data.angles import TURNS, turn_of
-from swsysid._data.trajectories import trajectories
+from swsysid._data.trajectories import TURNS, trajectories, turn_of
 from swsysid._results import Array
 from swsysid._tables.table import Table
 

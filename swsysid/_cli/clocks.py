@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.settings import CLOCKS
 from swsysid._data.trajectories import trajectories
-from swsysid._rendering.columns import counted, ordinal
+from swsysid._rendering.printing import counted, ordinal
 from swsysid._results import Array
 from swsysid._tables.table import Table
 from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION

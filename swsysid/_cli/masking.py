@@ -16,7 +16,7 @@ from swsysid._cli.clocks import fill_inputs
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.settings import PREPARING
 from swsysid._data.trajectories import places_along
-from swsysid._rendering.columns import counted, rows_listed
+from swsysid._rendering.printing import counted, rows_listed
 from swsysid._tables.table import Table, TableError
 
 Column = NDArray[np.float64]

@@ -11,7 +11,7 @@ from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import RECORDINGS
 from swsysid._free_rollouts.judge import FreeRollouts
-from swsysid._rendering.columns import counted
+from swsysid._rendering.printing import counted
 from swsysid._stays.doubts import mode_doubts
 
 

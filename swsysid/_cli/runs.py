@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from swsysid._cli.settings import PREPARING
 from swsysid._data.trajectories import is_coarse, label_text, trajectories
-from swsysid._rendering.columns import counted, rows_listed
+from swsysid._rendering.printing import counted, rows_listed
 from swsysid._tables.table import TableError
 
 Rows = NDArray[np.intp]

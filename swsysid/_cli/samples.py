@@ -17,7 +17,7 @@ from swsysid._cli.recorded import Recorded
 from swsysid._cli.runs import Runs, runs_of
 from swsysid._cli.settings import PREPARING
 from swsysid._cli.times import in_seconds
-from swsysid._rendering.columns import counted
+from swsysid._rendering.printing import counted
 from swsysid._results import Array
 from swsysid._stays.given import FEWEST_SAMPLES, read_given
 from swsysid._stays.start import measured_noise

@@ -13,8 +13,7 @@ from swsysid._cli.settings import JUDGING, WORDING
 from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Comparison, Verdict
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._rendering.columns import ordinal, text_table
-from swsysid._rendering.printing import linear_combination
+from swsysid._rendering.printing import linear_combination, ordinal, text_table
 from swsysid._results import Array
 from swsysid._surfaces.surface import solves_margin_program
 

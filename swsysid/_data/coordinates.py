@@ -1,14 +1,17 @@
-"""Libraries that scale, turn or mix columns before they make features of them.
+"""Coordinates of columns: where they are, monomials of them, libraries that scale or mix them.
 
-The names of their features are those of columns that the user never saw: x0^2 is the square of a
-scaled x0. Where all features are polynomials of the data, a law is printed as one; names are told
-apart otherwise.
+Numerical limits count from the centre of a column, in its spreads (`Extent`). Libraries that scale,
+turn or mix columns before they make features of them give their features the names of columns that
+the user never saw: x0^2 is the square of a scaled x0. Where all features are polynomials of the
+data, a law is printed as one; names are told apart otherwise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +19,15 @@ from scipy.special import comb
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
-Array = NDArray[np.float64]
+from swsysid._results import Array
 
 # polynomials of more terms are not looked for; what is one shows as rounding
 _MOST_TERMS, _MOST_DEGREE, _ROUNDING = 500, 6, 1e-9
 _CANCELLED = 1e-12  # of the terms of a sum that is rounding
 _PROBES = 20  # points at which names are compared with values
+# Spreads from zero from which on columns are counted from their mean. A surface of plain monomials
+# with the usual margin and box then has a margin of at most three hundredths of a spread.
+_FAR = 30.0
 
 
 def feature_names(library, names: Sequence[str]) -> list[str] | None:
@@ -187,3 +193,82 @@ def shifted_monomials(powers: NDArray, centre: Array, scale: Array) -> Array:
         # comb is zero where the plain exponent exceeds the shifted one.
         change *= comb(shifted, plain) * (-c) ** missing / s**shifted
     return change
+
+
+class Extent(NamedTuple):
+    """Centres of columns, zero for those that are not far from it, and standard deviations."""
+
+    centre: Array  # (n_columns,)
+    spread: Array  # (n_columns,)
+
+    @classmethod
+    def of(cls, columns: Array) -> Extent:
+        """That of some rows, without their missing values.
+
+        Examples
+        --------
+        >>> Extent.of(np.array([[300.0, -1.0], [302.0, 1.0]]))
+        Extent(centre=array([301.,   0.]), spread=array([1., 1.]))
+        """
+        middle = np.nanmean(columns, axis=0)
+        spread = np.sqrt(np.nanmean(np.square(columns - middle), axis=0))
+        far = (np.abs(middle) > _FAR * spread) & (spread > 0.0)
+        return cls(np.where(far, middle, 0.0), spread)
+
+    def first(self, n_columns: int) -> Extent:
+        """That of the first columns."""
+        return Extent(self.centre[:n_columns], self.spread[:n_columns])
+
+
+class Monomials:
+    """Monomials with exponents `powers` (n_monomials, n_columns), column by column.
+
+    Each is the product of a column and an earlier monomial, the same as in scikit-learn's
+    ``PolynomialFeatures``, without its checks and in a third of its time.
+
+    Examples
+    --------
+    >>> monomials = Monomials(np.array([[0, 0], [1, 0], [1, 2]]))
+    >>> monomials(np.array([[2.0, 3.0]])), monomials.at(np.array([2.0, 3.0]))
+    (array([[ 1.,  2., 18.]]), array([ 1.,  2., 18.]))
+    """
+
+    def __init__(self, powers: np.ndarray):
+        self.powers = powers
+        columns = np.arange(powers.shape[1])
+        self.factors = [np.repeat(columns, row).tolist() for row in powers]
+        places = {tuple(factors): place for place, factors in enumerate(self.factors)}
+        # the monomial without its first factor, if it comes earlier
+        rest = [places.get(tuple(factors[1:])) for factors in self.factors]
+        self.rest = [
+            earlier if earlier is not None and earlier < place else None
+            for place, earlier in enumerate(rest)
+        ]
+
+    @classmethod
+    def up_to(cls, degree: int, n_columns: int) -> Monomials:
+        """All monomials up to a degree, in the order of scikit-learn."""
+        return cls(PolynomialFeatures(degree).fit(np.zeros((1, n_columns))).powers_)
+
+    def __call__(self, X: np.ndarray) -> np.ndarray:
+        """Values at the rows of `X`, shape (n_samples, n_monomials)."""
+        columns = np.ascontiguousarray(X.T)
+        values = np.empty((len(self.factors), len(X)))
+        for out, factors, rest in zip(values, self.factors, self.rest, strict=True):
+            if rest is None:
+                out[:] = 1.0
+                for factor in reversed(factors):
+                    out *= columns[factor]
+            else:
+                np.multiply(columns[factors[0]], values[rest], out=out)
+        return values.T
+
+    def at(self, point: np.ndarray) -> np.ndarray:
+        """Values at one point, (n_columns,) -> (n_monomials,): the same numbers, much sooner."""
+        columns, values = point.tolist(), []
+        for factors, rest in zip(self.factors, self.rest, strict=True):
+            if rest is None:
+                values.append(prod(columns[factor] for factor in factors[::-1]))
+            else:
+                values.append(columns[factors[0]] * values[rest])
+        return np.array(values, dtype=float)

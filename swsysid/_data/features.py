@@ -16,8 +16,7 @@ from sklearn.preprocessing import PolynomialFeatures
 from swsysid._checks.estimators import check_fitted, column_names, rows_of
 from swsysid._checks.parameters import shown, whole
 from swsysid._data import coordinates
-from swsysid._data.extent import Extent
-from swsysid._data.monomials import Monomials
+from swsysid._data.coordinates import Extent, Monomials
 
 # More columns than that are days of work at best, and terabytes at worst.
 _MOST_FEATURES = 3000

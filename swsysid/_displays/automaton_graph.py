@@ -23,7 +23,7 @@ from swsysid._displays.graph_layout import (
     node_boxes,
 )
 from swsysid._displays.style import Display, mode_colour
-from swsysid._simulation.law_equations import laws_of_mode
+from swsysid._simulation.model import laws_of_mode
 
 _SIZE = 12.0  # of the letters, in points
 _LINE = 1.45 * _SIZE / 72  # height of a line, in inches

@@ -11,7 +11,7 @@ import numpy as np
 from swsysid._checks.arrays import Array, labels, table
 from swsysid._checks.estimators import check_fitted, column_names, in_fitted_form
 from swsysid._checks.parameters import shown
-from swsysid._rendering.canvas import PALETTE, canvas
+from swsysid._rendering.series import PALETTE, canvas
 from swsysid._tables.units import rate_unit
 from swsysid.metrics import match_modes
 

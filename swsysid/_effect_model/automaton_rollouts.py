@@ -17,7 +17,7 @@ from swsysid._automaton.first_modes import first_mode
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import Transition
 from swsysid._automaton.watch import GuardWatch
-from swsysid._data.extent import Extent
+from swsysid._data.coordinates import Extent
 from swsysid._results import Array, Trajectory
 from swsysid._simulation.effect_system import ActingTerm, EffectFields, bits
 from swsysid._simulation.events import Piece

@@ -24,7 +24,7 @@ from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import SETTINGS
-from swsysid.differentiation._white_noise import noise_in
+from swsysid.differentiation._noise import noise_in
 from swsysid.refinement._trajectories import Record
 
 Rows = NDArray[np.intp]

@@ -15,9 +15,15 @@ from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared, FittedLaws, Modes
 from swsysid._effect_model.decoding import told_by_velocities
 from swsysid._effect_model.models import laws_of
-from swsysid._effect_model.on_time import as_shown, as_they_were, on_time
 from swsysid._effect_model.settings import SETTINGS
-from swsysid._effect_model.sharpening import fitted_alone, libraries, sharpened_velocities
+from swsysid._effect_model.velocities import (
+    as_shown,
+    as_they_were,
+    fitted_alone,
+    libraries,
+    on_time,
+    sharpened_velocities,
+)
 from swsysid._noise import robust_regression
 from swsysid._results import Array, GuardWarning
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect

@@ -16,14 +16,13 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._checks.parameters import shown
 from swsysid._data.records import Records
-from swsysid._effect_model.automata import AutomatonLaws, DeclaredAutomaton
+from swsysid._effect_model.automata import AutomatonLaws, DeclaredAutomaton, identified
 from swsysid._effect_model.declared import (
     Declared,
     DeclaredSwitching,
     FittedLaws,
     SwitchingLaws,
 )
-from swsysid._effect_model.identified import identified
 from swsysid._pipelines import seeded, switching_step
 from swsysid._stays.search import check_estimator
 from swsysid._trajectory_identifier import TrajectoryIdentifier

@@ -20,7 +20,7 @@ from swsysid._effect_model.settings import SETTINGS
 from swsysid._effect_model.simulation import n_signals
 from swsysid._pipelines import steps_before
 from swsysid._results import Array
-from swsysid._simulation.signals import trajectory_records
+from swsysid._simulation.inputs import trajectory_records
 from swsysid._surfaces.surface import is_linear
 from swsysid.effects import PlacedEffect, StructureEffect, UnmeasuredDisturbance
 from swsysid.refinement import ParametricLibrary, StatedModel

@@ -13,19 +13,21 @@ from swsysid._checks.parameters import one_of, whole
 from swsysid._effect_model.automaton_rollouts import AutomatonEffects, iterate_with_effects
 from swsysid._effect_model.automaton_rollouts import follow as follow_automaton
 from swsysid._effect_model.declared import SwitchingLaws
+from swsysid._effect_model.equations import NoAutomatonError, automaton_of_fit
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._effect_model.transitions import NoAutomatonError, automaton_of_fit
 from swsysid._pipelines import steps_before
 from swsysid._results import Array, Status, Trajectory
 from swsysid._simulation.effect_system import ActingTerm, EffectSystem, Memory
 from swsysid._simulation.inputs import (
+    Given,
     Options,
     Stretch,
     checked_inputs,
     checked_options,
     checked_times,
+    refined_grid,
+    trajectory_records,
 )
-from swsysid._simulation.signals import Given, refined_grid, trajectory_records
 from swsysid._simulation.simulate import follow, iterate
 from swsysid._simulation.stepping import step_along
 from swsysid.effects import PlacedEffect, ResetEffect

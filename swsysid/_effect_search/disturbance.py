@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swsysid._effect_search.acceptance import FEW_STRETCHES, Finding, confirmed
-from swsysid._effect_search.slow_forces import SlowForces
+from swsysid._effect_search.evidence import SlowForces
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._results import Array
 from swsysid.effects import (

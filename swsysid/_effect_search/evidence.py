@@ -7,18 +7,49 @@ which a few rows hold most, it is bounded. So (i) the sums of z in independent b
 on it, are tested. And (iii) the errors of the simpler structure are regressed on what the other one
 predicts besides: noise of any size has no share in that, and where it is the same everywhere a few
 stretches of the record are enough.
+
+Where residuals remember each other for long a regression is hardly sure of anything, although the
+sample before says most of what they are. Likelihoods are compared with a force that is forgotten
+slowly beneath the noise, with an effect and without it (`SlowForces`).
+
+The states of a map show a force one step before each row (`StepBefore`). A state :math:`x_k =
+\varphi_{k-1}^\top c + d_{k-1}` shows the force d of the step before as exactly as states are
+measured, often better than the residuals of noisy targets do. Whatever remembers inputs helps an
+observer to tell that force from the states, and so seems to act wherever there is one. Beside the
+force that the law itself leaves of that step,
+
+.. math:: y_k = \varphi_k^\top c + \rho\,(x_k - \varphi_{k-1}^\top c) + e_k,
+
+it does not, unless it acts. For a given :math:`\rho` this is a linear regression of
+:math:`y_k - \rho x_k` on :math:`\varphi_k - \rho \varphi_{k-1}` (Cochrane and Orcutt, 1949).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.optimize import minimize_scalar
 
 from swsysid._effect_search.chance import BlockSum, Slope, chance_of_bets
-from swsysid._effect_search.folds import memory_of
+from swsysid._effect_search.coloured_noise import (
+    Coloured,
+    Stretches,
+    beneath_a_law,
+    coloured,
+    in_trajectories,
+    rows_in_order,
+    white,
+)
+from swsysid._effect_search.folds import SearchData, memory_of
+from swsysid._effect_search.held_out import held_out_errors
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale
+from swsysid._results import Array
+from swsysid.effects._memory import Remembering
 
 
 @dataclass(frozen=True)
@@ -77,3 +108,248 @@ def _errors_against_change(context: SearchContext, before: Structure, after: Str
     size = np.linalg.norm(change, axis=1)
     along = np.sum(errors * change, axis=1) / np.where(size > 0.0, size, 1.0)
     return Slope(size, along, np.ones(len(size)), folds.series, folds.blocks)
+
+
+@dataclass(frozen=True)
+class SlowForces:
+    """What residuals of held-out rows say of a force that is forgotten slowly."""
+
+    context: SearchContext
+
+    @cached_property
+    def _ordered(self) -> tuple[NDArray[np.intp], Stretches]:
+        return rows_in_order(self.context.data)
+
+    @property
+    def where(self) -> Stretches:
+        """The rows of the search in order."""
+        return self._ordered[1]
+
+    @cached_property
+    def _declared(self) -> Structure:
+        return self.context.priced(self.context.declared)
+
+    def residuals(self, structure: Structure, target: int) -> Array:
+        """What regressions leave over of rows they have not seen; a gross error says nothing."""
+        # What is gross for as long as a force is remembered, and often, is the force, far above the
+        # noise; where it is rare it may be a place at which the structure is wrong.
+        settings = self.context.settings
+        data = self.context.data
+        if _may_run_away(structure):
+            left = held_out_errors(structure.fit, data)[:, target]
+        else:
+            left = self.context.candidates(structure.fit).held_out[:, target]
+        # what holds a plant that sticks is a reaction, and no force
+        left = np.where(data.may_stick(structure.fit.terms, data.records, data.rows), 0.0, left)
+        gross = settings.gross * max(
+            float(robust_scale(left[:, None])[0]), float(data.exact[target])
+        )
+        left = left[self._ordered[0]]
+        far = np.abs(left) > gross
+        lasting = far & (self.where.runs(far) >= settings.slow_steps)
+        often = lasting.mean() >= settings.often
+        return np.where(far & ~(lasting & often), 0.0, left)
+
+    def gain(self, fewer: Structure, structure: Structure, target: int) -> tuple[BlockSum, int]:
+        """By how much effects raise the likelihood beside a force, as the stretches tell it.
+
+        And the number of parameters that they have more.
+        """
+        # A filter that smears what an effect does leaves jumps where the effect has none, and the
+        # other way round, which neither has made: rows are compared that share no samples. What is
+        # gross without the effects and not with them is what they explain, and no force.
+        beside = self.residuals(structure, target)
+        every = self._smeared(beside)
+        usual = beside != 0.0
+        # A force that outlasts a stretch is known in the next one: else a line through all of them
+        # would explain at each what the past does.
+        order, where = in_trajectories(self.context.data).taken(usual).apart(every)
+        rows, stretch = self._ordered[0][usual][order], self.where.stretch[usual][order]
+        gains = np.zeros(int(self.where.stretch.max()) + 1)
+        for sign, option in ((-1.0, fewer), (1.0, structure)):
+            features, y = self._law(option, target)
+            model, left = beneath_a_law(features[rows], y[rows], where)
+            gain = sign * model.log_likelihood(left, where)
+            gains += np.bincount(stretch, gain, len(gains)) / every
+        return BlockSum.of(gains), structure.n_parameters - fewer.n_parameters
+
+    def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
+        """The force beneath what a structure leaves over of a state, and its p-value."""
+        left = self._beside_states(structure, target, self.residuals(structure, target))
+        model = coloured(left, self.where)
+        p_value = self._p_value(model, left, target)
+        surely = p_value <= self.context.significance and self._is_slow(model, left)
+        if surely and _may_run_away(structure):
+            surely = self._is_beneath_all_rows(structure, target, left != 0.0)
+        return (model, p_value) if surely else None
+
+    def is_there(self, structure: Structure, target: int) -> bool:
+        """Whether a structure surely leaves a force behind."""
+        return self.disturbance(structure, target) is not None
+
+    def remembers(self, structure: Structure, target: int) -> bool:
+        """Whether it leaves something behind that is remembered, and that no filter has made.
+
+        What is forgotten in a sample or two may be noise, and is no force; but the states remember
+        it all the same.
+        """
+        left = self.residuals(structure, target)
+        model = coloured(left, self.where)
+        if self._p_value(model, left, target) > self.context.significance:
+            return False
+        # A filter has smeared the velocities, and so what any of the laws leave of them.
+        declared = self.residuals(self._declared, target)
+        is_filtered = max(self._smeared(left), self._smeared(declared)) > 1
+        return not is_filtered or self._is_slow(model, left)
+
+    def gain_of_observer(self, fewer: Structure, structure: Structure, target: int) -> float | None:
+        """What effects that remember inputs gain beside what the states show of a force.
+
+        None where that is much of what they gain alone: then they act, and tell no force. The
+        states of a map show it; velocities are what the change of the states is.
+        """
+        more = [term.effect for term in structure.terms if term not in fewer.terms]
+        remembering = any(isinstance(effect, Remembering) for effect in more)
+        if not remembering or not self.context.model.discrete_time:
+            return None
+        usual = self._ordered[0][self.residuals(structure, target) != 0.0]
+        step = StepBefore.of(self.context.data, target)
+        # At the same modes: those found without an observer of the force are wrong, and an effect
+        # would seem to explain what their rows leave.
+        modes = structure.fit.modes
+        before, after = (
+            step.law(*self._law(option, target, modes), usual)[1:] for option in (fewer, structure)
+        )
+        least = len(usual) * self.context.data.exact[target] ** 2
+        ratios = np.maximum(before, least) / np.maximum(after, least)
+        alone, beside = 0.5 * len(usual) * np.log(ratios)
+        return float(beside) if beside < self.context.settings.observed * alone else None
+
+    def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
+        """Of what effects gain beside a force that they leave behind; none if there is none."""
+        if not self.context.data.records.timed or not self.is_there(structure, target):
+            return Evidence(1.0, 1.0)
+        gain, more = self.gain(fewer, structure, target)
+        by_chance = stats.chi2.sf(2.0 * max(gain.value - gain.error, 0.0), max(more, 1))
+        return Evidence(float(by_chance), replace(gain, value=gain.value - more).chance)
+
+    def _beside_states(self, structure: Structure, target: int, left: Array) -> Array:
+        """Residuals of the law beside the force that the states of a map show."""
+        # A law that is fitted as if there were none takes the slow part of it from the states.
+        if not self.context.model.discrete_time or _may_run_away(structure):
+            return left
+        features, y = self._law(structure, target)
+        order, step = self._ordered[0], StepBefore.of(self.context.data, target)
+        coef, *_ = step.law(features, y, order[left != 0.0])
+        return np.where(left != 0.0, (y - features @ coef)[order], 0.0)
+
+    def _is_beneath_all_rows(
+        self, structure: Structure, target: int, usual: NDArray[np.bool_]
+    ) -> bool:
+        """Whether the law that has seen all of the usual rows leaves a force as well."""
+        # Beyond what a part of the rows has shown of a function, it is wrong for as long as the
+        # state stays there.
+        where, rows = self.where.taken(usual), self._ordered[0][usual]
+        features, y = self._law(structure, target)
+        model, left = beneath_a_law(features[rows], y[rows], where)
+        lead = _lead(model, white(left), left, where)
+        return lead >= self.context.settings.gain_a_row * len(left)
+
+    def _law(
+        self, structure: Structure, target: int, modes: NDArray[np.intp] | None = None
+    ) -> tuple[Array, Array]:
+        """Columns of all that acts on a state, mode by mode, and its velocities.
+
+        The modes are those of the structure unless others are given.
+        """
+        problem = self.context.candidates(structure.fit).regression
+        modes = problem.modes if modes is None else modes
+        each = [
+            problem.features[:, problem.support[mode, target]] * (modes == mode)[:, None]
+            for mode in range(problem.n_modes)
+        ]
+        columns = np.column_stack(each)
+        return columns[:, columns.any(axis=0)], problem.targets[:, target]
+
+    def _smeared(self, left: Array) -> int:
+        """Over how many steps a filter has smeared residuals, one where none has."""
+        # The filter of a recording is known; that of velocities as they are given is not.
+        if self.context.data.records.average is not None:
+            return self.context.settings.rows_a_window
+        return self.where.smeared(left)
+
+    def _steps(self, left: Array) -> int:
+        """Steps after which no noise, and no filter of it, is remembered."""
+        return max(self.context.settings.slow_steps, self._smeared(left))
+
+    def _p_value(self, model: Coloured, left: Array, target: int) -> float:
+        """That of a memory of residuals; one if it explains too little to be worth a name."""
+        settings, squares = self.context.settings, self.context.declared_squares
+        gain = _lead(model, white(left), left, self.where)
+        p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
+        worth = model.size**2 >= settings.share_of_a_disturbance * squares[target]
+        enough = gain >= settings.gain_a_row * len(left)
+        return p_value if worth and enough else 1.0
+
+    def _is_slow(self, model: Coloured, left: Array) -> bool:
+        """Whether a force is surely remembered for longer than noise is."""
+        least = self._steps(left) * self.where.step
+        if model.time_constant < least:
+            return False
+        lead = _lead(model, coloured(left, self.where, least), left, self.where)
+        # half of the estimates of a force at the limit are slower than it
+        return float(stats.chi2.sf(2.0 * max(lead, 0.0), 1)) <= 2.0 * self.context.significance
+
+
+def _may_run_away(structure: Structure) -> bool:
+    """Whether a part of the rows may say nothing of what acts on the others."""
+    return any(len(term.effect.prior) for term in structure.terms)
+
+
+def _lead(one: Coloured, other: Coloured, left: Array, where: Stretches) -> float:
+    """Gain in log likelihood of one model of residuals over another."""
+    gains = one.log_likelihood(left, where) - other.log_likelihood(left, where)
+    return float(gains.sum())
+
+
+@dataclass(frozen=True)
+class StepBefore:
+    """The row before each row of a search, where it is one of these, and what the state was."""
+
+    rows: NDArray[np.intp]  # of those searched that have one
+    before: NDArray[np.intp]
+    state: Array  # (n_rows,)
+
+    @classmethod
+    def of(cls, data: SearchData, target: int) -> StepBefore:
+        """Neighbours in the trajectories of the record, no longer than a gap apart."""
+        records, number = data.records, np.full(len(data.records), -1)
+        assert records.t is not None
+        number[data.rows] = np.arange(len(data.rows))
+        pairs = np.hstack([np.stack([rows[:-1], rows[1:]]) for rows in records.trajectories])
+        near = (
+            np.abs(np.diff(records.t[pairs], axis=0)[0]) <= data.settings.gap_steps * records.step
+        )
+        before, rows = number[pairs[:, near]]
+        known = (before >= 0) & (rows >= 0)
+        return cls(rows[known], before[known], records.X[data.rows, target])
+
+    def law(
+        self, features: Array, targets: Array, usual: NDArray[np.intp]
+    ) -> tuple[Array, float, float]:
+        """Coefficients of a law beside the force that it shows, and what it leaves of usual rows.
+
+        The squares are those of the law alone, and beside the force.
+        """
+        earlier, shown = np.zeros_like(features), np.zeros_like(targets)
+        earlier[self.rows], shown[self.rows] = features[self.before], self.state[self.rows]
+        columns = np.column_stack([features, targets, earlier, shown])
+        now, then = np.hsplit(np.linalg.qr(columns[usual], mode="r"), 2)
+
+        def fitted(share: float) -> tuple[Array, float]:
+            rest = now - share * then
+            coef = np.linalg.lstsq(rest[:, :-1], rest[:, -1], rcond=None)[0]
+            return np.asarray(coef), float(np.sum((rest[:, -1] - rest[:, :-1] @ coef) ** 2))
+
+        best = minimize_scalar(lambda share: fitted(share)[1], bounds=(0.0, 1.0), method="bounded")
+        return fitted(best.x)[0], fitted(0.0)[1], float(best.fun)

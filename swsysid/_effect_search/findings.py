@@ -13,14 +13,13 @@ from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.acceptance import Finding
 from swsysid._effect_search.contributions import parameter_intervals
-from swsysid._effect_search.differences import follow_the_states
 from swsysid._effect_search.folds import Rows, Split
-from swsysid._effect_search.formulas import formulas
-from swsysid._effect_search.further_mode import FurtherMode
+from swsysid._effect_search.formulas import formulas, table_of
+from swsysid._effect_search.reading import follow_the_states
 from swsysid._effect_search.rollouts import Rollout, are_worse
-from swsysid._effect_search.sampled import table_of
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._effect_search.switches import FurtherMode
 from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
 from swsysid.effects import (

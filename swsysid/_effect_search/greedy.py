@@ -27,10 +27,8 @@ from swsysid._effect_search.acceptance import (
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.disturbance import with_disturbances
-from swsysid._effect_search.restarts import is_large, with_modes
-from swsysid._effect_search.scan import proposals
-from swsysid._effect_search.smears import is_smear
-from swsysid._effect_search.splits import with_one_split
+from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
+from swsysid._effect_search.scan import is_smear, proposals
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress

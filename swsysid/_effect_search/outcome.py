@@ -1,34 +1,50 @@
-"""One search beside a declared model, from its folds to what the untouched rows leave of it."""
+"""One search beside a declared model, from its folds to what the untouched rows leave of it.
+
+The untouched part of a record is the judge: what does not lower the error there is not added.
+Neither significance nor a gain in the folds is proof that a model with the effect predicts what no
+choice has seen. An effect stays if its error there falls by more than the standard error of that
+fall, from block to block; otherwise it is listed as tried. Where the part is too short to show the
+fall that the searched rows promise, a smaller one is no proof against the effect: it stays, and the
+doubt is told with it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from numbers import Integral
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.model_selection import check_cv
 
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._effect_search.acceptance import Finding
+from swsysid._effect_search.acceptance import Finding, confirmed, without_terms
+from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.folds import (
     Folds,
     SearchData,
     Split,
+    StateNoise,
     exact_states,
     exciting_folds,
+    make_folds,
     memory_of,
 )
 from swsysid._effect_search.greedy import Round, Search
 from swsysid._effect_search.recording import Measured
-from swsysid._effect_search.settings import SETTINGS
+from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid._effect_search.untouched import Tried, Untouched
+from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
-from swsysid.effects import Effect, UnmeasuredDisturbance
+from swsysid._ties import first_least, least_of
+from swsysid.effects import Effect, GuardEffect, PlacedEffect, ResetEffect, UnmeasuredDisturbance
 from swsysid.effects._kinematics import with_kinematics
+
+_NOT_SHOWN = "the held-out error falls by less than its standard error"
 
 
 @dataclass(frozen=True)
@@ -139,3 +155,193 @@ def search_beside(
     structure, findings, tried = judge.judged(structure, findings, steps)
     structure, findings = search.beside_the_unknown(structure, findings, rounds)
     return Outcome(split, search, structure, findings, rounds, tried)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An effect that chance does not explain and that does not help."""
+
+    candidate: PlacedEffect
+    p_value: float
+    before: Array  # root mean square errors on the untouched rows without it, (n_states,)
+    after: Array
+    rollouts: tuple[float, float] | None = None  # their errors, where these are why it is not kept
+
+
+@dataclass(frozen=True)
+class Fall:
+    """By how much the error of the untouched rows falls, and by how much it was to fall."""
+
+    fall: BlockSum
+    promised: float  # by the searched rows
+    error: float  # standard error of what is promised for so few rows
+
+    @property
+    def is_refuted(self) -> bool:
+        """True if it does not fall, or not clearly where so many rows were to show it."""
+        if self.fall.is_clear or self.promised <= 0.0:
+            return False
+        return self.fall.value <= 0.0 or self.promised > SETTINGS.shown * self.error
+
+    @property
+    def is_nowhere(self) -> bool:
+        """True if neither the searched rows nor those untouched have errors that fall."""
+        return self.promised < 0.0 and not self.fall.is_clear
+
+    @property
+    def is_rise(self) -> bool:
+        """True if the error clearly rises."""
+        return replace(self.fall, value=-self.fall.value).is_clear
+
+
+@dataclass(frozen=True)
+class Untouched:
+    """Rows that have taken part in no choice."""
+
+    context: SearchContext
+    records: Records
+    targets: Array  # of the whole record
+    rows: NDArray[np.intp]
+    is_last: bool = True  # False where a recording will be better known with what is found
+
+    @property
+    def noise(self) -> StateNoise | None:
+        """Of the states, where velocities were made of them."""
+        return self.context.data.noise
+
+    @cached_property
+    def _folds(self) -> Folds:
+        rng = np.random.RandomState(0)
+        return make_folds(self.records.take(self.rows), SETTINGS.n_folds, rng)
+
+    @cached_property
+    def _scale(self) -> Array:
+        """Usual errors of the declared model; a few that are gross decide nothing."""
+        data = self.context.data
+        errors = self.context.declared.residuals(data.records, data.rows, data.targets)
+        return np.maximum(robust_scale(errors), data.exact)
+
+    @cached_property
+    def _every(self) -> NDArray[np.intp]:
+        """The untouched rows, and then those of the search."""
+        return np.concatenate([self.rows, self.context.data.rows])
+
+    @cached_property
+    def _noise_of_declared(self) -> Array:
+        assert self.noise is not None
+        return self.noise.errors(self.context.declared, self.records, self._every)
+
+    def _units(self, fit: JointFit) -> Array:
+        """Usual errors of a fit, as far as the noise of the states is to blame for them."""
+        if self.noise is None:
+            return self._scale
+        own = self.noise.errors(fit, self.records, self._every)
+        return np.asarray(self._scale * own / self._noise_of_declared)
+
+    def _errors(self, fit: JointFit, rows: NDArray[np.intp]) -> Array:
+        return self.targets[rows] - fit.predict(self.records, rows=rows)
+
+    def _falls(self, before: JointFit, after: JointFit) -> Array:
+        """By how much the squares of the errors of `_every` row fall from one fit to another."""
+        gross, rows = self.context.settings.gross, self._every
+        sizes = [np.abs(self._errors(fit, rows)) / self._units(fit) for fit in (before, after)]
+        losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
+        # what is gross with the effect and without it says nothing of the effect
+        judging = np.minimum(*(size.max(axis=1) for size in sizes)) < gross
+        judging &= ~(self._may_stick(before, rows) | self._may_stick(after, rows))
+        return np.where(judging, losses[0] - losses[1], 0.0)
+
+    def _may_stick(self, fit: JointFit, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Rows at which a plant may stick, as far as the noise of its states tells."""
+        return self.context.data.may_stick(fit.terms, self.records, rows)
+
+    def gain(self, before: JointFit, after: JointFit) -> Fall:
+        """By how much they fall in all, and by how much they were to fall."""
+        before, after = map(self.context.with_told_surface, (before, after))
+        data = self.context.data
+        falls, searched = np.split(self._falls(before, after), [len(self.rows)])
+        in_search = BlockSum.of(data.folds.independent_sums(searched))
+        share = np.count_nonzero(falls) / len(data.rows)
+        return Fall(
+            BlockSum.of(self._folds.independent_sums(falls)),
+            share * in_search.value,
+            float(np.sqrt(share)) * in_search.error,
+        )
+
+    def judged(
+        self, structure: Structure, findings: tuple[Finding, ...], earlier: Sequence[Structure]
+    ) -> tuple[Structure, tuple[Finding, ...], tuple[Tried, ...]]:
+        """Without the effects that do not help, the least helpful first; and these.
+
+        What such an effect has driven out comes back: `earlier` are structures on the way.
+        """
+        tried: list[Tried] = []
+        refused: set[tuple] = set()
+        while structure.terms:
+            fewer = [self._without(structure, place) for place in range(len(structure.terms))]
+            gains = [self.gain(fit, structure.fit) for fit in fewer]
+            shown = [self._shows(term) for term in structure.terms]
+            useless = [
+                place
+                for place, (one, term) in enumerate(zip(gains, structure.terms, strict=True))
+                if (one.is_refuted if shown[place] else one.is_rise)
+                or (one.is_nowhere and term.effect.terms)
+            ]
+            if self.is_last and not useless and self._rises(structure.fit):
+                useless = list(range(len(fewer)))
+            if not useless:
+                findings = tuple(
+                    replace(finding, doubts=(*finding.doubts, _NOT_SHOWN))
+                    if shown[place] and not gains[place].fall.is_clear
+                    else finding
+                    for place, finding in enumerate(findings)
+                )
+                break
+            worst = useless[int(first_least([gains[place].fall.value for place in useless]))]
+            before, after = (
+                root_mean_square(self._errors(fit, self.rows))
+                for fit in (fewer[worst], structure.fit)
+            )
+            lost = findings[worst]
+            tried.append(Tried(lost.candidate, lost.p_value, before, after))
+            refused.add(structure.terms[worst].signature)
+            options = [self.context.without(structure, worst)]
+            options += without_terms(earlier, refused)
+            structure = least_of(options, lambda option: option.price)
+            structure, findings = confirmed(self.context, structure)
+        return structure, findings, tuple(tried)
+
+    def _rises(self, fit: JointFit) -> bool:
+        """Whether the errors, gross ones and all, rise by a larger share than they fall."""
+        # Next to a surface a row may be on either side, and one of them decides a mean square: the
+        # effects are not to blame for a mode that even the model does not know.
+        declared, found = map(self.context.with_told_surface, (self.context.declared, fit))
+        told = ~self._may_stick(found, self.rows)
+        if not told.any():
+            return False
+        before = np.mean(self._errors(declared, self.rows)[told] ** 2, axis=0)
+        after = np.mean(self._least_errors(found)[told] ** 2, axis=0)
+        judged = self.context.data.counted_states
+        ratios = np.sqrt(after[judged] / np.maximum(before[judged], np.finfo(float).tiny))
+        return bool(ratios.sum() > len(judged) + REPORT.worth_telling)
+
+    def _least_errors(self, fit: JointFit) -> Array:
+        """Errors of each row in the best of the modes that a fit deems possible there."""
+        possible = fit.mode_proba(self.records)[self.rows] >= SETTINGS.possible
+        errors = self.targets[self.rows] - fit.mode_velocities(self.records, self.rows)
+        sizes = np.sum((errors / self._scale) ** 2, axis=2).T
+        rows = np.arange(len(self.rows))
+        possible[rows, fit.predict_modes(self.records)[self.rows]] = True
+        best = np.argmin(np.where(possible, sizes, np.inf), axis=1)
+        return np.asarray(errors[best, rows])
+
+    def _without(self, structure: Structure, place: int) -> JointFit:
+        if len(structure.terms) == 1:
+            return self.context.declared
+        return self.context.without(structure, place).fit
+
+    def _shows(self, term: PlacedEffect) -> bool:
+        """Whether velocities show an effect: no jump, and no guard where they end at switches."""
+        if isinstance(term.effect, ResetEffect):
+            return False
+        return self.records.told is None or not isinstance(term.effect, GuardEffect)

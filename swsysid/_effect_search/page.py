@@ -13,10 +13,9 @@ from swsysid._displays.style import unit_of
 from swsysid._effect_search import text, words
 from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.display import Panels
-from swsysid._effect_search.gross_rows import aside
 from swsysid._effect_search.settings import REPORT
-from swsysid._rendering.canvas import canvas
-from swsysid._rendering.markup import (
+from swsysid._effect_search.words import aside
+from swsysid._rendering.parts import (
     code,
     figure,
     listing,
@@ -26,6 +25,7 @@ from swsysid._rendering.markup import (
     section,
     table,
 )
+from swsysid._rendering.series import canvas
 from swsysid._residual_report.display import ResidualReportDisplay
 from swsysid.effects import FoundEffect, UnknownFunction
 

@@ -1,18 +1,30 @@
-"""What a user gives a search: rows with velocities, or recordings of states alone."""
+"""What a user gives a search, and what is said of it before anything is sought.
+
+Rows with velocities, or recordings of states alone. Velocities may have been measured by nobody,
+but made of the samples that they are given with; and declared laws may explain nothing of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 from sklearn.base import BaseEstimator
 
 from swsysid._checks.arrays import names_of, table
 from swsysid._checks.estimators import column_names, rows_of
 from swsysid._data.records import Records, make_records
 from swsysid._data.trajectories import label_text
+from swsysid._effect_model.declared import Declared
+from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.coloured_noise import Stretches
+from swsysid._effect_search.folds import exact_states
+from swsysid._effect_search.recording import Measured
+from swsysid._effect_search.settings import SETTINGS
+from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array, Trajectory
 from swsysid._stays.given import check_channels, read_given
 from swsysid._stays.start import named
@@ -67,3 +79,171 @@ def refuse_inputs_beside_velocities(inputs: object) -> None:
 
 def _in_order(signals: object, order: NDArray[np.intp]) -> Array:
     return table("signals", signals, len(order))[order]
+
+
+def alarms(
+    declared: Declared, fit: JointFit, measured: Measured, rows: NDArray[np.intp]
+) -> tuple[str, ...]:
+    """Sentences on velocities that nobody measured, and on laws that explain next to nothing."""
+    return (*_of_differences(declared, measured), *_of_the_laws(declared, fit, measured, rows))
+
+
+def _of_differences(declared: Declared, measured: Measured) -> tuple[str, ...]:
+    """A sentence on velocities that are differences of the states beside them."""
+    records = measured.records
+    if measured.recorded is not None or declared.discrete_time:
+        return ()
+    made = states_differentiated(records, measured.targets)
+    if not made:
+        return ()
+    names = ", ".join(f"{records.names[state]}'" for state in made)
+    return (
+        f"Nobody has measured {names}: these are slopes of neighbouring samples, which share their "
+        "noise and smear what jumps; give the states and their times without velocities, fit(x, "
+        "t=t, groups=groups, inputs=inputs), and the search makes them itself.",
+    )
+
+
+def _of_the_laws(
+    declared: Declared, fit: JointFit, measured: Measured, rows: NDArray[np.intp]
+) -> tuple[str, ...]:
+    """A sentence for each equation of which the fit to some rows explains next to nothing."""
+    if declared.known is not None:
+        return ()  # laws are stated to be completed: what they lack may be nearly all there is
+    records, targets = measured.records, measured.targets[rows]
+    left = fit.residuals(records, rows, targets)
+    exact, told = exact_states(left, targets), []
+    features = fit.features(records, rows)
+    for state in np.flatnonzero(~exact):
+        share = _explained(left[:, state], targets[:, state])
+        if share >= SETTINGS.explains_nothing:
+            continue
+        squares = _explained(
+            _least_squares(features, targets[:, state], fit.modes), targets[:, state]
+        )
+        advice = "check its terms, its units and the order of the columns"
+        if squares >= SETTINGS.explains_nothing:
+            if not _mostly_rests(targets[:, state]):
+                continue  # its terms are not the wrong ones: it lacks some
+            advice = (
+                f"least squares with the same terms explain {squares:.0%}, for most of the record "
+                "is at rest: declare the model with loss='squared', or leave the samples at rest "
+                "out"
+            )
+        name = records.names[state]
+        law = f"the next {name}" if fit.laws.discrete_time else f"{name}'"
+        told.append(
+            f"The declared model explains {max(share, 0.0):.0%} of the variation of {law}; "
+            f"{advice}."
+        )
+    return tuple(told)
+
+
+def _explained(left: Array, targets: Array) -> float:
+    """Share of the variance; all of it where there is none."""
+    variance = float(np.var(targets))
+    return 1.0 - float(np.mean(left**2)) / variance if variance > 0.0 else 1.0
+
+
+def _mostly_rests(targets: Array) -> bool:
+    """Whether the usual velocity is none beside those of a few rows."""
+    usual = float(robust_scale(targets - np.median(targets)))
+    return usual < SETTINGS.explains_nothing * float(targets.std())
+
+
+def _least_squares(features: Array, targets: Array, modes: NDArray[np.intp]) -> Array:
+    """What a regression on the library in each mode leaves over."""
+    left = targets.copy()
+    for mode in np.unique(modes):
+        rows = modes == mode
+        coef = np.linalg.lstsq(features[rows], targets[rows], rcond=None)[0]
+        left[rows] -= features[rows] @ coef
+    return left
+
+
+def states_differentiated(records: Records, targets: Array) -> list[int]:
+    """States whose velocities are their own central differences, or slopes of a moving fit.
+
+    What a sensor measures is no function of neighbouring samples of the state, not to rounding.
+    Forward differences are left out: a plant that was simulated by Euler's steps has them. And so
+    is a velocity that is a column of X itself, as in x' = v: it is exact, whoever has made v.
+    """
+    if not records.timed:
+        return []
+    assert records.t is not None
+    rows = max(records.trajectories, key=len)[: SETTINGS.differentiated_rows]
+    X, t, velocities = records.X[rows], records.t[rows], targets[rows]
+    return [
+        state
+        for state in records.states
+        if not (X == velocities[:, [state]]).all(axis=0).any()
+        and _is_made_of(X[:, state], t, velocities[:, state])
+    ]
+
+
+def follow_the_states(records: Records, targets: Array, left: Array) -> bool:
+    """Whether velocities keep to their states more closely than what laws leave of them allows.
+
+    `left` are residuals, like `targets` of shape (n_samples, n_states). The noise of a velocity
+    that a sensor has measured adds up along a trajectory, over n steps to the root of n times that
+    of one, and to more where a filter has smeared it. That of a velocity made of the states cannot
+    lead away from them by more than their own noise.
+    """
+    if not records.timed:
+        return False
+    assert records.t is not None
+    order, n_steps = np.concatenate(records.trajectories), SETTINGS.adding_up
+    series = _without_gaps(records, order)
+    X, velocities, steps = records.X[order, : records.n_states], targets[order], series.waits[1:]
+    apart = np.where(series.inside[1:], steps, 0.0)[:, None]
+    slopes = 0.5 * (velocities[1:] + velocities[:-1])
+    astray = np.cumsum(np.diff(X, axis=0) - apart * slopes, axis=0)
+    together = series.stretch[1:][n_steps:] == series.stretch[:-1][:-n_steps]
+    if not together.any():
+        return False
+    away = root_mean_square((astray[n_steps:] - astray[:-n_steps])[together])
+    shared = np.array([series.smeared(column) for column in left[order].T])
+    expected = robust_scale(left) * series.step * np.sqrt(n_steps * shared)
+    return bool((away < SETTINGS.too_close * expected).any())
+
+
+def _without_gaps(records: Records, order: NDArray[np.intp]) -> Stretches:
+    """Samples of whole trajectories in order, cut where the record has gaps."""
+    assert records.t is not None
+    first = np.cumsum([0, *map(len, records.trajectories)])[:-1]
+    starts = np.zeros(len(order), dtype=bool)
+    starts[first] = True
+    t = records.t[order]
+    starts |= np.diff(t, prepend=t[:1]) > SETTINGS.gap_steps * records.step
+    return Stretches(t, np.cumsum(starts))
+
+
+def _is_made_of(x: Array, t: Array, velocity: Array) -> bool:
+    """Whether a velocity is a slope of the samples beside it, to rounding."""
+    if len(x) < SETTINGS.fewest_differentiated or np.ptp(velocity) == 0.0:
+        return False
+    least = np.diff(t).min()
+    rounding = 1e3 * np.finfo(float).eps * (np.abs(x).max() / least + np.abs(velocity).max())
+    for degree, half, slope in _slopes(x, t):
+        # of samples that are smoother than this every good slope is the true one
+        if np.abs(np.diff(x, degree + 1)).max() / least < 1e2 * rounding:
+            continue
+        inner = slice(half, len(x) - half)
+        if np.abs(velocity[inner] - slope[inner]).max() <= rounding:
+            return True
+    return False
+
+
+def _slopes(x: Array, t: Array) -> Iterator[tuple[int, int, Array]]:
+    """Slopes by usual means, exact up to a degree, and at how many samples of each end they differ.
+
+    A moving polynomial of an odd degree has the slopes of the even degree before it.
+    """
+    yield 2, 1, np.gradient(x, t)
+    steps = np.diff(t)
+    if np.ptp(steps) > 1e-6 * steps.mean():
+        return
+    for window in range(5, SETTINGS.longest_differentiator + 1, 2):
+        for degree in (2, 4):
+            delta = float(steps.mean())
+            yield degree, window // 2, savgol_filter(x, window, degree, deriv=1, delta=delta)

@@ -13,6 +13,10 @@ and whatever is compared with it is averaged alike. No window reaches across a s
 laws would share, nor across a jump of an input; a window of two thirds of a stay leaves most of it.
 Nothing is left of the filter but its noise, of which neighbours share some: only rows are kept
 whose noise is independent.
+
+Inputs that rest and jump (a relay, a step) are held between their samples, and not linear. Next to
+a jump nobody knows what the input was between two samples, and half a step of the input's whole
+range is a gross error.
 """
 
 from __future__ import annotations
@@ -34,12 +38,10 @@ from swsysid._effect_model.decoding import (
     told_by_velocities,
 )
 from swsysid._effect_model.joint_fit import JointFit, as_stated, fit_jointly, told_on_rows
-from swsysid._effect_search.drawn import drawn
-from swsysid._effect_search.folds import Rows, Split
-from swsysid._effect_search.held_inputs import between_jumps
+from swsysid._effect_search.folds import Rows, Split, StateNoise
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.settings import SETTINGS
-from swsysid._effect_search.state_noise import StateNoise
+from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid.differentiation import differentiate
@@ -182,10 +184,10 @@ def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> 
     """Velocities of a model and what it leaves over, and states that are less noisy."""
     n_states = records.n_states
     added = fit.contributions(records.with_columns(states))
-    motion = drawn(fit, records.with_columns(states), told.modes, added)
+    motion = _drawn(fit, records.with_columns(states), told.modes, added)
     rest = records.X[:, :n_states] - motion
     modes = np.where(told.sure, told.modes, -1)
-    windows = _windows(rest, records, modes, between_jumps(fit, records, told.stretches))
+    windows = _windows(rest, records, modes, _between_jumps(fit, records, told.stretches))
     X = np.column_stack([motion + windows.values @ rest, records.X[:, n_states:]])
     shown = np.zeros((len(records), 1), dtype=bool)
     shown[windows.whole()] = True
@@ -257,3 +259,60 @@ def _longest(of_modes: list[Rows]) -> int:
     many = (rows.sum(axis=0) >= SETTINGS.enough_rows) & (rows >= own).all(axis=0)
     worth = np.prod(left * (windows / most) ** 2, axis=0)
     return int(windows[np.argmax(np.where(many, worth, 0.0))])
+
+
+def _drawn(fit: JointFit, records: Records, modes: NDArray[np.intp], beside: Array) -> Array:
+    """Integrals of the laws from the begin of each trajectory, (n_samples, n_states).
+
+    What the effects add, (n_modes, n_samples, n_states), is `beside` the laws.
+
+    Between two samples the states are the cubic through their values and velocities, inputs and
+    what is beside the laws are linear, and the law is that of the mode at the end.
+    """
+    n_states, X, t = records.n_states, records.X, records.t
+    assert t is not None
+    first = np.concatenate([rows[:-1] for rows in records.trajectories])
+    last = np.concatenate([rows[1:] for rows in records.trajectories])
+    acting, step = modes[last], (t[last] - t[first])[:, None]
+    at_samples, every = fit.declared_velocities(X) + beside, np.arange(len(acting))
+    begin, end = at_samples[acting, first], at_samples[acting, last]
+    middle = 0.5 * (X[first] + X[last])
+    middle[:, :n_states] += 0.125 * step * (begin - end)
+    inside = fit.declared_velocities(middle)[acting, every]
+    inside += 0.5 * (beside[acting, first] + beside[acting, last])
+    steps = step / 6.0 * (begin + 4.0 * inside + end)
+    answer, done = np.zeros((len(records), n_states)), 0
+    for rows in records.trajectories:
+        own = steps[done : done + len(rows) - 1]
+        answer[rows[1:]], done = np.cumsum(own, axis=0), done + len(own)
+    return answer
+
+
+def _between_jumps(fit: JointFit, records: Records, stretches: list[Rows]) -> list[Rows]:
+    """Stretches of a record cut where a held input jumps, if that leaves most of them."""
+    jumps = _jumps(fit, records) if records.n_inputs else np.empty(0, dtype=np.intp)
+    cut = [
+        part
+        for rows in stretches
+        for part in np.split(rows, np.flatnonzero(np.isin(rows[1:], jumps)) + 1)
+    ]
+    left = sum(len(part) for part in cut if len(part) >= SETTINGS.shortest_window)
+    return cut if 2 * left >= sum(map(len, stretches)) else stretches
+
+
+def _jumps(fit: JointFit, records: Records) -> Rows:
+    """Samples at which inputs that rest change a velocity by far more than they usually do."""
+    found = []
+    for rows in records.trajectories:
+        last, n_states = rows[1:], records.n_states
+        inputs = records.X[rows][:, n_states:]
+        resting = np.mean(inputs[1:] == inputs[:-1], axis=0) > 0.5
+        if not resting.any():
+            continue
+        before = records.X[last].copy()
+        before[:, n_states:] = np.where(resting, inputs[:-1], inputs[1:])
+        by_mode = fit.declared_velocities(records.X[last]) - fit.declared_velocities(before)
+        change = np.abs(by_mode).max(axis=0)
+        usual = np.maximum(robust_scale(change), SETTINGS.fine * change.max(axis=0))
+        found.append(last[np.any(change > SETTINGS.gross * usual, axis=1)])
+    return np.concatenate([np.empty(0, dtype=np.intp), *found])

@@ -4,6 +4,9 @@ With the modes known, state k obeys :math:`\dot x_k = C_{jk}\Phi(x) + h^\top c +
 The coefficients of a candidate's columns h are those of the residuals of :math:`\dot x_k` on the
 residuals of h, both after regression on :math:`\Phi` in each mode (Frisch, Waugh, Lovell), so that
 one regression of all columns of all candidates serves every state and every mode.
+
+The normal equations of the columns are those of several regressions at once, on parts of the same
+rows: the first axis counts them.
 """
 
 from __future__ import annotations
@@ -16,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._effect_search.folds import Folds
-from swsysid._effect_search.normal_equations import AllEquations, NormalEquations, grams
 from swsysid._results import Array
 
 _INDEPENDENT = 1e-10  # smallest singular value of the library, relative to the largest
 _MOVES = 1e-12  # smallest eigenvalue of the library's products on a part of the rows, relative
+_COLLINEAR = 1e-10  # share of a column's square that the library must leave over
+_RANK = 1e-11  # smallest eigenvalue of a correlation matrix that is solved as it is
 
 
 @dataclass(frozen=True)
@@ -224,7 +228,7 @@ class SharedSums:
         scaled = columns.reshape(len(columns), -1)[self._rows]
         scaled *= self._root[:, None]
         cells = [(scaled[cell.rows], cell.own) for cell in self._cells]
-        gram = self._added_up([grams(part.reshape(-1, *columns.shape[1:])) for part, _ in cells])
+        gram = self._added_up([_grams(part.reshape(-1, *columns.shape[1:])) for part, _ in cells])
         parts = []
         for number, basis in enumerate(self._bases):
             products = self._added_up([own[number].T @ part for part, own in cells])
@@ -266,3 +270,102 @@ class _Basis:
             library=library.reshape(apart.shape),
             prior=prior,
         )
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Coefficients of the columns of G candidates for every state in each of P regressions."""
+
+    coef: Array  # (P, G, n_terms, n_states)
+    gain: Array  # (P, G, n_states): by how much the weighted sum of squares falls
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Those of the columns of G candidates after P regressions on the library, mode by mode.
+
+    They are those of some states, whose laws may have the same terms.
+    """
+
+    gram: Array  # (P, n_modes, G, n_terms, n_terms)
+    moment: Array  # (P, n_modes, G, n_terms, n_states)
+    size: Array  # (P, n_modes, G, n_terms): squares of the columns before that regression
+    library: Array  # (P, n_modes, n_features, G, n_terms): coefficients of that regression
+    prior: Array  # (n_rows, n_terms): rows beside the data, whose targets are zero
+
+    @property
+    def spanned(self) -> NDArray[np.bool_]:
+        """Columns of which the library leaves nothing in any mode, shape (P, G, n_terms)."""
+        return _is_spanned(self.gram.sum(axis=1), self.size.sum(axis=1))
+
+    def solve(self, mode: int | None) -> Solution:
+        """Solution for effects that act in one mode, or in all modes alike (None)."""
+        # A column that the library spans gets the equation coefficient = 0, and no gain.
+        gram, moment, size = (
+            part.sum(axis=1) if mode is None else part[:, mode]
+            for part in (self.gram, self.moment, self.size)
+        )
+        spanned = _is_spanned(gram, size)
+        gram = gram + self.prior.T @ self.prior
+        scale = np.sqrt(np.where(spanned, 1.0, np.einsum("...qq->...q", gram)))
+        correlation = gram / (scale[..., :, None] * scale[..., None, :])
+        free = ~spanned[..., :, None] & ~spanned[..., None, :]
+        ridge = np.eye(gram.shape[-1]) * np.where(spanned[..., None], 1.0, _RANK)
+        right = np.where(spanned[..., None], 0.0, moment / scale[..., None])
+        coef = np.linalg.solve(np.where(free, correlation, 0.0) + ridge, right)
+        coef = coef / scale[..., None]
+        return Solution(coef, np.einsum("...qk,...qk->...k", coef, moment))
+
+    def residuals(
+        self,
+        columns: Array,
+        features: Array,
+        modes: NDArray[np.intp],
+        part: int,
+        values: NDArray[np.intp],
+    ) -> Array:
+        """What one regression leaves of rows of the columns (n_rows, G, n_terms) of some values."""
+        left = columns.copy()
+        for mode, coef in enumerate(self.library[part]):
+            rows = np.flatnonzero(modes == mode)
+            left[rows] -= np.tensordot(features[rows], coef[:, values], axes=1)
+        return left
+
+
+@dataclass(frozen=True)
+class AllEquations:
+    """Normal equations of all states."""
+
+    parts: list[tuple[NDArray[np.intp], NormalEquations]]  # states, and theirs
+
+    @property
+    def spanned(self) -> NDArray[np.bool_]:
+        """Columns of which no library leaves anything, shape (P, G, n_terms)."""
+        return np.asarray(np.all([part.spanned for _, part in self.parts], axis=0))
+
+    def solve(self, mode: int | None) -> Solution:
+        """Solution for effects that act in one mode, or in all modes alike (None)."""
+        if len(self.parts) == 1:
+            return self.parts[0][1].solve(mode)
+        solved = [part.solve(mode) for _, part in self.parts]
+        order = np.argsort(np.concatenate([states for states, _ in self.parts]))
+        coef = np.concatenate([one.coef for one in solved], axis=3)[..., order]
+        return Solution(coef, np.concatenate([one.gain for one in solved], axis=2)[..., order])
+
+
+def _is_spanned(gram: Array, size: Array) -> NDArray[np.bool_]:
+    return (np.einsum("...qq->...q", gram) <= _COLLINEAR * size) | (size == 0.0)
+
+
+def _grams(part: Array) -> Array:
+    """Gram matrices of the candidates, (G, n_terms, n_terms), of columns (n_rows, G, n_terms)."""
+    n_terms = part.shape[2]
+    if n_terms > part.shape[1]:
+        return np.matmul(part.transpose(1, 2, 0), part.transpose(1, 0, 2))
+    # One product at a time: the columns are few and the candidates many.
+    gram = np.empty((part.shape[1], n_terms, n_terms))
+    for row in range(n_terms):
+        for column in range(row, n_terms):
+            value = np.einsum("ig,ig->g", part[:, :, row], part[:, :, column])
+            gram[:, row, column] = gram[:, column, row] = value
+    return gram

@@ -25,12 +25,12 @@ from swsysid._effect_search.contents import Round as RoundInWords
 from swsysid._effect_search.display import EffectReportDisplay
 from swsysid._effect_search.findings import Ladder
 from swsysid._effect_search.greedy import Round
+from swsysid._effect_search.outcome import Tried
 from swsysid._effect_search.page import effect_page
 from swsysid._effect_search.recording import Measured
 from swsysid._effect_search.set_aside import Event, SetAside, Whereabouts, set_aside
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.text import report_lines, summary
-from swsysid._effect_search.untouched import Tried
 from swsysid._effect_search.words import named, title
 from swsysid._files import write_text
 from swsysid._rendering.parts import entries_of
@@ -38,7 +38,7 @@ from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
-from swsysid._simulation.law_equations import laws_of_mode
+from swsysid._simulation.model import laws_of_mode
 from swsysid.effects import FoundEffect, PlacedEffect, StructureEffect
 
 

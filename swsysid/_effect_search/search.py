@@ -23,12 +23,11 @@ from swsysid._effect_model.joint_fit import (
 )
 from swsysid._effect_model.models import check_declared, declared_model, unfitted, with_seed
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._effect_search.alarms import alarms
 from swsysid._effect_search.contributions import term_covariances
 from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
-from swsysid._effect_search.reading import read_recordings, refuse_inputs_beside_velocities
+from swsysid._effect_search.reading import alarms, read_recordings, refuse_inputs_beside_velocities
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all

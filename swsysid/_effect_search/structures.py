@@ -27,9 +27,8 @@ from swsysid._effect_search.candidates import (
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.held_out import held_out_cost, unseen
 from swsysid._effect_search.remembered import Remembered
-from swsysid._effect_search.scan import proposals, refined, scan
+from swsysid._effect_search.scan import is_unresolved, proposals, refined, scan
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
-from swsysid._effect_search.smears import is_unresolved
 from swsysid._effect_search.switches import gain_of_guard
 from swsysid._noise import robust_scale
 from swsysid._results import Array

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from swsysid._effect_search.contents import EffectContents
-from swsysid._effect_search.gross_rows import aside
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.words import (
+    aside,
     effect_title,
     error,
     first_of,
@@ -19,7 +19,7 @@ from swsysid._effect_search.words import (
     rate,
 )
 from swsysid._noise import root_mean_square
-from swsysid._rendering.columns import text_table
+from swsysid._rendering.printing import text_table
 from swsysid._residual_report.report import ResidualReport
 from swsysid._results import Array
 from swsysid.effects import (

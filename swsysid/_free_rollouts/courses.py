@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._free_rollouts.settings import SETTINGS
-from swsysid._rendering.columns import counted
+from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory
 from swsysid.refinement._trajectories import Record
 

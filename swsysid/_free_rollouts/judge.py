@@ -19,7 +19,7 @@ from swsysid._free_rollouts.courses import (
 )
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._free_rollouts.settings import SETTINGS
-from swsysid._rendering.columns import counted
+from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory
 
 _UNIT = "a thousandth of the spread"  # `size` of the settings

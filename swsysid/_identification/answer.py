@@ -12,13 +12,11 @@ from sklearn.base import clone
 from swsysid._data.features import FeatureMap
 from swsysid._data.sampling import Thinned, draw_sample
 from swsysid._data.sources import RowBlocks, row_blocks
-from swsysid._identification.all_rows import descend_over_all_rows
+from swsysid._identification.all_rows import Pass, PassResult, descend_over_all_rows
 from swsysid._identification.calibration import may_discard
 from swsysid._identification.identify import Identification
-from swsysid._identification.passes import Pass, PassResult
 from swsysid._identification.problem import SwitchingProblem
-from swsysid._identification.setup import TrainingRows
-from swsysid._identification.starts import Search
+from swsysid._identification.setup import Search, TrainingRows
 from swsysid._identification.trust_region import Estimate, Sampled, rows_to_know
 from swsysid._rendering.progress import progress
 from swsysid._results import Array, IterationRecord

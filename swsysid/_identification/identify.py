@@ -12,7 +12,6 @@ from joblib import Parallel, delayed
 from swsysid._data.rows import spread_rows
 from swsysid._identification.calibration import calibrate
 from swsysid._identification.descent import AlternateFrom, Alternation, alternate, relabel
-from swsysid._identification.monomials import SurfaceChoice, choose_monomials
 from swsysid._identification.number_of_modes import (
     ModeCandidate,
     compare_mode_counts,
@@ -21,8 +20,8 @@ from swsysid._identification.number_of_modes import (
 )
 from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import Parameters
-from swsysid._identification.sparsity import choose_terms
-from swsysid._identification.starts import Search, Starts, draw_starts
+from swsysid._identification.setup import Search, Starts, draw_starts
+from swsysid._identification.terms import SurfaceChoice, choose_monomials, choose_terms
 from swsysid._noise import root_mean_square
 from swsysid._rendering.progress import watched
 from swsysid._results import Array

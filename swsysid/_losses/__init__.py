@@ -1,11 +1,10 @@
 """The losses of a residual: one class each, with its program and its summary of many rows."""
 
 from swsysid._checks.parameters import one_of
-from swsysid._losses.base import DynamicsFit, Loss
+from swsysid._losses.base import DynamicsFit, Loss, TrustRegion
 from swsysid._losses.l1 import L1Loss
 from swsysid._losses.l2 import L2Loss
 from swsysid._losses.squared import SquaredLoss
-from swsysid._losses.trust_region import TrustRegion
 
 __all__ = ["LOSSES", "DynamicsFit", "Loss", "TrustRegion", "get_loss"]
 

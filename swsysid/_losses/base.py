@@ -10,25 +10,31 @@ Every fit carries a lower bound from Lagrange duality. With R = Y - D C^T,
 
 where f* is the conjugate; for a weighted sum of norms it is the condition that w_i bounds the
 dual norm of U_i, for weighted squares the sum of |U_i|^2 / (4 w_i).
+
+Whatever the loss, a dynamics program has rows, a box and free coefficients; and a `TrustRegion`
+says how far the residuals of rows may move while coefficients move a little.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import qr
+from scipy.optimize import lsq_linear
 
-from swsysid._losses.program import DynamicsProgram
-from swsysid._losses.trust_region import TrustRegion
 from swsysid._results import Array, Status
 from swsysid._solvers.conic import modelling, require_solution, solve
+from swsysid._solvers.row_space import RowSpace
 
 PROVED = 1e-7  # relative gap up to which a fit counts as optimal; conic solvers reach 1e-8
 ROUNDING = 1e-12  # of the loss of the targets themselves
+# Indices of outputs (k, 1) and of features (1, p): together they pick a block of coefficients.
+Place = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
 class Summary(Protocol):
@@ -211,3 +217,121 @@ class NormLoss(Loss):
 
     def _feasible(self, dual, weight):
         return dual / max(1.0, float((self.dual_norm(dual) / weight).max())), 0.0
+
+
+@dataclass(frozen=True)
+class DynamicsProgram:
+    """One dynamics program: min_C sum_i w_i L(y_i - C d_i), |C| <= B, C zero off the support."""
+
+    design: Array  # (n_samples, n_features)
+    targets: Array  # (n_samples, n_outputs)
+    weight: Array  # (n_samples,), positive
+    bound: float  # B, infinite for none
+    support: NDArray[np.bool_]  # (n_outputs, n_features)
+    start: Array | None
+
+    @property
+    def coupled(self) -> bool:
+        """True if the outputs do not all have the same free features."""
+        return bool((self.support != self.support[:1]).any())
+
+    def part(self, place: Place) -> DynamicsProgram:
+        """The program of some outputs and features."""
+        outputs, features = place
+        return replace(
+            self,
+            design=self.design
+            if self.support.shape[1] == features.size
+            else self.design[:, features.ravel()],
+            targets=self.targets[:, outputs.ravel()],
+            support=self.support[place],
+            start=None if self.start is None else self.start[place],
+        )
+
+    def places(self) -> Iterator[Place]:
+        """Outputs that share their free features, with these features."""
+        patterns, owner = np.unique(self.support, axis=0, return_inverse=True)
+        for index, columns in enumerate(patterns):
+            outputs = np.flatnonzero(owner.ravel() == index)
+            yield outputs[:, None], np.flatnonzero(columns)[None, :]
+
+    def everything(self) -> Place:
+        """All outputs and all features."""
+        n_outputs, n_features = self.support.shape
+        return np.arange(n_outputs)[:, None], np.arange(n_features)[None, :]
+
+    def residuals(self, coef: Array) -> Array:
+        return self.targets - self.design @ coef.T
+
+    def orthogonal(self, dual: Array) -> Array:
+        """The dual nearest to `dual` with U^T D = 0 on the support."""
+        dual = dual.copy()
+        for outputs, features in self.places():
+            if features.size:
+                space = RowSpace(self.design[:, features.ravel()])
+                coef = space.least_squares(dual[:, outputs.ravel()].T)
+                dual[:, outputs.ravel()] -= space.design @ coef.T
+        return dual
+
+
+def boxed_least_squares(design: Array, targets: Array, bound: float) -> Array:
+    """Least squares with |C| <= bound, by the active-set method on the triangular factor."""
+    n_features = design.shape[1]
+    # D = Q T and Q^T Y from one factorisation: the rows beyond play no further part.
+    factor = qr(np.hstack([design, targets]), mode="r")[0][: n_features + targets.shape[1]]
+    scale = np.abs(factor[:, :n_features]).max(axis=0)
+    scale[scale == 0] = 1.0
+    coef = [
+        lsq_linear(
+            factor[:, :n_features] / scale,
+            right,
+            (-bound * scale, bound * scale),
+            method="bvls",
+            tol=1e-15,
+            max_iter=100 * n_features,
+        ).x
+        for right in factor[:, n_features:].T
+    ]
+    return (np.stack(coef) / scale).clip(-bound, bound)
+
+
+@dataclass(frozen=True)
+class TrustRegion:
+    r"""Within which distance the residual of a row may move: rows of much leverage move most.
+
+    A change :math:`\Delta` of the coefficients with :math:`\Delta^T G \Delta \le s^2` moves the
+    residual of a row d by at most :math:`s \, (d^T G^{-1} d)^{1/2}`, with equality for one of them.
+    """
+
+    # (n_features, rank): a root of the inverse of G, the Gram matrix of the rows that the
+    # coefficients are known from.
+    metric: Array
+    size: Array  # (n_outputs,): the number s of each; negative where the coefficients stay
+    most: float = np.inf  # leverage of a row that no row is expected to exceed
+
+    def near(self, design: Array, residuals: Array) -> list[NDArray[np.intp]]:
+        """For each output the rows whose residual, (n_outputs, n_rows), may change its sign."""
+        # Leverages are not computed for residuals beyond the distance of any expected row.
+        sizes = np.abs(residuals)
+        some = np.flatnonzero(np.any(sizes <= self.farthest[:, None], axis=0))
+        inside = sizes[:, some] <= self.of(design[some]).T
+        return [some[chosen] for chosen in inside]
+
+    def of(self, design: Array) -> Array:
+        """The distance of every row for every output, (n_rows, n_outputs)."""
+        whitened = design @ self.metric
+        return np.sqrt(np.einsum("ij,ij->i", whitened, whitened))[:, None] * self.size
+
+    @property
+    def farthest(self) -> Array:
+        """What no row is expected to move beyond, (n_outputs,); where nothing moves, nothing."""
+        return self.size * np.where(self.size == 0.0, 1.0, self.most)
+
+    def scaled(self, factor: float) -> TrustRegion:
+        """The trust region of changes that are so many times as large."""
+        return replace(self, size=factor * self.size)
+
+    @property
+    def of_any_row(self) -> TrustRegion:
+        """The same for rows of any leverage."""
+        return replace(self, most=np.inf)

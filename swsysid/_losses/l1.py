@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array, hstack, vstack
 
-from swsysid._losses.base import NormLoss
-from swsysid._losses.trust_region import TrustRegion
+from swsysid._losses.base import NormLoss, TrustRegion
 from swsysid._results import Array
 from swsysid._solvers.conic import linear_program, require_solution
 from swsysid._solvers.lad import least_absolute_deviations

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._losses.base import NormLoss
-from swsysid._losses.trust_region import TrustRegion
+from swsysid._losses.base import NormLoss, TrustRegion
 from swsysid._results import Array
 from swsysid._solvers.euclidean import gram_blocks, least_euclidean_norms, solve_scaled
 from swsysid._solvers.row_space import RowSpace

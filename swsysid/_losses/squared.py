@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._losses.base import Loss
-from swsysid._losses.program import boxed_least_squares
-from swsysid._losses.trust_region import TrustRegion
+from swsysid._losses.base import Loss, TrustRegion, boxed_least_squares
 from swsysid._results import Array
 from swsysid._solvers.row_space import RowSpace
 

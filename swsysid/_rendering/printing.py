@@ -1,9 +1,15 @@
-"""Linear combinations of named features as text and LaTeX."""
+"""Numbers in plain text: formulas, standard errors, tables, counts.
+
+Linear combinations of named features are text or LaTeX; a number has as many digits as its standard
+error leaves.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+
+import numpy as np
 
 from swsysid._checks.parameters import one_of, whole
 
@@ -13,6 +19,9 @@ _MOST_DECIMALS = 50
 _FUNCTIONS = ("sign", "clip", "max", "play", "lag")
 # A name with its primes and power, a blank, and the name after it.
 _SIDE_BY_SIDE = re.compile(r"\b([^\W\d_]\w*)('*(?:\^\d+)?\)*) (?=([^\W\d_]\w*))")
+_MOST_KNOWN = 9  # digits; a number that is known to more of them counts as exact
+_MOST_DIGITS = 6  # that are shown of it then
+_SHOWN = 5  # rows that are named one by one
 
 
 def check_format(style: str, precision: int = 0) -> None:
@@ -153,3 +162,141 @@ def _number(value: float, precision: int, style: str, brief: bool) -> str:
     if style == "latex":
         return rf"{mantissa} \cdot 10^{{{int(exponent)}}}"
     return f"{mantissa}e{int(exponent)}"
+
+
+def with_error(value: float, error: float, *, signed: bool = False, precision: int = 3) -> str:
+    """A number with its standard error in brackets, which has one digit.
+
+    The number has a digit more. One that is known to more than nine digits stands alone, one that
+    is fixed (an error of zero) has `precision` decimals, and one of infinite error says so.
+
+    Examples
+    --------
+    >>> with_error(0.02541, 0.0002), with_error(22.0, 1e-9), with_error(1.3, np.inf)
+    ('0.02541 (0.0002)', '22', '1.3 (not determined)')
+    >>> with_error(123456.7, 30.0), with_error(-3.21e-7, 4e-9, signed=True)
+    ('123457 (30)', '-3.210e-7 (4e-9)')
+    """
+    sign = "+" if signed else ""
+    if np.isnan(error) or np.isinf(error):
+        return f"{value:{sign}.{precision}g} (not determined)"
+    if error == 0.0:
+        text = linear_combination([float(value)], ["1"], precision=precision)
+        return f"+{text}" if signed and not text.startswith("-") else text
+    decimals = int(np.ceil(-np.log10(error))) + 1
+    digits = decimals + int(np.floor(np.log10(abs(value)))) + 1 if value else decimals
+    if value and digits > _MOST_KNOWN:
+        return _plain(f"{value:{sign}.{_MOST_DIGITS}g}")
+    shown = f"{value:{sign}.{min(max(decimals, 0), 12)}f}"
+    if value and not 1e-4 <= abs(value) < 1e7:
+        shown = f"{value:{sign}.{min(max(digits - 1, 0), 12)}e}"
+    shown = shown if value else "0"
+    rounded = f"{float(f'{error:.1g}'):g}"
+    return f"{_plain(shown)} ({_plain(rounded)})"
+
+
+def _plain(text: str) -> str:
+    """A number whose power of ten is written without zeros."""
+    mantissa, _, exponent = text.partition("e")
+    return f"{mantissa}e{int(exponent)}" if exponent else text
+
+
+def between(low: float, high: float) -> str:
+    """An interval, both ends with two digits of its width; "" if these are beyond the sixth.
+
+    Examples
+    --------
+    >>> between(1.48352, 1.51017), between(2.0, 2.0 + 1e-9)
+    ('1.484 to 1.510', '')
+    """
+    width, size = high - low, max(abs(low), abs(high))
+    if not width > 10.0**-_MOST_DIGITS * size:
+        return ""
+    decimals = int(np.clip(np.ceil(-np.log10(width)) + 1, 0, 12))
+    return f"{low:.{decimals}f} to {high:.{decimals}f}"
+
+
+def sum_with_errors(
+    values: Sequence[float], errors: Sequence[float], names: Sequence[str], precision: int = 3
+) -> str:
+    """The sum of named terms, each coefficient with its standard error; zeros are left out.
+
+    Examples
+    --------
+    >>> sum_with_errors([2.0, -0.5, 0.0], [0.1, 0.0, 0.0], ["1", "x", "v"])
+    '-0.500 x +2.00 (0.1)'
+    """
+    every = list(zip(values, errors, names, strict=True))
+    exact = [(float(value), name) for value, error, name in every if error == 0.0]
+    parts = [
+        with_error(value, error, signed=True, precision=precision)
+        + (f" {name}" if name != "1" else "")
+        for value, error, name in every
+        if error != 0.0
+    ]
+    if any(value for value, _ in exact):
+        fixed, of = zip(*exact, strict=True)
+        parts.insert(0, linear_combination(fixed, of, precision=precision))
+    return " ".join(parts) or "0"
+
+
+def text_table(columns: Iterable[tuple[str, str, Sequence[str]]], gap: str = " ") -> list[str]:
+    """Lines of a table: its head, then one line for each entry of the columns.
+
+    A column is its title, its side and least width, and its entries; without a width it is not
+    filled up, as the last one.
+
+    Examples
+    --------
+    >>> text_table([("state", "<6", ["x", "v"]), ("error", ">7", ["0.1", "2"])])
+    ['state    error', 'x          0.1', 'v            2']
+    """
+    filled = []
+    for title, style, entries in columns:
+        cells = [title, *entries]
+        width = max(int(style[1:]), *map(len, cells)) if style else 0
+        filled.append([f"{cell:{style[:1]}{width or ''}}" for cell in cells])
+    return [gap.join(line) for line in zip(*filled, strict=True)]
+
+
+def number(value: float | None, style: str) -> str:
+    """A number in a format, or a dash where there is none."""
+    return "-" if value is None else format(value, style)
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun.
+
+    Examples
+    --------
+    >>> counted(1, "row"), counted(12000, "row"), counted(2, "switch")
+    ('1 row', '12,000 rows', '2 switches')
+    """
+    plural = "es" if noun.endswith("ch") else "s"
+    return f"{number:,} {noun}{'' if number == 1 else plural}"
+
+
+def ordinal(number: int) -> str:
+    """A place in an order.
+
+    Examples
+    --------
+    >>> ordinal(2), ordinal(11), ordinal(23)
+    ('2nd', '11th', '23rd')
+    """
+    suffix = {1: "st", 2: "nd", 3: "rd"}.get(number % 10 if number % 100 not in (11, 12, 13) else 0)
+    return f"{number}{suffix or 'th'}"
+
+
+def rows_listed(rows: Iterable[int]) -> str:
+    """The first few of some rows of a file.
+
+    Examples
+    --------
+    >>> rows_listed([7]), rows_listed([3, 5]), rows_listed(range(2, 40))
+    ('row 7', 'rows 3, 5', 'rows 2, 3, 4, 5, 6 and 33 more')
+    """
+    numbers = list(rows)
+    named = ", ".join(map(str, numbers[:_SHOWN]))
+    rest = f" and {len(numbers) - _SHOWN:,} more" if len(numbers) > _SHOWN else ""
+    return f"row{'' if len(numbers) == 1 else 's'} {named}{rest}"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from swsysid._rendering.columns import number, text_table
 from swsysid._rendering.parts import Parts, plain
+from swsysid._rendering.printing import number, text_table
 from swsysid._residual_report.findings import Finding, Peak
 from swsysid._residual_report.noise_floor import Size
 from swsysid._residual_report.settings import SETTINGS

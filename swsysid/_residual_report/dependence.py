@@ -5,6 +5,13 @@ modes, a sinusoid. What it finds is taken away, strongest first, and a later fin
 by then was only a shadow of an earlier one. The second asks what is left about pairs of columns
 and about the past, the third about the size of what is left: in the other order a pair, a slow
 channel's past, or the spread inside a bin would be named beside the channel itself.
+
+A sinusoid is seen in the Lomb-Scargle spectrum over trajectories, for any spacing of the samples.
+
+P-values come from rearrangements of a residual that keep its correlation in time. To ask whether a
+residual depends on a channel one compares with residuals that cannot: the same ones, in another
+order. Rows that follow each other in time may be alike, and so they move in blocks longer than
+their correlation; a white residual moves row by row, however slow the channel.
 """
 
 from __future__ import annotations
@@ -15,15 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._noise import robust_scale
 from swsysid._residual_report.channels import Channel, between_shares, without
-from swsysid._residual_report.rearrangement import (
-    block_length,
-    max_statistic,
-    rearrangements,
-    robust_clip,
-)
-from swsysid._residual_report.settings import SETTINGS
-from swsysid._residual_report.spectrum import Clock, Oscillation
+from swsysid._residual_report.settings import SETTINGS, Settings
 from swsysid._results import Array
 
 
@@ -69,11 +70,11 @@ def examine(
     `base` (n_rows, n_columns) holds what the model could use itself: it had taken what it could
     of every effect that it lacks, and gives it back when the effect is found.
     """
-    values = robust_clip(residual)
+    values = _robust_clip(residual)
     spread = values.std()
     constant = spread <= SETTINGS.rounding * np.abs(residual).max(initial=0.0)
     values = np.zeros_like(values) if constant else values / spread
-    block = block_length(_without_strong(rounds.channels, values), codes) if ordered else 1
+    block = _block_length(_without_strong(rounds.channels, values), codes) if ordered else 1
     orders = rearrangements(len(values), block, n_permutations, rng)
     tester = _Tester(orders, base, significance)
 
@@ -85,7 +86,7 @@ def examine(
     left = tester.take_away(tests, values)
     second = [] if rounds.later is None else tester.test(rounds.later(left), left)
     left = tester.take_away(second, left)
-    size = np.abs(robust_clip(left))
+    size = np.abs(_robust_clip(left))
     size = size - size.mean()
     third = tester.test(rounds.spread, size, "spread")
     tester.take_away(third, size)
@@ -183,3 +184,179 @@ def _beyond_chance(row: Array) -> float:
     """Share of the data beyond the mean share of the rearrangements, as omega squared does."""
     chance = row[1:].mean()
     return float(np.clip((row[0] - chance) / max(1.0 - chance, 1e-12), 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Times, pieces of the record whose phases are their own, and the frequencies to look at.
+
+    Every piece has a phase of its own, because clocks may restart.
+    """
+
+    t: Array
+    pieces: list[NDArray[np.intp]]
+    frequency: Array
+    settings: Settings = SETTINGS
+
+    @classmethod
+    def of(cls, t: Array, codes: NDArray[np.intp], settings: Settings = SETTINGS) -> Clock | None:
+        """Trajectories that are long enough, long ones cut; None if there is none.
+
+        Frequencies go from one period in the longest piece up to half the sampling rate.
+        """
+        pieces = []
+        for code in np.unique(codes):
+            rows = np.flatnonzero(codes == code)
+            pieces += np.array_split(rows, -(-len(rows) // settings.longest_piece))
+        pieces = [rows for rows in pieces if len(rows) >= settings.fewest_rows_of_a_piece]
+        if not pieces:
+            return None
+        span = max(float(t[rows[-1]] - t[rows[0]]) for rows in pieces)
+        step = float(np.median(np.concatenate([np.diff(t[rows]) for rows in pieces])))
+        spacing = 1.0 / (settings.oversampling * (span + step))
+        multiples = np.arange(settings.oversampling, int(0.5 / step / spacing) + 1)
+        return cls(t, pieces, np.asarray(spacing * multiples, dtype=np.float64), settings)
+
+    def shares(self, values: Array, frequency: Array | None = None) -> Array:
+        r"""Shares of sinusoids in each row of `values`, (n_frequencies, n_orders).
+
+        For every piece the two waves :math:`\cos\omega(t-\tau)`, :math:`\sin\omega(t-\tau)` with
+        Lomb's :math:`\tau` are orthogonal, so that the power is the sum of two squared
+        projections: scipy's ``lombscargle``, here as one matrix product for all orders. Powers
+        are summed over the pieces.
+        """
+        frequency = self.frequency if frequency is None else frequency
+        power = np.zeros((len(frequency), len(values)))
+        total = sum(np.square(values[0, rows]).sum() for rows in self.pieces)
+        for start in range(0, len(frequency), self.settings.frequencies_at_once):
+            part = slice(start, start + self.settings.frequencies_at_once)
+            for rows in self.pieces:
+                signal = np.ascontiguousarray(values[:, rows].T)
+                for wave in _waves(self.t[rows], frequency[part]):
+                    power[part] += np.square(wave.astype(values.dtype) @ signal)
+        return power / (total if total > 0.0 else 1.0)
+
+    def peak(self, values: Array, shares: Array) -> Oscillation:
+        """The sinusoid of the largest share on the grid, sought between its points too."""
+        spacing = self.frequency[0] / self.settings.oversampling
+        near = self.frequency[shares.argmax()] + np.linspace(-1.0, 1.0, 41) * spacing
+        return Oscillation(self, float(near[self.shares(values[None], near)[:, 0].argmax()]))
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """A sinusoid that a residual may contain, as one of the things that it may depend on."""
+
+    clock: Clock
+    frequency: float
+    name: str = "time"
+    kind: str = "periodic"
+
+    def columns(self, values: Array) -> Array:
+        """Two waves for every piece, so that its phase is free there, whatever the values."""
+        t, pieces = self.clock.t, self.clock.pieces
+        columns = np.zeros((len(t), 2 * len(pieces)))
+        for number, rows in enumerate(pieces):
+            for side, wave in enumerate(_waves(t[rows], np.array([self.frequency]))):
+                columns[rows, 2 * number + side] = wave[0]
+        return columns
+
+
+def _waves(t: Array, frequency: Array) -> Iterator[Array]:
+    phase = 2.0 * np.pi * frequency[:, None] * (t - t[0])
+    delay = 0.5 * np.arctan2(np.sin(2 * phase).sum(axis=1), np.cos(2 * phase).sum(axis=1))
+    phase -= delay[:, None]
+    for wave in (np.cos(phase), np.sin(phase)):
+        size = np.sqrt(np.square(wave).sum(axis=1, keepdims=True))
+        # At half the sampling rate one of the two waves vanishes at all samples.
+        yield wave / np.maximum(size, 1e-6 * np.sqrt(len(t)))
+
+
+def _robust_clip(values: Array) -> Array:
+    """`values` about their median, cut off at a few robust standard deviations, then centred."""
+    centred = values - np.median(values)
+    spread = robust_scale(centred)
+    if spread == 0.0:  # more than half of them are equal
+        spread = np.abs(centred).mean()
+    clipped = np.clip(centred, -SETTINGS.clip * spread, SETTINGS.clip * spread)
+    return clipped - clipped.mean()
+
+
+def correlation_length(values: Array, codes: NDArray[np.intp]) -> float:
+    r"""Rows that count as one: :math:`1 + 2\sum_k \rho_k` up to the first lag that is noise.
+
+    `codes` name the trajectory of each row; a trajectory is a contiguous stretch of rows.
+    """
+    centred = values - values.mean()
+    variance = float(np.square(centred).mean())
+    total, noise = 0.0, 2.0 / np.sqrt(len(values))
+    for lag in range(1, min(SETTINGS.longest_lag, len(values) // 4) + 1):
+        together = codes[lag:] == codes[:-lag]
+        if variance == 0.0 or not together.any():
+            break
+        rho = (centred[lag:] * centred[:-lag])[together].mean() / variance
+        if rho < noise:
+            break
+        total += float(rho)
+    return 1.0 + 2.0 * total
+
+
+def _block_length(values: Array, codes: NDArray[np.intp]) -> int:
+    """Rows that must stay together: a few correlation lengths of the values and of their size."""
+    length = max(correlation_length(one, codes) for one in (values, np.abs(values)))
+    if length == 1.0:
+        return 1
+    longest = len(values) // SETTINGS.fewest_blocks
+    return int(max(1, min(np.ceil(SETTINGS.lengths_a_block * length), longest)))
+
+
+def rearrangements(n_rows: int, block: int, n_permutations: int, rng) -> NDArray[np.int32]:
+    """Orders of the rows, (1 + n_permutations, n_rows); the first one is the order as it is.
+
+    The rows are closed to a ring that is cut at a random place into blocks, which are shuffled.
+    """
+    orders = np.empty((1 + n_permutations, n_rows), dtype=np.int32)
+    rows = orders[0] = np.arange(n_rows)
+    n_pieces = max(2, n_rows // block)
+    lengths = n_rows // n_pieces + (np.arange(n_pieces) < n_rows % n_pieces)
+    starts = np.cumsum(lengths) - lengths
+    for order in orders[1:]:
+        if block == 1:
+            order[:] = rng.permutation(n_rows)
+            continue
+        cut, pieces = rng.randint(n_rows), rng.permutation(n_pieces)
+        begins = np.cumsum(lengths[pieces]) - lengths[pieces]  # where each piece comes to lie
+        order[:] = np.repeat(starts[pieces] - begins, lengths[pieces]) + rows - cut
+        order %= n_rows
+    return orders
+
+
+def max_statistic(statistics: Array) -> Array:
+    """P-values of many tests at once, corrected for their number (Westfall and Young, 1993).
+
+    Column 0 of `statistics` (n_tests, 1 + n_permutations) is the data, the others are the
+    rearrangements. Every test is put on its own scale first; its p-value is the share of the
+    columns whose *largest* entry reaches its own. So no p-value needs a multiplication by the
+    number of tests, which few rearrangements could never survive.
+    """
+    if not len(statistics):
+        return np.zeros(0)
+    deviation = statistics.std(axis=1, keepdims=True)
+    deviation[deviation == 0.0] = 1.0
+    scores = (statistics - statistics.mean(axis=1, keepdims=True)) / deviation
+    largest = np.sort(scores[:, 1:].max(axis=0))
+    reached = len(largest) - np.searchsorted(largest, scores[:, 0], side="left")
+    return (1.0 + reached) / (1.0 + len(largest))
+
+
+def holm(p_values: list[float]) -> Array:
+    """P-values corrected for their number by Holm's step-down procedure.
+
+    Written out, because statsmodels' ``multipletests`` collects garbage at each call, which takes
+    longer than the whole report of a small record.
+    """
+    order = np.argsort(p_values)
+    corrected = np.empty(len(p_values))
+    steps = np.arange(len(p_values), 0, -1) * np.asarray(p_values)[order]
+    corrected[order] = np.minimum(1.0, np.maximum.accumulate(steps))
+    return corrected

@@ -19,7 +19,7 @@ from swsysid._displays.style import (
     frame_most,
     thinned,
 )
-from swsysid._rendering.canvas import STYLE
+from swsysid._rendering.series import STYLE
 from swsysid._residual_report.contents import ResidualContents
 from swsysid._residual_report.findings import Finding
 from swsysid._results import Array

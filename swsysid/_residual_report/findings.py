@@ -16,11 +16,16 @@ from swsysid._residual_report.channels import (
     make_pair,
     without,
 )
-from swsysid._residual_report.dependence import Rounds, Test, examine
-from swsysid._residual_report.rearrangement import max_statistic
+from swsysid._residual_report.dependence import (
+    Clock,
+    Oscillation,
+    Rounds,
+    Test,
+    examine,
+    max_statistic,
+)
 from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
-from swsysid._residual_report.spectrum import Clock, Oscillation
 from swsysid._results import Array
 
 

@@ -16,12 +16,12 @@ from swsysid._residual_report.contents import (
     table_of_findings,
     table_of_sizes,
 )
+from swsysid._residual_report.dependence import Clock
 from swsysid._residual_report.display import ResidualReportDisplay
 from swsysid._residual_report.findings import Case, examine_all, findings_of
 from swsysid._residual_report.noise_floor import sizes
 from swsysid._residual_report.samples import Predictor, ResidualSamples, collect
 from swsysid._residual_report.settings import SETTINGS
-from swsysid._residual_report.spectrum import Clock
 from swsysid._residual_report.whiteness import biases, whiteness
 from swsysid._results import Array
 

@@ -1,4 +1,11 @@
-"""The residual of a fitted model and everything it is compared with, checked and in order."""
+r"""The residual of a fitted model and everything it is compared with, checked and in order.
+
+A smoother makes the velocity of a row of a window of measurements. Neighbours share most of them
+and so their noise, and a row next to a switch is a mixture of two laws: correlation in time, a
+dependence on what came before, and larger residuals near the surface are then the smoother's own.
+It also bends what is curved over a window: with M the mean that a slope shows, :math:`M - 1` of a
+velocity, and for laws that are linear nearly, of the states and inputs.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +22,10 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._checks.arrays import labels, names_of, numbers, refuse_vanishing, table
 from swsysid._checks.estimators import column_names, in_fitted_form
 from swsysid._data.records import Records, make_records
+from swsysid._data.windows import Windows, stays_of
 from swsysid._pipelines import switching_step
+from swsysid._residual_report.channels import without
 from swsysid._residual_report.settings import SETTINGS
-from swsysid._residual_report.smoothed import Smoothed
 from swsysid._results import Array
 from swsysid._simulation.model import FittedModel
 from swsysid._surfaces.surface import gives_values, has_decisions
@@ -228,3 +236,39 @@ def _nearness(model: object, X: object) -> tuple[Array | None, str]:
         return np.abs(values), ""
     best = np.sort(values, axis=1)
     return best[:, -1] - best[:, -2], ""
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Windows of a smoother within the modes that a model says."""
+
+    windows: Windows
+
+    @classmethod
+    def of(cls, records: Records, modes: NDArray | None, window: int) -> Smoothed:
+        """Those of a record in order of time."""
+        assert records.t is not None
+        modes = np.zeros(len(records)) if modes is None else modes
+        stays = stays_of(modes, records.trajectories)
+        return cls(Windows(records.t, stays, window // 2, SETTINGS.degree))
+
+    @property
+    def apart(self) -> NDArray[np.intp]:
+        """Rows a window apart whose windows lie in one mode."""
+        return self.windows.whole(self.windows.length)
+
+    def straightened(self, residual: Array, X: Array, predicted: Array, modes: NDArray) -> Array:
+        """The residual without what windows bend of states, inputs and velocities.
+
+        A fitted model has taken of that what is linear in them, mode by mode.
+        """
+        rows = self.windows.whole()
+        columns = np.hstack([X, predicted])
+        bent = (self.windows.means @ columns - columns)[rows]
+        own = np.column_stack([np.ones(len(rows)), columns[rows]])
+        for mode in np.unique(modes[rows]):
+            here = modes[rows] == mode
+            bent[here] = without(own[here], bent[here])
+        answer = residual.copy()
+        answer[rows] = without(bent, residual[rows])
+        return answer

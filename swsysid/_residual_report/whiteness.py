@@ -10,8 +10,8 @@ from scipy.stats import chi2, norm, rankdata
 
 from swsysid._checks.arrays import column, labels
 from swsysid._checks.parameters import whole
+from swsysid._residual_report.dependence import correlation_length, holm
 from swsysid._residual_report.findings import Finding
-from swsysid._residual_report.rearrangement import correlation_length, holm
 from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array

@@ -1,14 +1,17 @@
 """Which classes a model file may name: those of this package, and transformers known to be data.
 
 A file names models by the short names of this table. The records of reports, which are frozen
-dataclasses and the like, it names by their place in this package; nothing else that it says is
-imported. An object is its class and its attributes; none of its methods runs while it is made, but
-for constructors, which only store and check.
+dataclasses and the like, it names by their room in this package and the file of it that they were
+in when it was written; nothing else that it says is imported. An object is its class and its
+attributes; none of its methods runs while it is made, but for constructors, which only store and
+check.
 """
 
 from __future__ import annotations
 
 import importlib
+import pkgutil
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from inspect import signature
@@ -24,8 +27,8 @@ from swsysid._data.features import FeatureMap, FunctionLibrary, Monomials
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.search import EffectSearchCV
-from swsysid._identification.monomials import SurfaceCandidate
 from swsysid._identification.number_of_modes import ModeCandidate
+from swsysid._identification.terms import SurfaceCandidate
 from swsysid._pipelines import ModePipeline
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import IterationRecord
@@ -94,16 +97,27 @@ def class_named(name: str) -> type:
     if name in _OWN:
         return _OWN[name]
     place, _, last = name.rpartition(".")
-    is_ours = name.startswith(_PACKAGE)
-    kind = vars(importlib.import_module(place if is_ours else _MODULE_OF[name]))[last]
-    if is_ours and not (_is_record(kind) and kind.__module__ == place):
-        raise KeyError(name)
-    return kind
+    if name.startswith(_PACKAGE):
+        kind = next(_records_named(last, *place.rpartition(".")[::2]), None)
+        if kind is None:
+            raise KeyError(name)
+        return kind
+    return vars(importlib.import_module(_MODULE_OF[name]))[last]
+
+
+def _records_named(name: str, room: str, file: str) -> Iterator[type]:
+    """Records of a name in a room, first in the file where a version of this package has put it."""
+    files = [one.name for one in pkgutil.iter_modules(importlib.import_module(room).__path__)]
+    for one in sorted(files, key=lambda one: one != file):
+        module = importlib.import_module(f"{room}.{one}")
+        kind = vars(module).get(name)
+        if isinstance(kind, type) and _is_record(kind) and kind.__module__ == module.__name__:
+            yield kind
 
 
 def _is_record(kind: type) -> bool:
     """Whether objects of a class of this package are no more than their fields."""
-    is_ours = isinstance(kind, type) and kind.__module__.startswith(_PACKAGE)
+    is_ours = kind.__module__.startswith(_PACKAGE)
     return is_ours and (is_dataclass(kind) or issubclass(kind, Enum | tuple))
 
 

@@ -1,15 +1,20 @@
-"""`save_model` and `load_model`: fitted models in files that hold no code."""
+"""`save_model` and `load_model`: fitted models in files that hold no code.
+
+A file also tells its model in words, and what it must predict to be the same.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
@@ -17,8 +22,9 @@ from swsysid._automaton.documents import FORMAT as AUTOMATON
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._checks.parameters import names_of_columns, shown
 from swsysid._files import write_text
+from swsysid._pipelines import switching_step
+from swsysid._results import Array
 from swsysid._saving.classes import name_of
-from swsysid._saving.probes import equations_of, finds_again, probe
 from swsysid._saving.values import read_objects, write_objects
 
 _NAME = "swsysid model"
@@ -39,6 +45,16 @@ _MALFORMED = (
     ImportError,
 )  # fmt: skip
 _PACKAGES = ("swsysid", "scikit-learn", "numpy")
+_DIGITS = 6
+_N_PROBES = 4  # states whose velocities a file holds, to be found again when it is read
+_PROBE_TOLERANCE = 1e-9  # processors differ in the last digits
+# The part that predicts, of models that are fitted to more than states and velocities.
+_PREDICTING = {
+    "TrajectoryIdentifier": "estimator_",
+    "EffectSearchCV": "best_estimator_",
+    "HybridAutomatonRegressor": "automaton_",
+}
+Told = Sequence[float | str] | None
 
 
 @dataclass(frozen=True)
@@ -124,9 +140,9 @@ def save_model(
         "format_version": _FORMAT,
         "written_by": {package: version(package) for package in _PACKAGES},
         "recording": asdict(known),
-        "equations": equations_of(model, "equations"),
-        "surface_equations": equations_of(model, "surface_equations"),
-        "probe": probe(model),
+        "equations": _equations_of(model, "equations"),
+        "surface_equations": _equations_of(model, "surface_equations"),
+        "probe": _probe(model),
         "objects": write_objects(model),
     }
     content["checksum"] = _checksum(content)
@@ -168,7 +184,7 @@ def load_model(path: str | Path) -> BaseEstimator | HybridAutomaton:
         model = read_objects(content["objects"])
         recording = Recording(**content["recording"])
         unknown = name_of(type(model)) not in _MODELS
-        same = unknown or finds_again(model, content["probe"])
+        same = unknown or _finds_again(model, content["probe"])
     except _MALFORMED as error:
         raise ValueError(
             f"{path} does not hold a model of swsysid ({error}); do not trust this file, and save "
@@ -262,3 +278,49 @@ def _checksum(content: dict[str, Any]) -> str:
 
 def _no_constant(name: str) -> None:
     raise ValueError(f"{name} is no JSON")
+
+
+def _equations_of(model: object, method: str) -> list[str]:
+    """Equations for a reader of the file; none from a model or a surface that has no text."""
+    try:
+        return list(getattr(switching_step(_predicting(model))[1], method)(precision=_DIGITS))
+    except (AttributeError, TypeError):
+        return []
+
+
+def _probe(model: object) -> Told:
+    """What the model predicts for a few states; None where it needs more than states."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return np.asarray(_predicted(_predicting(model))).ravel().tolist()
+        except ValueError:  # a logarithm of a negative number, or an effect that needs the times
+            return None
+
+
+def _finds_again(model: object, told: Told) -> bool:
+    """Whether the model predicts what it predicted where it was written."""
+    if told is None:
+        return True
+    found = _probe(model)
+    if found is None or len(found) != len(told):
+        return False
+    if not all(isinstance(value, float) for value in told):
+        return found == told
+    return bool(np.allclose(found, told, rtol=_PROBE_TOLERANCE, atol=1e-300, equal_nan=True))
+
+
+def _predicting(model: object) -> Any:
+    part = _PREDICTING.get(name_of(type(model)) or "")
+    return model if part is None else vars(model)[part]
+
+
+def _predicted(model: Any) -> Array:
+    """Velocities at a few states: those of all modes where the state does not tell the mode."""
+    is_automaton = isinstance(model, HybridAutomaton)
+    n_columns = len(model.feature_map.names_in) if is_automaton else model.n_features_in_
+    X = np.random.default_rng(0).uniform(-1.0, 1.0, (_N_PROBES, n_columns))
+    if not is_automaton:
+        return model.predict(X)
+    modes, n_lagged = range(model.n_modes), model.n_lagged
+    return np.array([model.velocity(x[:n_lagged], x[n_lagged:], k) for k in modes for x in X])

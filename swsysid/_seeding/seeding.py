@@ -18,8 +18,7 @@ from swsysid._data.rows import thinned_rows
 from swsysid._noise import NORMAL, Outliers, weighted_quantile
 from swsysid._results import Array
 from swsysid._seeding.designs import Basis, centre_and_scale, whiten
-from swsysid._seeding.experts import Experts, Samples
-from swsysid._seeding.gate import GateFeatures, gate_degree_within
+from swsysid._seeding.experts import Experts, GateFeatures, Samples, gate_degree_within
 from swsysid._seeding.search import refine, same_partition, search
 from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 

@@ -15,11 +15,11 @@ from typing import Protocol
 
 import numpy as np
 
-from swsysid._data.extent import Extent
+from swsysid._data.coordinates import Extent
 from swsysid._data.records import Records
 from swsysid._results import Array
+from swsysid._simulation.inputs import trajectory_records
 from swsysid._simulation.model import SwitchingModel
-from swsysid._simulation.signals import trajectory_records
 from swsysid._simulation.system import Laws, SwitchingSystem
 from swsysid.effects import PlacedEffect
 

@@ -17,7 +17,7 @@ from swsysid._simulation.effect_system import EffectSystem
 from swsysid._simulation.events import History, last_and_next
 from swsysid._simulation.inputs import Options, Signal, Stretch
 from swsysid._simulation.settings import SETTINGS
-from swsysid._simulation.sliding import sliding_share
+from swsysid._simulation.simulate import sliding_share
 from swsysid._simulation.system import FAILURES, SimulationEnded
 
 

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.sample_noise import SampleNoise
-from swsysid._rendering.columns import counted
+from swsysid._rendering.printing import counted
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification

@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swsysid._data.coordinates import shifted_monomials
-from swsysid._data.extent import Extent
+from swsysid._data.coordinates import Extent, shifted_monomials
 from swsysid._data.features import FeatureMap
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning

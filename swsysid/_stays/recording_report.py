@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swsysid._free_rollouts.judge import Break, FreeRollouts
-from swsysid._rendering.columns import counted
+from swsysid._rendering.printing import counted
 from swsysid._results import Array
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._rendering.errors import sum_with_errors
+from swsysid._rendering.printing import sum_with_errors
 from swsysid._stays.certainty import Certainty
 from swsysid._stays.doubts import FitLeft, mode_doubts, surface_doubts
 from swsysid._stays.free import judged

@@ -3,6 +3,8 @@ r"""The features of a surface, in the coordinates in which it is fitted and in t
 A surface :math:`f(x) = a^\top \phi(x)` is one function; its coefficients depend on the
 coordinates. The bases of this file evaluate features in fitting coordinates, in which the
 margin LP is well scaled, and convert coefficients into the user's units exactly.
+
+What makes no sense as a parameter of such a surface is refused here, in one sentence each.
 """
 
 from __future__ import annotations
@@ -10,16 +12,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._data.coordinates import shifted_monomials
-from swsysid._data.extent import Extent
+from swsysid._checks.arrays import numbers
+from swsysid._checks.parameters import flag, one_of, random_numbers, real, solver_name, whole
+from swsysid._data.coordinates import Extent, shifted_monomials
 from swsysid._data.features import FeatureMap, Monomials, check_degree
 from swsysid._results import Array
-from swsysid._surfaces.parameters import check_relevance
 
 
 class Basis(ABC):
@@ -265,7 +268,7 @@ def surface_basis(
     )
     if relevance is None:
         return basis
-    return RelevantBasis(basis, check_relevance(relevance, len(basis.sizes)), X, weight)
+    return RelevantBasis(basis, _check_relevance(relevance, len(basis.sizes)), X, weight)
 
 
 def _centre_and_scale(X: Array, weight: Array) -> tuple[Array, Array]:
@@ -278,3 +281,46 @@ def _centre_and_scale(X: Array, weight: Array) -> tuple[Array, Array]:
 def _varies(X: Array) -> np.ndarray:
     # A column that varies by rounding errors only is constant.
     return np.ptp(X, axis=0) > 10.0 * np.finfo(float).eps * np.abs(X).max(axis=0)
+
+
+class Parameters(Protocol):
+    """The parameters of a `PolynomialSurfaceClassifier`, which says what they mean."""
+
+    degree: int
+    margin: float | str
+    beta: float | str
+    coef_bound: float
+    mode_book: str | ArrayLike
+    standardize: bool
+    solver: str
+    random_state: int | np.random.RandomState | None
+
+
+def check_parameters(classifier: Parameters) -> None:
+    """Refuse parameters of `PolynomialSurfaceClassifier` that no data could make sense of."""
+    whole("degree", classifier.degree, least=0)
+    real("margin", classifier.margin, above=0, also=("auto",))
+    real("beta", classifier.beta, least=0, also=("auto",))
+    real("coef_bound", classifier.coef_bound, above=0)
+    if isinstance(classifier.mode_book, str):
+        one_of("mode_book", classifier.mode_book, ("auto", "pairwise"))
+    flag("standardize", classifier.standardize)
+    solver_name(classifier.solver)
+    random_numbers(classifier.random_state)
+
+
+def _check_relevance(relevance: ArrayLike, n_features: int) -> Array:
+    """Relevance of the surface features as an array."""
+    if isinstance(relevance, str):
+        raise ValueError(
+            f"relevance={relevance!r}; give None or {n_features} numbers between 0 and 1."
+        )
+    checked = numbers("relevance", relevance)
+    if checked.shape != (n_features,) or not ((checked >= 0) & (checked <= 1)).all():
+        raise ValueError(
+            f"relevance has shape {checked.shape}; give a number between 0 and 1 for each of the "
+            f"{n_features} surface features."
+        )
+    if not checked.any():
+        raise ValueError("relevance is 0 for every surface feature; one must be left.")
+    return checked

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._rendering.columns import counted, rows_listed
+from swsysid._rendering.printing import counted, rows_listed
 from swsysid._tables.cells import MISSING, column_of, held_exactly, is_missing
 from swsysid._tables.layout import COMMENTS, WHITE, Layout, layout_of, split_row
 from swsysid._tables.table import Table

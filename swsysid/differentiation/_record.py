@@ -11,8 +11,14 @@ from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, refuse_vanishing, table
 from swsysid._checks.parameters import one_of
-from swsysid._data.angles import how_to_unwrap, turn_of
-from swsysid._data.trajectories import events_in, group_labels, is_coarse, trajectories
+from swsysid._data.trajectories import (
+    events_in,
+    group_labels,
+    how_to_unwrap,
+    is_coarse,
+    trajectories,
+    turn_of,
+)
 from swsysid._results import IdentificationWarning
 from swsysid.differentiation._sensors import Sensors, inspect_sensors
 from swsysid.differentiation._settings import SETTINGS

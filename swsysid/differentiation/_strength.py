@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.parameters import shown
-from swsysid.differentiation._rounding import is_rounding, unrounded
+from swsysid.differentiation._noise import is_rounding, noise_in, unrounded
 from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import (
     Array,
@@ -25,7 +25,6 @@ from swsysid.differentiation._smoothing import (
     local_polynomial,
     low_pass,
 )
-from swsysid.differentiation._white_noise import noise_in
 
 Part = tuple[Array, Array]  # measured columns and times of one trajectory
 

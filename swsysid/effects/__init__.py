@@ -7,19 +7,19 @@ from swsysid.effects._characteristics import (
     CoulombFriction,
     DeadZone,
     GainChange,
+    Hill,
+    InputGain,
+    LoadFriction,
     Overflow,
     PowerLaw,
     QuadraticDrag,
     Saturation,
+    SoftSaturation,
     StribeckFriction,
 )
-from swsysid.effects._disturbance import UnmeasuredDisturbance
 from swsysid.effects._guards import GuardHysteresis
-from swsysid.effects._memory import Backlash, Delay, Lag
+from swsysid.effects._memory import Backlash, BoucWen, DahlFriction, Delay, Lag, LuGreFriction
 from swsysid.effects._placed import Formula, FoundEffect, PlacedEffect, Rival
-from swsysid.effects._presliding import BoucWen, DahlFriction, LuGreFriction
-from swsysid.effects._products import InputGain, LoadFriction
-from swsysid.effects._rational import Hill, SoftSaturation
 from swsysid.effects._sensors import ClockLag, Quantisation, SensorOffset
 from swsysid.effects._shapes import UnknownFunction
 from swsysid.effects._switching import ExtraMode, Reset
@@ -31,6 +31,7 @@ from swsysid.effects._terms import (
     Polynomial,
     Ripple,
     Trigonometric,
+    UnmeasuredDisturbance,
 )
 from swsysid.effects._types import GuardEffect, MeasurementEffect, ResetEffect, StructureEffect
 

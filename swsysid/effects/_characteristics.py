@@ -1,8 +1,13 @@
-"""Static characteristics of one channel: friction, drag, dead zone, saturation, overflow."""
+"""Static characteristics of one channel or two: friction, drag, dead zone, saturation, overflow.
+
+Responses that saturate softly are ratios of polynomials of one channel; friction under a load and a
+coefficient that an input changes are functions of two.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -242,3 +247,123 @@ class Overflow(OfAChannel):
 
     def functions(self, x: Array, *theta: float) -> Sequence[Array]:
         return [-np.maximum(x - theta[0], 0.0)]
+
+
+class _Saturating(OfAChannel):
+    terms = ("gain",)
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        """Where half of the response is reached: from a corner to nearly a power."""
+        shares = np.geomspace(SETTINGS.sharpest, SETTINGS.softest, SETTINGS.n_levels)
+        width = spread(records.channel(place)) or 1.0
+        return (Parameter("scale", shares * width, "{channel}"),)
+
+
+class SoftSaturation(_Saturating):
+    """``gain * x / (1 + |x| / scale)``: soft saturation, Michaelis-Menten and Monod kinetics."""
+
+    kind = "soft_saturation"
+    meaning = "the response to {channel} saturates softly (magnetisation, Michaelis-Menten, Monod)"
+    role = "either"
+    formulas = ("({0} / (1 + |{0}| / {1}))",)
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [x / (1.0 + np.abs(x) / theta[0])]
+
+
+class Hill(_Saturating):
+    """``gain * x**2 / (scale**2 + x**2)``: a response that sets in slowly and saturates."""
+
+    kind = "hill"
+    meaning = "the response to {channel} sets in slowly and saturates (Hill, Holling type III)"
+    formulas = ("({0}^2 / ({1}^2 + {0}^2))",)
+
+    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
+        return [x**2 / (theta[0] ** 2 + x**2)]
+
+
+class _OfTwoChannels(Effect):
+    """One term of two channels; a place is their numbers."""
+
+    def place_parameters(self, place: Place) -> int:
+        """The second channel is a choice more than an effect of the first alone has."""
+        return 1
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (label,)
+
+
+class LoadFriction(_OfTwoChannels, OfAVelocity):
+    """``-friction * |load| * sign(v)``: dry friction under a load that changes.
+
+    Parameters
+    ----------
+    velocities : list of str or int, default=None
+        Channels that are velocities, as `CoulombFriction` has them.
+    loads : list of str or int, default=None
+        Channels that press on the contact. None is every other channel, logged signals among them;
+        a load that is computed (the weight on a bearing, the force of a spring) is given as one.
+    """
+
+    kind = "load_friction"
+    meaning = "dry friction, in proportion to a load, opposes a motion with {channel}"
+    terms = ("friction",)
+
+    def __init__(
+        self,
+        velocities: Sequence[int | str] | None = None,
+        loads: Sequence[int | str] | None = None,
+    ):
+        super().__init__(velocities)
+        self.loads = loads
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """A velocity and a load."""
+        channels = [*records.states, *records.inputs, *records.signal_channels]
+        if self.loads is not None:
+            channels = [records.number(channel) for channel in self.loads]
+        pairs = product(super().places(records), channels)
+        return [(velocity, load) for velocity, load in pairs if velocity != load]
+
+    def acts_in(self, records: Records, place: Place, target: int) -> bool:
+        return super().acts_in(records, place[0], target)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        velocity, load = (records.channel(number) for number in place)
+        return -(np.abs(load) * np.sign(velocity))[:, None]
+
+    def breaks(self, place: Place, *theta: float) -> tuple[tuple[int, float], ...]:
+        return ((place[0], 0.0),)
+
+    def label(self, place: Place, names: Sequence[str]) -> str:
+        """Such as ``|load| sign(v)``."""
+        return f"|{names[place[1]]}| sign({names[place[0]]})"
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"-{label}",)
+
+    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
+        return f"-{parameters['friction']:.4g} {label}"
+
+
+class InputGain(_OfTwoChannels):
+    """``change * |u| * x``: the coefficient of a channel changes with the size of an input."""
+
+    kind = "input_gain"
+    meaning = "the coefficient in the law of {target} changes with the size of an input: {channel}"
+    terms = ("change",)
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """A channel and an input, which may be the channel itself."""
+        return list(product([*records.states, *records.inputs], records.inputs))
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        channel, size = (records.channel(number) for number in place)
+        return (np.abs(size) * channel)[:, None]
+
+    def label(self, place: Place, names: Sequence[str]) -> str:
+        """Such as ``|u| x``."""
+        return f"|{names[place[1]]}| {names[place[0]]}"
+
+    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
+        return f"{parameters['change']:.4g} {label}"

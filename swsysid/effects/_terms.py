@@ -1,17 +1,25 @@
-"""Terms that need no threshold: constants, monomials, other channels, drifts and waves."""
+"""Terms that need no threshold: constants, monomials, other channels, drifts and waves.
+
+How much of a record each frequency may explain is known before a wave is fitted to it. What is
+correlated in time and follows nothing at all is a disturbance.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, products, spread
+from swsysid.effects._base import Effect, Parameter, Place, figure, products, spread
 from swsysid.effects._characteristics import OfAChannel
-from swsysid.effects._periodogram import likeliest, power
 from swsysid.effects._settings import SETTINGS
+from swsysid.effects._types import WithoutColumns
+
+_FINE = 4  # frequencies of a transform in the width of a peak of one trajectory
 
 
 class Bias(Effect):
@@ -218,3 +226,60 @@ def _duration(records: Records) -> float:
     """Of the whole record, with the time between its trajectories."""
     assert records.t is not None
     return float(np.ptp(records.t)) or 1.0
+
+
+def power(records: Records, values: Array, frequencies: Array) -> Array:
+    """Squares that waves of each frequency explain of columns (n_samples, n_columns).
+
+    Shape (n_frequencies, n_columns). Each trajectory has a wave of its own phase and amplitude, so
+    that what one wave explains in all of them is less: where this is small, a wave of the whole
+    record, whose peaks are narrower by the gaps between the trajectories, need not be tried.
+    """
+    assert records.t is not None
+    total = np.zeros((len(frequencies), values.shape[1]))
+    for rows in records.trajectories:
+        # a quarter of a sample's distance is little of the period of a frequency that is asked for
+        places = np.rint((records.t[rows] - records.t[rows[0]]) / records.step).astype(int)
+        series = np.zeros((places[-1] + 1, values.shape[1]))
+        np.add.at(series, places, values[rows])
+        length = next_fast_len(_FINE * len(series), real=True)
+        squares = np.abs(rfft(series, length, axis=0)) ** 2 / len(rows)
+        total += squares[np.rint(frequencies * records.step * length).astype(int)]
+    return total
+
+
+def likeliest(power: Array, each: int) -> NDArray[np.intp]:
+    """Frequencies (n_frequencies, n_columns) of the largest of each column, so many of them."""
+    if each >= len(power):
+        return np.arange(len(power))
+    return np.unique(np.argpartition(-power, each, axis=0)[:each])
+
+
+class UnmeasuredDisturbance(WithoutColumns):
+    """A random force of some size that is forgotten after some time (Ornstein and Uhlenbeck).
+
+    It predicts nothing in a record that is not there yet, and lowers no error. A search says it
+    where what is left over is correlated in time, and where an effect with a name does not predict
+    stretches it has not seen any better than such a force would.
+    """
+
+    kind = "unmeasured_disturbance"
+    meaning = (
+        "a force that nobody measured acts on {target}; it follows no channel, and only a sensor "
+        "of what drives {target} from outside can settle it"
+    )
+    needs = frozenset({"order"})
+    lowers_nothing = "it follows nothing that was measured"
+
+    def places(self, records: Records) -> Sequence[Place]:
+        return ["time"]
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        return (Parameter("size", np.empty(0)), Parameter("time_constant", np.empty(0), "{time}"))
+
+    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
+        size, time_constant = map(figure, theta)
+        return (
+            f"a force of size {size} that nobody measured acts on {names[target]} and is forgotten "
+            f"after {time_constant}; the laws do not have it"
+        )

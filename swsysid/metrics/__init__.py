@@ -1,8 +1,14 @@
 """How good is an identified switching system: modes, velocities, rollouts, surfaces, scorers."""
 
 from swsysid.metrics._errors import RolloutErrors, rollout_errors, velocity_rmse
-from swsysid.metrics._modes import balanced_mode_accuracy, match_modes, mode_accuracy, mode_iou
-from swsysid.metrics._reliability import ModeReliability, mode_reliability
+from swsysid.metrics._modes import (
+    ModeReliability,
+    balanced_mode_accuracy,
+    match_modes,
+    mode_accuracy,
+    mode_iou,
+    mode_reliability,
+)
 from swsysid.metrics._scorers import mode_accuracy_scorer, mode_consistency_scorer
 from swsysid.metrics._surfaces import surface_distance
 

@@ -16,7 +16,7 @@ from benchmarks.undeclared.fresh import (
 from benchmarks.undeclared.fresh_plants import FRESH_PLANTS
 from swsysid._effect_search.settings import SETTINGS
 from swsysid.datasets import unlisted_kinds
-from swsysid.datasets._undeclared.planting import planted_record
+from swsysid.datasets._undeclared.make import planted_record
 from swsysid.datasets._undeclared.simulation import reference_run
 
 

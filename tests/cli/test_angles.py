@@ -10,7 +10,7 @@ from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import measure
 from swsysid._cli.terms import LawTerms, Terms
 from swsysid._cli.text import render
-from swsysid._data.angles import turn_of
+from swsysid._data.trajectories import turn_of
 from swsysid._results import IdentificationWarning
 from swsysid._tables.table import Table
 from swsysid.differentiation import differentiate

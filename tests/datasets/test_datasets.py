@@ -6,7 +6,7 @@ from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._results import Status
 from swsysid.datasets import make_damped_oscillator, make_quartic_oscillator, make_switching_network
-from swsysid.datasets._polynomial_system import integrate_grid
+from swsysid.datasets._generated import integrate_grid
 
 # short, so that every test makes its own
 SMALL = dict(n_trajectories=25, t_end=2.0, random_state=0)

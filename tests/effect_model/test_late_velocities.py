@@ -10,7 +10,7 @@ from swsysid import SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid._effect_model.joint_fit import fit_jointly
 from swsysid._effect_model.models import declared_model
-from swsysid._effect_model.on_time import as_shown, as_they_were
+from swsysid._effect_model.velocities import as_shown, as_they_were
 from swsysid.effects import ClockLag, PlacedEffect
 
 TURNING = [[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]]  # x' = y, y' = -x

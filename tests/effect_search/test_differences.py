@@ -6,7 +6,7 @@ from scipy.signal import savgol_filter
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid._effect_search.differences import follow_the_states, states_differentiated
+from swsysid._effect_search.reading import follow_the_states, states_differentiated
 from swsysid._results import IdentificationWarning
 from swsysid.effects import QuadraticDrag
 

@@ -16,8 +16,8 @@ from swsysid import EffectRegressor, EffectSearchCV, IdentificationWarning, Swit
 from swsysid._effect_search.acceptance import confirmed, contains, finding
 from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.greedy import Round, Search
+from swsysid._effect_search.outcome import Fall
 from swsysid._effect_search.report import dropped
-from swsysid._effect_search.untouched import Fall
 from swsysid._pipelines import seeded
 from swsysid.effects import (
     CoulombFriction,

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
-from swsysid._effect_search.coloured import Coloured, Stretches, beneath_a_law
+from swsysid._effect_search.coloured_noise import Coloured, Stretches, beneath_a_law
 from swsysid.datasets import make_undeclared
 from swsysid.effects import Delay, Drift, Lag, UnmeasuredDisturbance
 

@@ -8,7 +8,7 @@ import pytest
 
 from swsysid._data.records import make_records
 from swsysid._effect_model.models import declared_model
-from swsysid._effect_search.explainable import explainable_share
+from swsysid._effect_search.acceptance import explainable_share
 from swsysid._effect_search.folds import make_folds
 from swsysid._effect_search.recording import from_states
 from swsysid._effect_search.regression import Regression, SharedSums

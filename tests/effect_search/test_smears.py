@@ -8,10 +8,10 @@ from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid._effect_model.joint_fit import fit_jointly
 from swsysid._effect_model.models import declared_model
-from swsysid._effect_search.coloured import Stretches
+from swsysid._effect_search.coloured_noise import Stretches
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.recording import from_states
-from swsysid._effect_search.smeared_switches import at_smeared_switches, is_smeared_mode
+from swsysid._effect_search.switches import at_smeared_switches, is_smeared_mode
 from swsysid.differentiation import differentiate
 from swsysid.effects import (
     CoulombFriction,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
-from swsysid._effect_search.splits import best_cut
+from swsysid._effect_search.restarts import best_cut
 from swsysid.effects import ExtraMode, Polynomial
 
 NO_FLOOR = np.zeros(2)

@@ -5,8 +5,8 @@ import pytest
 
 from swsysid import EffectSearchCV
 from swsysid._data.records import make_records
+from swsysid._effect_search.evidence import StepBefore
 from swsysid._effect_search.folds import SearchData
-from swsysid._effect_search.step_before import StepBefore
 from swsysid.datasets import make_undeclared
 from swsysid.effects import Delay, Drift, Lag, UnmeasuredDisturbance
 

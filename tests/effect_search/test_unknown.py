@@ -10,7 +10,7 @@ from swsysid import EffectSearchCV, SwitchingSystemRegressor, load_model, save_m
 from swsysid._data.records import make_records
 from swsysid._effect_search import search as search_module
 from swsysid._effect_search.chance import BlockSum
-from swsysid._effect_search.coloured import Coloured, Stretches, coloured, white
+from swsysid._effect_search.coloured_noise import Coloured, Stretches, coloured, white
 from swsysid._effect_search.findings import Ladder
 from swsysid._noise import robust_regression
 from swsysid._results import GuardWarning

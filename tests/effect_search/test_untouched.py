@@ -8,8 +8,8 @@ from benchmarks.undeclared.fresh import Drawn
 from swsysid import EffectSearchCV
 from swsysid._data.records import make_records
 from swsysid._effect_search.chance import BlockSum
-from swsysid._effect_search.state_noise import StateNoise
-from swsysid._effect_search.untouched import Fall, Untouched
+from swsysid._effect_search.folds import StateNoise
+from swsysid._effect_search.outcome import Fall, Untouched
 from swsysid.datasets import make_undeclared
 from swsysid.effects import CoulombFriction, Drift, PlacedEffect, QuadraticDrag
 

@@ -7,7 +7,7 @@ from swsysid import EffectSearchCV
 from swsysid._data.records import make_records
 from swsysid.datasets import make_undeclared
 from swsysid.effects import PeriodicForcing
-from swsysid.effects._periodogram import likeliest, power
+from swsysid.effects._terms import likeliest, power
 
 STEP, LENGTH, GAP = 0.05, 400, 31.7
 

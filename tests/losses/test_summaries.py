@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from swsysid._losses import get_loss
+from swsysid._losses.base import TrustRegion
 from swsysid._losses.l1 import SignSummary
 from swsysid._losses.l2 import NormSummary
 from swsysid._losses.squared import GramSummary
-from swsysid._losses.trust_region import TrustRegion
 from swsysid._solvers.lad import least_absolute_deviations
 
 SUMMARIES = [SignSummary, GramSummary, NormSummary]

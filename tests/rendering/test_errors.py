@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from swsysid._rendering.errors import sum_with_errors, with_error
+from swsysid._rendering.printing import sum_with_errors, with_error
 
 
 @pytest.mark.parametrize("value", [22.0, 0.02541, -3.3e-9, 8.1e12, 0.0, 1.0])

@@ -18,10 +18,9 @@ from statsmodels.stats.multitest import multipletests
 
 from swsysid import EffectRegressor, SwitchingSystemRegressor
 from swsysid._residual_report.channels import between_shares, make_channel
+from swsysid._residual_report.dependence import Clock, holm, max_statistic, rearrangements
 from swsysid._residual_report.findings import describe, rounded
-from swsysid._residual_report.rearrangement import holm, max_statistic, rearrangements
 from swsysid._residual_report.settings import Settings
-from swsysid._residual_report.spectrum import Clock
 from swsysid._residual_report.whiteness import normal_scores
 from swsysid.diagnosis import noise_floor, residual_report, whiteness_test
 from swsysid.refinement import StatedModel

@@ -5,7 +5,7 @@ import pytest
 
 from swsysid import SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid._residual_report.smoothed import Smoothed
+from swsysid._residual_report.samples import Smoothed
 from swsysid.diagnosis import residual_report
 from swsysid.differentiation import differentiate
 

@@ -206,9 +206,16 @@ def test_records_of_all_kinds_come_back():
     assert told == ["swsysid._automaton_search.certificates.Certificate", "FunctionLibrary"]
 
 
+def test_a_record_is_found_where_its_room_keeps_it_today():
+    was = "swsysid._automaton_search.a_file_of_an_earlier_version.Certificate"
+    state = {"answer": 0.25, "lower_bound": 0.125}
+    assert read_objects([{"class": was, "state": state}]) == Certificate(**state)
+
+
 @pytest.mark.parametrize(
     "name",
     [
+        "swsysid._automaton_search.certificates.Nothing",
         "swsysid._cli.output.Path",  # imported there, not ours
         "swsysid._automaton_search.certificates.linear_program",  # a function
         "swsysid._regressor.SwitchingSystemRegressor",  # no record: it has a name of its own

@@ -9,8 +9,13 @@ from sklearn.preprocessing import PolynomialFeatures
 from swsysid._data.rows import thinned_rows
 from swsysid._noise import NORMAL, STUDENT
 from swsysid._seeding.designs import WhitenedRows, whiten
-from swsysid._seeding.experts import em, initial_experts, single_model
-from swsysid._seeding.gate import gate_degree_within, newton_step
+from swsysid._seeding.experts import (
+    em,
+    gate_degree_within,
+    initial_experts,
+    newton_step,
+    single_model,
+)
 from swsysid._seeding.search import same_partition
 from swsysid._seeding.seeding import seed_modes
 from swsysid._seeding.settings import SeedingSettings

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
-from swsysid._data.extent import Extent
+from swsysid._data.coordinates import Extent
 from swsysid._simulation.inputs import Options
 from swsysid._simulation.simulate import simulate
 from swsysid._simulation.system import SwitchingSystem

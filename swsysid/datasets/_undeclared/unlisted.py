@@ -10,7 +10,7 @@ import numpy as np
 from swsysid._results import Array
 from swsysid.datasets._undeclared.mechanisms import Terms
 from swsysid.datasets._undeclared.records import SETTINGS, Equation, Plant
-from swsysid.datasets._undeclared.sizing import Sizing
+from swsysid.datasets._undeclared.simulation import Sizing
 
 
 @dataclass(frozen=True)

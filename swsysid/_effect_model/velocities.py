@@ -1,6 +1,12 @@
-"""The declared model alone, fitted to velocities of which a filter shows means."""
+"""Velocities that a filter has smeared or that are late, as the laws of a model are fitted to them.
+
+Of velocities of which a filter shows means the declared model is fitted to the means of its terms.
+Velocities as late as the states they are made of are brought to time, with the modes they show.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +17,8 @@ from swsysid._effect_model.models import laws_of
 from swsysid._effect_model.settings import SETTINGS
 from swsysid._noise import robust_regression
 from swsysid._results import Array
+from swsysid.effects import PlacedEffect
+from swsysid.effects._placed import late_records
 
 
 def fitted_alone(
@@ -73,3 +81,52 @@ def sharpened_velocities(
             law = robust_regression(blurred[np.ix_(rows, terms)], targets[rows, target])
             answer[rows, target] += (sharp - blurred)[np.ix_(rows, terms)] @ law
     return answer
+
+
+def on_time(
+    declared: Declared,
+    terms: Sequence[PlacedEffect],
+    whole: Records,
+    rows: NDArray[np.intp],
+    targets: Array,
+    modes: Modes | None,
+) -> Array:
+    """Targets of some rows as they would be if no velocity were late with its state.
+
+    The law that a late velocity obeys at earlier instants says by how much it has changed since.
+    """
+    late = list(late_records(terms, whole))
+    if not late:
+        return targets
+    if modes is None:
+        modes = declared.fitted(whole.take(rows), targets, None).modes
+    now, answer = libraries(declared, whole, rows)[0], targets.copy()
+    for term, earlier in late:
+        then = libraries(declared, earlier, rows)[0]
+        changed = sharpened_velocities(declared, targets, then, now, modes)
+        answer[:, term.place] = changed[:, term.place]
+    return answer
+
+
+def as_shown(term: PlacedEffect, records: Records, modes: Modes) -> Modes:
+    """Modes that a late velocity shows at every sample, for those that there are."""
+
+    def read(t: Array, values: Array) -> Array:
+        return _nearest(term.effect.instants(t, *term.theta), t, values)
+
+    return records.along(read, modes.astype(float)).astype(np.intp)
+
+
+def as_they_were(term: PlacedEffect, records: Records, shown: Modes) -> Modes:
+    """Modes at every sample, for those that a late velocity shows; -1 where it shows no more."""
+
+    def read(t: Array, values: Array) -> Array:
+        instants = term.effect.instants(t, *term.theta)
+        return np.where(t > instants[-1], -1, _nearest(t, instants, values))
+
+    return records.along(read, shown.astype(float)).astype(np.intp)
+
+
+def _nearest(asked: Array, t: Array, values: Array) -> Array:
+    """Of values at increasing times those nearest to some times."""
+    return values[np.rint(np.interp(asked, t, np.arange(len(t)))).astype(np.intp)]
