@@ -16,7 +16,7 @@ from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
 from swsysid._data.trajectories import places_along
-from swsysid._fitting import told_in_words, whole_or_nothing
+from swsysid._fitting import failing_in_words, whole_or_nothing
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning
@@ -240,7 +240,7 @@ class HybridAutomatonRegressor(BaseEstimator):
             x0, t, inputs, mode=mode, **({"input_hold": "linear"} | options)
         )
 
-    @told_in_words
+    @failing_in_words
     def score(self, x, t=None, groups=None, inputs=None):
         """Coefficient of determination of rollouts of recordings that were held out.
 

@@ -24,8 +24,8 @@ from swsysid._effect_model.joint_fit import (
     JointFit,
     as_stated,
     fit_jointly,
-    told_on_rows,
     warn_of_doubts,
+    with_decoded_modes,
 )
 from swsysid._effect_model.models import check_declared, declared_model
 from swsysid._effect_model.refinable import as_stated_model, with_numbers_of
@@ -107,8 +107,8 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         declared = declared_model(self.estimator, records)
         stated = as_stated(declared, records)
         if stated is not None:
-            told = told_on_rows(stated, records, rows, targets) if start is None else None
-            records = replace(records, told=start) if told is None else told
+            decoded = with_decoded_modes(stated, records, rows, targets) if start is None else None
+            records = replace(records, decoded_modes=start) if decoded is None else decoded
         fit = fit_jointly(declared, terms, records, rows, targets, start)
         warn_of_doubts(fit, 3)
         return self._adopt(fit, records.names)

@@ -35,7 +35,7 @@ def whole_or_nothing(fit: Callable[..., Estimator]) -> Callable[..., Estimator]:
     return fitted
 
 
-def told_in_words(function: Callable[Arguments, Answer]) -> Callable[Arguments, Answer]:
+def failing_in_words(function: Callable[Arguments, Answer]) -> Callable[Arguments, Answer]:
     """A function whose failures from below are told in one sentence."""
 
     @wraps(function)

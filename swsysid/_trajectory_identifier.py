@@ -8,7 +8,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
-from swsysid._fitting import told_in_words, whole_or_nothing
+from swsysid._fitting import failing_in_words, whole_or_nothing
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
@@ -200,7 +200,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         """
         return self._fitted.simulate(x0, t, inputs, **({"input_hold": "linear"} | options))
 
-    @told_in_words
+    @failing_in_words
     def score(self, x, t=None, groups=None, inputs=None):
         """Coefficient of determination of rollouts of recordings that were held out.
 

@@ -16,7 +16,7 @@ from swsysid._checks.estimators import rows_and_velocities, rows_of
 from swsysid._checks.parameters import MOST_RESAMPLES, jobs, random_numbers, real, verbosity, whole
 from swsysid._data.rows import CanonicalRows
 from swsysid._data.trajectories import group_labels
-from swsysid._fitting import told_in_words
+from swsysid._fitting import failing_in_words
 from swsysid._identification.calibration import calibrate
 from swsysid._identification.descent import alternate
 from swsysid._identification.setup import build_problem
@@ -116,7 +116,7 @@ class BootstrapResult:
     __repr__ = __str__
 
 
-@told_in_words
+@failing_in_words
 def bootstrap(
     estimator: SwitchingSystemRegressor,
     X: ArrayLike,

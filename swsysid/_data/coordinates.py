@@ -41,7 +41,7 @@ def feature_names(library, names: Sequence[str]) -> list[str] | None:
     return None
 
 
-def names_told_apart(library, names: Sequence[str], box: Array) -> list[str] | None:
+def distinct_names(library, names: Sequence[str], box: Array) -> list[str] | None:
     """The same, but a column that a step has changed is no longer called as that of the data.
 
     Features are compared with their names at random points of the `box`, the least and the largest
@@ -53,7 +53,7 @@ def names_told_apart(library, names: Sequence[str], box: Array) -> list[str] | N
     >>> from sklearn.preprocessing import PolynomialFeatures, StandardScaler
     >>> X = np.array([[1.0, 5.0], [3.0, 4.0], [8.0, 0.0]])
     >>> library = make_pipeline(StandardScaler(), PolynomialFeatures(2, include_bias=False))
-    >>> names_told_apart(library.fit(X), ["x", "v"], np.array([[1.0, 0.0], [8.0, 5.0]]))
+    >>> distinct_names(library.fit(X), ["x", "v"], np.array([[1.0, 0.0], [8.0, 5.0]]))
     ['z(x)', 'z(v)', 'z(x)^2', 'z(x) z(v)', 'z(v)^2']
     """
     points = _points(box, _PROBES)

@@ -240,7 +240,7 @@ class FeatureMap:
         named, box = coordinates.feature_names(self.library, inputs), self._box
         if box is not None:
             with _arrays():
-                named = coordinates.names_told_apart(self.library, inputs, box)
+                named = coordinates.distinct_names(self.library, inputs, box)
         numbered = [f"phi{column}" for column in range(self.n_features_out)]
         return np.array(numbered if named is None else named, dtype=object)
 
@@ -255,8 +255,12 @@ class FeatureMap:
         names, box = list(self.names(inputs)), self._box
         if box is None or all(coordinates.is_monomial(name, inputs) for name in names):
             return coef, names, self.sizes
-        told = coordinates.data_polynomials(self._transformed, box)
-        return (coef, names, self.sizes) if told is None else told.terms(coef, inputs, box)
+        polynomials = coordinates.data_polynomials(self._transformed, box)
+        return (
+            (coef, names, self.sizes)
+            if polynomials is None
+            else polynomials.terms(coef, inputs, box)
+        )
 
     @property
     def _box(self) -> np.ndarray | None:

@@ -41,8 +41,8 @@ class Records:
     average : callable or None
         What a filter that has made velocities of measured states does to any columns of all rows,
         as all rows show it or some (None is all); None where velocities were measured.
-    told : ndarray of shape (n_samples,), int, or None
-        Modes that the measured states themselves have told, -1 where they take no part; None where
+    decoded_modes : ndarray of shape (n_samples,), int, or None
+        Modes that the measured states themselves show, -1 where they take no part; None where
         velocities were measured.
     rates : frozenset of int
         States whose equation is known to give their own rate, and no force of theirs.
@@ -58,7 +58,7 @@ class Records:
     names: tuple[str, ...]
     timed: bool
     average: Callable[[Array, Rows | None], Array] | None = None
-    told: NDArray[np.intp] | None = None
+    decoded_modes: NDArray[np.intp] | None = None
     rates: frozenset[int] = frozenset()
     positions: frozenset[int] = frozenset()
 
@@ -142,8 +142,8 @@ class Records:
 
     def take(self, rows: NDArray) -> Records:
         """The same record on some rows only, which no filter can work on."""
-        t, groups, told = (
-            None if one is None else one[rows] for one in (self.t, self.groups, self.told)
+        t, groups, decoded = (
+            None if one is None else one[rows] for one in (self.t, self.groups, self.decoded_modes)
         )
         return replace(
             self,
@@ -152,16 +152,16 @@ class Records:
             groups=groups,
             signals=self.signals[rows],
             average=None,
-            told=told,
+            decoded_modes=decoded,
         )
 
-    def told_on(self, rows: NDArray) -> Records:
+    def decoded_on(self, rows: NDArray) -> Records:
         """The same record whose modes are told on some rows only."""
-        if self.told is None:
+        if self.decoded_modes is None:
             return self
-        told = np.full(len(self), -1)
-        told[rows] = self.told[rows]
-        return replace(self, told=told)
+        decoded = np.full(len(self), -1)
+        decoded[rows] = self.decoded_modes[rows]
+        return replace(self, decoded_modes=decoded)
 
     def with_columns(self, X: Array) -> Records:
         """The same record with other states and inputs."""

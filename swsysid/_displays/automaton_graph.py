@@ -256,13 +256,13 @@ def _set(tex: str) -> str:
     """TeX as matplotlib takes it, words upright and apart; as it is where that cannot be set."""
     from matplotlib.mathtext import MathTextParser
 
-    told = re.sub(r"\\frac\{d\}\{dt\} (\S+)", r"\1'", tex)
-    told = _WORD.sub(_upright, told)
+    readable = re.sub(r"\\frac\{d\}\{dt\} (\S+)", r"\1'", tex)
+    readable = _WORD.sub(_upright, readable)
     try:
-        MathTextParser("path").parse(f"${told}$")
+        MathTextParser("path").parse(f"${readable}$")
     except ValueError:
         return tex
-    return f"${told}$"
+    return f"${readable}$"
 
 
 def _upright(match: re.Match) -> str:

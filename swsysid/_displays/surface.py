@@ -150,8 +150,8 @@ class SwitchingSurfaceDisplay(Display):
         shape, points = first.shape, np.tile(middle, (first.size, 1))
         points[:, columns] = np.column_stack([first.ravel(), second.ravel()])
         held = _deciding(estimator, X, points[0], set(range(X.shape[1])) - set(columns))
-        told = {one: (units or {}).get(names[one], "") for one in held}
-        where = [f"{names[one]} = {points[0, one]:.3g} {unit}" for one, unit in told.items()]
+        with_units = {one: (units or {}).get(names[one], "") for one in held}
+        where = [f"{names[one]} = {points[0, one]:.3g} {unit}" for one, unit in with_units.items()]
 
         predicted = predicted_modes(estimator, np.vstack([X, points]))
         if isinstance(modes, str):
@@ -199,11 +199,11 @@ class SwitchingSurfaceDisplay(Display):
 
 def _deciding(estimator, X, middle, others):
     """The columns beside those on the axes that change the mode of a sample if they are held."""
-    told, answer = predicted_modes(estimator, X), []
+    found, answer = predicted_modes(estimator, X), []
     for column in sorted(others):
         held = X.copy()
         held[:, column] = middle[column]
-        if np.any(predicted_modes(estimator, held) != told):
+        if np.any(predicted_modes(estimator, held) != found):
             answer.append(column)
     return answer
 

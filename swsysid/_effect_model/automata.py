@@ -28,7 +28,7 @@ from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.features import FeatureMap
 from swsysid._data.records import Records, next_states
 from swsysid._effect_model.declared import Added, FittedDeclared, Modes
-from swsysid._effect_model.decoding import decoded, told_by_velocities
+from swsysid._effect_model.decoding import decoded, modes_of_velocities
 from swsysid._noise import robust_regression
 from swsysid._results import Array
 from swsysid._simulation.stepping import runge_kutta
@@ -91,7 +91,7 @@ class DeclaredAutomaton:
         return np.asarray(self.automaton.coef != 0.0)
 
     def fitted(self, records: Records, targets: Array, modes: Modes | None) -> FittedDeclared:
-        modes = self._told(records) if modes is None else modes
+        modes = self._decoded_modes(records) if modes is None else modes
         features, coef = self.library(records.X), self.automaton.coef.copy()
         for mode, state in np.ndindex(coef.shape[:2]):
             rows, terms = modes == mode, coef[mode, state] != 0.0
@@ -101,12 +101,12 @@ class DeclaredAutomaton:
         return FittedDeclared(replace(self.automaton, coef=coef), modes)
 
     def sought(self, columns: Array, records: Records, targets: Array) -> Modes:
-        return self._told(records)
+        return self._decoded_modes(records)
 
     @staticmethod
-    def _told(records: Records) -> Modes:
-        assert records.told is not None, "the rows of a fit have modes"
-        return records.told
+    def _decoded_modes(records: Records) -> Modes:
+        assert records.decoded_modes is not None, "the rows of a fit have modes"
+        return records.decoded_modes
 
 
 @dataclass(frozen=True)
@@ -153,8 +153,8 @@ class AutomatonLaws:
         return X
 
     def modes(self, records: Records, added: Added) -> Modes:
-        if records.told is not None:
-            return _filled(records.told, records.trajectories)
+        if records.decoded_modes is not None:
+            return _filled(records.decoded_modes, records.trajectories)
         if records.t is None:
             raise ValueError(
                 "the modes of an automaton are those of recordings; give t (and groups, if there "
@@ -162,17 +162,17 @@ class AutomatonLaws:
             )
         if self.discrete_time:
             rows, targets = next_states(records)
-            told = np.full(len(records), -1)
-            told[rows] = told_by_velocities(self, records, targets, added)[rows]
-            return _filled(told, records.trajectories)
+            decoded_rows = np.full(len(records), -1)
+            decoded_rows[rows] = modes_of_velocities(self, records, targets, added)[rows]
+            return _filled(decoded_rows, records.trajectories)
         return decoded(self, records, records.X, added).modes
 
     def probabilities(self, records: Records) -> Array:
-        told = self.allowed(records.X)
-        if records.told is not None:
-            known = records.told >= 0
-            told[known] = np.eye(self.automaton.n_modes)[records.told[known]]
-        return told
+        decoded_rows = self.allowed(records.X)
+        if records.decoded_modes is not None:
+            known = records.decoded_modes >= 0
+            decoded_rows[known] = np.eye(self.automaton.n_modes)[records.decoded_modes[known]]
+        return decoded_rows
 
     def with_surface_between(self, X: Array, modes: Modes) -> object:
         """The automaton itself, whose guards stay."""

@@ -148,14 +148,14 @@ def _prior(laws: FittedLaws, recordings: Recordings, n_inputs: int) -> Array:
     """Log probabilities of the modes of all intervals by the surface, which is hardly trusted."""
     columns = np.concatenate([recordings.guess, recordings.u[:, :, :n_inputs]], axis=2)
     middle = 0.5 * (columns[1:] + columns[:-1])
-    told = laws.allowed(middle.reshape(-1, middle.shape[2]))
-    return np.log(np.maximum(told, SETTINGS.trust[0])).reshape(*middle.shape[:2], -1)
+    allowed = laws.allowed(middle.reshape(-1, middle.shape[2]))
+    return np.log(np.maximum(allowed, SETTINGS.trust[0])).reshape(*middle.shape[:2], -1)
 
 
 # -- from velocities -------------------------------------------------------------------------------
 
 
-def told_by_velocities(laws: FittedLaws, records: Records, targets: Array, added: Added) -> Modes:
+def modes_of_velocities(laws: FittedLaws, records: Records, targets: Array, added: Added) -> Modes:
     r"""The most likely modes of rows with velocities (next states in discrete time).
 
     A row costs half the squares of what the law of its mode leaves over, in units of their usual

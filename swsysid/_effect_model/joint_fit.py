@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from swsysid._data.matching import best_matching, contingency
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared, FittedLaws, Modes
-from swsysid._effect_model.decoding import told_by_velocities
+from swsysid._effect_model.decoding import modes_of_velocities
 from swsysid._effect_model.models import laws_of
 from swsysid._effect_model.settings import SETTINGS
 from swsysid._effect_model.velocities import (
@@ -265,27 +265,27 @@ def as_stated(declared: Declared, records: Records) -> JointFit | None:
     return JointFit(declared.known, (), (), np.zeros(len(records), dtype=np.intp))
 
 
-def told_on_rows(
+def with_decoded_modes(
     fit: JointFit, records: Records, rows: NDArray[np.intp], targets: Array
 ) -> Records:
     """The record with the modes that velocities tell on some of its rows."""
-    modes = told_by_velocities(fit.laws, records, targets, fit.contributions)
-    told = np.full(len(records), -1)
-    told[rows] = modes[rows]
-    return replace(records, told=told)
+    modes = modes_of_velocities(fit.laws, records, targets, fit.contributions)
+    decoded = np.full(len(records), -1)
+    decoded[rows] = modes[rows]
+    return replace(records, decoded_modes=decoded)
 
 
 def known_modes(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Modes:
     """Modes of a whole record from the data, -1 where they say nothing.
 
-    On the rows of the fit they are its own, elsewhere those that measured states have told. Where a
+    On the rows of the fit they are its own, elsewhere those that measured states show. Where a
     late velocity tells them apart they are brought to the time of the states.
     """
     known = np.full(len(records), -1)
-    if records.told is not None:
-        order = _matching(records.told[rows], fit.modes)
-        inside = (records.told >= 0) & (records.told < len(order))
-        known[inside] = order[records.told[inside]]
+    if records.decoded_modes is not None:
+        order = _matching(records.decoded_modes[rows], fit.modes)
+        inside = (records.decoded_modes >= 0) & (records.decoded_modes < len(order))
+        known[inside] = order[records.decoded_modes[inside]]
         known[known >= fit.n_modes] = -1  # a mode that a fit has lost
     known[rows] = fit.modes
     for term, _ in late_records(fit.terms, records):
@@ -294,25 +294,29 @@ def known_modes(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> Mode
     return known
 
 
-def with_told_surface(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> JointFit:
+def with_decoded_surface(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> JointFit:
     """The fit with a surface between all modes that measured states tell, those of `rows` or not.
 
     The rows of a recording are a few from the middle of its stays, which say little of where the
     modes change. The fit keeps its own surface where the modes that it has itself contradict this.
     """
     # One more mode is in nothing that was told before it was found.
-    told = -1 if records.average is None or records.told is None else records.told.max()
-    if told != fit.n_modes - 1 or fit.n_modes == 1:
+    last = (
+        -1
+        if records.average is None or records.decoded_modes is None
+        else records.decoded_modes.max()
+    )
+    if last != fit.n_modes - 1 or fit.n_modes == 1:
         return fit
     known = known_modes(fit, records, rows)
     sure = known >= 0
     if np.all(fit.surface_modes(records)[sure] == known[sure]):
         return fit
     X = corrected(fit.terms, records).X
-    told_so = replace(fit, estimator=fit.laws.with_surface_between(X[sure], known[sure]))
+    redrawn = replace(fit, estimator=fit.laws.with_surface_between(X[sure], known[sure]))
     # Modes that were told by laws without an effect may be others than those that it leaves.
-    own, others = (np.mean(one.surface_modes(records)[rows] != fit.modes) for one in (fit, told_so))
-    return told_so if others <= own + SETTINGS.told_otherwise else fit
+    own, others = (np.mean(one.surface_modes(records)[rows] != fit.modes) for one in (fit, redrawn))
+    return redrawn if others <= own + SETTINGS.disagreeing else fit
 
 
 def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:

@@ -108,11 +108,11 @@ class LawsAndEffects(ParametricLibrary):
     @property
     def values(self) -> dict[str, float]:
         """Parameters of the fit by their names."""
-        told: dict[str, float] = {}
+        values: dict[str, float] = {}
         for part in self.parts:
             numbers = [*self.joint.coef[part.place][part.own], *self.joint.terms[part.place].theta]
-            told |= dict(zip(part.names, map(float, numbers), strict=True))
-        return told
+            values |= dict(zip(part.names, map(float, numbers), strict=True))
+        return values
 
 
 def as_stated_model(fit: JointFit, names: Sequence[str]) -> StatedModel:
@@ -178,8 +178,8 @@ def _parts(fit: JointFit, place: int, names: Sequence[str]) -> Iterator[_Part]:
     else:
         each = [((term.mode,), slice(0, width))]
     for modes, own in each:
-        told = title if len(modes) == n_modes else f"mode {modes[0]}: {title}"
-        yield _Part(place, modes, own, tuple(f"{told}: {name}" for name in listed), theta, told)
+        named = title if len(modes) == n_modes else f"mode {modes[0]}: {title}"
+        yield _Part(place, modes, own, tuple(f"{named}: {name}" for name in listed), theta, named)
 
 
 def _refuse_what_remembers(fit: JointFit, names: Sequence[str]) -> None:

@@ -20,7 +20,7 @@ class ModelSettings:
     doubt: float = 3.0
     most_doubtful: int = 10
     price_of_a_switch: float = 8.0
-    told_otherwise: float = 0.05
+    disagreeing: float = 0.05
     # -- rollouts: rows of a record that is there for the names of parameters alone
     rows_for_names: int = 16
 

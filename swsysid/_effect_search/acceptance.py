@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.evidence import Evidence, SlowForces, structural_evidence
-from swsysid._effect_search.scan import is_smear, scan
+from swsysid._effect_search.scan import is_filter_artefact, scan
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.switches import is_smeared_mode
 from swsysid._results import Array
@@ -92,7 +92,7 @@ def _beside_the_others(
     if isinstance(term.effect, UnknownFunction):
         return _of_a_shape(term, beside, top, count)
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
-    if own is None or is_smear(beside, own):
+    if own is None or is_filter_artefact(beside, own):
         return Finding.of(term, 1.0, known)
     level = [top[number].candidate for number in beside.level_with(own, top)]
     evidence = beside.evidence(own)

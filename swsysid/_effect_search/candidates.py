@@ -160,8 +160,8 @@ class CandidateContext:
 
     @property
     def _most_likely_modes(self) -> NDArray[np.intp]:
-        """Those that the states have told, and where they have not those of the surface."""
-        if self.records.told is None:
+        """Those that the states show, and where they do not those of the surface."""
+        if self.records.decoded_modes is None:
             return self.fit.predict_modes(self.records)
         known = self.known_modes
         return np.where(known >= 0, known, self.surface_modes)
@@ -175,7 +175,7 @@ class CandidateContext:
     def switched_modes(self) -> NDArray[np.intp]:
         """Modes between which the whole record switches: as it tells them, or as the surface."""
         known = self.known_modes
-        return self.surface_modes if self.records.told is None else known
+        return self.surface_modes if self.records.decoded_modes is None else known
 
     @cached_property
     def jumping(self) -> tuple[Records, Array, NDArray[np.intp]]:
@@ -338,10 +338,10 @@ def row_weights(fit: JointFit, data: SearchData) -> Array:
     if np.mean(~sure) <= data.settings.most_unsure:
         weight = np.where(sure, weight, 0.0)
     weight = np.where(data.may_stick(fit.terms, data.records, data.rows), 0.0, weight)
-    return np.where(_is_told(fit, data), weight, 0.0)
+    return np.where(_is_decoded(fit, data), weight, 0.0)
 
 
-def _is_told(fit: JointFit, data: SearchData) -> NDArray[np.bool_]:
+def _is_decoded(fit: JointFit, data: SearchData) -> NDArray[np.bool_]:
     """Rows of modes that have enough of them to predict some from the others."""
     # A law of a handful of rows is anything where none of them is.
     n_rows = np.bincount(fit.modes, minlength=fit.n_modes)

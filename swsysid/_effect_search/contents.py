@@ -142,8 +142,8 @@ class EffectData:
     @cached_property
     def mode_known(self) -> NDArray[np.bool_]:
         """Whether the model with the effects is sure of the mode, (n_rows,)."""
-        told = self.models[1].joint_fit_.mode_proba(self.records)[self.rows]
-        return np.asarray(told.max(axis=1) > 1.0 - SETTINGS.possible)
+        probabilities = self.models[1].joint_fit_.mode_proba(self.records)[self.rows]
+        return np.asarray(probabilities.max(axis=1) > 1.0 - SETTINGS.possible)
 
     @cached_property
     def stretches(self) -> list[tuple[str, NDArray[np.intp]]]:
@@ -215,8 +215,8 @@ class EffectData:
         before, after = self.errors
         spread = np.std(self.measured, axis=0)
         # an equation that is exact, such as q' = v, changes by rounding only
-        told = before > exact_below(self.measured)
-        change = np.abs(before - after) / np.where(told, before, np.inf)
+        inexact = before > exact_below(self.measured)
+        change = np.abs(before - after) / np.where(inexact, before, np.inf)
         size = before / np.where(spread > 0, spread, np.inf)
         return int(np.argmax(change if self.covariances else size))
 

@@ -111,7 +111,7 @@ class Panels:
         frame_most(ax, shape.wanted, 0.08, whole=shape.contribution)
         ax.set(
             xlabel=axis_label(shape.axis, self.units),
-            ylabel=_wrapped(f"share of {self._rate(shape.target)}") + _told_where(shape),
+            ylabel=_wrapped(f"share of {self._rate(shape.target)}") + _held_where(shape),
         )
         legend_above(ax, 4, markerscale=2.5, **_SPACES)
 
@@ -188,7 +188,7 @@ def _draw_contribution(
     ax.plot(values, middle, color=colour, linewidth=2.2, label=name)
 
 
-def _told_where(shape: Shape) -> str:
+def _held_where(shape: Shape) -> str:
     """A line of the axis label for the value of another channel that the shape is told for."""
     return f"\nwhere {shape.where}" if shape.where else ""
 

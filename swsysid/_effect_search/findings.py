@@ -162,7 +162,9 @@ class Ladder:
         between = [self.context.structure(terms[:n], fit.modes).fit for n in range(1, len(terms))]
         coef = tuple(fit.coef[place] for place in self._order)
         last = [replace(fit, terms=terms, coef=coef)] if terms else []
-        return tuple(map(self.context.with_told_surface, (self.context.declared, *between, *last)))
+        return tuple(
+            map(self.context.with_decoded_surface, (self.context.declared, *between, *last))
+        )
 
     @cached_property
     def errors(self) -> list[tuple[Array, Array]]:
@@ -251,7 +253,7 @@ def _rivals(ladder: Ladder, place: int, gaining: int) -> tuple[Rival, ...]:
     kept = []
     for rival in ladder.findings[place].rivals:
         terms = (*ladder.terms[:place], rival)
-        other = ladder.context.with_told_surface(ladder.context.structure(terms, modes).fit)
+        other = ladder.context.with_decoded_surface(ladder.context.structure(terms, modes).fit)
         errors = ladder.errors_of(other)[1]
         if errors[gaining] <= most:
             kept.append(_rival(ladder, place, rival, other, float(errors[rival.target])))

@@ -117,9 +117,9 @@ class SearchData:
         return self.noise.hides(terms, records, rows)
 
     @property
-    def told(self) -> Rows | None:
-        """Modes of the rows that measured states have told."""
-        return None if self.records.told is None else self.records.told[self.rows]
+    def decoded_modes(self) -> Rows | None:
+        """Modes of the rows that measured states show."""
+        return None if self.records.decoded_modes is None else self.records.decoded_modes[self.rows]
 
     def searched(self, records: Records) -> Records:
         """The samples of the record, or of one like it, that the search may look at."""

@@ -116,7 +116,7 @@ def formulas(beside: CandidateContext, term: PlacedEffect) -> tuple[Formula, ...
     names = beside.records.names
     least = _error(beside, own[0])
     return tuple(
-        _told(trials[place], names, _error(beside, trials[place]) / least, place in level)
+        _formula(trials[place], names, _error(beside, trials[place]) / least, place in level)
         for place in order
     )
 
@@ -136,7 +136,7 @@ def _error(beside: CandidateContext, trial: Trial) -> float:
     return float(np.sqrt(np.average(left**2, weights=beside.regression.weight)))
 
 
-def _told(trial: Trial, names: Sequence[str], error: float, ties: bool) -> Formula:
+def _formula(trial: Trial, names: Sequence[str], error: float, ties: bool) -> Formula:
     effect, theta = trial.candidate.effect, trial.candidate.theta
     assert isinstance(effect, Expression)
     (name,) = effect.shape.arguments(names)

@@ -28,7 +28,7 @@ from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
-from swsysid._effect_search.scan import is_smear, proposals
+from swsysid._effect_search.scan import is_filter_artefact, proposals
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
@@ -228,7 +228,7 @@ class Search:
         Measured states that jump tell their switch late, as if the guard remembered; a guard that
         does makes no state jump.
         """
-        jumps = self.context.data.told is not None and any(
+        jumps = self.context.data.decoded_modes is not None and any(
             isinstance(option.last, ResetEffect)
             and is_promising(self.context, current, option, n_candidates)
             for option in options
@@ -366,7 +366,7 @@ class Search:
                     tried = self.context.exchanged(best, place, candidate)
                     best = least_of((best, tried), _price)
         trial = simplest(beside, top) if top else None
-        if trial is None or is_smear(beside, trial):
+        if trial is None or is_filter_artefact(beside, trial):
             return best, False  # as nothing that is physical, it would be refused in the end
         tried = self.context.exchanged(best, place, trial.candidate)
         tried = self.context.with_modes_anew(tried)

@@ -49,9 +49,9 @@ def unseen(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> tuple[Ar
     rows, targets = data.rows[train], data.targets[train]
     scale = STUDENT.scale(targets - velocities[fit.modes, rows], exact_below(targets))
     errors = data.targets[test] - velocities[:, data.rows[test]]
-    told = fit.mode_proba(data.records.take(data.rows[test]))
-    cost = _mixture_cost(errors, scale, _softened(told, data.settings.surprise))
-    return cost, np.einsum("jnk,nj->nk", errors, told)
+    probabilities = fit.mode_proba(data.records.take(data.rows[test]))
+    cost = _mixture_cost(errors, scale, _softened(probabilities, data.settings.surprise))
+    return cost, np.einsum("jnk,nj->nk", errors, probabilities)
 
 
 def _mixture_cost(errors: Array, scale: Array, probabilities: Array) -> Array:
@@ -79,7 +79,7 @@ def _mode_probabilities(fit: JointFit, data: SearchData) -> Array:
         second = fit.guard.switched_softly(seen, softness)[data.rows]
         options.append(_softened(np.column_stack([1.0 - second, second]), surprise))
     own = fit.modes[:, None]
-    return max(options, key=lambda told: np.log(np.take_along_axis(told, own, axis=1)).sum())
+    return max(options, key=lambda option: np.log(np.take_along_axis(option, own, axis=1)).sum())
 
 
 def _of_a_sure_guard(fit: JointFit, data: SearchData) -> Array:
@@ -94,9 +94,9 @@ def _of_a_sure_guard(fit: JointFit, data: SearchData) -> Array:
     return _softened(np.eye(fit.n_modes)[predicted], wrong[:, None])
 
 
-def _softened(told: Array, wrong: Array | float) -> Array:
+def _softened(probabilities: Array, wrong: Array | float) -> Array:
     """Probabilities of the modes if what is told of them is wrong now and then."""
-    return np.asarray((1.0 - wrong) * told + wrong / told.shape[1])
+    return np.asarray((1.0 - wrong) * probabilities + wrong / probabilities.shape[1])
 
 
 def _next_to_a_switch(t: Array, modes: Array) -> Array:

@@ -137,7 +137,7 @@ def search_beside(
         model=declared.with_modes(first.n_modes),
         effects=choices.effects,
         data=SearchData(
-            records=known.told_on(parts.search),
+            records=known.decoded_on(parts.search),
             rows=rows,
             targets=targets,
             folds=choices.folds(records.take(rows), targets, left[:, ~exact], rng),
@@ -257,7 +257,7 @@ class Untouched:
 
     def gain(self, before: JointFit, after: JointFit) -> Fall:
         """By how much they fall in all, and by how much they were to fall."""
-        before, after = map(self.context.with_told_surface, (before, after))
+        before, after = map(self.context.with_decoded_surface, (before, after))
         data = self.context.data
         falls, searched = np.split(self._falls(before, after), [len(self.rows)])
         in_search = BlockSum.of(data.folds.independent_sums(searched))
@@ -315,12 +315,12 @@ class Untouched:
         """Whether the errors, gross ones and all, rise by a larger share than they fall."""
         # Next to a surface a row may be on either side, and one of them decides a mean square: the
         # effects are not to blame for a mode that even the model does not know.
-        declared, found = map(self.context.with_told_surface, (self.context.declared, fit))
-        told = ~self._may_stick(found, self.rows)
-        if not told.any():
+        declared, found = map(self.context.with_decoded_surface, (self.context.declared, fit))
+        counted = ~self._may_stick(found, self.rows)
+        if not counted.any():
             return False
-        before = np.mean(self._errors(declared, self.rows)[told] ** 2, axis=0)
-        after = np.mean(self._least_errors(found)[told] ** 2, axis=0)
+        before = np.mean(self._errors(declared, self.rows)[counted] ** 2, axis=0)
+        after = np.mean(self._least_errors(found)[counted] ** 2, axis=0)
         judged = self.context.data.counted_states
         ratios = np.sqrt(after[judged] / np.maximum(before[judged], np.finfo(float).tiny))
         return bool(ratios.sum() > len(judged) + REPORT.worth_telling)
@@ -344,4 +344,4 @@ class Untouched:
         """Whether velocities show an effect: no jump, and no guard where they end at switches."""
         if isinstance(term.effect, ResetEffect):
             return False
-        return self.records.told is None or not isinstance(term.effect, GuardEffect)
+        return self.records.decoded_modes is None or not isinstance(term.effect, GuardEffect)

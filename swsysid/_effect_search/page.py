@@ -60,16 +60,16 @@ def effect_page(
     )
     parts = [paragraph(text.summary(report), "verdict"), paragraph(rows, "note")]
     if report.data is not None:
-        told = _Told(report, report.data, units, find_spec("matplotlib") is not None)
-        if not told.drawing:
+        view = _View(report, report.data, units, find_spec("matplotlib") is not None)
+        if not view.drawing:
             parts.append(paragraph('No pictures: pip install "swsysid[plot]".', "note"))
-        bodies = [(heading, list(body(told))) for heading, body in _SECTIONS]
+        bodies = [(heading, list(body(view))) for heading, body in _SECTIONS]
         parts += [section(heading, body) for heading, body in bodies if body]
     return page(title, parts)
 
 
 @dataclass(frozen=True)
-class _Told:
+class _View:
     """A report, its data, and how they are shown."""
 
     report: EffectContents
@@ -107,38 +107,38 @@ class _Told:
 # -- sections: each yields what stands under its heading, nothing if it has nothing to say -------
 
 
-def _errors(told: _Told) -> Iterable[str]:
-    report = told.report
+def _errors(view: _View) -> Iterable[str]:
+    report = view.report
     yield paragraph("Root mean square error of the prediction of each state equation.")
     rows: list[list[object]] = []
     for row in report.errors:
         each = zip(row["held_out"], report.errors[0]["held_out"], report.targets, strict=True)
-        told_errors = (
+        errors = (
             "exact" if name in report.exact else words.error(own, before)
             for own, before, name in each
         )
-        rows.append([row["model"], *told_errors])
-    yield table(["model", *told.rates], rows, kind="ladder")
+        rows.append([row["model"], *errors])
+    yield table(["model", *view.rates], rows, kind="ladder")
     first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
     known = np.array([name not in report.exact for name in report.targets])
     shares = 1.0 - np.divide(last, first, out=np.ones_like(first), where=known)
     lower = [
-        f"{told.rate(state)}: {shares[state]:.0%} lower"
+        f"{view.rate(state)}: {shares[state]:.0%} lower"
         for state in np.flatnonzero(shares > REPORT.worth_telling).tolist()
     ]
     if lower:
         yield paragraph(f"Error with all effects: {', '.join(lower)}.", "note")
 
 
-def _effects(told: _Told) -> Iterable[str]:
-    for number, effect in enumerate(told.report.effects):
-        heading = f"{number + 1}. {words.effect_title(effect, told.report)}"
-        yield section(heading, _effect(told, number, effect), level=3)
+def _effects(view: _View) -> Iterable[str]:
+    for number, effect in enumerate(view.report.effects):
+        heading = f"{number + 1}. {words.effect_title(effect, view.report)}"
+        yield section(heading, _effect(view, number, effect), level=3)
 
 
-def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
-    target = told.rate(effect.target)
-    yield paragraph(words.sentence(effect.meaning, told.data.records.names))
+def _effect(view: _View, number: int, effect: FoundEffect) -> Iterable[str]:
+    target = view.rate(effect.target)
+    yield paragraph(words.sentence(effect.meaning, view.data.records.names))
     if effect.placed.effect.terms:
         yield paragraph(f"Term: {effect.formula}")
     yield paragraph(
@@ -163,11 +163,11 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
         "What the effect contributes, with its 95 % band; dots: what the data ask of it "
         "(residual without the effect)."
     )
-    yield from told.picture(Panels.shape, number, caption=caption, size=(7.0, 4.4))
+    yield from view.picture(Panels.shape, number, caption=caption, size=(7.0, 4.4))
     if effect.channel is not None:
-        name = told.data.records.names[effect.channel]
+        name = view.data.records.names[effect.channel]
         caption = f"Residual on the held-out rows against {name}, before and after on one scale."
-        yield from told.picture(Panels.against, effect.target, effect.channel, caption=caption)
+        yield from view.picture(Panels.against, effect.target, effect.channel, caption=caption)
     if not effect.rivals:
         yield paragraph("No other effect of the library explains these data as well.", "note")
         return
@@ -180,7 +180,7 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
     ]
     rows = [
         [
-            words.effect_title(rival, told.report),
+            words.effect_title(rival, view.report),
             words.error(rival.error, effect.error_before),
             rival.advice,
         ]
@@ -189,13 +189,13 @@ def _effect(told: _Told, number: int, effect: FoundEffect) -> Iterable[str]:
     yield table(head, rows, kind="words")
 
 
-def _model(told: _Told) -> Iterable[str]:
+def _model(view: _View) -> Iterable[str]:
     """Laws and guards of the model that the search hands over."""
-    final = told.data.final
-    if told.report.effects:
+    final = view.data.final
+    if view.report.effects:
         yield paragraph("Law of every mode as declared:")
-        yield code("\n".join(told.data.models[0].equations()))
-    yield paragraph(f"Law of every mode{' with the effects' if told.report.effects else ''}:")
+        yield code("\n".join(view.data.models[0].equations()))
+    yield paragraph(f"Law of every mode{' with the effects' if view.report.effects else ''}:")
     yield code("\n".join(final.equations()))
     try:
         guards = final.surface_equations()
@@ -209,32 +209,32 @@ def _model(told: _Told) -> Iterable[str]:
         yield paragraph("It has one mode and never switches.")
 
 
-def _residuals(told: _Told) -> Iterable[str]:
+def _residuals(view: _View) -> Iterable[str]:
     caption = "Residual on the held-out rows, before and after."
-    yield from told.picture(Panels.residuals, told.state, caption=caption)
-    for model, leftover in text.leftovers(told.report):
-        body = [listing(f"{name}: {said}" for name, said in text.verdicts(leftover, told.report))]
-        name = leftover.equations[told.state]
-        if told.drawing and leftover.against_channels(name):
+    yield from view.picture(Panels.residuals, view.state, caption=caption)
+    for model, leftover in text.leftovers(view.report):
+        body = [listing(f"{name}: {said}" for name, said in text.verdicts(leftover, view.report))]
+        name = leftover.equations[view.state]
+        if view.drawing and leftover.against_channels(name):
             display = ResidualReportDisplay.from_report(
-                leftover, equation=name, n_channels=1, units=told.units
+                leftover, equation=name, n_channels=1, units=view.units
             )
             display.figure_.suptitle("")  # the verdict stands above the picture
-            whose = f"Residual of {words.rate(name, told.report.discrete)} of the {model}"
+            whose = f"Residual of {words.rate(name, view.report.discrete)} of the {model}"
             caption = f"{whose}, against what tells most about it."
             body.append(figure(display.figure_, caption))
         body.append(preformatted("all tests", str(leftover)))
         yield section(f"Left over by the {model}", body, level=3)
 
 
-def _trajectories(told: _Told) -> Iterable[str]:
-    listed = sorted(told.data.by_trajectory, key=lambda one: -one.before[told.state])
+def _trajectories(view: _View) -> Iterable[str]:
+    listed = sorted(view.data.by_trajectory, key=lambda one: -one.before[view.state])
     if not listed:
         return
     caption, size = "Error on each held-out trajectory.", (9.0, 4.6)
-    yield from told.picture(Panels.trajectory_errors, told.state, caption=caption, size=size)
+    yield from view.picture(Panels.trajectory_errors, view.state, caption=caption, size=size)
     yield table(
-        ["trajectory", "rows", *_before_and_after(told.rates)],
+        ["trajectory", "rows", *_before_and_after(view.rates)],
         [
             [one.trajectory, one.n_samples, *np.ravel([one.before, one.after], "F").tolist()]
             for one in listed[: REPORT.most_rows]
@@ -244,21 +244,21 @@ def _trajectories(told: _Told) -> Iterable[str]:
         yield paragraph(f"The worst {REPORT.most_rows} of {len(listed)}.", "note")
 
 
-def _rollouts(told: _Told) -> Iterable[str]:
-    rollouts = told.data.rollouts
-    if told.report.free_rollouts is not None:
-        yield paragraph(told.report.free_rollouts)
-    if not told.report.effects:
+def _rollouts(view: _View) -> Iterable[str]:
+    rollouts = view.data.rollouts
+    if view.report.free_rollouts is not None:
+        yield paragraph(view.report.free_rollouts)
+    if not view.report.effects:
         return
     if not rollouts:
-        yield paragraph(f"None: {told.data.why_no_rollouts}.")
+        yield paragraph(f"None: {view.data.why_no_rollouts}.")
         return
     yield paragraph(
         "Simulated from the first held-out state by the declared model and by the one with "
         "the effects; root mean square error of each state over the time both have reached."
     )
     yield table(
-        ["trajectory", "compared over", *_before_and_after(told.report.targets)],
+        ["trajectory", "compared over", *_before_and_after(view.report.targets)],
         [[one.name, one.compared, *np.ravel(one.errors, "F").tolist()] for one in rollouts],
     )
     ended = [f"{one.name}, {model}: {why}" for one in rollouts for model, why in text.ends(one)]
@@ -267,11 +267,11 @@ def _rollouts(told: _Told) -> Iterable[str]:
         yield listing(ended)
     for number, one in enumerate(rollouts):
         caption = f"Trajectory {one.name}; a cross marks an early end."
-        yield from told.picture(Panels.rollout, number, told.state, caption=caption)
+        yield from view.picture(Panels.rollout, number, view.state, caption=caption)
 
 
-def _search(told: _Told) -> Iterable[str]:
-    report = told.report
+def _search(view: _View) -> Iterable[str]:
+    report = view.report
     if report.history:
         head = ["round", "added", "p", "candidates", "effects after the round"]
         rows = [
@@ -299,7 +299,7 @@ def _search(told: _Told) -> Iterable[str]:
         )
 
 
-_SECTIONS: tuple[tuple[str, Callable[[_Told], Iterable[str]]], ...] = (
+_SECTIONS: tuple[tuple[str, Callable[[_View], Iterable[str]]], ...] = (
     ("Error before and after", _errors),
     ("Effects", _effects),
     ("The model", _model),

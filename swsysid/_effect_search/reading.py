@@ -112,7 +112,7 @@ def _of_the_laws(
         return ()  # laws are stated to be completed: what they lack may be nearly all there is
     records, targets = measured.records, measured.targets[rows]
     left = fit.residuals(records, rows, targets)
-    exact, told = exact_states(left, targets), []
+    exact, sentences = exact_states(left, targets), []
     features = fit.features(records, rows)
     for state in np.flatnonzero(~exact):
         share = _explained(left[:, state], targets[:, state])
@@ -132,11 +132,11 @@ def _of_the_laws(
             )
         name = records.names[state]
         law = f"the next {name}" if fit.laws.discrete_time else f"{name}'"
-        told.append(
+        sentences.append(
             f"The declared model explains {max(share, 0.0):.0%} of the variation of {law}; "
             f"{advice}."
         )
-    return tuple(told)
+    return tuple(sentences)
 
 
 def _explained(left: Array, targets: Array) -> float:

@@ -34,10 +34,10 @@ from swsysid._effect_model.declared import Declared, Modes
 from swsysid._effect_model.decoding import (
     Decoded,
     decoded,
+    modes_of_velocities,
     stretches_of,
-    told_by_velocities,
 )
-from swsysid._effect_model.joint_fit import JointFit, as_stated, fit_jointly, told_on_rows
+from swsysid._effect_model.joint_fit import JointFit, as_stated, fit_jointly, with_decoded_modes
 from swsysid._effect_search.folds import Rows, Split, StateNoise
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.settings import SETTINGS
@@ -71,8 +71,8 @@ class Measured:
     def fitted(self, declared: Declared, rows: Rows | None = None) -> JointFit:
         """The declared model alone, fitted to these rows or some of them."""
         rows = self.rows if rows is None else rows
-        told = self.records.told
-        modes = None if told is None else told[rows]
+        decoded_modes = self.records.decoded_modes
+        modes = None if decoded_modes is None else decoded_modes[rows]
         return fit_jointly(declared, (), self.records, rows, self.targets[rows], modes)
 
     def beside(self, fit: JointFit) -> Measured | None:
@@ -84,17 +84,17 @@ class Measured:
         if not fit.terms or anew:
             return None
         if self.recorded is None:
-            return None if fit.laws.seeks_modes else _told(fit, self)
+            return None if fit.laws.seeks_modes else _with_modes(fit, self)
         states = self.records.X
-        told = decoded(fit.laws, self.recorded, states, fit.contributions)
-        return _filtered(fit, self.recorded, states, told)
+        decoding = decoded(fit.laws, self.recorded, states, fit.contributions)
+        return _filtered(fit, self.recorded, states, decoding)
 
 
 def with_velocities(declared: Declared, records: Records, targets: Array) -> Measured:
     """A record with measured velocities, whose modes are told where they are not to be sought."""
     measured = Measured(records, targets, np.arange(len(records)))
     fit = as_stated(declared, records)
-    return measured if fit is None else _told(fit, measured)
+    return measured if fit is None else _with_modes(fit, measured)
 
 
 def from_states(declared: Declared, records: Records) -> Measured:
@@ -103,18 +103,18 @@ def from_states(declared: Declared, records: Records) -> Measured:
     if declared.discrete_time:
         rows, targets = next_states(records)
         measured = Measured(records, targets, rows)
-        return measured if fit is None else _told(fit, measured)
+        return measured if fit is None else _with_modes(fit, measured)
     disturbance = None
     if fit is None:
         fit, states = _start(declared, records)
     else:
         states, disturbance = _lacking(fit, records)
-    told = decoded(fit.laws, records, states, fit.contributions, disturbance)
-    measured = _filtered(fit, records, states, told)
+    decoding = decoded(fit.laws, records, states, fit.contributions, disturbance)
+    measured = _filtered(fit, records, states, decoding)
     for _ in range(SETTINGS.n_filterings - 1):
         fit, states = measured.fitted(declared), measured.records.X
-        told = decoded(fit.laws, records, states, fit.contributions, told.disturbances)
-        measured = _filtered(fit, records, states, told)
+        decoding = decoded(fit.laws, records, states, fit.contributions, decoding.disturbances)
+        measured = _filtered(fit, records, states, decoding)
     return measured
 
 
@@ -135,9 +135,9 @@ def beside_effects(
     return anew, from_states(anew, records)
 
 
-def _told(fit: JointFit, measured: Measured) -> Measured:
+def _with_modes(fit: JointFit, measured: Measured) -> Measured:
     """The same with the modes that its velocities tell by the laws of a fit."""
-    records = told_on_rows(fit, measured.records, measured.rows, measured.targets)
+    records = with_decoded_modes(fit, measured.records, measured.rows, measured.targets)
     return replace(measured, records=records)
 
 
@@ -151,7 +151,7 @@ def _lacking(fit: JointFit, records: Records) -> tuple[Array, Array]:
     """Smoothed states, and the disturbance of the velocities by what known laws lack."""
     # In a record without noise a filter that trusts the laws explains what they lack by switches.
     start, velocities, X = _differentiated(records, stretches_of(fit.laws, records))
-    modes = told_by_velocities(fit.laws, start, velocities, fit.contributions)
+    modes = modes_of_velocities(fit.laws, start, velocities, fit.contributions)
     errors = np.abs(velocities - fit.predict(start, modes))
     left = np.max([np.median(errors[modes == mode], axis=0) for mode in np.unique(modes)], axis=0)
     return X, left[None] * np.sqrt(STAYS.memory * records.step)
@@ -180,25 +180,25 @@ def _differentiated(records: Records, stretches: list[Rows]) -> tuple[Records, A
     return records.take(chosen).with_columns(derived.X), derived.Xdot, X
 
 
-def _filtered(fit: JointFit, records: Records, states: Array, told: Decoded) -> Measured:
+def _filtered(fit: JointFit, records: Records, states: Array, decoding: Decoded) -> Measured:
     """Velocities of a model and what it leaves over, and states that are less noisy."""
     n_states = records.n_states
     added = fit.contributions(records.with_columns(states))
-    motion = _drawn(fit, records.with_columns(states), told.modes, added)
+    motion = _drawn(fit, records.with_columns(states), decoding.modes, added)
     rest = records.X[:, :n_states] - motion
-    modes = np.where(told.sure, told.modes, -1)
-    windows = _windows(rest, records, modes, _between_jumps(fit, records, told.stretches))
+    modes = np.where(decoding.sure, decoding.modes, -1)
+    windows = _windows(rest, records, modes, _between_jumps(fit, records, decoding.stretches))
     X = np.column_stack([motion + windows.values @ rest, records.X[:, n_states:]])
     shown = np.zeros((len(records), 1), dtype=bool)
     shown[windows.whole()] = True
 
-    seen = replace(records, X=X, average=Averages(shown, windows.means), told=modes)
-    laws, every = fit.laws.coef[told.modes], np.arange(len(records))
+    seen = replace(records, X=X, average=Averages(shown, windows.means), decoded_modes=modes)
+    laws, every = fit.laws.coef[decoding.modes], np.arange(len(records))
     targets = np.einsum("nkf,nf->nk", laws, fit.features(seen)) + windows.slopes @ rest
-    targets += seen.averaged(added[told.modes, every])
+    targets += seen.averaged(added[decoding.modes, every])
     rows = windows.whole(max(1, round(windows.length / SETTINGS.rows_a_window)))
     noise = StateNoise.of(rest, windows)
-    return Measured(seen, targets, rows[told.sure[rows]], windows.length, records, noise)
+    return Measured(seen, targets, rows[decoding.sure[rows]], windows.length, records, noise)
 
 
 @dataclass(frozen=True, eq=False)

@@ -153,7 +153,7 @@ class EffectReport(EffectContents):
             n_held_out=len(split.held_out),
             n_may_stick=int(ladder.may_stick(split.held_out).sum()),
             n_candidates=max((one.n_candidates for one in rounds), default=0),
-            errors=_errors_told(ladder, effects),
+            errors=_rung_errors(ladder, effects),
             effects=tuple(effects),
             skipped={
                 effect.kind: reason
@@ -165,9 +165,9 @@ class EffectReport(EffectContents):
             residual_after=_leftover(last, ladder, names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
             lost_modes=max(n_declared - models[2].joint_fit_.n_modes, 0),
-            history=tuple(_round_told(one, records) for one in rounds),
+            history=tuple(_round_in_words(one, records) for one in rounds),
             dropped=dropped(rounds, [*last.terms, *(one.candidate for one in tried)], records),
-            tried=tuple(_tried_told(one, ladder) for one in tried),
+            tried=tuple(_tried_in_words(one, ladder) for one in tried),
             exact=tuple(records.names[state] for state in sorted(ladder.context.data.exact_states)),
             alarms=tuple(alarms),
             set_aside=_aside(last, gross, ladder, names),
@@ -288,7 +288,7 @@ def _as_measured(measured: Measured | None) -> dict[str, Array]:
     return {"states": recorded.X[:, : recorded.n_states], "noise": measured.noise.states}
 
 
-def dropped(rounds: list[Round], told: Sequence[PlacedEffect], records: Records) -> tuple[str, ...]:
+def dropped(rounds: list[Round], kept: Sequence[PlacedEffect], records: Records) -> tuple[str, ...]:
     """Effects after the last round that are not told otherwise."""
     # A place that a fit moves, such as a guard, and the numbers of the modes may differ.
 
@@ -296,11 +296,11 @@ def dropped(rounds: list[Round], told: Sequence[PlacedEffect], records: Records)
         return term.effect.kind, term.target, term.place if term.effect.terms else None
 
     last = rounds[-1].structure.terms if rounds else ()
-    others = {identity(term) for term in told}
+    others = {identity(term) for term in kept}
     return tuple(_in_words(term, records) for term in last if identity(term) not in others)
 
 
-def _errors_told(ladder: Ladder, effects: Sequence[FoundEffect]) -> list[RungErrors]:
+def _rung_errors(ladder: Ladder, effects: Sequence[FoundEffect]) -> list[RungErrors]:
     """Errors of the declared model and after each effect."""
     models = ["declared model", *(f"+ {named(effect.kind, effect.place)}" for effect in effects)]
     return [
@@ -309,7 +309,7 @@ def _errors_told(ladder: Ladder, effects: Sequence[FoundEffect]) -> list[RungErr
     ]
 
 
-def _round_told(one: Round, records: Records) -> RoundInWords:
+def _round_in_words(one: Round, records: Records) -> RoundInWords:
     """What a round of the search has added, and all effects after it."""
     return {
         "added": _in_words(one.finding.candidate, records),
@@ -319,7 +319,7 @@ def _round_told(one: Round, records: Records) -> RoundInWords:
     }
 
 
-def _tried_told(one: Tried, ladder: Ladder) -> TriedEffect:
+def _tried_in_words(one: Tried, ladder: Ladder) -> TriedEffect:
     """An effect that is not kept, and the held-out errors that say why."""
     term = one.candidate
     if isinstance(term.effect, StructureEffect):
@@ -340,7 +340,7 @@ def _leftover(fit: JointFit, ladder: Ladder, names: NDArray | None) -> ResidualR
         return None
     # Where the states have told the modes, a surface that is a little off is no finding.
     modes = fit.predict_modes(records)
-    if records.told is not None:
+    if records.decoded_modes is not None:
         known = known_modes(fit, records, ladder.split.search)
         modes = np.where(known >= 0, known, modes)
     samples = ResidualSamples.of(

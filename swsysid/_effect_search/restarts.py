@@ -43,18 +43,18 @@ def with_modes(
     """The first candidate with the present modes, and all of them with modes sought anew."""
     terms, settings, first = current.terms, context.settings, candidates[0]
     warm = context.structure((*terms, first), current.fit.modes)
-    told = context.data.told
+    modes = context.data.decoded_modes
     unchanged = np.mean(warm.fit.modes == current.fit.modes)
     # Modes that are told may be wrong together with those of the declared model: few rows are left
     # in the stays, and one that is wrong decides between two kinds.
-    if current.fit.n_modes == 1 or (told is None and unchanged >= settings.same_modes):
+    if current.fit.n_modes == 1 or (modes is None and unchanged >= settings.same_modes):
         return [warm]  # the modes were right without the effect
     restarts = [
         replace(candidate, mode=None, replaced=None)
         for candidate in candidates[: settings.n_restarts]
     ]
     anew = Parallel(n_jobs=n_jobs)(
-        delayed(context.structure)((*terms, candidate), told, 1)
+        delayed(context.structure)((*terms, candidate), modes, 1)
         for candidate in tqdm(restarts, desc="modes anew", leave=False, disable=not verbose)
     )
     return [warm, *anew]

@@ -131,7 +131,7 @@ def free_of(
     for one in rollouts:
         part = parts[one.name] = records.take(one.rows)
         record = Record(one.t, measured[one.rows], np.empty((len(one.t), 0)))
-        modes = part.told
+        modes = part.decoded_modes
         switches = None
         if modes is not None and (modes >= 0).all() and model.joint_fit_.n_modes > 1:
             switches = switches_of_samples(one.t, modes)

@@ -315,7 +315,7 @@ def is_unresolved(context: CandidateContext, trial: Trial) -> bool:
     return 2.0 * threshold <= rate * where.smeared(left) * where.step
 
 
-def is_smear(context: CandidateContext, trial: Trial) -> bool:
+def is_filter_artefact(context: CandidateContext, trial: Trial) -> bool:
     """Whether a memory may be that of the sampling or of a filter, and of nothing physical."""
     effect = trial.candidate.effect
     if not isinstance(effect, Remembering):

@@ -19,7 +19,7 @@ from swsysid._effect_model.joint_fit import (
     JointFit,
     fit_jointly,
     warn_of_doubts,
-    with_told_surface,
+    with_decoded_surface,
 )
 from swsysid._effect_model.models import check_declared, declared_model, unfitted, with_seed
 from swsysid._effect_regressor import EffectRegressor
@@ -275,7 +275,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         Fewer modes and velocities are wrong there, and perhaps the effect is another one. None if
         nothing tells more of the record, or if it then shows nothing at all.
         """
-        if measured.records.told is None or not self.max_effects:
+        if measured.records.decoded_modes is None or not self.max_effects:
             return None
         first = self._search(measured, parts, plain, rng, 1, is_last=False).structure.fit
         stated = self._declared
@@ -371,8 +371,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _handed_over(self, fit: JointFit, measured: Measured) -> EffectRegressor:
         """The regressor of a fit to all rows."""
-        told = with_told_surface(fit, measured.records, measured.rows)
-        return self._regressor(told, measured.records)
+        redrawn = with_decoded_surface(fit, measured.records, measured.rows)
+        return self._regressor(redrawn, measured.records)
 
     def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
         regressor = EffectRegressor(unfitted(self._seeded), fit.terms)

@@ -15,7 +15,7 @@ from swsysid._effect_model.joint_fit import (
     JointFit,
     fit_jointly,
     known_modes,
-    with_told_surface,
+    with_decoded_surface,
 )
 from swsysid._effect_search.candidates import (
     CandidateContext,
@@ -190,9 +190,9 @@ class SearchContext:
         ]
         return [self.priced(replace(fit, terms=terms)) for terms in others]
 
-    def with_told_surface(self, fit: JointFit) -> JointFit:
+    def with_decoded_surface(self, fit: JointFit) -> JointFit:
         """A fit with the surface between all modes that the searched part of a recording tells."""
-        return with_told_surface(fit, self.data.records, self.data.rows)
+        return with_decoded_surface(fit, self.data.records, self.data.rows)
 
     def without(self, structure: Structure, place: int) -> Structure:
         """The structure without one of its terms."""

@@ -35,7 +35,7 @@ def gain_of_guard(fit: JointFit, data: SearchData) -> Array:
     A sample counts with the row next to it.
     """
     records, gain = data.records, np.zeros(len(data.rows))
-    if fit.guard is None or records.told is None:
+    if fit.guard is None or records.decoded_modes is None:
         return gain
     known = known_modes(fit, records, data.rows)
     near = known >= 0

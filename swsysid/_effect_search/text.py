@@ -38,8 +38,8 @@ _DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
 
 def summary(report: EffectContents) -> str:
     """What came out, in a sentence; what is wrong, before it."""
-    told = [*report.alarms, _outcome(report), *_risen(report), *_rollouts_no_better(report)]
-    return " ".join(told)
+    sentences = [*report.alarms, _outcome(report), *_risen(report), *_rollouts_no_better(report)]
+    return " ".join(sentences)
 
 
 def _outcome(report: EffectContents) -> str:
@@ -65,19 +65,19 @@ def _fall(report: EffectContents, with_them: str) -> str:
     """By how much the effects lower an error, with gross rows and, where they hide it, without."""
     every = [np.array(report.errors[place]["held_out"]) for place in (0, -1)]
     usual = every if report.data is None else report.data.usual_errors
-    told, unsure = f"{with_them} the held-out error of", " or whose mode is not sure"
+    lead, unsure = f"{with_them} the held-out error of", " or whose mode is not sure"
     which = f"without the rows set aside{'' if _modes_are_sure(report) else unsure}"
     (target, fall), (other, usual_fall) = (_largest_fall(report, *one) for one in (every, usual))
     if max(fall, usual_fall) < REPORT.worth_telling:
         return _lowers_nothing(report)
     if fall < REPORT.worth_telling:
         return (
-            f"{told} {_rate_of(report, other)}, {which}, is {_instead(usual, other)}; that of all "
+            f"{lead} {_rate_of(report, other)}, {which}, is {_instead(usual, other)}; that of all "
             "rows is no lower"
         )
     hidden = other == target and fall < REPORT.hidden * usual_fall
     without = f", and {_instead(usual, target)} {which}" if hidden else ""
-    return f"{told} {_rate_of(report, target)} is {_instead(every, target)}{without}"
+    return f"{lead} {_rate_of(report, target)} is {_instead(every, target)}{without}"
 
 
 def _instead(errors: Sequence[Array], state: int) -> str:
@@ -106,8 +106,8 @@ def _lowers_nothing(report: EffectContents) -> str:
     """That no velocity is predicted better, and why, where that is to be expected."""
     subject = "they do" if len(report.effects) > 1 else "it does"
     reasons = dict.fromkeys(effect.placed.effect.lowers_nothing for effect in report.effects)
-    told = f"{subject} not lower the held-out error of any velocity"
-    return f"{told}, since {' and '.join(reasons)}" if all(reasons) else told
+    sentence = f"{subject} not lower the held-out error of any velocity"
+    return f"{sentence}, since {' and '.join(reasons)}" if all(reasons) else sentence
 
 
 def at_rest(report: EffectContents) -> str:
@@ -231,9 +231,9 @@ def _of_rollouts(errors: Sequence[float] | None) -> str:
     if errors is None:
         return ""
     before, after = errors
-    told = f", of rollouts {before:.3g} -> {after:.3g} of the spread of what was measured"
+    fall = f", of rollouts {before:.3g} -> {after:.3g} of the spread of what was measured"
     # An effect with which rollouts come nearer is refused only where one of them fails.
-    return told if after > before else f"{told}, but with it the simulation of one ends early"
+    return fall if after > before else f"{fall}, but with it the simulation of one ends early"
 
 
 # -- the text -------------------------------------------------------------------------------------
@@ -262,9 +262,9 @@ def report_lines(report: EffectContents) -> Iterator[str]:
     if report.dropped:
         yield dropped(report)
     when = [" without the effects", " with the effects"] if report.effects else [""]
-    for told, (_, leftover) in zip(when, leftovers(report), strict=False):
+    for whether, (_, leftover) in zip(when, leftovers(report), strict=False):
         for name, said in verdicts(leftover, report):
-            yield f"Left over of {name}{told}: {said}"
+            yield f"Left over of {name}{whether}: {said}"
     if report.effects:
         yield from _rollouts(report)
     if report.free_rollouts is not None:
@@ -305,11 +305,11 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
         verdict = "predicts as well" if formula.ties else "predicts worse"
         yield f"   formula: {formula.text}, {verdict}: {formula.error:.3g} of the error"
     for rival in effect.rivals:
-        told = f"{effect_title(rival, report)}, error {error(rival.error, effect.error_before)}"
+        entry = f"{effect_title(rival, report)}, error {error(rival.error, effect.error_before)}"
         if effect.kind == UnknownFunction.kind:
-            yield f"   near effect with a name: {told} instead of {effect.error_after:.4g}"
+            yield f"   near effect with a name: {entry} instead of {effect.error_after:.4g}"
         else:
-            yield f"   rival, as good on these data: {told}; to tell them apart: {rival.advice}"
+            yield f"   rival, as good on these data: {entry}; to tell them apart: {rival.advice}"
 
 
 def _rollouts(report: EffectContents) -> Iterator[str]:

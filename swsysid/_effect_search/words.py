@@ -81,9 +81,9 @@ def aside(report: EffectContents) -> str:
     share = one["n_rows"] / (report.n_search + report.n_held_out)
     if one["n_rows"] == 1:
         return f"1 row ({share:.1%}) has a gross error and is set aside."
-    told = f"{one['n_rows']} rows ({share:.1%}) have gross errors and are set aside"
+    gross = f"{one['n_rows']} rows ({share:.1%}) have gross errors and are set aside"
     if not one["n_together"]:
-        return f"{told}; no two of them follow each other."
+        return f"{gross}; no two of them follow each other."
     where = _where(one)
     place = (
         f"{one['n_together']} of them lie together in {one['n_trajectories']} "
@@ -97,21 +97,21 @@ def aside(report: EffectContents) -> str:
         times = [f"{begin:.4g} to {end:.4g}" for begin, end in event["intervals"]]
         once = len(times) == 1
         return (
-            f"{told}; {event['n_rows']} of them follow each other from {joined(times)} in "
+            f"{gross}; {event['n_rows']} of them follow each other from {joined(times)} in "
             f"trajectory {event['trajectory']}: another law acts for "
             f"{'that time' if once else 'these times'} ({probability(one['p_value'])}){beside}: "
             f"{'; '.join(event['law'])}. It is seen {'once' if once else f'{len(times)} times'}"
             f"{seen}."
         )
     if not one["is_finding"]:
-        return f"{told}; {place}."
+        return f"{gross}; {place}."
     # a place in which the usual law holds in more rows is not all that the other one needs
     others = report.n_search + report.n_held_out - one["n_together"]
     there = one["place"]
     few = there is not None and there["others"] * others <= there["n_rows"]
     when = "there" if few else "there at times" if where else "at times"
     return (
-        f"{told}; {place}: another law acts {when}, one more mode, "
+        f"{gross}; {place}: another law acts {when}, one more mode, "
         f"a stop or a collision ({probability(one['p_value'])})."
     )
 

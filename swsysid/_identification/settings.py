@@ -1,4 +1,4 @@
-"""What an identification is told, and the sizes and limits that no user should have to choose."""
+"""What an identification is asked for, and sizes and limits that no user should have to choose."""
 
 from __future__ import annotations
 

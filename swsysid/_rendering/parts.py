@@ -142,10 +142,10 @@ def figure(drawn: Figure, caption: str) -> str:
     drawn.savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
     plt.close(drawn)
     data = base64.b64encode(stream.getvalue()).decode("ascii")
-    told = escape(caption)
+    escaped = escape(caption)
     return (
-        f'<figure><img alt="{told}" src="data:image/png;base64,{data}">'
-        f"<figcaption>{told}</figcaption></figure>"
+        f'<figure><img alt="{escaped}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{escaped}</figcaption></figure>"
     )
 
 

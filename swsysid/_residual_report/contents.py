@@ -129,7 +129,7 @@ def table_of_sizes(sizes: Sequence[Size], whiteness: Sequence[Whiteness]) -> lis
     """How large the residuals are, and whether they are white."""
     p_values = {test.equation: test.p_value for test in whiteness}
     white = [p_values.get(size.equation) if size.mode is None else None for size in sizes]
-    told = ["<1e-16" if p is not None and p < 1e-16 else number(p, ".2g") for p in white]
+    values = ["<1e-16" if p is not None and p < 1e-16 else number(p, ".2g") for p in white]
     return text_table(
         [
             ("equation", "<8", [size.equation for size in sizes]),
@@ -139,7 +139,7 @@ def table_of_sizes(sizes: Sequence[Size], whiteness: Sequence[Whiteness]) -> lis
             ("noise", ">10", [number(size.noise_floor, ".3g") for size in sizes]),
             ("ratio", ">7", [number(size.ratio, ".3g") for size in sizes]),
             ("not noise", ">11", [number(size.explainable, ".0%") for size in sizes]),
-            ("white p", ">8", told),
+            ("white p", ">8", values),
         ]
     )
 

@@ -269,14 +269,14 @@ def _chosen(
             panels[test.channel] = _Panel(
                 tuple(axis_label(name, units) + ending for name in named),
                 tuple(channels[part] for part in parts),
-                _told(test),
+                _label(test),
             )
         if len(panels) == n_channels:
             break
     return list(panels.values())
 
 
-def _told(test: Finding) -> str:
+def _label(test: Finding) -> str:
     """What a test says of its channel; a picture that shows more is not contradicted."""
     what = f"{'' if test.aspect == 'mean' else 'spread: '}{test.share:.0%}, p<={test.p_value:.2g}"
     if test.direct:

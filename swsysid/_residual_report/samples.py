@@ -182,7 +182,9 @@ def collect(
         raise ValueError("the model predicts NaN or infinity on these rows; leave them out.")
     modes = None
     if hasattr(model, "predict_modes"):
-        modes = np.asarray(_told(model.predict_modes, frame, t=t, groups=groups, signals=channels))
+        modes = np.asarray(
+            _accepted(model.predict_modes, frame, t=t, groups=groups, signals=channels)
+        )
     named = [None] if groups is None else np.unique(labels("groups", groups)).tolist()
     samples = ResidualSamples.of(model, records, target, predicted, modes, named, X)
     return samples if window == 1 else samples.apart(window)
@@ -191,17 +193,19 @@ def collect(
 def _predicted(model: Predictor, X: ArrayLike, **extras: ArrayLike | None) -> Array:
     """Predictions as columns."""
     try:
-        predicted = numbers("the prediction of the model", _told(model.predict, X, **extras))
+        predicted = numbers("the prediction of the model", _accepted(model.predict, X, **extras))
     except NotFittedError:
         raise NotFittedError("the model is not fitted yet; call fit with data first.") from None
     return predicted[:, None] if predicted.ndim == 1 else predicted
 
 
-def _told(method: Callable, X: ArrayLike, **extras: ArrayLike | None) -> ArrayLike:
+def _accepted(method: Callable, X: ArrayLike, **extras: ArrayLike | None) -> ArrayLike:
     """What a method of the model answers; it is told what its signature asks for."""
     accepted = inspect.signature(method).parameters
-    told = {name: value for name, value in extras.items() if name in accepted and value is not None}
-    answer: ArrayLike = method(X, **told)
+    known = {
+        name: value for name, value in extras.items() if name in accepted and value is not None
+    }
+    answer: ArrayLike = method(X, **known)
     return answer
 
 

@@ -79,6 +79,8 @@ _MODULE_OF = {
 # Which metadata a user asks for, what `load_model` says, and what only a fit needs, are no part of
 # what a model knows.
 _LEFT_OUT = ("_metadata_request", "recording_", "_declared")
+# Attributes of records by the names that they had in files of earlier versions.
+_ONCE_CALLED = {("Records", "told"): "decoded_modes"}
 _PACKAGE = __name__.partition(".")[0] + "."
 
 
@@ -137,7 +139,12 @@ def made(kind: type, state: dict[str, object]) -> object:
     class does not have are a TypeError or a ValueError.
     """
     if is_dataclass(kind) or issubclass(kind, tuple):
-        return kind(**state)
+        return kind(
+            **{
+                _ONCE_CALLED.get((kind.__name__, name), name): value
+                for name, value in state.items()
+            }
+        )
     if not issubclass(kind, BaseEstimator):
         return _with_attributes(object.__new__(kind), state)
     known = signature(kind).parameters

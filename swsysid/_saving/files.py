@@ -193,9 +193,9 @@ def load_model(path: str | Path) -> BaseEstimator | HybridAutomaton:
     if unknown:
         raise ValueError(f"{path} holds a {type(model).__name__}, which is no model of swsysid.")
     if not same:
-        told = ", ".join(f"{name} {number}" for name, number in content["written_by"].items())
+        versions = ", ".join(f"{name} {number}" for name, number in content["written_by"].items())
         raise ValueError(
-            f"{path} predicts other velocities here than where it was written (with {told}); "
+            f"{path} predicts other velocities here than where it was written (with {versions}); "
             "install these versions, or fit the model again."
         )
     vars(model)["recording_"] = recording  # an automaton has no other way
@@ -298,16 +298,16 @@ def _probe(model: object) -> Told:
             return None
 
 
-def _finds_again(model: object, told: Told) -> bool:
+def _finds_again(model: object, versions: Told) -> bool:
     """Whether the model predicts what it predicted where it was written."""
-    if told is None:
+    if versions is None:
         return True
     found = _probe(model)
-    if found is None or len(found) != len(told):
+    if found is None or len(found) != len(versions):
         return False
-    if not all(isinstance(value, float) for value in told):
-        return found == told
-    return bool(np.allclose(found, told, rtol=_PROBE_TOLERANCE, atol=1e-300, equal_nan=True))
+    if not all(isinstance(value, float) for value in versions):
+        return found == versions
+    return bool(np.allclose(found, versions, rtol=_PROBE_TOLERANCE, atol=1e-300, equal_nan=True))
 
 
 def _predicting(model: object) -> Any:

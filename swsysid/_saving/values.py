@@ -122,16 +122,16 @@ def _refusal(where: str, what: str) -> str:
     )
 
 
-def _read(told: Any, known: list[object]) -> Any:
+def _read(written: Any, known: list[object]) -> Any:
     """The value of some JSON; `known` are the objects that the table has had so far."""
-    if isinstance(told, list):
-        return [_read(part, known) for part in told]
-    if not isinstance(told, dict):
-        return told
-    if "shape" in told:
-        values = _array_of(told)
+    if isinstance(written, list):
+        return [_read(part, known) for part in written]
+    if not isinstance(written, dict):
+        return written
+    if "shape" in written:
+        values = _array_of(written)
         return values if values.shape else values[()]
-    ((kind, inner),) = told.items()
+    ((kind, inner),) = written.items()
     match kind:
         case "object" if type(inner) is int and inner >= 0:
             return known[inner]
@@ -161,7 +161,7 @@ def _read(told: Any, known: list[object]) -> Any:
             return set(values) if kind == "set" else frozenset(values)
         case "enum" if issubclass(kind_of := class_named(inner[0]), Enum):
             return kind_of[inner[1]]
-    raise ValueError(f"{told!r} stands for nothing")
+    raise ValueError(f"{written!r} stands for nothing")
 
 
 def _json_of_float(value: float) -> float | dict[str, str]:
@@ -192,30 +192,30 @@ def _json_of_array(values: NDArray) -> dict[str, Any]:
     if values.dtype.kind not in _KINDS:
         raise TypeError(f"an array of type {values.dtype}")
     ordered = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False)
-    told = {"type": ordered.dtype.str, "shape": shape}
+    written = {"type": ordered.dtype.str, "shape": shape}
     is_number = values.dtype.kind in "biuf"
     if ordered.size <= _SHORT and (not is_number or bool(np.isfinite(ordered).all())):
-        return {"array": ordered.ravel().tolist(), **told}
-    return {"bytes": base64.b64encode(ordered.tobytes()).decode("ascii"), **told}
+        return {"array": ordered.ravel().tolist(), **written}
+    return {"bytes": base64.b64encode(ordered.tobytes()).decode("ascii"), **written}
 
 
-def _array_of(told: dict[str, Any]) -> NDArray:
+def _array_of(written: dict[str, Any]) -> NDArray:
     """The array of a JSON object."""
-    shape = tuple(told["shape"])
+    shape = tuple(written["shape"])
     if not all(type(length) is int and length >= 0 for length in shape):
         raise ValueError(f"the shape {shape} of an array")
-    if told["type"] == "object":
-        if not all(type(entry) is str for entry in told["array"]):
+    if written["type"] == "object":
+        if not all(type(entry) is str for entry in written["array"]):
             raise ValueError("an array of text with other entries")
-        values = np.empty(len(told["array"]), dtype=object)
-        values[:] = told["array"]
+        values = np.empty(len(written["array"]), dtype=object)
+        values[:] = written["array"]
         return values.reshape(shape)
-    dtype = np.dtype(str(told["type"]))
+    dtype = np.dtype(str(written["type"]))
     if dtype.kind not in _KINDS:
-        raise ValueError(f"the type {told['type']} of an array")
-    if "bytes" in told:
-        values = np.frombuffer(base64.b64decode(told["bytes"], validate=True), dtype=dtype)
+        raise ValueError(f"the type {written['type']} of an array")
+    if "bytes" in written:
+        values = np.frombuffer(base64.b64decode(written["bytes"], validate=True), dtype=dtype)
     else:
-        values = np.array(told["array"], dtype=dtype)
+        values = np.array(written["array"], dtype=dtype)
     # a copy, since what lies over bytes cannot be written to
     return values.reshape(shape).astype(dtype.newbyteorder("="))

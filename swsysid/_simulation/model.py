@@ -174,8 +174,8 @@ def _sides(number: int, surface: WithEquations, style: str) -> str:
         + (f"${name} {relation} 0$" if style == "latex" else f"{name} {relation} 0")
         for modes, relation in zip(listed, "<>", strict=True)
     ]
-    told = f"({'; '.join(parts)})"
-    return rf" \quad \text{{{told}}}" if style == "latex" else f"   {told}"
+    conditions = f"({'; '.join(parts)})"
+    return rf" \quad \text{{{conditions}}}" if style == "latex" else f"   {conditions}"
 
 
 def fitted_system(model: object) -> SwitchingModel:

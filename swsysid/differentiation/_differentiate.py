@@ -161,8 +161,8 @@ def differentiate(
                 if too_short != "drop" and len(stretches) == 1:
                     raise ValueError(f"Trajectory {label!r} {error}") from None
                 if np.ptp(times[index]) >= record.brief:
-                    told = states[index], signals[index], times[index], labels[index]
-                    pieces += _between_samples(*told, order)
+                    piece = states[index], signals[index], times[index], labels[index]
+                    pieces += _between_samples(*piece, order)
                 continue
             kept = index[trim : len(index) - trim]
             extra = signals[kept]

@@ -111,13 +111,13 @@ class _Jumps:
 
 def _jumps(records: Records, velocity: Array, modes: Modes, target: int) -> _Jumps | None:
     """Moves of a state that its velocity cannot explain; None if they are few or of many kinds."""
-    if records.told is None:
+    if records.decoded_modes is None:
         return _surprising(records, velocity, modes, target)
     return _between_stays(records, velocity, modes, target)
 
 
 def _between_stays(records: Records, velocity: Array, modes: Modes, target: int) -> _Jumps | None:
-    """Moves between the stays that measured states have told, of the likeliest kind of crossing.
+    """Moves between the stays that measured states show, of the likeliest kind of crossing.
 
     Both states are carried to the middle, :math:`x + h v + h^2 a / 2`, with the acceleration of
     their own stay. The instant of a switch is not known better than that, and a later one is worth

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from numpy.typing import ArrayLike
 
 from swsysid._checks.parameters import flag, one_of, verbosity, whole
-from swsysid._fitting import told_in_words
+from swsysid._fitting import failing_in_words
 from swsysid._rendering.progress import progress
 from swsysid._results import Array
 from swsysid._simulation.model import FittedModel
@@ -31,7 +31,7 @@ class Stateable(Protocol):
         """A copy with the numbers of what `stated` has given."""
 
 
-@told_in_words
+@failing_in_words
 def refine(
     model: FittedModel | Stateable,
     trajectories: Recording | Iterable[Recording],
@@ -158,7 +158,7 @@ def refine(
     return replace(result, model=model.with_numbers_of(result.model))
 
 
-@told_in_words
+@failing_in_words
 def initial_states(
     model: FittedModel | Stateable,
     trajectories: Recording | Iterable[Recording],

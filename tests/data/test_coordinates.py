@@ -22,7 +22,7 @@ from swsysid import (
     load_model,
     save_model,
 )
-from swsysid._data.coordinates import data_polynomials, names_told_apart
+from swsysid._data.coordinates import data_polynomials, distinct_names
 from swsysid._data.features import FeatureMap
 
 RNG = np.random.default_rng(0)
@@ -107,7 +107,7 @@ def test_columns_that_a_step_changed_are_told_apart(library, names):
 def test_names_that_are_so_stay_and_features_in_between_are_no_polynomials():
     box = np.array([[1.0, -1.0], [2.0, 1.0]])
     library = PolynomialFeatures(2).fit(box)
-    assert names_told_apart(library, ["x", "v"], box) == ["1", "x", "v", "x^2", "x v", "v^2"]
+    assert distinct_names(library, ["x", "v"], box) == ["1", "x", "v", "x^2", "x v", "v^2"]
     assert data_polynomials(lambda points: np.abs(points), box) is None
     assert data_polynomials(lambda points: np.sin(points), box) is None
     found = data_polynomials(lambda points: (points[:, :1] - 3.0) ** 2, box)

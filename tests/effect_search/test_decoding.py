@@ -33,8 +33,8 @@ def measured(effect, system, seed):
 @pytest.mark.parametrize("system", ["oscillator", "two_mass"])
 def test_states_tell_their_modes_whatever_the_guard(system, effect):
     data, found = measured(effect, system, seed=100)
-    sure = found.records.told >= 0
-    told = found.records.told[sure]
+    sure = found.records.decoded_modes >= 0
+    told = found.records.decoded_modes[sure]
     right = max(np.mean(told == data.modes[sure]), np.mean(told != data.modes[sure]))
     assert right > 0.98 and sure.mean() > 0.8
     # every window is in one true mode, but for few whose switch was told far too late
@@ -98,7 +98,7 @@ def crossings(jump, seed=0):
     records = make_records(
         (x + 1e-4 * rng.standard_normal(x.shape))[:, None], 1, t=t, groups=groups, names=["x"]
     )
-    return replace(records, told=told), velocity[:, None], told
+    return replace(records, decoded_modes=told), velocity[:, None], told
 
 
 def test_what_bends_between_two_stays_is_no_reset():

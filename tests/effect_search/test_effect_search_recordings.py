@@ -10,7 +10,7 @@ from benchmarks.undeclared.cells import recorded as drawn_recording
 from benchmarks.undeclared.fresh import Drawn
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid._effect_model.joint_fit import fit_jointly, with_told_surface
+from swsysid._effect_model.joint_fit import fit_jointly, with_decoded_surface
 from swsysid._effect_model.models import declared_model
 from swsysid._effect_search.recording import _longest, from_states
 from swsysid._effect_search.rollouts import errors_of_all
@@ -209,11 +209,11 @@ def test_the_surface_lies_between_all_modes_that_the_states_tell():
 def test_modes_that_were_told_before_one_more_was_found_move_no_surface():
     """A model of three modes in a record whose states tell two."""
     declared, measured = tanks_as_measured()
-    assert measured.records.told.max() == 1
+    assert measured.records.decoded_modes.max() == 1
     seen, rows = measured.records, measured.rows
     three = fit_jointly(declared.with_modes(3), (), seen, rows, measured.targets[rows])
     assert three.n_modes == 3
-    assert with_told_surface(three, seen, rows) is three
+    assert with_decoded_surface(three, seen, rows) is three
 
 
 def test_modes_told_by_laws_that_lack_an_effect_move_no_surface():
@@ -221,9 +221,9 @@ def test_modes_told_by_laws_that_lack_an_effect_move_no_surface():
     declared, measured = tanks_as_measured()
     seen, rows = measured.records, measured.rows
     fit = fit_jointly(declared.with_modes(2), (), seen, rows, measured.targets[rows])
-    assert with_told_surface(fit, seen, rows) is not fit  # those that the states do tell
+    assert with_decoded_surface(fit, seen, rows) is not fit  # those that the states do tell
     by_the_input = (seen.X[:, 2] > np.median(seen.X[:, 2])).astype(np.intp)
-    assert with_told_surface(fit, replace(seen, told=by_the_input), rows) is fit
+    assert with_decoded_surface(fit, replace(seen, decoded_modes=by_the_input), rows) is fit
 
 
 def test_a_window_leaves_a_mode_of_short_stays_rows_enough():

@@ -61,7 +61,7 @@ def test_an_input_without_noise_lowers_errors_by_being_quiet(measured):
     # a lag of the heater's power tells H more quietly than H itself, and is no effect
     model, found = measured
     quiet = PlacedEffect(Lag(), place=2, target=0, theta=(6.0,))
-    own = found.targets[found.rows], found.records.told[found.rows]
+    own = found.targets[found.rows], found.records.decoded_modes[found.rows]
     fits = [fit_jointly(model, terms, found.records, found.rows, *own) for terms in ((), (quiet,))]
     left = [np.std((found.targets - fit.predict(found.records))[found.rows, 0]) for fit in fits]
     noise = [found.noise.errors(fit, found.records, found.rows)[0] for fit in fits]

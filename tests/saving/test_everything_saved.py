@@ -208,7 +208,7 @@ def test_records_of_all_kinds_come_back():
 
 def test_a_record_is_found_where_its_room_keeps_it_today():
     was = "swsysid._automaton_search.a_file_of_an_earlier_version.Certificate"
-    state = {"answer": 0.25, "lower_bound": 0.125}
+    state = {"margin": 0.25, "largest": 0.5}
     assert read_objects([{"class": was, "state": state}]) == Certificate(**state)
 
 

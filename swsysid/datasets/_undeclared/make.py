@@ -202,7 +202,7 @@ def planted_record(
             values = further.coefficients[0] * part.structure[:, -1]
             channels = channels_of(plant, unlisted, further.target)
             part.unlisted = UnlistedEffect(unlisted, further.target, mode, channels, values)
-    data.update(effects=_told(kinds, targets, mode, planted), **_declared(plant))
+    data.update(effects=_planted_effects(kinds, targets, mode, planted), **_declared(plant))
     return data
 
 
@@ -220,7 +220,7 @@ def _halves(n_samples: int, n_trajectories: int) -> list[tuple[Rows, tuple[Rows,
     return [(groups, (times, 2 * groups + first)) for first in (0, 1)]
 
 
-def _told(
+def _planted_effects(
     kinds: Sequence[str], targets: Sequence[int], mode: int | None, planted: Sequence[Planted]
 ) -> tuple[PlantedEffect, ...]:
     """The effects as the caller is told of them."""
