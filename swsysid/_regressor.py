@@ -11,10 +11,9 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.scores import ScoredByR2
 from swsysid._data.sources import over_blocks
 from swsysid._fitting import whole_or_nothing
-from swsysid._identification.answer import Answer, answer_of_all, answer_of_many
-from swsysid._identification.calibration import attach_likelihood
 from swsysid._identification.doubts import Doubts, examine, warn_about
-from swsysid._identification.identify import identify
+from swsysid._identification.identify import Answer, answer_of_all, answer_of_many, identify
+from swsysid._identification.problem import attach_likelihood
 from swsysid._identification.settings import IdentificationSettings
 from swsysid._identification.setup import (
     TrainingRows,

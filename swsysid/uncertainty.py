@@ -17,8 +17,8 @@ from swsysid._checks.parameters import MOST_RESAMPLES, jobs, random_numbers, rea
 from swsysid._data.rows import CanonicalRows
 from swsysid._data.trajectories import group_labels
 from swsysid._fitting import failing_in_words
-from swsysid._identification.calibration import calibrate
 from swsysid._identification.descent import alternate
+from swsysid._identification.problem import calibrate
 from swsysid._identification.setup import build_problem
 from swsysid._losses import get_loss
 from swsysid._regressor import SwitchingSystemRegressor

@@ -15,7 +15,7 @@ from benchmarks.automata.found import Found, Guard, Rollout
 from benchmarks.automata.plant import Array, Plant
 from benchmarks.automata.recordings import Campaign
 from benchmarks.automata.truth import Crossing
-from swsysid._data.matching import best_matching, contingency
+from swsysid.metrics._modes import best_matching, contingency
 
 __all__ = ["FIGURES", "figures"]
 

@@ -10,8 +10,8 @@ import numpy as np
 from benchmarks.trajectories.plants import PLANTS, Plant
 from benchmarks.trajectories.recordings import Campaign, Scenario, record
 from swsysid import TrajectoryIdentifier
-from swsysid._data.matching import best_matching, contingency
 from swsysid.metrics import balanced_mode_accuracy
+from swsysid.metrics._modes import best_matching, contingency
 
 __all__ = ["figures", "of_recordings"]
 

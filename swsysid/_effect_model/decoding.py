@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_search.jumps import jumps_of
 from swsysid._data.records import Records
+from swsysid._effect_model.declared import SETTINGS as MODEL
 from swsysid._effect_model.declared import Added, FittedLaws, Modes
-from swsysid._effect_model.settings import SETTINGS as MODEL
 from swsysid._noise import exact_below, robust_scale
 from swsysid._results import Array
 from swsysid._stays.assign import assign, disturbances

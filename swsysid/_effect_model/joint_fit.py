@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from swsysid._data.matching import best_matching, contingency
 from swsysid._data.records import Records
-from swsysid._effect_model.declared import Declared, FittedLaws, Modes
+from swsysid._effect_model.declared import SETTINGS, Declared, FittedLaws, Modes
 from swsysid._effect_model.decoding import modes_of_velocities
 from swsysid._effect_model.models import laws_of
-from swsysid._effect_model.settings import SETTINGS
 from swsysid._effect_model.velocities import (
     as_shown,
     as_they_were,
@@ -28,6 +26,7 @@ from swsysid._noise import robust_regression
 from swsysid._results import Array, GuardWarning
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
 from swsysid.effects._placed import corrected, late_records
+from swsysid.metrics._modes import best_matching, contingency
 
 
 @dataclass(frozen=True)

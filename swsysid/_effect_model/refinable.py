@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swsysid._effect_model.declared import SwitchingLaws
+from swsysid._effect_model.declared import SETTINGS, SwitchingLaws
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_model.models import laws_of
-from swsysid._effect_model.settings import SETTINGS
 from swsysid._effect_model.simulation import n_signals
 from swsysid._pipelines import steps_before
 from swsysid._results import Array

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
-from swsysid._effect_model.declared import Declared, FittedDeclared, Modes
+from swsysid._effect_model.declared import SETTINGS, Declared, FittedDeclared, Modes
 from swsysid._effect_model.models import laws_of
-from swsysid._effect_model.settings import SETTINGS
 from swsysid._noise import robust_regression
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect

@@ -16,7 +16,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.matching import best_matching, contingency
 from swsysid._data.records import Records
 from swsysid._effect_model.equations import guards_with_effects, laws_with_effects
 from swsysid._effect_model.joint_fit import JointFit, known_modes
@@ -24,6 +23,7 @@ from swsysid._effect_search.coloured_noise import Stretches, in_trajectories, ro
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.settings import REPORT
 from swsysid._results import Array
+from swsysid.metrics._modes import best_matching, contingency
 
 Modes = NDArray[np.intp]
 Mask = NDArray[np.bool_]

@@ -15,10 +15,8 @@ from sklearn.model_selection import StratifiedKFold
 
 from swsysid._checks.estimators import column_names
 from swsysid._data.rows import spread_rows
-from swsysid._identification.answer import Answer
-from swsysid._identification.calibration import calibrate
-from swsysid._identification.identify import Identification
-from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._identification.identify import Answer, Identification
+from swsysid._identification.problem import Modes, SwitchingProblem, calibrate
 from swsysid._identification.settings import GuardSettings, Parameters
 from swsysid._identification.setup import TrainingRows
 from swsysid._results import Array, GuardWarning, IdentificationWarning, MisfitWarning, Status

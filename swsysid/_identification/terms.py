@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
 
-from swsysid._identification.calibration import log_densities
 from swsysid._identification.descent import AlternateFrom, Alternation
-from swsysid._identification.problem import Modes, SwitchingProblem
+from swsysid._identification.problem import Modes, SwitchingProblem, log_densities
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._surfaces.relevance import Relevance, feature_relevance

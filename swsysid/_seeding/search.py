@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.matching import best_matching, contingency
 from swsysid._data.rows import thinned_rows
 from swsysid._noise import NORMAL, Noise, weighted_quantile
 from swsysid._results import Array
@@ -16,6 +15,7 @@ from swsysid._seeding.experts import Experts, Samples, em, initial_experts, sing
 from swsysid._seeding.misfit import shared_residual
 from swsysid._seeding.settings import DEFAULTS, SeedingSettings
 from swsysid._seeding.starts import Scene, draw_labels, law_labels
+from swsysid.metrics._modes import best_matching, contingency
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,13 @@ from scipy.optimize import brentq, minimize_scalar
 
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.inputs import DENSE_DEGREES, METHODS, Options, Signal, Stretch
-from swsysid._simulation.settings import SETTINGS
-from swsysid._simulation.system import FAILURES, GuardedLaws, GuardedSystem, SimulationEnded
+from swsysid._simulation.system import (
+    FAILURES,
+    SETTINGS,
+    GuardedLaws,
+    GuardedSystem,
+    SimulationEnded,
+)
 
 
 @dataclass

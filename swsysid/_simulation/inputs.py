@@ -19,8 +19,7 @@ from swsysid._checks.parameters import one_of, real, whole
 from swsysid._data.coordinates import Extent
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid._simulation.settings import SETTINGS
-from swsysid._simulation.system import Scales, SwitchingSystem
+from swsysid._simulation.system import SETTINGS, Scales, SwitchingSystem
 from swsysid.effects import PlacedEffect
 
 Signal = Callable[[float], Array]

@@ -24,8 +24,7 @@ from swsysid._simulation.inputs import (
     probe,
     stretches,
 )
-from swsysid._simulation.settings import SETTINGS
-from swsysid._simulation.system import GuardedSystem, SimulationEnded, SwitchingSystem
+from swsysid._simulation.system import SETTINGS, GuardedSystem, SimulationEnded, SwitchingSystem
 
 
 def simulate(

@@ -16,9 +16,8 @@ from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.effect_system import EffectSystem
 from swsysid._simulation.events import History, last_and_next
 from swsysid._simulation.inputs import Options, Signal, Stretch
-from swsysid._simulation.settings import SETTINGS
 from swsysid._simulation.simulate import sliding_share
-from swsysid._simulation.system import FAILURES, SimulationEnded
+from swsysid._simulation.system import FAILURES, SETTINGS, SimulationEnded
 
 
 def runge_kutta(field: Callable[[Array, float], Array], x: Array, step: float | Array) -> Array:

@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.matching import best_matching, contingency
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.affine import laws_of
@@ -44,6 +43,7 @@ from swsysid._stays.surfaces import (
 )
 from swsysid._stays.visits import Turns, with_visits, without_visits
 from swsysid._ties import least_of
+from swsysid.metrics._modes import best_matching, contingency
 
 
 class Alternation:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._classifier import PolynomialSurfaceClassifier
-from swsysid._data.matching import best_matching, contingency
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.descent import Reached, most_likely_with_guards
 from swsysid._stays.guards import Guards
@@ -19,6 +18,7 @@ from swsysid._stays.samples import Samples, modes_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.start import named
 from swsysid._surfaces.surface import is_linear, solves_margin_program, takes_relevance
+from swsysid.metrics._modes import best_matching, contingency
 
 
 def with_surface(

@@ -1,6 +1,7 @@
 """The paper's three systems, generated with their exact derivatives, modes and coefficients.
 
-They have polynomial vector fields and a polynomial guard, and are known exactly.
+They have polynomial vector fields and a polynomial guard, and are known exactly. Velocities get
+noise and gross errors.
 """
 
 from __future__ import annotations
@@ -9,15 +10,18 @@ import inspect
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.random import RandomState
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils import Bunch
 
 from swsysid._checks.parameters import one_of, random_numbers, real, whole
 from swsysid._results import Array
-from swsysid.datasets._disturbance import MOST_ROWS, check_disturbance, disturbed
 from swsysid.refinement import StatedModel, StatedSurface
 from swsysid.refinement._steps import cross_exactly, switched_step
 from swsysid.refinement._system import Maps, ParameterSets, RowSystem
+
+# Gigabytes of rows: more are no data set to try something on.
+MOST_ROWS = 10**8
 
 
 def make_damped_oscillator(
@@ -353,3 +357,27 @@ def integrate_grid(model: StatedModel, x0: Array, n_steps: int, step: float) -> 
         )
         states.append(x)
     return np.stack(states, axis=1)
+
+
+def check_disturbance(noise: float, outliers: float, kind: str = "gaussian") -> None:
+    """Refuse what is no noise."""
+    real("noise", noise, least=0)
+    real("outliers", outliers, least=0, most=1)
+    one_of("noise_kind", kind, ("gaussian", "student"))
+
+
+def disturbed(
+    clean: Array, noise: float, outliers: float, rng: RandomState, kind: str = "gaussian"
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Velocities with noise and gross errors, and which rows have the latter.
+
+    Both are relative to the standard deviation of each column; ``"student"`` is t-distributed
+    with 3 degrees of freedom.
+    """
+    spread = clean.std(axis=0)
+    student = kind == "student"
+    drawn = rng.standard_t(3, clean.shape) if student else rng.standard_normal(clean.shape)
+    hit = np.zeros(len(clean), dtype=bool)
+    hit[rng.permutation(len(clean))[: round(outliers * len(clean))]] = True
+    gross = 5.0 * spread * rng.standard_normal(clean.shape)  # as the docstrings of users say
+    return clean + noise * spread * drawn + np.where(hit[:, np.newaxis], gross, 0.0), hit

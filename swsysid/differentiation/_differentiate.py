@@ -23,10 +23,17 @@ from numpy.typing import ArrayLike, NDArray
 from swsysid._checks.arrays import names_of, table
 from swsysid._checks.parameters import flag, one_of, real, whole
 from swsysid._data.trajectories import group_labels, trajectories
-from swsysid.differentiation._counting import at_rest, loudness, thinned, warn_of_counting
+from swsysid.differentiation._counting import warn_of_counting
 from swsysid.differentiation._derivatives import Derivatives, rates_appended
 from swsysid.differentiation._noise import noise_in
-from swsysid.differentiation._record import Record, measured_rows, record_of
+from swsysid.differentiation._record import (
+    Record,
+    at_rest,
+    loudness,
+    measured_rows,
+    record_of,
+    thinned,
+)
 from swsysid.differentiation._sensors import inspect_sensors
 from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array, TooShortError

@@ -1,6 +1,6 @@
 """How good is an identified switching system: modes, velocities, rollouts, surfaces, scorers."""
 
-from swsysid.metrics._errors import RolloutErrors, rollout_errors, velocity_rmse
+from swsysid.metrics._errors import RolloutErrors, rollout_errors, surface_distance, velocity_rmse
 from swsysid.metrics._modes import (
     ModeReliability,
     balanced_mode_accuracy,
@@ -10,7 +10,6 @@ from swsysid.metrics._modes import (
     mode_reliability,
 )
 from swsysid.metrics._scorers import mode_accuracy_scorer, mode_consistency_scorer
-from swsysid.metrics._surfaces import surface_distance
 
 __all__ = [
     "ModeReliability",

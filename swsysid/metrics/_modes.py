@@ -10,12 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from swsysid._checks.arrays import labels, table
 from swsysid._checks.parameters import whole
-from swsysid._data.matching import best_matching, contingency
 from swsysid._data.rows import check_sample_weight
 from swsysid._results import Array
+
+Labels = NDArray[np.intp]
 
 
 def mode_accuracy(modes_true, modes_pred, sample_weight=None) -> float:
@@ -222,3 +225,24 @@ def mode_reliability(
     error = float(np.abs(claimed - observed).sum() / count.sum())
     filled = np.where(count > 0.0, count, np.nan)
     return ModeReliability(edges, claimed / filled, observed / filled, count, error)
+
+
+def contingency(
+    first: Labels, second: Labels, weight: Array | None = None, shape: tuple[int, int] | None = None
+) -> Array:
+    """Weight of the rows of each pair of labels; square if no shape is given.
+
+    >>> contingency(np.array([0, 0, 1]), np.array([1, 1, 1]))
+    array([[0., 2.],
+           [0., 1.]])
+    """
+    n = int(max(first.max(), second.max())) + 1
+    n_rows, n_columns = (n, n) if shape is None else shape
+    flat = np.bincount(first * n_columns + second, weight, n_rows * n_columns)
+    return flat.reshape(n_rows, n_columns).astype(float)
+
+
+def best_matching(gains: Array) -> tuple[Labels, Labels]:
+    """Rows and columns of the one-to-one matching with the largest sum of gains."""
+    rows, columns = linear_sum_assignment(gains, maximize=True)
+    return rows, columns

@@ -14,10 +14,10 @@ from lagged_plants import (
     thermostat,
 )
 
-from swsysid._data.matching import best_matching, contingency
 from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows
 from swsysid._discrete_stays.settings import SETTINGS
+from swsysid.metrics._modes import best_matching, contingency
 from swsysid.refinement._trajectories import Record
 
 EXACT = 1e-9  # of a coefficient, with clean data

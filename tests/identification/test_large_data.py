@@ -9,7 +9,7 @@ from sklearn.base import clone
 from sklearn.linear_model import LogisticRegression
 
 from swsysid import PolynomialSurfaceClassifier
-from swsysid._identification import answer as passes
+from swsysid._identification import identify as passes
 from swsysid._surfaces.margin_program import MarginProgram, fit_surface
 from swsysid.metrics import mode_accuracy
 from swsysid.relaxations._certificates import certify

@@ -12,16 +12,16 @@ from functools import partial
 import numpy as np
 
 from swsysid._results import Array
-from swsysid.datasets._undeclared.mechanisms import (
+from swsysid.datasets._undeclared.records import (
     Actuator,
     ExtraMode,
     Mechanism,
+    Plant,
     Quantiser,
     Reset,
     Sensor,
     late,
 )
-from swsysid.datasets._undeclared.records import Plant
 from swsysid.datasets._undeclared.simulation import Planted, Sizing
 
 

@@ -12,7 +12,7 @@ from sklearn.utils import Bunch
 from swsysid._checks.parameters import one_of, random_numbers, real, shown, whole
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
-from swsysid.datasets._disturbance import MOST_ROWS, check_disturbance, disturbed
+from swsysid.datasets._generated import MOST_ROWS, check_disturbance, disturbed
 from swsysid.datasets._undeclared.kinds import KINDS
 from swsysid.datasets._undeclared.plants import PLANTS
 from swsysid.datasets._undeclared.records import SETTINGS, Plant, PlantedEffect

@@ -15,8 +15,15 @@ from numpy.random import RandomState
 
 from swsysid._results import Array
 from swsysid._simulation.stepping import runge_kutta
-from swsysid.datasets._undeclared.mechanisms import Mechanism, Terms
-from swsysid.datasets._undeclared.records import SETTINGS, Drive, Equation, Modes, Plant
+from swsysid.datasets._undeclared.records import (
+    SETTINGS,
+    Drive,
+    Equation,
+    Mechanism,
+    Modes,
+    Plant,
+    Terms,
+)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swsysid._results import Array
-from swsysid.datasets._undeclared.mechanisms import Terms
-from swsysid.datasets._undeclared.records import SETTINGS, Equation, Plant
+from swsysid.datasets._undeclared.records import SETTINGS, Equation, Plant, Terms
 from swsysid.datasets._undeclared.simulation import Sizing
 
 
