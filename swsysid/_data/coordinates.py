@@ -237,9 +237,9 @@ class Monomials:
         self.powers = powers
         columns = np.arange(powers.shape[1])
         self.factors = [np.repeat(columns, row).tolist() for row in powers]
-        places = {tuple(factors): place for place, factors in enumerate(self.factors)}
+        index = {tuple(factors): place for place, factors in enumerate(self.factors)}
         # the monomial without its first factor, if it comes earlier
-        rest = [places.get(tuple(factors[1:])) for factors in self.factors]
+        rest = [index.get(tuple(factors[1:])) for factors in self.factors]
         self.rest = [
             earlier if earlier is not None and earlier < place else None
             for place, earlier in enumerate(rest)

@@ -52,10 +52,10 @@ def places_along(groups: NDArray) -> Array:
     >>> places_along(np.array(["b", "a", "b"]))
     array([0., 0., 1.])
     """
-    places = np.empty(len(groups))
+    indices = np.empty(len(groups))
     for _, rows in trajectories(groups):
-        places[rows] = np.arange(len(rows))
-    return places
+        indices[rows] = np.arange(len(rows))
+    return indices
 
 
 # of a usual step: how long after the left limit of an event its right one counts, and what is one

@@ -67,12 +67,12 @@ class Windows:
 
     @cached_property
     def _matrices(self) -> tuple[csr_matrix, csr_matrix, csr_matrix]:
-        places, parts = [], []
+        indices, parts = [], []
         for rows in self._alike():
             times = self.t[rows.around]
             parts.append([one.ravel() for one in _weights(times, rows.place, self.degree)])
-            places.append((np.repeat(rows.rows, times.shape[1]), rows.around.ravel()))
-        row, column = (np.concatenate(one) for one in zip(*places, strict=True))
+            indices.append((np.repeat(rows.rows, times.shape[1]), rows.around.ravel()))
+        row, column = (np.concatenate(one) for one in zip(*indices, strict=True))
         shape = len(self.t), len(self.t)
         values, slopes, means = (
             csr_matrix((np.concatenate(one), (row, column)), shape=shape)

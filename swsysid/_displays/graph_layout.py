@@ -61,8 +61,8 @@ def node_boxes(sizes: Sequence[Array], label: Array) -> list[Box]:
     angles = start - 2 * np.pi * np.arange(n_nodes) / n_nodes
     # neighbours are a chord 2 r sin(pi / n) apart
     largest = np.max(sizes, axis=0)
-    apart = largest + (label + 3 * _GAP) * ([1.0, 1.0] if n_nodes == 2 else [1.0, 1.6])
-    radii = apart / (2 * np.sin(np.pi / n_nodes))
+    distance = largest + (label + 3 * _GAP) * ([1.0, 1.0] if n_nodes == 2 else [1.0, 1.6])
+    radii = distance / (2 * np.sin(np.pi / n_nodes))
     places = radii * np.column_stack([np.cos(angles), np.sin(angles)])
     return [Box(place, size) for place, size in zip(places, sizes, strict=True)]
 

@@ -210,8 +210,8 @@ def _filled(modes: Modes, trajectories: Sequence[NDArray[np.intp]]) -> Modes:
     for rows in trajectories:
         known = np.flatnonzero(modes[rows] >= 0)
         if len(known):
-            places = np.searchsorted(known, np.arange(len(rows)), side="right") - 1
-            filled[rows] = modes[rows][known[np.maximum(places, 0)]]
+            indices = np.searchsorted(known, np.arange(len(rows)), side="right") - 1
+            filled[rows] = modes[rows][known[np.maximum(indices, 0)]]
     return filled
 
 
@@ -223,15 +223,17 @@ def identified(
     `added` (n_modes, n_samples, n_states) is what effects add to the velocities.
     """
     states, inputs = np.split(records.X, [records.n_states], axis=1)
-    beside = np.empty((len(records), 0)) if added is None else _columns(added)
-    inputs = np.column_stack([inputs, beside])
+    columns = np.empty((len(records), 0)) if added is None else _columns(added)
+    inputs = np.column_stack([inputs, columns])
     found = clone(estimator).fit(
         states, records.t, records.groups, inputs if inputs.shape[1] else None
     )
     automaton: HybridAutomaton = found.automaton_
-    if not beside.shape[1]:
+    if not columns.shape[1]:
         return automaton
-    return _Apart(found, replace(records, X=np.hstack([states, inputs])), beside.shape[1]).reduced()
+    return _Apart(
+        found, replace(records, X=np.hstack([states, inputs])), columns.shape[1]
+    ).reduced()
 
 
 def _columns(added: Array) -> Array:

@@ -56,8 +56,8 @@ def decoded(
     sure[np.concatenate([np.empty(0, np.intp), *long])] = True
     if len(laws.coef) == 1 or not long:
         return Decoded(modes, sure, stretches)
-    beside = added(records.with_columns(states))
-    recordings, own = _recordings(records, states, beside, long), _laws(laws, states)
+    rates = added(records.with_columns(states))
+    recordings, own = _recordings(records, states, rates, long), _laws(laws, states)
     parts = [records.X[rows, : records.n_states] for rows in long]
     noise = np.maximum(noise_in(parts, np.zeros(records.n_states)), _LEAST_NOISE * own.spread)
     found = assign(
@@ -71,7 +71,7 @@ def decoded(
     )
     ends = np.concatenate([found.modes[:1], found.modes])
     modes[np.concatenate(long)] = recordings.joined(ends)
-    sure &= _sure(modes, own, noise, records, np.hstack([states, *beside]), long)
+    sure &= _sure(modes, own, noise, records, np.hstack([states, *rates]), long)
     return Decoded(modes, sure, stretches, found.filter.disturbance[None])
 
 
@@ -102,14 +102,14 @@ def _sure(
     sure, n, t = np.ones(len(modes), dtype=bool), records.n_states, records.t
     assert t is not None
     for rows in stretches:
-        places = np.flatnonzero(np.diff(modes[rows]))
-        x, u = np.split(states[rows[places]], [n], axis=1)
-        old, new = modes[rows[places]], modes[rows[places + 1]]
-        apart = laws.velocities(new, x, u) - laws.velocities(old, x, u)
-        seen = np.linalg.norm(apart / noise, axis=1)
+        indices = np.flatnonzero(np.diff(modes[rows]))
+        x, u = np.split(states[rows[indices]], [n], axis=1)
+        old, new = modes[rows[indices]], modes[rows[indices + 1]]
+        difference = laws.velocities(new, x, u) - laws.velocities(old, x, u)
+        seen = np.linalg.norm(difference / noise, axis=1)
         delay = MODEL.doubt / np.maximum(seen, np.finfo(float).tiny)
-        middle = 0.5 * (t[rows[places]] + t[rows[places + 1]])
-        for instant, late, place in zip(middle, delay, places, strict=True):
+        middle = 0.5 * (t[rows[indices]] + t[rows[indices + 1]])
+        for instant, late, place in zip(middle, delay, indices, strict=True):
             first = max(0, place + 1 - MODEL.most_doubtful)
             nearby = rows[first : place + 1 + MODEL.most_doubtful]
             sure[nearby[np.abs(t[nearby] - instant) <= late]] = False

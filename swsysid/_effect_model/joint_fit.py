@@ -225,15 +225,15 @@ def fit_jointly(
         return _with_guards(fit, whole, rows)
     features, sharp = libraries(declared, whole, rows)
     if modes is None:
-        beside = columns
+        sought = columns
         if like is not None and max(part.shape[1] for part in columns) > SETTINGS.most_sought:
             coef = _effect_coefficients(declared, features, terms, columns, targets, like)
-            beside = [
+            sought = [
                 (term.design(part, like, int(like.max()) + 1) @ values)[:, None]
                 for term, part, values in zip(terms, columns, coef, strict=True)
                 if len(values)
             ]
-        modes = declared.sought(np.column_stack(beside), seen, targets)
+        modes = declared.sought(np.column_stack(sought), seen, targets)
         modes = modes if like is None else _matching(modes, like)[modes]
     for _ in range(rounds):
         coef = _effect_coefficients(declared, features, terms, columns, targets, modes)

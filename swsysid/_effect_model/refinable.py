@@ -122,11 +122,11 @@ def as_stated_model(fit: JointFit, names: Sequence[str]) -> StatedModel:
     columns = list(names[: laws.n_columns])
     library = LawsAndEffects(fit, columns)
     library.set_params(parameters=library.values)
-    beside = np.zeros((*laws.coef.shape[:2], len(library.parts)))
+    effects = np.zeros((*laws.coef.shape[:2], len(library.parts)))
     for number, part in enumerate(library.parts):
-        beside[list(part.modes), fit.terms[part.place].target, number] = 1.0
-    coef = np.concatenate([laws.coef, beside], axis=2)
-    fixed = np.zeros(beside.shape, dtype=bool)
+        effects[list(part.modes), fit.terms[part.place].target, number] = 1.0
+    coef = np.concatenate([laws.coef, effects], axis=2)
+    fixed = np.zeros(effects.shape, dtype=bool)
     free = np.concatenate([fitted_and_free(laws.coef), fixed], axis=2)
     return StatedModel(
         library,

@@ -77,25 +77,25 @@ def _beside_the_others(
     # This p-value is the only one by which an effect enters, stays and is reported, and it is
     # multiplied by the number of all candidates that could have won. One of a term without columns
     # is of its gain on the structure without it, and on each of `fewer`.
-    term, beside = structure.terms[place], context.candidates(structure.fit, without=(place,))
+    term, base = structure.terms[place], context.candidates(structure.fit, without=(place,))
     known = [
         other.terms[place]
         for other in context.corrections(structure, place)
         if other.price <= structure.price + context.settings.tie
     ]
-    top, n_trials = context.scanned(beside, term.signature)
-    count = context.n_hypotheses(beside, n_trials)
+    top, n_trials = context.scanned(base, term.signature)
+    count = context.n_hypotheses(base, n_trials)
     if not term.effect.terms:
-        gained = _of_a_structure(context, structure, place, beside, fewer)
+        gained = _of_a_structure(context, structure, place, base, fewer)
         few = count * gained.chance_by_blocks > context.significance
         return Finding.of(term, count * gained.chance, known, (FEW_STRETCHES,) if few else ())
     if isinstance(term.effect, UnknownFunction):
-        return _of_a_shape(term, beside, top, count)
+        return _of_a_shape(term, base, top, count)
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
-    if own is None or is_filter_artefact(beside, own):
+    if own is None or is_filter_artefact(base, own):
         return Finding.of(term, 1.0, known)
-    level = [top[number].candidate for number in beside.level_with(own, top)]
-    evidence = beside.evidence(own)
+    level = [top[number].candidate for number in base.level_with(own, top)]
+    evidence = base.evidence(own)
     chance, by_blocks = evidence.chance, evidence.chance_by_blocks
     if count * chance > context.significance:
         # beneath a slow force a regression is sure of little: of two tests the clearer one counts
@@ -163,32 +163,32 @@ def channels_of(term: PlacedEffect) -> set[object]:
 
 
 def _of_a_shape(
-    term: PlacedEffect, beside: CandidateContext, top: list[Trial], count: int
+    term: PlacedEffect, base: CandidateContext, top: list[Trial], count: int
 ) -> Finding:
     """p-value of a function without a name, and the effects with one that come nearest to it."""
-    trials = scan(replace(beside, kept={}), term.effect)
+    trials = scan(replace(base, kept={}), term.effect)
     own = next((trial for trial in trials if trial.candidate.signature == term.signature), None)
     if own is None:
         return Finding.of(term, 1.0, ())
     nearest: dict[str, PlacedEffect] = {}
     for trial in top:
         nearest.setdefault(trial.candidate.effect.kind, trial.candidate)
-    rivals = list(nearest.values())[: beside.data.settings.n_nearest]
-    return Finding.of(term, count * beside.p_value(own), rivals)
+    rivals = list(nearest.values())[: base.data.settings.n_nearest]
+    return Finding.of(term, count * base.p_value(own), rivals)
 
 
 def _of_a_structure(
     context: SearchContext,
     structure: Structure,
     place: int,
-    beside: CandidateContext,
+    base: CandidateContext,
     fewer: Iterable[Structure],
 ) -> Evidence:
     """Of what a term without columns gains."""
     term = structure.terms[place]
     effect, target = term.effect, term.target
     if isinstance(effect, ResetEffect):
-        chance = effect.gain(*beside.jumping, target)[1]
+        chance = effect.gain(*base.jumping, target)[1]
         return Evidence(chance, chance)
     others = [context.without(structure, place), *fewer]
     if is_smeared_mode(context.data, others[0].fit, structure.fit):
@@ -230,16 +230,16 @@ def without_terms(structures: Iterable[Structure], refused: set[tuple]) -> list[
 # -- one of several --------------------------------------------------------------------------------
 
 
-def simplest(beside: CandidateContext, top: list[Trial]) -> Trial:
+def simplest(base: CandidateContext, top: list[Trial]) -> Trial:
     """The trial with the fewest parameters within one standard error of the best."""
-    behind = beside.level_with(top[0], top)
+    behind = base.level_with(top[0], top)
     place = min(behind, key=lambda place: (top[place].candidate.n_parameters, place))
-    return _special_case(beside, top[place], top)
+    return _special_case(base, top[place], top)
 
 
-def _special_case(beside: CandidateContext, best: Trial, top: list[Trial]) -> Trial:
+def _special_case(base: CandidateContext, best: Trial, top: list[Trial]) -> Trial:
     """The best of the trials that are special cases of one and explain as much, or that one."""
-    own, least = best.candidate, 1.0 - beside.data.settings.trifle
+    own, least = best.candidate, 1.0 - base.data.settings.trifle
     cases = [
         trial
         for trial in top
@@ -247,7 +247,7 @@ def _special_case(beside: CandidateContext, best: Trial, top: list[Trial]) -> Tr
         and (trial.candidate.place, trial.candidate.target) == (own.place, own.target)
         and trial.candidate.mode == own.mode
     ]
-    explained, *others = beside.gains([best, *cases]).sum(axis=1)
+    explained, *others = base.gains([best, *cases]).sum(axis=1)
     return next(
         (case for case, gain in zip(cases, others, strict=True) if gain >= least * explained), best
     )

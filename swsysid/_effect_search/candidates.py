@@ -56,7 +56,7 @@ class CandidateContext:
     data: SearchData  # with the record as the sensors of the fit would have it
     regression: Regression  # of the library and the columns of the effects found so far
     linear: dict[int, int]  # which channel (key) is which feature
-    beside: tuple[tuple[PlacedEffect, slice], ...]  # effects found so far, and their features
+    other_terms: tuple[tuple[PlacedEffect, slice], ...]  # effects found so far, and their features
     replaced: set[tuple[int, int]]  # (target, feature) whose place another effect has
     kept: Columns = field(repr=False)  # that were computed before
     scans: dict[tuple[int, ...], Scan] = field(default_factory=dict, repr=False)
@@ -203,7 +203,7 @@ class CandidateContext:
     def of_channel(self, channel: Place, target: int) -> list[int]:
         """Features that say what a channel does at present to the velocity of a state."""
         own = [self.linear[channel]] if channel in self.linear else []
-        for term, columns in self.beside:
+        for term, columns in self.other_terms:
             if (term.place, term.target) == (channel, target) and not term.effect.needs:
                 own += range(columns.start, columns.stop)
         return own
@@ -269,8 +269,8 @@ class CandidateContext:
         left = self.held_out[:, target] - best.change
         variance = max(np.average(left**2, weights=weight), self.data.exact[target] ** 2)
         longer = memory(weight * left, self.regression.folds.series)
-        apart = float(np.sum((weight * (best.change - other.change)) ** 2))
-        return float(np.sqrt(longer * apart / variance))
+        distance = float(np.sum((weight * (best.change - other.change)) ** 2))
+        return float(np.sqrt(longer * distance / variance))
 
     def evidence(self, trial: Trial) -> Slope:
         """What speaks for a trial: the slope of held-out residuals on the change it predicts."""
@@ -315,7 +315,9 @@ def candidate_context(
         data=replace(data, records=records),
         regression=regression,
         linear=_linear_features(fit.library(records)[data.rows], records.X[data.rows]),
-        beside=tuple((term, slice(*ends[place : place + 2])) for place, term in enumerate(others)),
+        other_terms=tuple(
+            (term, slice(*ends[place : place + 2])) for place, term in enumerate(others)
+        ),
         replaced={(term.target, term.replaced) for term in others if term.replaced is not None},
         # a corrected record is gone after the context, and so are its columns
         kept=kept if kept is not None and records is data.records else {},

@@ -97,7 +97,7 @@ class Stretches:
         """Some of the samples, in the stretches that they are in."""
         return Stretches(self.t[chosen], self.stretch[chosen])
 
-    def apart(self, every: int) -> tuple[NDArray[np.intp], Stretches]:
+    def decimated(self, every: int) -> tuple[NDArray[np.intp], Stretches]:
         """An order of the samples in which each stretch is so many, of samples so far apart."""
         first = np.searchsorted(self.stretch, self.stretch)
         phase = (np.arange(len(self.t)) - first) % every
@@ -120,9 +120,9 @@ def rows_in_order(data: SearchData) -> tuple[NDArray[np.intp], Stretches]:
     assert records.t is not None
     order = np.concatenate(records.trajectories)
     t, block = records.t[order], data.folds.blocks[order]
-    apart = np.diff(t, prepend=t[0]) > data.settings.gap_steps * records.step
-    apart |= np.diff(block, prepend=block[0]) != 0
-    return order, Stretches(t, np.cumsum(apart))
+    begins = np.diff(t, prepend=t[0]) > data.settings.gap_steps * records.step
+    begins |= np.diff(block, prepend=block[0]) != 0
+    return order, Stretches(t, np.cumsum(begins))
 
 
 @dataclass(frozen=True)
@@ -225,8 +225,8 @@ def coloured(
     whole = white(y).noise
     if len(steps) < 3 or whole <= 1e-300:
         return white(y)
-    apart = float(robust_scale(np.diff(y)[inside][:, None])[0]) / np.sqrt(2.0)
-    noise = min(max(apart, 0.05 * whole), 0.95 * whole)
+    scatter = float(robust_scale(np.diff(y)[inside][:, None])[0]) / np.sqrt(2.0)
+    noise = min(max(scatter, 0.05 * whole), 0.95 * whole)
     step = where.step
     longest = min(float(np.sum(steps)), slowest)
 

@@ -158,12 +158,12 @@ class SlowForces:
         # A filter that smears what an effect does leaves jumps where the effect has none, and the
         # other way round, which neither has made: rows are compared that share no samples. What is
         # gross without the effects and not with them is what they explain, and no force.
-        beside = self.residuals(structure, target)
-        every = self._smeared(beside)
-        usual = beside != 0.0
+        left = self.residuals(structure, target)
+        every = self._smeared(left)
+        usual = left != 0.0
         # A force that outlasts a stretch is known in the next one: else a line through all of them
         # would explain at each what the past does.
-        order, where = in_trajectories(self.context.data).taken(usual).apart(every)
+        order, where = in_trajectories(self.context.data).taken(usual).decimated(every)
         rows, stretch = self._ordered[0][usual][order], self.where.stretch[usual][order]
         gains = np.zeros(int(self.where.stretch.max()) + 1)
         for sign, option in ((-1.0, fewer), (1.0, structure)):
@@ -222,8 +222,8 @@ class SlowForces:
         )
         least = len(usual) * self.context.data.exact[target] ** 2
         ratios = np.maximum(before, least) / np.maximum(after, least)
-        alone, beside = 0.5 * len(usual) * np.log(ratios)
-        return float(beside) if beside < self.context.settings.observed * alone else None
+        alone, with_law = 0.5 * len(usual) * np.log(ratios)
+        return float(with_law) if with_law < self.context.settings.observed * alone else None
 
     def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
         """Of what effects gain beside a force that they leave behind; none if there is none."""

@@ -176,8 +176,8 @@ class Ladder:
         if not isinstance(self.terms[place].effect, UnknownFunction):
             return ()
         number = self._order[place]
-        beside = self.context.candidates(self.structure.fit, without=(number,))
-        return formulas(beside, self.structure.terms[number])
+        base = self.context.candidates(self.structure.fit, without=(number,))
+        return formulas(base, self.structure.terms[number])
 
     def errors_of(self, fit: JointFit) -> tuple[Array, Array]:
         """Those of a fit, (n_states,) each, on the rows at which the plant surely moves."""
@@ -278,10 +278,12 @@ def _advice(ladder: Ladder, place: int, other: JointFit) -> str:
     """Where in the record the two models differ most: more samples there tell them apart."""
     records = ladder.records
     predicted = ladder.fits[place + 1].predict(records)
-    apart = np.abs(predicted - other.predict(records)).sum(axis=1)
-    if apart.max() <= 1e-9 * np.abs(predicted).max():
+    difference = np.abs(predicted - other.predict(records)).sum(axis=1)
+    if difference.max() <= 1e-9 * np.abs(predicted).max():
         return "the two are the same function of these data: samples outside their range"
-    most = np.argsort(-apart)[: max(10, int(ladder.context.settings.apart * len(apart)))]
+    most = np.argsort(-difference)[
+        : max(10, int(ladder.context.settings.differing * len(difference)))
+    ]
     acting = ladder.terms[place].place
     channel = acting if isinstance(acting, int) else 0
     low, high = np.quantile(records.channel(channel)[most], [0.1, 0.9])

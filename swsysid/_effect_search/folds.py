@@ -168,7 +168,7 @@ def memory_of(records: Records, left: Array) -> float:
 def split_records(
     records: Records,
     rng: np.random.RandomState,
-    apart: int = 1,
+    window: int = 1,
     settings: SearchSettings = SETTINGS,
 ) -> Split:
     """Hold a quarter of the record out: whole trajectories, stretches or rows.
@@ -181,7 +181,7 @@ def split_records(
         return Split(np.sort(order[n_held:]), np.sort(order[:n_held]), "random rows")
     trajectories = records.trajectories
     if len(trajectories) < settings.fewest_trajectories:
-        return _stretches_apart(trajectories, apart, settings)
+        return _separate_stretches(trajectories, window, settings)
     order = rng.permutation(len(trajectories))
     n_held = max(1, round(settings.held_out * len(trajectories)))
     held = np.concatenate([trajectories[place] for place in order[:n_held]])
@@ -189,12 +189,12 @@ def split_records(
     return Split(np.sort(kept), np.sort(held), f"{n_held} whole trajectories")
 
 
-def _stretches_apart(trajectories: list[Rows], apart: int, settings: SearchSettings) -> Split:
+def _separate_stretches(trajectories: list[Rows], window: int, settings: SearchSettings) -> Split:
     """Every fourth stretch is held out, with a gap to its neighbours."""
     per_trajectory = max(4, settings.n_stretches // len(trajectories))
     kept, held = [], []
     for rows in trajectories:
-        gap = max(2, apart - 1, int(settings.gap * len(rows)))
+        gap = max(2, window - 1, int(settings.gap * len(rows)))
         pieces = np.array_split(rows, per_trajectory)
         taken = [place % 4 == 2 for place in range(per_trajectory)]
         for place, piece in enumerate(pieces):
@@ -256,9 +256,9 @@ def make_folds(
         for part in np.array_split(np.arange(len(pieces)), most):
             here = np.concatenate([pieces[number] for number in part])
             fold[here], n_parts = (place if whole else n_parts) % n_folds, n_parts + 1
-        apart = min(int(remembered), len(rows) // (2 * most))
+        margin = min(int(remembered), len(rows) // (2 * most))
         for number in range(n_folds if remembered > settings.forgotten and not whole else 0):
-            near[number, rows] = maximum_filter1d(fold[rows] == number, 2 * apart + 1)
+            near[number, rows] = maximum_filter1d(fold[rows] == number, 2 * margin + 1)
     parts = [
         (np.flatnonzero((fold != number) & ~near[number]), np.flatnonzero(fold == number))
         for number in range(n_folds)

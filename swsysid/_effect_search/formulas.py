@@ -95,45 +95,45 @@ class Expression(Effect):
         return (self.form.law(shape.points(records)[:, 0], *theta) * shape.factor(records))[:, None]
 
 
-def formulas(beside: CandidateContext, term: PlacedEffect) -> tuple[Formula, ...]:
+def formulas(base: CandidateContext, term: PlacedEffect) -> tuple[Formula, ...]:
     """Formulas of a shape beside a fit without it, the best for its parameters first."""
     shape = term.effect
     if not isinstance(shape, UnknownFunction) or shape.n_arguments > 1:
         return ()
-    beside = replace(beside, kept={})
-    own = _of_the_place(beside, term, shape)
+    base = replace(base, kept={})
+    own = _of_the_place(base, term, shape)
     effects = [Expression(form, shape) for form in FORMS]
-    trials = [trial for effect in effects for trial in _of_the_place(beside, term, effect)]
+    trials = [trial for effect in effects for trial in _of_the_place(base, term, effect)]
     if not own or not trials:
         return ()
-    level = beside.level_with(own[0], trials)
-    behind = (beside.gains(own) - beside.gains(trials)).sum(axis=1)
-    a_parameter = 0.5 * np.log(len(beside.data.rows))
+    level = base.level_with(own[0], trials)
+    behind = (base.gains(own) - base.gains(trials)).sum(axis=1)
+    a_parameter = 0.5 * np.log(len(base.data.rows))
     order = sorted(
         range(len(trials)),
         key=lambda place: behind[place] + a_parameter * trials[place].candidate.n_parameters,
     )
-    names = beside.records.names
-    least = _error(beside, own[0])
+    names = base.records.names
+    least = _error(base, own[0])
     return tuple(
-        _formula(trials[place], names, _error(beside, trials[place]) / least, place in level)
+        _formula(trials[place], names, _error(base, trials[place]) / least, place in level)
         for place in order
     )
 
 
-def _of_the_place(beside: CandidateContext, term: PlacedEffect, effect: Effect) -> list[Trial]:
+def _of_the_place(base: CandidateContext, term: PlacedEffect, effect: Effect) -> list[Trial]:
     """The refined trial of an effect in the equation and mode of a term."""
     return [
-        refined(beside, trial)
-        for trial in scan(beside, effect)
+        refined(base, trial)
+        for trial in scan(base, effect)
         if (trial.candidate.target, trial.candidate.mode) == (term.target, term.mode)
     ]
 
 
-def _error(beside: CandidateContext, trial: Trial) -> float:
+def _error(base: CandidateContext, trial: Trial) -> float:
     """Root mean square error of rows that the trial has not seen, outliers aside."""
-    left = beside.held_out[:, trial.candidate.target] - trial.change
-    return float(np.sqrt(np.average(left**2, weights=beside.regression.weight)))
+    left = base.held_out[:, trial.candidate.target] - trial.change
+    return float(np.sqrt(np.average(left**2, weights=base.regression.weight)))
 
 
 def _formula(trial: Trial, names: Sequence[str], error: float, ties: bool) -> Formula:

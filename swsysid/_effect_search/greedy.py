@@ -129,16 +129,16 @@ class Search:
 
     def _addition(self, current: Structure) -> Round | None:
         """The effect that explains most of what is left, None if none is significant."""
-        beside = self.context.candidates(current.fit)
-        top, n_candidates = self.context.scanned(beside)
-        named = self._with_columns(current, beside, top, n_candidates)
-        proposed = self._proposed(current, beside)
+        base = self.context.candidates(current.fit)
+        top, n_candidates = self.context.scanned(base)
+        named = self._with_columns(current, base, top, n_candidates)
+        proposed = self._proposed(current, base)
         n_candidates += len(proposed)
         options = [*proposed, *named]
         with_name = self._promising(current, options, n_candidates)
         named_best = least_of(with_name, _price) if with_name else None
         if leaves_a_mode(self.context, current, named_best):
-            modes = self._with_more_modes(current, beside)
+            modes = self._with_more_modes(current, base)
             n_candidates += len(modes)
             options = [*modes, *options]
         options = [option for option in options if option.cost < current.cost]
@@ -158,18 +158,18 @@ class Search:
             ]
         return None
 
-    def _proposed(self, current: Structure, beside: CandidateContext) -> list[Structure]:
+    def _proposed(self, current: Structure, base: CandidateContext) -> list[Structure]:
         """Structures with effects that are more than columns."""
         context, options = self.context, []
         found = {term.signature for term in current.terms}
         for effect in context.usable:
             if isinstance(effect, StructureEffect):
                 continue
-            for candidate in proposals(effect, beside):
+            for candidate in proposals(effect, base):
                 if candidate.signature in found:
                     continue
                 if isinstance(effect, ResetEffect):
-                    gain, _ = effect.gain(*beside.jumping, candidate.target)
+                    gain, _ = effect.gain(*base.jumping, candidate.target)
                     options.append(context.with_reset(current, candidate, gain))
                     continue
                 terms = (*current.terms, candidate)
@@ -181,14 +181,14 @@ class Search:
         return options
 
     def _with_columns(
-        self, current: Structure, beside: CandidateContext, top: list[Trial], n_candidates: int
+        self, current: Structure, base: CandidateContext, top: list[Trial], n_candidates: int
     ) -> list[Structure]:
         """Structures with the most promising effects of a scan."""
         if not top:
             return []
-        first = simplest(beside, top)
-        chance = n_candidates * beside.p_value(first)
-        if not is_large(beside, top[0]) and chance > self.context.settings.hopeful:
+        first = simplest(base, top)
+        chance = n_candidates * base.p_value(first)
+        if not is_large(base, top[0]) and chance > self.context.settings.hopeful:
             return []
         best_of_kind = {first.candidate.effect.kind: first.candidate}
         for trial in top:
@@ -196,16 +196,16 @@ class Search:
         candidates = [*best_of_kind.values()]
         return with_modes(self.context, current, candidates, self.n_jobs, self.verbose)
 
-    def _with_more_modes(self, current: Structure, beside: CandidateContext) -> list[Structure]:
+    def _with_more_modes(self, current: Structure, base: CandidateContext) -> list[Structure]:
         """Structures with more modes, sought from the start and where a split of one suggests."""
         context, modes, options = self.context, current.fit.modes, []
         for effect in context.usable:
             if not isinstance(effect, StructureEffect):
                 continue
-            for candidate in proposals(effect, beside):
+            for candidate in proposals(effect, base):
                 terms = (*current.terms, candidate)
                 options.append(context.structure(terms, None, like=modes))
-                split = with_one_split(beside) if effect.n_more_modes == 1 else None
+                split = with_one_split(base) if effect.n_more_modes == 1 else None
                 if split is not None:
                     options.append(context.structure(terms, split))
         return options
@@ -297,16 +297,16 @@ class Search:
         """Question one term: scan at the modes found until effect and modes agree."""
         for _ in range(self.context.settings.n_questions):
             term = best.terms[place]
-            beside = self.context.candidates(best.fit, without=(place,))
-            top, _ = self.context.scanned(beside)
+            base = self.context.candidates(best.fit, without=(place,))
+            top, _ = self.context.scanned(base)
             if not term.effect.terms:
-                best, changed = self._or_columns(best, place, top, beside)
+                best, changed = self._or_columns(best, place, top, base)
                 if not changed:
                     break
                 continue
             if not top:
                 break
-            candidate = simplest(beside, top).candidate
+            candidate = simplest(base, top).candidate
             if candidate == term:
                 break
             same = candidate.signature == term.signature
@@ -327,15 +327,15 @@ class Search:
         term, context = best.terms[place], self.context
         if not term.effect.terms:
             return best
-        beside = context.candidates(best.fit, without=(place,))
-        top, _ = context.scanned(beside)
+        base = context.candidates(best.fit, without=(place,))
+        top, _ = context.scanned(base)
         least = context.settings.gain_a_row * context.n_rows
         others: dict[str, PlacedEffect] = {}
         for trial in top:
             other = trial.candidate
             same = (other.place, other.target) == (term.place, term.target)
             if same and other.effect.kind != term.effect.kind:
-                if float(beside.gains([trial]).sum()) > least:
+                if float(base.gains([trial]).sum()) > least:
                     others.setdefault(other.effect.kind, other)
         options = [context.exchanged(best, place, other) for other in others.values()]
         cheapest = least_of(options or [best], _price)
@@ -354,19 +354,19 @@ class Search:
         return cheapest if cheapest.price < best.price - self.context.settings.tie else best
 
     def _or_columns(
-        self, best: Structure, place: int, top: list[Trial], beside: CandidateContext
+        self, best: Structure, place: int, top: list[Trial], base: CandidateContext
     ) -> tuple[Structure, bool]:
         """A term without columns with its parameters found anew, or columns in its place."""
         effect = best.terms[place].effect
         if isinstance(effect, (GuardEffect, ResetEffect)):
             return best, False  # the cycle of a guard that remembers looks like a forcing
         if isinstance(effect, MeasurementEffect):
-            for candidate in proposals(effect, beside):
+            for candidate in proposals(effect, base):
                 if candidate.signature == best.terms[place].signature:
                     tried = self.context.exchanged(best, place, candidate)
                     best = least_of((best, tried), _price)
-        trial = simplest(beside, top) if top else None
-        if trial is None or is_filter_artefact(beside, trial):
+        trial = simplest(base, top) if top else None
+        if trial is None or is_filter_artefact(base, trial):
             return best, False  # as nothing that is physical, it would be refused in the end
         tried = self.context.exchanged(best, place, trial.candidate)
         tried = self.context.with_modes_anew(tried)

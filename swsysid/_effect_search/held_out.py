@@ -101,9 +101,9 @@ def _softened(probabilities: Array, wrong: Array | float) -> Array:
 
 def _next_to_a_switch(t: Array, modes: Array) -> Array:
     """1 within two samples of a change of the mode."""
-    places = np.flatnonzero(np.diff(modes, prepend=modes[:1]))[:, None] + np.arange(-2, 2)
+    near_rows = np.flatnonzero(np.diff(modes, prepend=modes[:1]))[:, None] + np.arange(-2, 2)
     near = np.zeros(len(modes))
-    near[np.clip(places, 0, len(modes) - 1)] = 1.0
+    near[np.clip(near_rows, 0, len(modes) - 1)] = 1.0
     return near
 
 

@@ -195,9 +195,9 @@ def follow_the_states(records: Records, targets: Array, left: Array) -> bool:
     order, n_steps = np.concatenate(records.trajectories), SETTINGS.adding_up
     series = _without_gaps(records, order)
     X, velocities, steps = records.X[order, : records.n_states], targets[order], series.waits[1:]
-    apart = np.where(series.inside[1:], steps, 0.0)[:, None]
+    waits = np.where(series.inside[1:], steps, 0.0)[:, None]
     slopes = 0.5 * (velocities[1:] + velocities[:-1])
-    astray = np.cumsum(np.diff(X, axis=0) - apart * slopes, axis=0)
+    astray = np.cumsum(np.diff(X, axis=0) - waits * slopes, axis=0)
     together = series.stretch[1:][n_steps:] == series.stretch[:-1][:-n_steps]
     if not together.any():
         return False

@@ -261,10 +261,10 @@ def _longest(of_modes: list[Rows]) -> int:
     return int(windows[np.argmax(np.where(many, worth, 0.0))])
 
 
-def _drawn(fit: JointFit, records: Records, modes: NDArray[np.intp], beside: Array) -> Array:
+def _drawn(fit: JointFit, records: Records, modes: NDArray[np.intp], added: Array) -> Array:
     """Integrals of the laws from the begin of each trajectory, (n_samples, n_states).
 
-    What the effects add, (n_modes, n_samples, n_states), is `beside` the laws.
+    What the effects add, (n_modes, n_samples, n_states), is `added` to the laws.
 
     Between two samples the states are the cubic through their values and velocities, inputs and
     what is beside the laws are linear, and the law is that of the mode at the end.
@@ -274,12 +274,12 @@ def _drawn(fit: JointFit, records: Records, modes: NDArray[np.intp], beside: Arr
     first = np.concatenate([rows[:-1] for rows in records.trajectories])
     last = np.concatenate([rows[1:] for rows in records.trajectories])
     acting, step = modes[last], (t[last] - t[first])[:, None]
-    at_samples, every = fit.declared_velocities(X) + beside, np.arange(len(acting))
+    at_samples, every = fit.declared_velocities(X) + added, np.arange(len(acting))
     begin, end = at_samples[acting, first], at_samples[acting, last]
     middle = 0.5 * (X[first] + X[last])
     middle[:, :n_states] += 0.125 * step * (begin - end)
     inside = fit.declared_velocities(middle)[acting, every]
-    inside += 0.5 * (beside[acting, first] + beside[acting, last])
+    inside += 0.5 * (added[acting, first] + added[acting, last])
     steps = step / 6.0 * (begin + 4.0 * inside + end)
     answer, done = np.zeros((len(records), n_states)), 0
     for rows in records.trajectories:

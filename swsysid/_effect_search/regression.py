@@ -261,13 +261,13 @@ class _Basis:
         n_features, shape = self.root.shape[-1], gram.shape[2:4]
         along = self.root @ products[..., :n_features, :]
         moment = products[..., n_features:, :].swapaxes(-1, -2) - along.swapaxes(-1, -2) @ self.left
-        apart = along.reshape(*along.shape[:-1], *shape)
+        own = along.reshape(*along.shape[:-1], *shape)
         library = self.back @ along
         return NormalEquations(
-            gram=gram - np.einsum("pmfgq,pmfgr->pmgqr", apart, apart),
+            gram=gram - np.einsum("pmfgq,pmfgr->pmgqr", own, own),
             moment=moment.reshape(*gram.shape[:4], -1),
             size=np.einsum("...qq->...q", gram),
-            library=library.reshape(apart.shape),
+            library=library.reshape(own.shape),
             prior=prior,
         )
 

@@ -25,12 +25,12 @@ from swsysid._results import Array
 from swsysid.effects import PlacedEffect
 
 
-def is_large(beside: CandidateContext, best: Trial) -> bool:
+def is_large(base: CandidateContext, best: Trial) -> bool:
     """Whether a candidate gains more than an effect must, be it significant or not."""
     # Beside wrong modes a right effect gains where they are right, in a few blocks of rows; beneath
     # a slow force a regression is in doubt of everything.
-    least = beside.data.settings.gain_a_row * len(beside.data.rows)
-    return float(beside.gains([best]).sum()) > least
+    least = base.data.settings.gain_a_row * len(base.data.rows)
+    return float(base.gains([best]).sum()) > least
 
 
 def with_modes(
@@ -68,13 +68,13 @@ class Cut:
     rows: NDArray[np.intp]
 
 
-def with_one_split(beside: CandidateContext) -> NDArray[np.intp] | None:
+def with_one_split(base: CandidateContext) -> NDArray[np.intp] | None:
     """Modes of which one is two now; None if none has the rows for two laws."""
-    data, problem, targets = beside.data, beside.regression, beside.targets
-    left = beside.fit.residuals(data.records, data.rows, data.targets)[:, targets]
+    data, problem, targets = base.data, base.regression, base.targets
+    left = base.fit.residuals(data.records, data.rows, data.targets)[:, targets]
     floor = data.exact[targets]
     gross = data.settings.gross * np.maximum(robust_scale(left), floor)
-    left, X = np.clip(left, -gross, gross), beside.records.X[data.rows]
+    left, X = np.clip(left, -gross, gross), base.records.X[data.rows]
     least = data.settings.rows_a_column * problem.features.shape[1]
     cuts = []
     for mode in range(problem.n_modes):

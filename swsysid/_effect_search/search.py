@@ -281,8 +281,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         stated = self._declared
         self._declared, better = beside_effects(stated, measured, first)
         if better is not None and better.is_enough(parts):
-            beside = better.fitted(self._declared, parts.of(better.rows).search)
-            found = self._search(better, parts, beside, rng, self.max_effects)
+            start = better.fitted(self._declared, parts.of(better.rows).search)
+            found = self._search(better, parts, start, rng, self.max_effects)
             if found.structure.terms:
                 return better, found
         self._declared = stated

@@ -52,14 +52,14 @@ class Whereabouts:
     others: float  # share of all other rows there
 
     @property
-    def apart(self) -> float:
+    def separation(self) -> float:
         """By how much the share of the rows is larger there than that of the others."""
         return self.share - self.others
 
     @property
     def is_a_place(self) -> bool:
         """Whether the rows have a place of their own."""
-        return self.apart >= 1.0 - SETTINGS.nowhere
+        return self.separation >= 1.0 - SETTINGS.nowhere
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ def _where(seen: Records, chosen: Rows) -> Whereabouts:
         interval = (float(values[part.start]), float(values[part.stop - 1]))
         count, rest = (int(np.sum(inside & some)) for some in (own, ~own))
         found.append(Whereabouts(channel, interval, count, count / len(chosen), rest / n_others))
-    return max(found, key=lambda one: one.apart)
+    return max(found, key=lambda one: one.separation)
 
 
 def _highest_sum(steps: NDArray) -> slice:

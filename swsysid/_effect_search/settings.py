@@ -108,7 +108,7 @@ class SearchSettings:
     level: float = 0.95  # of confidence intervals and bands
     spanned: float = 1e-6  # of the size of a shape: less of it is left by the library
     step: float = 0.05  # of a derivative, as a share of the distance between values of the scan
-    apart: float = 0.05  # share of the samples on which two rivals differ most
+    differing: float = 0.05  # share of the samples on which two rivals differ most
     as_good: float = 1.5  # ratio of held-out errors beyond which no one calls an effect as good
 
 

@@ -236,14 +236,14 @@ class SearchContext:
         """`squared_errors` of the declared model."""
         return np.maximum(self.squared_errors(self.declared), self.data.exact**2)
 
-    def n_hypotheses(self, beside: CandidateContext, n_trials: int) -> int:
+    def n_hypotheses(self, base: CandidateContext, n_trials: int) -> int:
         """So many candidates could have won, those of later scans and of restarts included."""
-        records, count = beside.searched, n_trials
+        records, count = base.searched, n_trials
         for effect in self.usable:
             for place in effect.places(records) if not effect.terms else ():
                 values = (len(one.values) for one in effect.parameters(records, place))
                 count += prod(values)
-        if beside.regression.n_modes == 1:
+        if base.regression.n_modes == 1:
             return count  # a scan once more is of the same candidates
         return count * (1 + self.settings.n_questions) + self.settings.n_restarts
 
@@ -270,36 +270,34 @@ class SearchContext:
             fit, without, lambda: candidate_context(fit, self.data, without, self.kept)
         )
 
-    def scanned(
-        self, beside: CandidateContext, own: tuple | None = None
-    ) -> tuple[list[Trial], int]:
+    def scanned(self, base: CandidateContext, own: tuple | None = None) -> tuple[list[Trial], int]:
         """The most promising trials, refined, the best first; and how many there were."""
         # That with the signature `own` is among them, if it is a trial at all.
         effects = tuple(self.usable)
-        known = beside.scans.get(tuple(map(id, effects)))
+        known = base.scans.get(tuple(map(id, effects)))
         if known is None:
-            trials = [trial for effect in effects for trial in scan(beside, effect)]
-            known = Scan(effects, *_best_first(beside, trials))
-            beside.scans[tuple(map(id, effects))] = known
+            trials = [trial for effect in effects for trial in scan(base, effect)]
+            known = Scan(effects, *_best_first(base, trials))
+            base.scans[tuple(map(id, effects))] = known
         kinds: set[str] = set()
-        chosen, least = [], self._worth_refining(beside, known)
+        chosen, least = [], self._worth_refining(base, known)
         for rank, trial in enumerate(known.trials):
             kind, is_own = trial.candidate.effect.kind, trial.candidate.signature == own
             if rank < self.settings.n_refined or kind not in kinds or is_own:
                 if rank not in known.refined and (is_own or known.gains[rank] >= least):
-                    known.refined[rank] = refined(beside, trial)
+                    known.refined[rank] = refined(base, trial)
                 best = known.refined.get(rank, trial)
-                if not is_unresolved(beside, best):
+                if not is_unresolved(base, best):
                     chosen.append(best)
             kinds.add(kind)
-        return _best_first(beside, chosen)[0], len(known.trials)
+        return _best_first(base, chosen)[0], len(known.trials)
 
-    def _worth_refining(self, beside: CandidateContext, known: Scan) -> float:
+    def _worth_refining(self, base: CandidateContext, known: Scan) -> float:
         """The gain at the values of a scan from which refined ones may win, or pay."""
         # Between the values a gain is no several times that at the nearest of them. Beside several
         # modes even the right effect gains little where they are wrong.
         largest = known.gains[0] if len(known.gains) else 0.0
-        if beside.fit.n_modes == 1:
+        if base.fit.n_modes == 1:
             largest = max(largest, self.settings.gain_a_row * self.n_rows)
         return float(self.settings.between_values * largest)
 
@@ -309,21 +307,21 @@ class SearchContext:
         return self.corrected.of(structure, question, lambda: self._corrections(structure, place))
 
     def _corrections(self, structure: Structure, place: int) -> list[Structure]:
-        beside = self.candidates(structure.fit, without=(place,))
+        base = self.candidates(structure.fit, without=(place,))
         return [
             self.exchanged(structure, place, candidate)
             for effect in self.usable
             if isinstance(effect, MeasurementEffect)
-            for candidate in proposals(effect, beside)
+            for candidate in proposals(effect, base)
         ]
 
     def spanned(self) -> tuple[tuple[str, str], ...]:
         """Kinds and places of columns that the declared library spans already on these data."""
-        beside = self.candidates(self.declared)
-        records, background = beside.records, beside.backgrounds()[-1]
+        base = self.candidates(self.declared)
+        records, background = base.records, base.backgrounds()[-1]
 
         def leaves_nothing(effect: Effect, place: Place) -> bool:
-            columns = beside.columns(effect, place, np.empty((1, 0)))
+            columns = base.columns(effect, place, np.empty((1, 0)))
             return bool(background.normal_equations(columns).spanned.all())
 
         return tuple(
@@ -334,10 +332,10 @@ class SearchContext:
         )
 
 
-def _best_first(beside: CandidateContext, trials: list[Trial]) -> tuple[list[Trial], Array]:
+def _best_first(base: CandidateContext, trials: list[Trial]) -> tuple[list[Trial], Array]:
     """Trials in the order of their gains, ties as the effects are listed, and these gains."""
     if not trials:
         return [], np.zeros(0)
-    gains = beside.gains(trials).sum(axis=1)
+    gains = base.gains(trials).sum(axis=1)
     order = largest_first(gains)
     return [trials[place] for place in order], gains[order]

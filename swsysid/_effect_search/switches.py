@@ -66,10 +66,10 @@ def _nearest(records: Records, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     answer, number = np.full(len(records), -1), np.full(len(records), -1)
     number[rows] = np.arange(len(rows))
     for trajectory in records.trajectories:
-        places = np.flatnonzero(number[trajectory] >= 0)
-        if len(places):
-            middles = 0.5 * (places[1:] + places[:-1])
-            own = places[np.searchsorted(middles, np.arange(len(trajectory)))]
+        indices = np.flatnonzero(number[trajectory] >= 0)
+        if len(indices):
+            middles = 0.5 * (indices[1:] + indices[:-1])
+            own = indices[np.searchsorted(middles, np.arange(len(trajectory)))]
             answer[trajectory] = number[trajectory][own]
     return answer
 

@@ -138,16 +138,16 @@ class Unknowns:
     def added(self, structure: Structure) -> tuple[Finding, Structure, int] | None:
         """The shape that explains what is left over, None if none does."""
         context, fit, place = self.named, structure.fit, len(structure.terms)
-        beside = self.shapes.candidates(fit)
-        trial, n_candidates = self._best(beside)
+        base = self.shapes.candidates(fit)
+        trial, n_candidates = self._best(base)
         if trial is None:
             return None
-        hopeful = n_candidates * beside.p_value(trial) <= context.settings.hopeful
-        anew = fit.n_modes > 1 and (hopeful or is_large(beside, trial))
+        hopeful = n_candidates * base.p_value(trial) <= context.settings.hopeful
+        anew = fit.n_modes > 1 and (hopeful or is_large(base, trial))
         if anew:
-            fit = self._with_modes(structure, beside, trial).fit
-            beside = self.shapes.candidates(fit, without=(place,))
-            trial, n_more = self._best(beside)
+            fit = self._with_modes(structure, base, trial).fit
+            base = self.shapes.candidates(fit, without=(place,))
+            trial, n_more = self._best(base)
             if trial is None:
                 return None
             n_candidates += n_more + context.settings.n_restarts
@@ -155,7 +155,7 @@ class Unknowns:
         tried = self._resolved(tried)
         if not is_promising(context, structure, tried, n_candidates):
             return None
-        chance = beside.p_value(trial)
+        chance = base.p_value(trial)
         p_value = n_candidates * chance
         if anew:
             again = structural_evidence(context, structure, tried).chance
@@ -164,10 +164,10 @@ class Unknowns:
             return None
         return Finding.of(tried.terms[-1], p_value, ()), tried, n_candidates
 
-    def _with_modes(self, structure: Structure, beside: CandidateContext, best: Trial) -> Structure:
+    def _with_modes(self, structure: Structure, base: CandidateContext, best: Trial) -> Structure:
         """The cheapest structure with the best shape, or one of each kind with modes anew."""
         of_each: dict[tuple, PlacedEffect] = {}
-        for trial in self.shapes.scanned(beside)[0]:
+        for trial in self.shapes.scanned(base)[0]:
             if _n_arguments(trial) == 1:
                 key = (trial.candidate.place, trial.candidate.target)
                 of_each.setdefault(key, trial.candidate)
@@ -203,10 +203,10 @@ class Unknowns:
         """Whether what is left over beside some terms is a function of their channels."""
         terms = [structure.terms[place] for place in group]
         channels = set.union(*map(channels_of, terms))
-        beside = self.shapes.candidates(structure.fit)
-        top, n_candidates = self.shapes.scanned(beside)
+        base = self.shapes.candidates(structure.fit)
+        top, n_candidates = self.shapes.scanned(base)
         return any(
-            n_candidates * beside.p_value(trial) <= self.named.significance
+            n_candidates * base.p_value(trial) <= self.named.significance
             for trial in top
             if channels_of(trial.candidate) <= channels
             and trial.candidate.target in {term.target for term in terms}
@@ -228,51 +228,51 @@ class Unknowns:
             return structure
         return self.named.structure((*others, trial.candidate), fit.modes)
 
-    def _best(self, beside: CandidateContext) -> tuple[Trial | None, int]:
+    def _best(self, base: CandidateContext) -> tuple[Trial | None, int]:
         """The best shape: of those within a standard error one of few channels and parameters."""
-        top, n_candidates = self.shapes.scanned(beside)
+        top, n_candidates = self.shapes.scanned(base)
         if not top:
             return None, n_candidates
-        best = _simplest(beside, top)
+        best = _simplest(base, top)
         if _n_arguments(best) > 1:  # a function of one channel with few knots may look like it
             first = next((trial for trial in top if _n_arguments(trial) == 1), None)
             if first is not None:
-                finest, n_more = self._with_knots(beside, first)
-                best, n_candidates = _simplest(beside, [best, finest]), n_candidates + n_more
-        best, n_more = self._with_knots(beside, best)
+                finest, n_more = self._with_knots(base, first)
+                best, n_candidates = _simplest(base, [best, finest]), n_candidates + n_more
+        best, n_more = self._with_knots(base, best)
         return best, n_candidates + n_more
 
-    def _with_knots(self, beside: CandidateContext, best: Trial) -> tuple[Trial, int]:
+    def _with_knots(self, base: CandidateContext, best: Trial) -> tuple[Trial, int]:
         """A shape with as many knots as it is better with, and how many shapes were tried."""
         coarser, n_candidates, records = None, 0, self.named.data.records
         while best is not coarser:
             coarser = best
             more = replace(self.shapes, effects=finer(_shape(best), records), kept={})
-            others, n_more = more.scanned(replace(beside, kept={}))
-            best, n_candidates = _simplest(beside, [best, *others]), n_candidates + n_more
+            others, n_more = more.scanned(replace(base, kept={}))
+            best, n_candidates = _simplest(base, [best, *others]), n_candidates + n_more
         return best, n_candidates
 
 
-def _simplest(beside: CandidateContext, trials: list[Trial]) -> Trial:
+def _simplest(base: CandidateContext, trials: list[Trial]) -> Trial:
     """Of those within a standard error of the best that of fewest channels and knots.
 
     With enough rows a function of two channels also follows the few that have the wrong mode: one
     argument more has to be worth as much as one more effect.
     """
-    gains = beside.gains(trials).sum(axis=1)
+    gains = base.gains(trials).sum(axis=1)
     best = trials[int(first_largest(gains))]
     of_one = [place for place, trial in enumerate(trials) if _n_arguments(trial) == 1]
     if _n_arguments(best) > 1 and of_one:
-        most = beside.data.settings.gain_a_row * float(beside.regression.weight.sum())
+        most = base.data.settings.gain_a_row * float(base.regression.weight.sum())
         if gains[of_one].max() > gains.max() - most:
-            return _simplest(beside, [trials[place] for place in of_one])
+            return _simplest(base, [trials[place] for place in of_one])
 
     def simplicity(place: int) -> tuple[int, int, bool, int]:
         effect = _shape(trials[place])
         own = len(effect.channels), effect.n_arguments
         return *own, not effect.of_product, len(effect.knots)
 
-    return trials[min(beside.level_with(best, trials), key=simplicity)]
+    return trials[min(base.level_with(best, trials), key=simplicity)]
 
 
 def _n_arguments(trial: Trial) -> int:

@@ -132,11 +132,11 @@ def between_shares(channels: list[Channel], values: Array) -> Array:
     all channels and all rows of `values` (n_orders, n_rows) are one sparse product.
     """
     offsets = np.cumsum([0] + [channel.n_bins for channel in channels])
-    places = [np.flatnonzero(channel.bins >= 0) for channel in channels]
-    starts = zip(channels, places, offsets[:-1], strict=True)
+    indices = [np.flatnonzero(channel.bins >= 0) for channel in channels]
+    starts = zip(channels, indices, offsets[:-1], strict=True)
     rows = np.concatenate([channel.bins[known] + start for channel, known, start in starts])
     member = csr_matrix(
-        (np.ones(len(rows), dtype=values.dtype), (rows, np.concatenate(places))),
+        (np.ones(len(rows), dtype=values.dtype), (rows, np.concatenate(indices))),
         shape=(offsets[-1], values.shape[1]),
     )
     counts = np.bincount(rows, minlength=offsets[-1])[:, None]

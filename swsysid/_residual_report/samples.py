@@ -85,14 +85,14 @@ class ResidualSamples:
             trajectories=trajectories,
         )
 
-    def apart(self, window: int) -> ResidualSamples:
+    def decimated(self, window: int) -> ResidualSamples:
         """Only rows that share no measurement, where each is made of `window` of them."""
         if not self.records.ordered:
             raise ValueError(
                 f"window={window} is that of a smoother along trajectories; give t or groups too."
             )
         smoothed = Smoothed.of(self.records, self.modes, window)
-        rows = smoothed.apart
+        rows = smoothed.decimated
         if len(rows) < SETTINGS.fewest_rows:
             raise ValueError(
                 f"only {len(rows)} of {len(self.residual)} rows share no measurement with another "
@@ -187,7 +187,7 @@ def collect(
         )
     named = [None] if groups is None else np.unique(labels("groups", groups)).tolist()
     samples = ResidualSamples.of(model, records, target, predicted, modes, named, X)
-    return samples if window == 1 else samples.apart(window)
+    return samples if window == 1 else samples.decimated(window)
 
 
 def _predicted(model: Predictor, X: ArrayLike, **extras: ArrayLike | None) -> Array:
@@ -257,7 +257,7 @@ class Smoothed:
         return cls(Windows(records.t, stays, window // 2, SETTINGS.degree))
 
     @property
-    def apart(self) -> NDArray[np.intp]:
+    def decimated(self) -> NDArray[np.intp]:
         """Rows a window apart whose windows lie in one mode."""
         return self.windows.whole(self.windows.length)
 

@@ -155,8 +155,8 @@ def refined_grid(t: Array, instants: Array) -> Array:
     near = SETTINGS.same_time * np.diff(t).min()
     inside = np.unique(instants[(instants > t[0]) & (instants < t[-1])])
     after = np.searchsorted(t, inside)
-    apart = np.minimum(inside - t[after - 1], t[after] - inside) > near
-    inside = inside[apart]
+    distinct = np.minimum(inside - t[after - 1], t[after] - inside) > near
+    inside = inside[distinct]
     inside = inside[np.diff(inside, prepend=-np.inf) > near]
     return np.union1d(t, inside)
 

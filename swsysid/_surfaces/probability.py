@@ -258,17 +258,17 @@ class ModePosterior:
         mixed = (1.0 - error) * votes + error * (1.0 - votes) / (len(self.book) - 1)
         return _led_by(mixed, decided.argmax(axis=1))
 
-    def of_decisions(self, features: Array, places: Array) -> Array:
+    def of_decisions(self, features: Array, points: Array) -> Array:
         """Probabilities of two classes as a function of the decision alone, and increasing in it.
 
-        The mean over `places` with that decision, (n_places, n_surface_features). Training samples
-        would not do as places: the surfaces that the data allow agree on these.
+        The mean over `points` with that decision, (n_places, n_surface_features). Training samples
+        would not do as points: the surfaces that the data allow agree on these.
         """
         known, asked = (
-            decisions(part @ self._coef.T, self.book, self.scale) for part in (places, features)
+            decisions(part @ self._coef.T, self.book, self.scale) for part in (points, features)
         )
         mean = IsotonicRegression(y_min=0.0, y_max=1.0, out_of_bounds="clip")
-        second = mean.fit(known[:, 1], self(places)[:, 1]).predict(asked[:, 1])
+        second = mean.fit(known[:, 1], self(points)[:, 1]).predict(asked[:, 1])
         is_second = asked[:, 1] > asked[:, 0]
         second = np.where(is_second, np.maximum(second, 0.5 + 1e-9), np.minimum(second, 0.5 - 1e-9))
         return np.column_stack([1.0 - second, second])

@@ -137,19 +137,19 @@ def _between_stays(records: Records, velocity: Array, modes: Modes, target: int)
     earlier, later = _accelerations(records, velocity, modes)
     bend = 0.5 * half**2 * (later[last] - earlier[first])
     before, moved = before + 0.5 * half**2 * earlier[first], moved + bend
-    apart = velocity[last] - velocity[first]
+    difference = velocity[last] - velocity[first]
     kinds = sorted(set(zip(modes[first].tolist(), modes[last].tolist(), strict=True)))
     found = []
     for kind in kinds:
         own = (modes[first] == kind[0]) & (modes[last] == kind[1])
         if own.sum() >= SETTINGS.fewest_jumps:
-            state, move = (_without(part[own], apart[own]) for part in (before, moved))
+            state, move = (_without(part[own], difference[own]) for part in (before, moved))
             jumps = _Jumps(state, move, kind, n_explained=1, n_crossings=len(kinds))
             # The ends of stays have errors that all share: a reset is seen at each crossing. And a
             # switch happens somewhere between its two samples: that alone does not explain the
             # moves, and it explains what the reset leaves of them. A state that is the same at all
             # crossings tells no factor.
-            late = half[own] * np.abs(apart[own]) + np.abs(bend[own])
+            late = half[own] * np.abs(difference[own]) + np.abs(bend[own])
             left = np.abs(moved[own] - jumps.slope * before[own])
             is_needed = np.median(np.abs(moved[own]) - late) > 0.0
             is_enough = np.median(left - late) <= SETTINGS.sure_jump * jumps.error

@@ -95,7 +95,7 @@ def test_what_is_forgotten_in_ten_samples_is_not_smeared():
 
 def test_samples_apart_are_in_stretches_of_their_own():
     where = Stretches(np.arange(7.0), np.array([0, 0, 0, 0, 0, 1, 1]))
-    order, apart = where.apart(2)
+    order, apart = where.decimated(2)
     assert order.tolist() == [0, 2, 4, 1, 3, 5, 6]
     assert apart.stretch.tolist() == [0, 0, 0, 1, 1, 2, 3]
     assert apart.t.tolist() == order.tolist()

@@ -73,10 +73,10 @@ def test_a_planted_effect_is_found_in_differentiated_rows(switching):
 def test_rows_are_a_window_apart_and_no_window_holds_a_switch():
     modes = np.repeat([0, 1, 0], [10, 4, 11])
     records = make_records(np.zeros((25, 1)), 1, t=np.arange(25.0), names=["x"])
-    kept = Smoothed.of(records, modes, 5).apart
+    kept = Smoothed.of(records, modes, 5).decimated
     # the first stay leaves rows 2 to 7, the second none, the last 16 to 22
     np.testing.assert_array_equal(kept, [2, 7, 16, 21])
-    np.testing.assert_array_equal(Smoothed.of(records, None, 1).apart, np.arange(25))
+    np.testing.assert_array_equal(Smoothed.of(records, None, 1).decimated, np.arange(25))
 
 
 def test_what_a_window_bends_is_taken_away_and_an_effect_is_not():
