@@ -158,9 +158,9 @@ class SlowForces:
         # A filter that smears what an effect does leaves jumps where the effect has none, and the
         # other way round, which neither has made: rows are compared that share no samples. What is
         # gross without the effects and not with them is what they explain, and no force.
-        left = self.residuals(structure, target)
-        every = self._smeared(left)
-        usual = left != 0.0
+        residuals = self.residuals(structure, target)
+        every = self._smeared(residuals)
+        usual = residuals != 0.0
         # A force that outlasts a stretch is known in the next one: else a line through all of them
         # would explain at each what the past does.
         order, where = in_trajectories(self.context.data).taken(usual).decimated(every)
