@@ -1,6 +1,6 @@
 """A switching model with effects beside it, as the simulation of a switching system asks for it.
 
-Its inputs are the given channels (`signals.Given`): inputs, time, logged signals, tabulated
+Its inputs are the given channels (`inputs.Given`): inputs, time, logged signals, tabulated
 columns. An effect whose columns jump where a state passes a level (friction) splits every mode
 into two *sides*; the columns of a side are those of its own half of the state space also beyond
 the level, so that a vector field is smooth while the event is located. Effects that remember the

@@ -300,7 +300,7 @@ class PolynomialSwitchingSystem(StatedModel):
     A ball on a floor of stiff springs, x' = v and v' = -1 - 100 min(x, 0):
 
     >>> import numpy as np
-    >>> from swsysid.datasets._polynomial_system import PolynomialSwitchingSystem
+    >>> from swsysid.datasets._generated import PolynomialSwitchingSystem
     >>> air, floor = [[0, 0, 1], [-1, 0, 0]], [[0, 0, 1], [-1, -100, 0]]
     >>> ball = PolynomialSwitchingSystem([air, floor], 1, [0, -1, 0], 1, ["x", "v"])
     >>> ball.velocities([[0.5, 0.0], [-0.5, 0.0]])
