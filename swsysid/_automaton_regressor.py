@@ -16,12 +16,12 @@ from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
 from swsysid._data.trajectories import places_along
-from swsysid._fitting import failing_in_words, whole_or_nothing
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning
 from swsysid._stays.given import read_given
 from swsysid._stays.settings import StaySettings
+from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
 
 
 class HybridAutomatonRegressor(BaseEstimator):

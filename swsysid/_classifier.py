@@ -10,8 +10,6 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_classes, rows_of
 from swsysid._checks.parameters import names_of_columns, random_numbers
 from swsysid._data.rows import as_repetitions, canonical_rows, check_sample_weight, places_between
-from swsysid._data.scores import ScoredByAccuracy
-from swsysid._fitting import whole_or_nothing
 from swsysid._rendering.printing import check_format, linear_combination, symbol
 from swsysid._solvers.conic import worst_status
 from swsysid._surfaces.fitted import FittedSurfaces
@@ -26,6 +24,8 @@ from swsysid._surfaces.mode_books import (
 from swsysid._surfaces.polynomials import check_parameters, surface_basis
 from swsysid._surfaces.probability import ModePosterior
 from swsysid._surfaces.surface import LinearForm
+from swsysid._whole_or_nothing import whole_or_nothing
+from swsysid.metrics._scorers import ScoredByAccuracy
 
 _DEFAULT_MARGIN = 1e-2
 # The paper's beta in raw coordinates. In standardised ones half of it still separates what can be

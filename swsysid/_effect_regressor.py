@@ -13,7 +13,6 @@ from swsysid._checks.arrays import column
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities, rows_of
 from swsysid._checks.parameters import MOST_MODES, shown
 from swsysid._data.records import Records, make_records
-from swsysid._data.scores import ScoredByR2
 from swsysid._effect_model.equations import (
     NoAutomatonError,
     automaton_of_fit,
@@ -30,9 +29,10 @@ from swsysid._effect_model.joint_fit import (
 from swsysid._effect_model.models import check_declared, declared_model
 from swsysid._effect_model.refinable import as_stated_model, with_numbers_of
 from swsysid._effect_model.simulation import simulate_with_effects
-from swsysid._fitting import whole_or_nothing
 from swsysid._rendering.printing import check_format
+from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.effects import PlacedEffect
+from swsysid.metrics._scorers import ScoredByR2
 from swsysid.refinement import StatedModel
 
 

@@ -8,9 +8,7 @@ from swsysid._checks.estimators import check_fitted, column_names, rows_and_velo
 from swsysid._checks.parameters import random_numbers
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
-from swsysid._data.scores import ScoredByR2
 from swsysid._data.sources import over_blocks
-from swsysid._fitting import whole_or_nothing
 from swsysid._identification.doubts import Doubts, examine, warn_about
 from swsysid._identification.identify import Answer, answer_of_all, answer_of_many, identify
 from swsysid._identification.problem import attach_likelihood
@@ -24,6 +22,8 @@ from swsysid._identification.setup import (
 )
 from swsysid._identification.terms import surface_candidates
 from swsysid._simulation.model import SwitchingModel
+from swsysid._whole_or_nothing import whole_or_nothing
+from swsysid.metrics._scorers import ScoredByR2
 from swsysid.relaxations import get_relaxation
 from swsysid.relaxations._base import one_hot
 from swsysid.relaxations._certificates import certify

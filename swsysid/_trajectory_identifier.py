@@ -8,7 +8,6 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
-from swsysid._fitting import failing_in_words, whole_or_nothing
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
@@ -23,6 +22,7 @@ from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
 from swsysid._stays.sensors import warn_of_turns
 from swsysid._stays.settings import StaySettings
+from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
 
 
 class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):

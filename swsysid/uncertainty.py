@@ -16,7 +16,6 @@ from swsysid._checks.estimators import rows_and_velocities, rows_of
 from swsysid._checks.parameters import MOST_RESAMPLES, jobs, random_numbers, real, verbosity, whole
 from swsysid._data.rows import CanonicalRows
 from swsysid._data.trajectories import group_labels
-from swsysid._fitting import failing_in_words
 from swsysid._identification.descent import alternate
 from swsysid._identification.problem import calibrate
 from swsysid._identification.setup import build_problem
@@ -26,6 +25,7 @@ from swsysid._rendering.progress import watched
 from swsysid._results import Array
 from swsysid._simulation.model import fitted_system
 from swsysid._surfaces.surface import fit_weighted, mode_book_of
+from swsysid._whole_or_nothing import failing_in_words
 from swsysid.relaxations._base import one_hot
 
 __all__ = ["BootstrapResult", "bootstrap"]

@@ -25,7 +25,7 @@ from benchmarks.results import add_docs_options, keep, measured_here, place
 from benchmarks.sensitivity.tables import BASE, condensed, tables
 from benchmarks.undeclared.fresh import Drawn, run_drawn
 from swsysid._effect_search.settings import SETTINGS as SEARCH
-from swsysid.effects._settings import SETTINGS as EFFECTS
+from swsysid.effects._base import SETTINGS as EFFECTS
 
 N_ROWS, N_TRAJECTORIES = 400, 4
 # Numbers that are tuples, or that only say how a result is written.

@@ -17,9 +17,9 @@ from swsysid._automaton.spaceex import spaceex_model, spaceex_settings
 from swsysid._automaton.spaceex_reading import read_spaceex
 from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement, constants_of
 from swsysid._checks.parameters import flag
-from swsysid._files import write_text, written_beside
 from swsysid._results import Trajectory
 from swsysid._simulation.model import law_equations
+from swsysid._whole_or_nothing import write_text, written_beside
 
 
 @dataclass(frozen=True, eq=False)

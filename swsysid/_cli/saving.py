@@ -19,9 +19,9 @@ from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._cli.job import JobResult
 from swsysid._cli.output import AUTOMATON, EFFECTS, GRAPH, MODEL, PORTRAIT, TEXT, results
 from swsysid._cli.samples import Samples
-from swsysid._files import written_beside
 from swsysid._results import Array
 from swsysid._saving.files import Recording, save_model
+from swsysid._whole_or_nothing import written_beside
 from swsysid.diagnosis import EffectSearchCV
 
 if TYPE_CHECKING:

@@ -7,5 +7,5 @@ units; all else in this package asks for checked rows in one order.
 
 In reading order: `sources` (where rows come from), `rows` (their canonical order), `sampling`,
 `trajectories` (rows of recordings), `records` (with inputs, signals and times), `windows` (local
-polynomials along them), `coordinates` and `features` (columns made of columns), `scores`.
+polynomials along them), `coordinates` and `features` (columns made of columns).
 """

@@ -32,13 +32,13 @@ from swsysid._effect_search.set_aside import Event, SetAside, Whereabouts, set_a
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.text import report_lines, summary
 from swsysid._effect_search.words import named, title
-from swsysid._files import write_text
 from swsysid._rendering.parts import entries_of
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._simulation.model import laws_of_mode
+from swsysid._whole_or_nothing import write_text
 from swsysid.effects import FoundEffect, PlacedEffect, StructureEffect
 
 

@@ -13,7 +13,6 @@ from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities
 from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
 from swsysid._data.records import Records, make_records
-from swsysid._data.scores import explained
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import (
     JointFit,
@@ -31,9 +30,10 @@ from swsysid._effect_search.reading import alarms, read_recordings, refuse_input
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
-from swsysid._fitting import whole_or_nothing
 from swsysid._results import IdentificationWarning
+from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.effects import Effect, all_effects
+from swsysid.metrics._scorers import explained
 
 Answer = TypeVar("Answer")
 

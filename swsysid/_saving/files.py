@@ -21,11 +21,11 @@ from sklearn.utils.validation import check_is_fitted
 from swsysid._automaton.documents import FORMAT as AUTOMATON
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._checks.parameters import names_of_columns, shown
-from swsysid._files import write_text
 from swsysid._pipelines import switching_step
 from swsysid._results import Array
 from swsysid._saving.classes import name_of
 from swsysid._saving.values import read_objects, write_objects
+from swsysid._whole_or_nothing import write_text
 
 _NAME = "swsysid model"
 _MODELS = (

@@ -20,7 +20,7 @@ from swsysid.differentiation import (
     differentiate,
     estimate_noise,
 )
-from swsysid.differentiation._derivatives import rates_appended
+from swsysid.differentiation._record import rates_appended
 
 
 @dataclass(frozen=True)

@@ -23,21 +23,21 @@ from numpy.typing import ArrayLike, NDArray
 from swsysid._checks.arrays import names_of, table
 from swsysid._checks.parameters import flag, one_of, real, whole
 from swsysid._data.trajectories import group_labels, trajectories
-from swsysid.differentiation._counting import warn_of_counting
-from swsysid.differentiation._derivatives import Derivatives, rates_appended
 from swsysid.differentiation._noise import noise_in
 from swsysid.differentiation._record import (
+    Derivatives,
     Record,
     at_rest,
     loudness,
     measured_rows,
+    rates_appended,
     record_of,
     thinned,
 )
 from swsysid.differentiation._sensors import inspect_sensors
 from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array, TooShortError
-from swsysid.differentiation._strength import Strength, strengths, strongest
+from swsysid.differentiation._strength import Strength, strengths, strongest, warn_of_counting
 
 
 class Smoothing(NamedTuple):

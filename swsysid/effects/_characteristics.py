@@ -14,8 +14,15 @@ import numpy as np
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, figure, quantile_levels, spread
-from swsysid.effects._settings import SETTINGS
+from swsysid.effects._base import (
+    SETTINGS,
+    Effect,
+    Parameter,
+    Place,
+    figure,
+    quantile_levels,
+    spread,
+)
 
 
 class OfAChannel(Effect):

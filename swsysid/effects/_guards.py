@@ -15,8 +15,7 @@ from swsysid._data.features import Monomials
 from swsysid._data.records import Records
 from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
-from swsysid.effects._base import figure, products
-from swsysid.effects._settings import SETTINGS
+from swsysid.effects._base import SETTINGS, figure, products
 from swsysid.effects._types import Crossing, GuardEffect
 
 Modes = NDArray[np.intp]

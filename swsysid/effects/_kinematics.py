@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._settings import SETTINGS
+from swsysid.effects._base import SETTINGS
 
 
 def with_kinematics(

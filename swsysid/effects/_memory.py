@@ -21,9 +21,8 @@ from scipy.signal import lfilter
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Parameter, Place, figure, quantile_levels, spread
+from swsysid.effects._base import SETTINGS, Parameter, Place, figure, quantile_levels, spread
 from swsysid.effects._characteristics import OfAChannel, OfAVelocity
-from swsysid.effects._settings import SETTINGS
 
 
 def _usual_duration(records: Records) -> float:

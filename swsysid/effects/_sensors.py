@@ -10,8 +10,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Parameter, Place, figure, spread
-from swsysid.effects._settings import SETTINGS
+from swsysid.effects._base import SETTINGS, Parameter, Place, figure, spread
 from swsysid.effects._types import MeasurementEffect
 
 

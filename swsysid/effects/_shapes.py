@@ -26,8 +26,7 @@ from sklearn.cluster import KMeans
 from swsysid._data.records import Records
 from swsysid._noise import root_mean_square
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Place, figure
-from swsysid.effects._settings import SETTINGS
+from swsysid.effects._base import SETTINGS, Effect, Place, figure
 
 _TIMES = ", times "  # between the argument of a function and what it is multiplied by
 

@@ -15,8 +15,7 @@ from swsysid._data.records import Records
 from swsysid._noise import robust_scale
 from swsysid._pipelines import switching_step, with_parameters
 from swsysid._results import Array
-from swsysid.effects._base import Place, figure
-from swsysid.effects._settings import SETTINGS
+from swsysid.effects._base import SETTINGS, Place, figure
 from swsysid.effects._types import ResetEffect, StructureEffect
 
 Modes = NDArray[np.intp]

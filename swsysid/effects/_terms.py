@@ -14,9 +14,8 @@ from scipy.fft import next_fast_len, rfft
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import Effect, Parameter, Place, figure, products, spread
+from swsysid.effects._base import SETTINGS, Effect, Parameter, Place, figure, products, spread
 from swsysid.effects._characteristics import OfAChannel
-from swsysid.effects._settings import SETTINGS
 from swsysid.effects._types import WithoutColumns
 
 _FINE = 4  # frequencies of a transform in the width of a peak of one trajectory

@@ -9,10 +9,10 @@ from typing import Protocol, runtime_checkable
 from numpy.typing import ArrayLike
 
 from swsysid._checks.parameters import flag, one_of, verbosity, whole
-from swsysid._fitting import failing_in_words
 from swsysid._rendering.progress import progress
 from swsysid._results import Array
 from swsysid._simulation.model import FittedModel
+from swsysid._whole_or_nothing import failing_in_words
 from swsysid.refinement._estimation import Estimation
 from swsysid.refinement._losses import LOSSES
 from swsysid.refinement._result import RefinementResult

@@ -22,7 +22,7 @@ from swsysid import (
     SwitchingSystemRegressor,
     TrajectoryIdentifier,
 )
-from swsysid._fitting import failures_in_words
+from swsysid._whole_or_nothing import failures_in_words
 from swsysid.effects import CoulombFriction, PlacedEffect
 
 RNG = np.random.default_rng(0)

@@ -21,8 +21,8 @@ from swsysid import (
 )
 from swsysid._automaton_search.certificates import Certificate
 from swsysid._cli.verdict import Verdict
-from swsysid._files import write_text, written_beside
 from swsysid._saving.values import read_objects, write_objects
+from swsysid._whole_or_nothing import write_text, written_beside
 from swsysid.effects import CoulombFriction, QuadraticDrag
 
 T = np.arange(0.0, 20.0, 0.2)
