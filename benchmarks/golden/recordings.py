@@ -15,7 +15,7 @@ from benchmarks.trajectories.methods import identified
 from benchmarks.trajectories.plants import PLANTS, Plant
 from benchmarks.trajectories.recordings import Campaign, Scenario, record
 from swsysid import TrajectoryIdentifier
-from swsysid._data.matching import best_matching, contingency
+from swsysid.metrics._modes import best_matching, contingency
 
 __all__ = ["cells", "run"]
 
