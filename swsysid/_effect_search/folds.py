@@ -49,10 +49,10 @@ class Split:
     def of(self, rows: Rows) -> Split:
         """The same parts of some rows only."""
         search, held_out = (part[np.isin(part, rows)] for part in (self.search, self.held_out))
-        return Split(search, held_out, self.how, self.untouched)
+        return Split(search, held_out, self.how, self.held_out_samples)
 
     @property
-    def untouched(self) -> Rows:
+    def held_out_samples(self) -> Rows:
         """All samples that take no part in any choice, whether they are worked on or not."""
         return self.held_out if self.samples is None else self.samples
 

@@ -1,6 +1,6 @@
 """One search beside a declared model, from its folds to what the untouched rows leave of it.
 
-The untouched part of a record is the judge: what does not lower the error there is not added.
+The held-out part of a record is the judge: what does not lower the error there is not added.
 Neither significance nor a gain in the folds is proof that a model with the effect predicts what no
 choice has seen. An effect stays if its error there falls by more than the standard error of that
 fall, from block to block; otherwise it is listed as tried. Where the part is too short to show the
@@ -150,7 +150,7 @@ def search_beside(
     )
     search = Search(context, most, choices.n_jobs, choices.verbose)
     structure, findings, rounds = search.run()
-    judge = Untouched(context, records, measured.targets, split.held_out, is_last)
+    judge = HeldOutJudge(context, records, measured.targets, split.held_out, is_last)
     steps = [one.structure for one in rounds]
     structure, findings, tried = judge.judged(structure, findings, steps)
     structure, findings = search.beside_the_unknown(structure, findings, rounds)
@@ -195,7 +195,7 @@ class Fall:
 
 
 @dataclass(frozen=True)
-class Untouched:
+class HeldOutJudge:
     """Rows that have taken part in no choice."""
 
     context: SearchContext

@@ -175,7 +175,7 @@ class EffectReport(EffectContents):
             data=EffectData(
                 records=records,
                 rows=split.held_out,
-                samples=split.untouched,
+                samples=split.held_out_samples,
                 targets=ladder.targets,
                 models=(models[0], models[1]),
                 final=models[2],

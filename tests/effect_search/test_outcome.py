@@ -9,7 +9,7 @@ from swsysid import EffectSearchCV
 from swsysid._data.records import make_records
 from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.folds import StateNoise
-from swsysid._effect_search.outcome import Fall, Untouched
+from swsysid._effect_search.outcome import Fall, HeldOutJudge
 from swsysid.datasets import make_undeclared
 from swsysid.effects import CoulombFriction, Drift, PlacedEffect, QuadraticDrag
 
@@ -65,7 +65,7 @@ def test_an_effect_stays_if_the_error_falls_as_clearly_as_it_was_to(fall, promis
 def test_what_is_refused_does_not_come_back(monkeypatch):
     # whatever is found, the untouched rows refute it
     refuted = Fall(BlockSum(-1.0, 0.1, 8), 1.0, 0.1)
-    monkeypatch.setattr(Untouched, "gain", lambda *fits: refuted)
+    monkeypatch.setattr(HeldOutJudge, "gain", lambda *fits: refuted)
     planted = ("coulomb_friction", "drift")
     data = make_undeclared(planted, system="pendulum", n_samples=800, random_state=0)
     search = EffectSearchCV(data.estimator, effects=[CoulombFriction(), QuadraticDrag(), Drift()])
