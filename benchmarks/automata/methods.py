@@ -14,9 +14,14 @@ from benchmarks.automata.found import Found, Guard, Rollout
 from benchmarks.automata.plant import Array, Plant, Start
 from benchmarks.automata.recordings import Campaign
 from benchmarks.automata.truth import run
-from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid import (
+    HybridAutomatonRegressor,
+    PolynomialSurfaceClassifier,
+    SwitchingSystemRegressor,
+    TrajectoryIdentifier,
+)
 
-__all__ = ["METHODS", "OURS", "SURFACE"]
+__all__ = ["METHODS", "OURS", "SURFACE", "as_found", "automaton"]
 
 Method = Callable[[Plant, Campaign, int], Found]
 N_CLOCKS = 2  # dwell and time, the last columns of a guard
@@ -42,15 +47,22 @@ def truth(plant: Plant, campaign: Campaign, seed: int) -> Found:
 
 def ours(plant: Plant, campaign: Campaign, seed: int) -> Found:
     """The hybrid automaton that the package finds, its number of modes and its edges included."""
-    from swsysid import HybridAutomatonRegressor
+    return as_found(plant, automaton(plant, campaign, seed))
 
-    model = HybridAutomatonRegressor(
+
+def automaton(plant: Plant, campaign: Campaign, seed: int) -> HybridAutomatonRegressor:
+    """The fitted estimator."""
+    return HybridAutomatonRegressor(
         lags=plant.lags,
         discrete_time=plant.is_map,
         feature_library=plant.degree,
         guard_degree=plant.guard_degree,
         random_state=seed,
     ).fit(campaign.x, campaign.t, groups=campaign.groups, inputs=campaign.inputs)
+
+
+def as_found(plant: Plant, model: HybridAutomatonRegressor) -> Found:
+    """A fitted automaton in the terms of the figures."""
     hold = "zero" if plant.is_map else "linear"
     guards = {(one.source, one.target): one.guard.values for one in model.transitions_}
 

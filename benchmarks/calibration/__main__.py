@@ -31,6 +31,7 @@ from benchmarks.calibration.rare import rare_record
 from benchmarks.calibration.tables import RARE, condensed, tables
 from benchmarks.records import read, run_and_append
 from benchmarks.results import add_docs_options, keep, measured_here, place
+from benchmarks.undeclared.cells import effects_found
 from swsysid import EffectSearchCV
 from swsysid._effect_search.scan import scan
 from swsysid.effects import UnmeasuredDisturbance
@@ -65,6 +66,7 @@ def searched(data: Record) -> tuple[Watched, dict]:
         "p_values": [effect.p_value for effect in named],
         "disturbances": len(search.effects_) - len(named),
         "acts_rarely": search.report_.acts_rarely,
+        "effects": effects_found(search),
         "seconds": time.process_time() - start,
     }
     return search, told

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from benchmarks.golden import recordings
+from benchmarks.golden import automata, measured, models, recordings, regressor, undeclared
 
 __all__ = ["KINDS", "line", "may_lose"]
 
 KINDS = {
     "recordings": recordings,
+    "automata": automata,
+    "regressor": regressor,
+    "undeclared": undeclared,
+    "measured": measured,
+    "models": models,
 }
 
 

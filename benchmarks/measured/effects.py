@@ -31,19 +31,12 @@ N_ROWS = 3000  # of the long record
 
 def rows() -> list[Found]:
     """One row a data set: before is the declared model, after has what was found."""
-    return [
-        _searched(name, *case())
-        for name, case in (
-            ("EMPS, force", _emps),
-            ("vehicle, v'", _vehicle),
-            ("Silverbox, next y", _silverbox),
-            ("incubator, T'", _incubator),
-            ("thermostat, T', heater hidden", _thermostat),
-            ("MR damper, F'", _damper),
-            ("drives, next abs(w)", _drives),
-            ("cascaded tanks, level'", _tanks),
-        )
-    ]
+    return [searched(name) for name in CASES]
+
+
+def searched(name: str) -> Found:
+    """The row of one data set."""
+    return _searched(name, *CASES[name]())
 
 
 def _searched(name, estimator, train, test) -> Found:
@@ -177,3 +170,15 @@ def _tanks():
         return pd.DataFrame(q.X, columns=["level", "pump"]), q.Xdot, q.t, q.groups
 
     return _linear(), rows(data.train), rows(data.test)
+
+
+CASES = {
+    "EMPS, force": _emps,
+    "vehicle, v'": _vehicle,
+    "Silverbox, next y": _silverbox,
+    "incubator, T'": _incubator,
+    "thermostat, T', heater hidden": _thermostat,
+    "MR damper, F'": _damper,
+    "drives, next abs(w)": _drives,
+    "cascaded tanks, level'": _tanks,
+}

@@ -18,7 +18,7 @@ from swsysid import EffectSearchCV, PolynomialSurfaceClassifier
 from swsysid.datasets import make_undeclared
 from swsysid.effects import all_effects, special_effects
 
-__all__ = ["Cell", "run_cell", "states_difference"]
+__all__ = ["Cell", "effects_found", "run_cell", "states_difference"]
 
 # Degree of the plants' guards where it is not 1.
 GUARD_DEGREE = {"quartic": 2}
@@ -75,10 +75,24 @@ def run_cell(cell: Cell) -> list[dict]:
         "ratio": ratio,
         "trimmed_ratio": trimmed,
         "covered": coverage(search, data),
+        "effects": effects_found(search),
         "fit_seconds": fit_seconds,
         "seconds": seconds,
     }
     return [record]
+
+
+def effects_found(search) -> list[dict]:
+    """Names, p-values, numbers and intervals of all effects found."""
+    return [
+        {
+            "name": f"{effect.kind} of {effect.place}",
+            "p_value": effect.p_value,
+            "parameters": {name: effect.parameters[name] for name in effect.intervals},
+            "intervals": {name: list(pair) for name, pair in effect.intervals.items()},
+        }
+        for effect in search.effects_
+    ]
 
 
 def recorded(data, seed: int, noise: float = RECORDED_NOISE) -> list[np.ndarray]:

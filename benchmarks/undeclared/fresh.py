@@ -20,7 +20,7 @@ from sklearn.base import clone
 from benchmarks.goals import Goal
 from benchmarks.markdown import table
 from benchmarks.results import origins
-from benchmarks.undeclared.cells import is_right, recorded, rival_is_right
+from benchmarks.undeclared.cells import effects_found, is_right, recorded, rival_is_right
 from benchmarks.undeclared.fresh_plants import FRESH_PLANTS
 from benchmarks.undeclared.unlisted import verdict
 from swsysid import EffectSearchCV
@@ -161,6 +161,7 @@ def run_drawn(drawn: Drawn) -> dict:
         "visible": _visible_of(data, drawn),
         "errors": errors,
         "told_change": _told_change(search),
+        "effects": effects_found(search),
         "seconds": seconds,
     }
 

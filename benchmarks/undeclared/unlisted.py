@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.markdown import table
 from benchmarks.results import origins
+from benchmarks.undeclared.cells import effects_found
 from swsysid import EffectSearchCV
 from swsysid.datasets import make_undeclared
 from swsysid.effects import UnknownFunction, UnmeasuredDisturbance
@@ -54,6 +55,7 @@ def run_unlisted(cell: UnlistedCell) -> list[dict]:
             "verdict": verdict(search.effects_, data.unlisted),
             "ratio": ratio,
             "inside_ratio": inside,
+            "effects": effects_found(search),
             "seconds": seconds,
         }
     ]
