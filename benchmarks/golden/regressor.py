@@ -12,8 +12,8 @@ from benchmarks.golden.record import ALIKE, answered, estimate
 from benchmarks.quality.cases import CASES, MAIN, Data, make_data
 from benchmarks.quality.methods import regressor
 from swsysid import SwitchingSystemRegressor
-from swsysid._data.matching import best_matching, contingency
 from swsysid.metrics import balanced_mode_accuracy, velocity_rmse
+from swsysid.metrics._modes import best_matching, contingency
 from swsysid.uncertainty import bootstrap
 
 __all__ = ["cells", "run"]
