@@ -32,7 +32,8 @@ SECONDS = {
     }.items()
     for name in names.split()
 }
-_BRACKET = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")
+# der(x) is no x in units of der: tools of Modelica name the derivative of a state so.
+_BRACKET = re.compile(r"(?<!\bder)\s*[\[(]([^\])]*)[\])]\s*$")
 
 
 def without_unit(name: str) -> str:
@@ -62,6 +63,8 @@ def unit_of(name: str) -> str:
     --------
     >>> [unit_of(name) for name in ("v_m_per_s", "acc_m_per_s2", "force [N]", "T_box", "x")]
     ['m/s', 'm/s^2', 'N', '', '']
+    >>> [unit_of(name) for name in ("h(m)", "der(h)", "der(h) [m/s]")]
+    ['m', '', 'm/s']
     """
     bracket = _BRACKET.search(name)
     if bracket:

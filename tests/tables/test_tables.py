@@ -75,6 +75,8 @@ def test_logical_missing_and_text_cells(written):
         ("T_box_degC", "degC"),
         ("force [N]", "N"),
         ("angle (rad)", "rad"),
+        ("speed(m/s)", "m/s"),
+        ("der(h) [m/s]", "m/s"),
         ("gain_N_per_V", "N/V"),
         ("heater_on", ""),
         ("m", ""),
@@ -95,6 +97,12 @@ def test_a_title_leaves_the_unit_out_unless_two_columns_share_it(written):
     table = read_table(written("x [m],v [m/s],v [ft/s]\n1,2,3\n"))
     assert [table.title(name) for name in ("x", "x [m]")] == ["x", "x"]
     assert len({table.title(name) for name in ("v [m/s]", "v [ft/s]")}) == 2
+
+
+def test_derivatives_of_modelica_tools_keep_their_names(written):
+    table = read_table(written("time,h,der(h),der(body.v)\n0,1,2,3\n"))
+    assert [table.title(name) for name in ("der(h)", "der(body.v)")] == ["der(h)", "der(body.v)"]
+    assert [table.unit(name) for name in ("der(h)", "der(body.v)")] == ["", ""]
 
 
 def test_rate_units():
