@@ -66,7 +66,7 @@ def _identified(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonR
     what = "whole trajectories" if split.whole_groups else "the last stretch of each trajectory"
     well = f"R2 of {score:.4f}" if np.isfinite(score) else "no R2, since a rollout diverges,"
     held_out = (
-        f"held-out rollouts: {well} on {split.test.sum():,} samples, {what}, by an automaton of "
+        f"held-out rollouts: {well} on {split.test[recorded.holds_a_state].sum():,} samples, {what}, by an automaton of "
         f"the others\n{rollouts.sentence()}"
     )
     return model.fit(*recorded.named(samples.names, slice(None))), held_out
@@ -75,5 +75,6 @@ def _identified(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonR
 def _recorded(samples: Samples) -> str:
     recorded = samples.recorded
     assert recorded is not None
-    first = described(samples, len(recorded.t), len(recorded.labels))
+    n_samples = int(recorded.holds_a_state.sum())
+    first = described(samples, n_samples, len(recorded.labels))
     return "\n".join([first, *samples.remarks])

@@ -64,13 +64,18 @@ def _of(table: Table, what: Measurement) -> tuple[Array, NDArray | None]:
     return numbers, None if what.groups is None else table.labels(what.groups)
 
 
-def fill_inputs(what: Measurement, numbers: Array, t: Array, labels: NDArray | None) -> list[str]:
+def fill_inputs(
+    what: Measurement, numbers: Array, t: Array, labels: NDArray | None
+) -> tuple[list[str], Array]:
     """Put values between the samples of inputs with times of their own, in place, and say so.
 
-    `numbers` are the channels of a measurement, states first.
+    `numbers` are the channels of a measurement, states first. With what is said come the inputs
+    just before each row, which differ where one that keeps its value has a new one.
     """
     moving = _holds_a_state(what, numbers)
     parts, told = _segments(t, labels), []
+    inputs = slice(len(what.states), len(what.states) + len(what.inputs))
+    before = np.full_like(numbers, np.nan)
     for k in range(len(what.states), len(what.states) + len(what.inputs) + len(what.signals)):
         name = what.channels[k]
         if not has_own_clock(numbers[:, k], moving):
@@ -79,12 +84,14 @@ def fill_inputs(what: Measurement, numbers: Array, t: Array, labels: NDArray | N
         chosen = _keeps_its_value(numbers[known, k], moving.sum())
         held = chosen if what.hold is None else name in what.hold
         numbers[:, k] = between(numbers[:, k], t, parts, held)
+        for rows in parts if held else ():
+            before[rows[1:], k] = numbers[rows[:-1], k]
         how = "keeps its value" if held else "lies on a line"
         told.append(
             f"{name} has times of its own ({counted(int(known.sum()), 'row')}): it {how} between "
             "them (--hold names the inputs that keep it)."
         )
-    return told
+    return told, np.where(np.isnan(before), numbers, before)[:, inputs]
 
 
 def fill_states(what: Measurement, numbers: Array, labels: NDArray | None) -> NDArray[np.bool_]:

@@ -201,7 +201,7 @@ class _Identification:
             told_by_rates=None,
             untested=tuple(int(mode) for mode in np.flatnonzero(~is_seen)),
             noise=held_out.noise,
-            blocks=held_out.stretches.blocks[judged],
+            blocks=held_out.blocks[judged],
             seen=trained is identifier,
         )
 
@@ -216,7 +216,7 @@ class _Identification:
             told_by_rates=None,
             untested=(),
             noise=held_out.noise,
-            blocks=held_out.stretches.blocks,
+            blocks=held_out.blocks,
         )
 
     # -- whether to believe it -------------------------------------------------------------

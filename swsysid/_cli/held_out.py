@@ -52,9 +52,11 @@ class HeldOut:
                 records.append(Record(record.t[held], record.y[held], record.u[held]))
                 guess.append(recordings.guess[recordings.sampled[k][held], k])
                 places.append(rows[held])
-        self.rows = np.concatenate(places)  # of the recordings: those of the stretches
         self.records, self.stretches = records, Stretches.of(records, guess)
-        self.measured = np.vstack([record.y for record in records])
+        measured = np.vstack([record.y for record in records])
+        self.kept = np.isfinite(measured).any(axis=1)  # no sample are the limits of inputs
+        self.measured, self.blocks = measured[self.kept], self.stretches.blocks[self.kept]
+        self.rows = np.concatenate(places)[self.kept]  # of the recordings: those of the stretches
 
     def identified(
         self, terms: Terms, n_modes: int | str, *, whole: bool = False, **options
@@ -85,7 +87,8 @@ class HeldOut:
 
     def left_by(self, identifier: TrajectoryIdentifier) -> Array:
         """What rollouts leave of all held-out samples."""
-        return self.stretches.left_by(identifier.estimator_.switching_model, self.noise)
+        system = identifier.estimator_.switching_model
+        return self.stretches.left_by(system, self.noise)[self.kept]
 
     def free(self, identifier: TrajectoryIdentifier) -> FreeRollouts | None:
         """What free rollouts of a fit leave of the held-out samples."""
@@ -94,8 +97,7 @@ class HeldOut:
 
     def stretches_in(self, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Samples of the stretches all of whose samples are kept."""
-        blocks = self.stretches.blocks
-        return (np.bincount(blocks, weights=~kept) == 0)[blocks]
+        return (np.bincount(self.blocks, weights=~kept) == 0)[self.blocks]
 
     def _fitted(self, n_modes: int | str, rows, whole: bool, **options) -> TrajectoryIdentifier:
         estimator = self.options.regressor(n_modes).set_params(verbose=0, **options)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from swsysid._cli.clocks import fill_inputs
 from swsysid._cli.measurement import Measurement
+from swsysid._cli.recorded import Steps
 from swsysid._cli.settings import PREPARING
 from swsysid._data.trajectories import places_along
 from swsysid._rendering.printing import counted, rows_listed
@@ -27,12 +28,15 @@ _LIMITS = frozenset(
 )
 
 
-def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | None, list[str]]:
-    """The columns of a measurement side by side, the times last; labels; what was masked.
+def complete_cells(
+    table: Table, what: Measurement
+) -> tuple[Column, NDArray | None, Steps, list[str]]:
+    """The columns of a measurement side by side, the times last; labels; steps; what was masked.
 
     Cells that are missing or no measurement are NaN, and so are all cells of a row that says
     nothing without them: only other states make up for a state, unless rates were measured. The
-    labels name the trajectory of each row, None where no column does.
+    labels name the trajectory of each row, None where no column does. The steps are those of
+    inputs that keep their value between samples of their own.
     """
     names = [*what.channels, *([what.time] if what.time else [])]
     numbers = table.numbers(names)
@@ -50,17 +54,21 @@ def complete_cells(table: Table, what: Measurement) -> tuple[Column, NDArray | N
     remarks = _beyond(table, names, numbers)
     remarks += [] if what.keep_spikes else _mask(table, what, names, numbers, codes)
     times = what.time_step * places_along(codes) if what.time_step is not None else numbers[:, -1]
+    before = inputs = numbers[:, len(what.states) : len(what.states) + len(what.inputs)]
     if what.timed:
-        remarks += fill_inputs(what, numbers, times, labels)
+        told, before = fill_inputs(what, numbers, times, labels)
+        remarks += told
     gaps = np.column_stack([~np.isfinite(numbers), unlabelled])
     n_states = 0 if what.derivatives else len(what.states)
     empty: Mask = gaps[:, n_states:].sum(axis=1) > 0
     empty |= gaps[:, :n_states].sum(axis=1) >= max(1, n_states)
     remarks += _left_out(table, [*names, what.groups], gaps, empty)
+    at_step = (before != inputs).any(axis=1) & ~gaps[:, len(what.states) :].any(axis=1)
+    steps = Steps(*(each[at_step] for each in (np.arange(len(times)), times, before, inputs)))
     numbers[empty] = np.nan
     if what.time_step is not None:
         numbers = np.column_stack([numbers, np.where(empty, np.nan, times)])
-    return numbers, labels, remarks
+    return numbers, labels, steps, remarks
 
 
 def _beyond(table: Table, names: Sequence[str], numbers: Column) -> list[str]:

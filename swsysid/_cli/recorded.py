@@ -15,8 +15,21 @@ from swsysid._stays.given import FEWEST_SAMPLES
 
 
 @dataclass(frozen=True)
+class Steps:
+    """Instants at which inputs that keep their value have a new one."""
+
+    rows: NDArray[np.intp]  # of the table
+    t: Array
+    before: Array  # all inputs, (n_steps, n_inputs)
+    after: Array
+
+
+@dataclass(frozen=True)
 class Recorded:
-    """Measured states and inputs with their times, in order of time within each trajectory."""
+    """Measured states and inputs with their times, in order of time within each trajectory.
+
+    Rows without a state are limits of inputs at instants at which these step.
+    """
 
     states: Array  # as they are in the file; with order 2 positions
     inputs: Array
@@ -37,6 +50,41 @@ class Recorded:
             rows[:, -1],
             labels[kept],
         )
+
+    def with_steps(self, steps: Steps, labels: NDArray) -> Recorded:
+        """With the limits of inputs where they step; `labels` are the trajectories of the steps.
+
+        A line from one sample of the states to the next would begin too early, and end too late.
+        """
+        places, limits, order = [], [], np.argsort(steps.t, kind="stable")
+        for label in set(self.groups.tolist()):
+            own = np.flatnonzero(self.groups == label)
+            for k in order[labels[order] == label]:
+                after = int(np.searchsorted(self.t[own], steps.t[k]))
+                if 0 < after < len(own):
+                    measured = self.t[own[after]] == steps.t[k]
+                    sides = (steps.before[k],) if measured else (steps.before[k], steps.after[k])
+                    places += [own[after]] * len(sides)
+                    limits += [(steps.t[k], label, side) for side in sides]
+        if not places:
+            return self
+        t, names, inputs = map(list, zip(*limits, strict=True))
+        return Recorded(
+            np.insert(self.states, places, np.nan, axis=0),
+            np.insert(self.inputs, places, inputs, axis=0),
+            np.insert(self.t, places, t),
+            np.insert(self.groups, places, np.array(names, dtype=self.groups.dtype)),
+        )
+
+    @property
+    def holds_a_state(self) -> NDArray[np.bool_]:
+        """The rows in which some state was measured."""
+        return np.asarray(np.isfinite(self.states).any(axis=1), dtype=bool)
+
+    def of_samples(self) -> Recorded:
+        """Without the limits of inputs."""
+        kept = self.holds_a_state
+        return Recorded(self.states[kept], self.inputs[kept], self.t[kept], self.groups[kept])
 
     @property
     def is_complete(self) -> bool:

@@ -97,7 +97,7 @@ def _diagnose(
         random_state=result.options.random_state,
         verbose=int(verbose),
     )
-    recorded = samples.recorded
+    recorded = None if samples.recorded is None else samples.recorded.of_samples()
     if recorded is not None and recorded.is_complete and named.order == 1 and not named.signals:
         # as they were measured: what a filter has smeared looks like other effects
         x, t, groups, inputs = recorded.named(samples.names, slice(None))

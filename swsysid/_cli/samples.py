@@ -13,7 +13,7 @@ from swsysid._cli.angles import is_angle, is_in_degrees, unwrapped
 from swsysid._cli.clocks import fill_states, with_own_clocks
 from swsysid._cli.masking import complete_cells
 from swsysid._cli.measurement import Measurement, check_roles
-from swsysid._cli.recorded import Recorded
+from swsysid._cli.recorded import Recorded, Steps
 from swsysid._cli.runs import Runs, runs_of
 from swsysid._cli.settings import PREPARING
 from swsysid._cli.times import in_seconds
@@ -82,11 +82,14 @@ def measure(table: Table, what: Measurement) -> Samples:
     """The rows that `what` describes; TableError or ValueError say what is in the way."""
     check_roles(table, what)
     table = with_own_clocks(in_seconds(table.spelled(what.channels), what), what)
-    numbers, labels, remarks = complete_cells(table, what)
+    numbers, labels, steps, remarks = complete_cells(table, what)
     runs = _runs(table, what, numbers, labels)
     table = unwrapped(table, what, numbers, runs)
     remarks += _still(table, what, numbers[runs.rows])
-    recorded = None if what.derivatives else Recorded.of(numbers[runs.rows], runs.labels, what)
+    recorded = None
+    if not what.derivatives:
+        recorded = Recorded.of(numbers[runs.rows], runs.labels, what)
+        recorded = recorded.with_steps(steps, _runs_of(steps, numbers, labels, runs))
     put_between = np.zeros(len(what.states), dtype=bool)
     if what.timed and not what.derivatives:
         put_between = fill_states(what, numbers, labels)
@@ -137,6 +140,25 @@ def _complete(table: Table, what: Measurement, numbers: Array, runs: Runs) -> Ru
     alone = np.full_like(numbers, np.nan)
     alone[rows] = numbers[rows]
     return _runs(table, what, alone, labels)
+
+
+def _runs_of(steps: Steps, numbers: Array, labels: NDArray | None, runs: Runs) -> NDArray:
+    """The run in which each step of an input lies, None if in none.
+
+    Where the clock starts again, several runs have its time: it is the one that stands nearest.
+    """
+    found = np.full(len(steps.t), None, dtype=object)
+    nearest = np.full(len(steps.t), np.inf)
+    for label in set(runs.labels.tolist()):
+        rows = runs.rows[runs.labels == label]
+        t = numbers[rows, -1]
+        inside = (steps.t > t[0]) & (steps.t <= t[-1])
+        if labels is not None:
+            inside &= labels[steps.rows] == labels[rows[0]]
+        away = np.abs(rows[np.searchsorted(t, steps.t).clip(max=len(t) - 1)] - steps.rows)
+        better = inside & (away < nearest)
+        found[better], nearest[better] = label, away[better]
+    return found
 
 
 def _still(table: Table, what: Measurement, numbers: Array) -> list[str]:

@@ -221,6 +221,8 @@ def _what_is_held_out(result: JobResult) -> str:
     whole = result.split.whole_groups
     what = "whole trajectories" if whole else "the last stretch of each trajectory"
     trained = int(result.split.train.sum())
+    if result.found is not None and result.samples.recorded is not None:
+        trained = int(result.split.train[result.samples.recorded.holds_a_state].sum())
     if result.comparison.noise is None:
         return (
             f"held-out error: RMSE on {len(result.comparison.errors)} samples, {what}, by models "
