@@ -66,8 +66,8 @@ def _identified(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonR
     what = "whole trajectories" if split.whole_groups else "the last stretch of each trajectory"
     well = f"R2 of {score:.4f}" if np.isfinite(score) else "no R2, since a rollout diverges,"
     held_out = (
-        f"held-out rollouts: {well} on {split.test[recorded.holds_a_state].sum():,} samples, {what}, by an automaton of "
-        f"the others\n{rollouts.sentence()}"
+        f"held-out rollouts: {well} on {split.test[recorded.holds_a_state].sum():,} samples, "
+        f"{what}, by an automaton of the others\n{rollouts.sentence()}"
     )
     return model.fit(*recorded.named(samples.names, slice(None))), held_out
 
