@@ -62,8 +62,9 @@ def complete_cells(
     n_states = 0 if what.derivatives else len(what.states)
     empty: Mask = gaps[:, n_states:].sum(axis=1) > 0
     empty |= gaps[:, :n_states].sum(axis=1) >= max(1, n_states)
-    remarks += _left_out(table, [*names, what.groups], gaps, empty)
     at_step = (before != inputs).any(axis=1) & ~gaps[:, len(what.states) :].any(axis=1)
+    unused = gaps & ~(empty & at_step)[:, None]
+    remarks += _left_out(table, [*names, what.groups], unused, empty & ~at_step)
     steps = Steps(*(each[at_step] for each in (np.arange(len(times)), times, before, inputs)))
     numbers[empty] = np.nan
     if what.time_step is not None:

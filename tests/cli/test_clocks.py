@@ -47,7 +47,9 @@ def test_a_slow_input_is_held_at_the_times_of_the_states():
 @pytest.mark.parametrize("late", [0.003, 0.0])
 def test_a_held_input_steps_at_its_own_instants(late):
     """Not on a line from one sample of the states to the next."""
-    recorded = measure(union(x=(T, X), v=(T, V), u=(T[::10] + late, COMMAND)), WHAT).recorded
+    samples = measure(union(x=(T, X), v=(T, V), u=(T[::10] + late, COMMAND)), WHAT)
+    recorded, left_out = samples.recorded, [r for r in samples.remarks if r.startswith("Left out")]
+    assert [each.partition(" rows")[0] for each in left_out] == ["Left out: 2 of 660"] * bool(late)
     limits = ~recorded.holds_a_state
     sides = 2 if late else 1  # the right one stands beside the state that was measured there
     np.testing.assert_array_equal(recorded.t[limits], np.repeat(T[10::10] + late, sides))
