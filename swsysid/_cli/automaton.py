@@ -75,6 +75,5 @@ def _identified(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonR
 def _recorded(samples: Samples) -> str:
     recorded = samples.recorded
     assert recorded is not None
-    n_samples = int(recorded.holds_a_state.sum())
-    first = described(samples, n_samples, len(recorded.labels))
+    first = described(samples, recorded.n_samples, len(recorded.labels))
     return "\n".join([first, *samples.remarks])

@@ -81,6 +81,11 @@ class Recorded:
         """The rows in which some state was measured."""
         return np.asarray(np.isfinite(self.states).any(axis=1), dtype=bool)
 
+    @property
+    def n_samples(self) -> int:
+        """How many rows hold a state."""
+        return int(self.holds_a_state.sum())
+
     def of_samples(self) -> Recorded:
         """Without the limits of inputs."""
         kept = self.holds_a_state

@@ -43,8 +43,8 @@ def with_effects(model: EffectRegressor) -> str:
 def _data(result: JobResult) -> str:
     samples = result.samples
     n_samples, n_groups = len(samples.X), len(np.unique(samples.groups))
-    if result.found is not None:
-        n_samples, n_groups = len(result.found.identifier.modes_), len(result.found.labels)
+    if result.found is not None and samples.recorded is not None:
+        n_samples, n_groups = samples.recorded.n_samples, len(result.found.labels)
     lines = [described(samples, n_samples, n_groups), *preparation(samples)]
     if result.position_gain is not None:
         kept = "kept in" if 0 in result.terms.columns else "left out of"
