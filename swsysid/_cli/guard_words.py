@@ -32,7 +32,7 @@ class Inequality:
 
 def regions(surface: MarginClassifier, samples: Samples) -> list[str]:
     """One line for each mode: where it is. One more where the words leave something out."""
-    X = samples.X[spread_rows(len(samples.X), WORDING.most_rows)]
+    X = samples.with_recorded_inputs[spread_rows(len(samples.X), WORDING.most_rows)]
     monomials = surface.surface_features(X)
     names = [str(name) for name in surface.fitted_surfaces.basis.names(samples.names)]
     units = [samples.unit(name) for name in names]

@@ -60,6 +60,20 @@ class Samples:
 
         return pd.DataFrame(self.X, columns=list(self.names))
 
+    @property
+    def with_recorded_inputs(self) -> Array:
+        """`X` with the recorded values that are nearest to filtered inputs.
+
+        A filter makes of a switch values that it never has; none is drawn at, or told of.
+        """
+        X = self.X.copy()
+        if self.recorded is not None:
+            inputs = self.recorded.inputs.T
+            for place, column in enumerate(inputs, start=X.shape[1] - len(inputs)):
+                values = np.unique(column[np.isfinite(column)])
+                X[:, place] = values[np.searchsorted((values[1:] + values[:-1]) / 2, X[:, place])]
+        return X
+
     def unit(self, name: str) -> str:
         """The unit of a column, "" where unknown."""
         return self.units.get(name, "")

@@ -12,14 +12,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from sklearn.base import BaseEstimator
 
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._cli.job import JobResult
 from swsysid._cli.output import AUTOMATON, EFFECTS, GRAPH, MODEL, PORTRAIT, TEXT, results
 from swsysid._cli.samples import Samples
-from swsysid._results import Array
 from swsysid._saving.files import Recording, save_model
 from swsysid._whole_or_nothing import written_beside
 from swsysid.diagnosis import EffectSearchCV
@@ -160,23 +158,9 @@ def _draw(result: JobResult, path: Path) -> str:
     from swsysid.plotting import SwitchingSurfaceDisplay
 
     told = {"names": samples.names, "units": samples.units}
-    X = _with_recorded_inputs(samples)
+    X = samples.with_recorded_inputs
     display = SwitchingSurfaceDisplay.from_estimator(result.model, X, modes=result.modes, **told)
     return _picture(display.figure_, path)
-
-
-def _with_recorded_inputs(samples: Samples) -> Array:
-    """The rows with the recorded values that are nearest to filtered inputs.
-
-    A filter makes of a switch values that it never has, and none of them is to be drawn at.
-    """
-    X = samples.X.copy()
-    if samples.recorded is not None:
-        inputs = samples.recorded.inputs.T
-        for place, column in enumerate(inputs, start=X.shape[1] - len(inputs)):
-            values = np.unique(column[np.isfinite(column)])
-            X[:, place] = values[np.searchsorted((values[1:] + values[:-1]) / 2, X[:, place])]
-    return X
 
 
 def _drawn(found: HybridAutomatonRegressor, path: Path) -> str:

@@ -12,7 +12,7 @@ import pytest
 import swsysid
 from swsysid import load_model
 from swsysid.__main__ import main
-from swsysid._cli.saving import _with_recorded_inputs
+from swsysid._cli.samples import Samples
 from swsysid.datasets import make_undeclared
 
 
@@ -307,10 +307,11 @@ def test_a_portrait_is_drawn_at_values_that_an_input_has():
     """What a filter makes of a switch between its two positions is none of them."""
     inputs = np.repeat([[0.0], [1.0]], 5, axis=0)
     filtered = np.column_stack([np.arange(4.0), [-0.02, 0.2, 0.7, 1.0]])
+    with_recorded_inputs = Samples.with_recorded_inputs.fget
     recorded = SimpleNamespace(inputs=inputs)
-    drawn = _with_recorded_inputs(SimpleNamespace(X=filtered, recorded=recorded))
+    drawn = with_recorded_inputs(SimpleNamespace(X=filtered, recorded=recorded))
     np.testing.assert_array_equal(drawn, np.column_stack([np.arange(4.0), [0, 0, 1, 1]]))
-    measured = _with_recorded_inputs(SimpleNamespace(X=filtered, recorded=None))
+    measured = with_recorded_inputs(SimpleNamespace(X=filtered, recorded=None))
     np.testing.assert_array_equal(measured, filtered)
 
 

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from swsysid import load_model, save_model
 from swsysid._cli.guard_words import inequality, memory, regions
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
+from swsysid._cli.samples import measure
 from swsysid._cli.terms import Terms
 from swsysid._cli.text import render
 from swsysid._cli.verdict import (
@@ -339,3 +341,22 @@ def test_a_surface_between_the_values_of_a_switch_names_them():
     result = job({"T": T, "window": window, "dT": rate}, ["T"], ["window"])
     lines = sorted(regions(result.model.surface_, result.samples))
     assert {line[13:] for line in lines} == {"window = 0", "window = 1"}, lines
+
+
+def test_a_surface_is_told_of_the_values_that_a_switch_had_not_of_those_of_a_filter():
+    """A gear that stands at 1 or 2, smoothed with the speed; the surface leans a little on both."""
+    t = np.arange(0.0, 60.0, 0.2)
+    gear, throttle = 1.0 + (np.cos(t / 4) > 0.2), 1.0 + 0.3 * np.sin(0.4 * t)
+    v = np.ones(len(t))
+    for k in range(len(t) - 1):  # exactly, the throttle held
+        goal = 2.5 * (3.0 if gear[k] == 1 else 1.5) * throttle[k]
+        v[k + 1] = goal + (v[k] - goal) * np.exp(-0.4 * 0.2)
+    what = Measurement(states=("v",), inputs=("throttle", "gear"), time="t")
+    samples = measure(Table("made", {"t": t, "v": v, "throttle": throttle, "gear": gear}, {}), what)
+    leaning = np.array([[-0.097, -0.018, 0.032, 0.116]])
+    surface = SimpleNamespace(
+        coef_=leaning, classes_=[0, 1], mode_book_=[[-1], [1]],
+        surface_features=lambda X: np.column_stack([np.ones(len(X)), X]),
+        fitted_surfaces=SimpleNamespace(basis=SimpleNamespace(names=lambda names: ["1", *names])),
+    )  # fmt: skip
+    assert regions(surface, samples) == ["mode 0 where gear = 1", "mode 1 where gear = 2"]
