@@ -9,7 +9,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_classes, rows_of
 from swsysid._checks.parameters import names_of_columns, random_numbers
-from swsysid._data.rows import as_repetitions, canonical_rows, check_sample_weight, places_between
+from swsysid._data.rows import canonical_rows, check_sample_weight, places_between
 from swsysid._rendering.printing import check_format, linear_combination, symbol
 from swsysid._solvers.conic import worst_status
 from swsysid._surfaces.fitted import FittedSurfaces
@@ -183,11 +183,11 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         """
         check_parameters(self)
         X, y = rows_and_classes(self, X, y, reset=True)
-        weight = as_repetitions(check_sample_weight(sample_weight, len(X)), X, y)
+        weight = check_sample_weight(sample_weight, len(X))
         self.classes_ = np.unique(y[weight > 0])
         # Rows of weight zero are dropped below, whatever index they get here.
         labels = np.minimum(np.searchsorted(self.classes_, y), len(self.classes_) - 1)
-        rows = canonical_rows(X, labels, sample_weight=weight)
+        rows = canonical_rows(X, labels, sample_weight=weight).counted
         self._basis = surface_basis(
             self.degree, self.feature_library, rows.arrays[0], rows.weight,
             standardize=self.standardize, relevance=self.relevance,

@@ -195,8 +195,8 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         y : array-like of shape (n_samples,) or (n_samples, n_states)
             Xdot, the measured velocities (next states in discrete time).
         sample_weight : array-like of shape (n_samples,), default=None
-            A weight of 2 means the row twice, 0 no row. Where all are below 1 the largest counts
-            as 1.
+            A weight of 2 means the row twice, 0 no row. A common factor means nothing: where all
+            are below 1 the largest counts as 1, where all are above it the smallest.
         groups : array-like of shape (n_samples,), default=None
             Trajectory of each row, kept whole where data are held out (``n_modes="auto"``).
 

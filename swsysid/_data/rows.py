@@ -7,7 +7,7 @@ the canonical rows and carry per-row answers back with `CanonicalRows.restore`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,14 @@ class CanonicalRows:
         numbers = np.empty(len(self.weight), dtype=np.intp)
         numbers[self.inverse[kept]] = kept  # the last one written is the first row
         return numbers
+
+    @property
+    def counted(self) -> CanonicalRows:
+        """The same with the largest weight for 1 where all are smaller.
+
+        As counts these would let the price of a surface outweigh all rows.
+        """
+        return replace(self, weight=self.weight / min(1.0, self.weight.max()))
 
     def restore(self, values: NDArray, dropped: float = 0.0) -> NDArray:
         """Values of the original rows, `dropped` where the weight was zero."""
@@ -79,21 +87,21 @@ def canonical_rows(*arrays: ArrayLike, sample_weight: ArrayLike | None = None) -
     )
 
 
-def as_repetitions(weight: Array, *arrays: ArrayLike) -> Array:
-    """Weights of rows, the largest at least one.
+def common_factor(weight: Array) -> float:
+    """Factor of all weights of distinct rows, 1 if one of them counts as a row.
 
-    A weight counts rows, and no row is less than one: weights that are all smaller say how rows
-    compare to each other. As counts they would let the price of a surface outweigh all rows.
+    A weight counts rows. Weights that are all smaller than 1 or all larger say how rows compare
+    to each other, as inverse variances do: as counts they would let the price of a surface
+    outweigh all rows, or take each row for so many measurements.
 
     Examples
     --------
-    >>> as_repetitions(np.array([1e-6, 5e-7]), [1.0, 2.0]), as_repetitions(np.array([0.5, 3.0]))
-    (array([1. , 0.5]), array([0.5, 3. ]))
+    >>> common_factor(np.array([1e-6, 5e-7])), common_factor(np.array([1e6, 3e6]))
+    (1e-06, 1000000.0)
+    >>> common_factor(np.array([0.5, 3.0]))
+    1.0
     """
-    largest = weight.max()
-    if largest < 1.0:
-        largest = canonical_rows(*arrays, sample_weight=weight).weight.max()
-    return weight / largest if largest < 1.0 else weight
+    return float(np.clip(1.0, weight.min(), weight.max()))
 
 
 def spread_rows(n_samples: int, n_chosen: int) -> NDArray[np.intp]:

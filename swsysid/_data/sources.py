@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from swsysid._checks.arrays import labels, numbers
 from swsysid._checks.estimators import block_of_rows
-from swsysid._data.rows import as_repetitions, check_sample_weight
+from swsysid._data.rows import check_sample_weight
 from swsysid._results import Array
 
 Answer = TypeVar("Answer")
@@ -155,6 +155,23 @@ def _on_part(function, number, part, *more):
     return function(rows, *more) if len(rows) else None
 
 
+@dataclass(frozen=True)
+class Reweighted(RowBlocks):
+    """The rows of other blocks, all weights divided by one factor."""
+
+    blocks: RowBlocks
+    factor: float
+
+    def map(self, function, carried=None):
+        return self.blocks.map(partial(_reweighted, function, self.factor), carried)
+
+
+def _reweighted(
+    function: Callable[..., Answer], factor: float, rows: Rows, *carried: NDArray
+) -> Answer:
+    return function(replace(rows, weight=rows.weight / factor), *carried)
+
+
 def holds_blocks(X: object) -> bool:
     """True for a Dask array, an array on disk, or a sequence of two-dimensional blocks."""
     return _is_dask(X) or _is_on_disk(X) or _is_sequence(X)
@@ -203,7 +220,7 @@ def row_blocks(
         n_rows = None if np.isnan(X.shape[0]) else int(X.shape[0])
         return _Dask(_dask_parts(X, y, sample_weight, groups), n_rows)
     if not holds_blocks(X):
-        weight = as_repetitions(check_sample_weight(sample_weight, len(X)), X, y)
+        weight = check_sample_weight(sample_weight, len(X))
         return _Array(Rows(X, np.reshape(y, (len(X), -1)), weight, groups))
     given = {"y": y, "sample_weight": sample_weight, "groups": groups}
     if _is_on_disk(X):

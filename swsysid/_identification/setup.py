@@ -30,9 +30,16 @@ from swsysid._checks.parameters import (
 )
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
-from swsysid._data.rows import CanonicalRows, canonical_rows
+from swsysid._data.rows import CanonicalRows, canonical_rows, common_factor
 from swsysid._data.sampling import Sample, draw_sample
-from swsysid._data.sources import RowBlocks, Rows, columns_of_blocks, holds_blocks, row_blocks
+from swsysid._data.sources import (
+    Reweighted,
+    RowBlocks,
+    Rows,
+    columns_of_blocks,
+    holds_blocks,
+    row_blocks,
+)
 from swsysid._data.trajectories import group_labels
 from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import Parameters
@@ -66,6 +73,14 @@ class TrainingRows:
         rows = self.in_memory
         _, codes = np.unique(group_labels(rows.groups, len(rows)), return_inverse=True)
         return canonical_rows(rows.X, rows.targets, codes, sample_weight=rows.weight)
+
+    def without_factor(self) -> TrainingRows:
+        """The same rows without a common factor of their weights."""
+        factor = common_factor(self.distinct.weight)
+        if factor == 1.0:
+            return self
+        rows = replace(self.in_memory, weight=self.in_memory.weight / factor)
+        return TrainingRows(Reweighted(self.blocks, factor), replace(self.sample, rows=rows))
 
 
 def check_parameters(estimator: Parameters) -> None:
@@ -109,7 +124,7 @@ def checked_rows(
         names, one_target = columns_of_blocks(X, y)
         validate_data(estimator, names)
     sample = draw_sample(blocks, settings.sampled, settings.whole)
-    return TrainingRows(blocks, sample), one_target
+    return TrainingRows(blocks, sample).without_factor(), one_target
 
 
 def build_problem(

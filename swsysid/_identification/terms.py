@@ -68,6 +68,15 @@ def sparse_support(
     return support
 
 
+def _middle(sizes: Array, weight: Array, n_left_out: int) -> Array:
+    """The two middle ones of sizes that are repeated by weight, without the smallest ones."""
+    order = np.argsort(sizes)
+    ends = np.cumsum(np.maximum(np.rint(weight[order]), 1.0))
+    first = min(float(n_left_out), ends[-1] - 1.0)
+    last = first + ends[-1] - 1.0
+    return sizes[order[np.searchsorted(ends, [last // 2.0, (last + 1.0) // 2.0], side="right")]]
+
+
 class _Refit:
     """Regressions of one velocity on some of the terms, on the rows of one mode."""
 
@@ -96,9 +105,7 @@ class _Refit:
         size[size == 0.0] = 1.0
         root = np.linalg.qr(np.sqrt(self.weight)[:, None] * (design / size), mode="r")
         residual = np.abs(self.targets[:, state] - design @ coef)
-        repetitions = np.maximum(np.rint(self.weight).astype(int), 1)
-        residual = np.sort(np.repeat(residual, repetitions))
-        sigma = robust_scale(residual[min(len(coef), len(residual) - 1) :])
+        sigma = robust_scale(_middle(residual, self.weight, len(coef)))
         velocity = np.sqrt(np.average(self.targets[:, state] ** 2, weights=self.weight))
         variance = sigma**2 * np.square(np.linalg.pinv(root)).sum(axis=1)
         least = np.maximum(variance, (_NEGLIGIBLE * velocity) ** 2)

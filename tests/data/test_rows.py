@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swsysid._data.rows import as_repetitions, canonical_rows, check_sample_weight
+from swsysid._data.rows import canonical_rows, check_sample_weight, common_factor
 
 
 def tied_table(n_samples=300, seed=0):
@@ -88,13 +88,15 @@ def test_bad_weights_get_a_sentence(weight, sentence):
         check_sample_weight(weight, 2)
 
 
-def test_the_largest_weight_counts_one_row_at_least():
-    rows = np.array([1.0, 2.0, 3.0])
-    np.testing.assert_allclose(as_repetitions(np.array([1e-9, 0.0, 4e-9]), rows), [0.25, 0.0, 1.0])
-    counted = np.array([0.5, 0.0, 2.0])
-    np.testing.assert_array_equal(as_repetitions(counted, rows), counted)
+def test_weights_on_both_sides_of_one_are_counts():
+    assert common_factor(np.array([0.5, 2.0])) == common_factor(np.array([1.0, 9.0])) == 1.0
+
+
+def test_weights_on_one_side_of_one_have_a_common_factor():
+    assert common_factor(np.array([1e-9, 4e-9])) == 4e-9
+    assert common_factor(np.array([3e6, 1e6])) == 1e6
 
 
 def test_a_row_in_parts_is_a_whole_row():
-    parts = np.array([0.25, 0.75, 0.5])
-    np.testing.assert_array_equal(as_repetitions(parts, np.array([1.0, 1.0, 2.0])), parts)
+    rows = canonical_rows(np.array([1.0, 1.0, 2.0]), sample_weight=[0.25, 0.75, 0.5])
+    assert common_factor(rows.weight) == 1.0

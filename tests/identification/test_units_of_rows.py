@@ -47,16 +47,34 @@ def test_laws_and_surface_are_found_far_from_zero(usual, offset):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("factor", [1e-3, 1e-6, 1e-12])
-def test_a_small_factor_of_all_weights_changes_nothing(usual, factor):
+@pytest.mark.parametrize("factor", [1e-12, 1e-3, 2.0, 1e6, 1e12])
+def test_a_factor_of_all_weights_changes_nothing(usual, factor):
     X, y = bumper()
     other = fitted(X, y, np.full(len(X), factor))
     np.testing.assert_array_equal(other.coef_, usual.coef_)
     np.testing.assert_array_equal(other.surface_.coef_, usual.surface_.coef_)
 
 
-def test_small_weights_still_compare_rows():
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("factor", [1e-9, 1e6])
+def test_neither_does_one_of_blocks_of_different_sizes(usual, factor):
+    X, y = (np.split(every, [30, 170]) for every in bumper())
+    other = fitted(X, y, [np.full(len(block), factor) for block in X])
+    np.testing.assert_array_equal(other.coef_, usual.coef_)
+
+
+@pytest.mark.parametrize("factor", [2.0**-30, 2.0**30])
+def test_such_weights_still_compare_rows(factor):
     X, y = bumper()
     weight = np.where(np.arange(len(X)) % 2, 1.0, 0.25)
-    one, other = (fitted(X, y, factor * weight) for factor in (1.0, 2.0**-30))
+    in_counts = weight * (4.0 if factor > 1.0 else 1.0)
+    one, other = fitted(X, y, in_counts), fitted(X, y, factor * weight)
     np.testing.assert_array_equal(one.coef_, other.coef_)
+
+
+@pytest.mark.filterwarnings("error")
+def test_inverse_variances_of_any_size_are_weights(usual):
+    X, y = bumper()
+    weight = np.where(np.arange(len(X)) % 2, 1e9, 1.0)
+    other = fitted(X, y, weight)  # as if half of the rows were all
+    np.testing.assert_allclose(other.coef_, usual.coef_, atol=0.3)
