@@ -12,7 +12,7 @@ from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.origin import Origin
-from swsysid._stays.samples import misfits
+from swsysid._stays.samples import Samples, misfits
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,30 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
         covariance.untold_laws, np.inf, np.diag(of_laws)
     )
     coef = errors_of(laws.coef.shape, laws.places, of_laws, change)
+    coef[_held(found, origin)[:, None, :] & (coef > 0.0)] = np.inf
     counts = [len(stays.instants) for stays in estimate.segments.stays]
     errors = _errors(together * covariance.variances_of_instants)
     instants = np.split(errors, np.cumsum(counts)[:-1])
     return Certainty(coef, _of_surface(found, together), instants, together)
+
+
+def _held(found: StayIdentification, origin: Origin | None) -> NDArray[np.bool_]:
+    """Features that vary, but nowhere inside the stays of a mode, (n_modes, n_features).
+
+    What an input does in the step in which a mode changes is a guess, and no more is known of it
+    in that mode.
+    """
+    samples = Samples.of(found.estimate)
+    columns = samples.columns + (0.0 if origin is None else origin.offset)
+    features = found.model.switching_model.feature_map(columns)
+    varies = np.ptp(features, axis=0) > 0.0
+    inside = np.diff(samples.modes, prepend=-1, append=-1) == 0  # as the sample before and after
+    inside = inside[:-1] & inside[1:]
+    held = np.zeros((len(found.estimate.laws.coef), features.shape[1]), dtype=bool)
+    for mode, row in enumerate(held):
+        own = inside & (samples.modes == mode)
+        row[:] = varies & own.any() & (features[own] == features[own][:1]).all(axis=0)
+    return held
 
 
 def errors_of(

@@ -40,6 +40,22 @@ def _kept(found: StayIdentification, sparsity: object) -> NDArray[np.bool_]:
     values = laws.coef[laws.places]
     if sparsity != "auto":
         return np.abs(values) >= float(str(sparsity))
+    untold = found.reached.covariance.untold_laws
+    if untold.any():
+        return _without_one_untold(laws.places, untold)
     gain = 0.5 * np.log(max(2, np.isfinite(found.estimate.segments.recordings.y).sum()))
     covariance = found.reached.covariance.of_laws
     return needed(values, covariance, gain)[0]
+
+
+def _without_one_untold(
+    places: tuple[NDArray[np.intp], ...], untold: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """All but the last coefficient of each law that nothing tells: others take its part.
+
+    As in a mode in which an input never changes, which is a constant there.
+    """
+    kept, (modes, states, _) = np.ones(len(untold), dtype=bool), places
+    for law in {(modes[k], states[k]) for k in np.flatnonzero(untold)}:
+        kept[np.flatnonzero(untold & (modes == law[0]) & (states == law[1]))[-1]] = False
+    return kept

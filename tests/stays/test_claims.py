@@ -1,5 +1,6 @@
 """What a report of recordings claims: only what free rollouts of the delivered model keep."""
 
+import re
 import warnings
 
 import numpy as np
@@ -34,17 +35,53 @@ def recorded(plant, noise, starts=STARTS, t=T, **options):
     return found
 
 
-def report(recordings, n_modes=2, *, refine=True, library=None):
+def report(recordings, n_modes=2, *, refine=True, library=None, sparsity="auto"):
     estimator = SwitchingSystemRegressor(
         n_modes,
         feature_library=library,
         surface=PolynomialSurfaceClassifier(degree=1),
-        sparsity="auto",
+        sparsity=sparsity,
         random_state=0,
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return TrajectoryIdentifier(estimator, refine=refine).fit(recordings).report_
+
+
+def with_a_held_input(n_samples=300, step=0.02, seed=3):
+    """Beyond x = 0.5 a controller holds its input: no law is seen to depend on it there."""
+    rng, found = np.random.default_rng(seed), []
+    for _ in range(4):
+        x, rows = float(rng.uniform(-1.0, 0.4)), []
+        wish = np.interp(
+            np.arange(n_samples), np.arange(0, n_samples + 40, 40), rng.uniform(-1, 3, 9)
+        )
+        for k in range(n_samples):
+            u = wish[k] if x < 0.5 else 2.0
+            rows.append((x, u))
+            for _ in range(50):
+                x += step / 50 * (u - x if x < 0.5 else u - 4.0 * x + 1.5)
+        states, inputs = np.array(rows).T
+        noisy = states + 0.003 * rng.standard_normal(n_samples)
+        found.append(
+            {"t": step * np.arange(n_samples), "x": noisy[:, None], "inputs": inputs[:, None]}
+        )
+    return found
+
+
+def test_an_input_that_never_changes_in_a_mode_is_not_determined_there():
+    beyond, below = report(with_a_held_input(), library=1, sparsity=None).laws
+    assert beyond.endswith("(not determined) x1") and "not determined" not in below
+
+
+def test_terms_are_chosen_beside_an_input_that_never_changes():
+    beyond, below = report(with_a_held_input(), library=1).laws
+    values = {
+        name: float(value) for value, name in re.findall(r"([-+][.0-9]+) \(.*?\) ?(x\d|)", beyond)
+    }
+    assert values["x0"] == pytest.approx(-4.0, abs=0.05)
+    assert values.get("", 0.0) + 2.0 * values.get("x1", 0.0) == pytest.approx(3.5, abs=0.05)
+    assert "x0" in below and "x1" in below
 
 
 def test_one_switch_determines_no_surface_and_a_time_tells_it_as_well():
