@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import median_abs_deviation
 
+from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import WORDING
 from swsysid._data.rows import spread_rows
@@ -206,3 +207,22 @@ def memory(modes: NDArray[np.intp], samples: Samples) -> str:
         f"{levels[mode][column]:.4g} {samples.unit(name)}".rstrip() for mode in (low, high)
     )
     return f"mode {low} begins below {name} = {below}, mode {high} above {name} = {above}"
+
+
+def higher_surface(modes: NDArray[np.intp], samples: Samples, degree: int) -> str:
+    """That a surface of one degree more than `degree` tells the modes; "" where it does not.
+
+    It tells them if it puts less than half as many samples on a wrong side as one of `degree`.
+    """
+    rows = spread_rows(len(modes), WORDING.most_rows)
+    X, modes = samples.X[rows], modes[rows]
+    lower, higher = (
+        PolynomialSurfaceClassifier(each, random_state=0).fit(X, modes).score(X, modes)
+        for each in (degree, degree + 1)
+    )
+    if 2.0 * (1.0 - higher) >= 1.0 - lower:
+        return ""
+    return (
+        f"A surface of degree {degree + 1} tells {100 * higher:.0f} % of them: run again with "
+        f"--surface-degree {degree + 1}."
+    )

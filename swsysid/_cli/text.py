@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from swsysid._cli.guard_words import memory, regions
+from swsysid._cli.guard_words import higher_surface, memory, regions
 from swsysid._cli.job import JobResult
 from swsysid._cli.physics_words import physics
 from swsysid._cli.recording_words import distrust, recording_text, standard_errors
@@ -175,6 +175,10 @@ def _guards(result: JobResult) -> str:
     lines = [
         f"no switching surface: the fitted one gives mode {always} to every sample, although the "
         f"rates fit {listed} of them",
+    ]
+    if higher := higher_surface(result.modes, samples, result.options.surface_degree):
+        return "\n    ".join([*lines, higher])
+    lines += [
         "The same values of the columns are seen in different modes: these columns do not tell "
         "the modes apart.",
     ]
@@ -328,7 +332,7 @@ def _of_modes(result: JobResult) -> str:
         ),
         Verdict.HIDDEN: (
             "Switching does not predict the held-out samples clearly better than one mode, since "
-            "the columns do not say which mode is active: the model uses the law of one mode "
+            "the surface does not say which mode is active: the model uses the law of one mode "
             f"everywhere, and its error, against {law}, is {_change(comparison)}{other}."
         ),
     }[comparison.verdict]

@@ -1,9 +1,12 @@
 """What the command line says of modes that physics has a name for."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton, SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid._cli.guard_words import higher_surface
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.text import render
@@ -128,3 +131,13 @@ def test_few_terms_are_asked_for_by_an_option():
     assert np.count_nonzero(found[None].coef_) == 4
     assert np.count_nonzero(found["auto"].coef_) == 1
     assert np.abs(found["auto"].coef_).sum() == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_surface_of_a_higher_degree_is_asked_for_where_it_tells_the_modes():
+    X = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 2))
+    columns, beyond = SimpleNamespace(X=X), np.abs(X[:, 0]) > 0.4
+    assert "--surface-degree 2" in higher_surface(beyond.astype(int), columns, 1)
+    by_chance = np.random.default_rng(1).uniform(size=2000) > 0.6
+    remembered = np.where(np.abs(X[:, 0]) > 0.5, X[:, 0] > 0.0, by_chance)
+    assert higher_surface(by_chance.astype(int), columns, 1) == ""
+    assert higher_surface(remembered.astype(int), columns, 1) == ""
