@@ -13,7 +13,13 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard
 from swsysid._automaton_search.found import FoundTransition
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._rendering.printing import between, rate, sum_with_errors, with_error
+from swsysid._rendering.printing import (
+    between,
+    determined,
+    rate,
+    sum_with_errors,
+    with_error,
+)
 from swsysid._results import Array
 
 
@@ -49,12 +55,14 @@ class AutomatonErrors:
 
     def _laws(self, automaton: HybridAutomaton) -> list[str]:
         feature_map, lines = automaton.feature_map, []
-        largest = np.abs(automaton.coef * feature_map.sizes).max(axis=(0, 2))
-        for mode, (coef, errors) in enumerate(zip(automaton.coef, self.coef, strict=True)):
+        sizes = np.maximum(feature_map.sizes, np.finfo(float).tiny)
+        rounding = SETTINGS.exact * np.abs(automaton.coef * sizes).max(axis=(0, 2))
+        every = determined(automaton.coef, self.coef, sizes)
+        for mode, (coef, errors) in enumerate(zip(automaton.coef, every, strict=True)):
             for state, name in enumerate(automaton.state_names):
-                told = _told(coef[state], errors[state], feature_map.sizes, largest[state])
+                terms = _beyond(rounding[state] / sizes, coef[state], errors[state])
                 left = f"{name}[k+1]" if automaton.discrete_time else rate(name, "text")
-                right = sum_with_errors(*told, list(feature_map.names_out))
+                right = sum_with_errors(*terms, list(feature_map.names_out))
                 lines.append(f"mode {mode}: {left} = {right}")
         return lines
 
@@ -68,19 +76,10 @@ class AutomatonErrors:
         return lines
 
 
-def _told(
-    values: Array, errors: Array, sizes: Array, largest: float
-) -> tuple[list[float], list[float]]:
-    """Values and errors of the terms of a law, without those that are rounding.
-
-    A term that may be as large as the whole law, and none, is not told.
-    """
-    possible = np.where(np.isfinite(errors), errors * sizes, np.inf)
-    untold = (errors >= np.abs(values)) & (possible >= largest) & (errors > 0.0)
-    rounding = SETTINGS.exact * largest
-    seen = (np.abs(values) * sizes > rounding) | (possible > rounding)
-    shown = np.where(untold, np.inf, errors)
-    return np.where(seen, values, 0.0).tolist(), np.where(seen, shown, 0.0).tolist()
+def _beyond(rounding: Array, values: Array, errors: Array) -> tuple[list[float], list[float]]:
+    """Values and errors of the terms of a law, without those that are rounding."""
+    seen = (np.abs(values) > rounding) | (errors > rounding)
+    return np.where(seen, values, 0.0).tolist(), np.where(seen, errors, 0.0).tolist()
 
 
 def _guard(guard: PolynomialGuard, errors: Array, columns: Sequence[str], *, uniform: bool) -> str:

@@ -13,6 +13,7 @@ from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._discrete_stays.certainty import KindsOfNoise
 from swsysid._free_rollouts.judge import FreeRollouts
+from swsysid._rendering.printing import counted
 from swsysid._results import Array
 
 
@@ -87,12 +88,12 @@ class AutomatonReport:
 
     def __str__(self) -> str:
         lived = ", ".join(f"mode {k} {share:.0%}" for k, share in enumerate(self.shares))
-        counted = ", ".join(
-            f"{one.source} -> {one.target} {one.support} times" for one in self.verdicts
+        switches = ", ".join(
+            f"{one.source} -> {one.target} {counted(one.support, 'time')}" for one in self.verdicts
         )
         lines = [*self.equations, f"Samples: {lived}."]
-        if counted:
-            lines.append(f"Switches: {counted}.")
+        if switches:
+            lines.append(f"Switches: {switches}.")
         lines.append(self._noise())
         if self.refinement is not None:
             lines.append(str(self.refinement))
@@ -122,6 +123,8 @@ def _judgement(found: IdentifiedAutomaton) -> str:
     if found.excess is None:
         left = "What the laws leave counts as noise"
     if rollouts.holds and rollouts.tells_switches:
+        if not found.verdicts:
+            return f"{left}."
         if all(one.is_determined for one in found.verdicts):
             return f"{left}, and guards tell all switches."
         return f"{left}, and guards tell the switches of these recordings; not all are determined."

@@ -11,7 +11,7 @@ from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import RECORDINGS
 from swsysid._free_rollouts.judge import FreeRollouts
-from swsysid._rendering.printing import counted
+from swsysid._rendering.printing import counted, determined
 from swsysid._stays.doubts import mode_doubts
 
 
@@ -19,7 +19,8 @@ def standard_errors(
     found: FromRecordings, mode: int, state: int, features: Sequence[str]
 ) -> list[str]:
     """A line with the standard error of every coefficient of a law that was estimated."""
-    errors = found.identifier.coef_errors_[mode, state]
+    model, every = found.model.switching_model, found.identifier.coef_errors_
+    errors = determined(model.coef, every, model.feature_map.sizes)[mode, state]
     terms = [
         (f"{error:.1g}" if np.isfinite(error) else "not determined")
         + (f" {name}" if name != "1" else "")
@@ -44,8 +45,8 @@ def free_of_held_out(free: FreeRollouts | None, time_unit: str) -> list[str]:
     """A line on free rollouts of what a model has not seen."""
     if free is None:
         return []
-    told = free.sentence(time_unit)
-    return [f"Held out, by laws of the others: {told[:1].lower()}{told[1:]}"]
+    said = free.sentence(time_unit)
+    return [f"Held out, by laws of the others: {said[:1].lower()}{said[1:]}"]
 
 
 def distrust(rollouts: Sequence[FreeRollouts | None], time_unit: str) -> str:
@@ -54,10 +55,15 @@ def distrust(rollouts: Sequence[FreeRollouts | None], time_unit: str) -> str:
     follows = [one.follows for one in breaks if one is not None]
     if not follows:
         return ""
-    unit = f" {time_unit}" if time_unit else ""
+    if min(follows) <= 0.0:
+        return (
+            "By itself the model leaves the noise from the start, as free rollouts show: it "
+            "predicts less well than it fits."
+        )
     return (
-        f"By itself the model leaves the noise {min(follows):.3g}{unit} after a known state, as "
-        "free rollouts show: from there on it predicts less well than it fits."
+        f"By itself the model leaves the noise {min(follows):.3g} {time_unit or 'units of time'} "
+        "after a known state, as free rollouts show: from there on it predicts less well than it "
+        "fits."
     )
 
 
@@ -70,7 +76,8 @@ def _left_over(found: FromRecordings, samples: Samples, options: JobOptions) -> 
             f"{name} {size:.2g} {samples.unit(name)}".rstrip()
             for name, size in zip(report.channels, report.noise, strict=True)
         )
-        alone = "nothing but noise" if found.free.holds else "noise where switches are told"
+        freely = "noise where switches are told" if found.free.n_switches else "little but noise"
+        alone = "nothing but noise" if found.free.holds else freely
         return f"{begin}{alone}: {noise}."
     worst = int(np.argmax(found.excess))
     return (

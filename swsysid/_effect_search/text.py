@@ -50,7 +50,12 @@ def _outcome(report: EffectContents) -> str:
     if not report.effects and report.acts_rarely:
         return f"No effect that was looked for is missing, but a law acts rarely. {aside(report)}"
     if not report.effects and not report.alarms and _leaves_noise(report):
-        return "No effect is missing as far as these data show."
+        if _holds_freely(report):
+            return "No effect is missing as far as these data show."
+        return (
+            "No effect that was looked for is missing and velocities leave nothing but noise, but "
+            "free rollouts of the model leave more: see what is said of them."
+        )
     if not report.effects:
         return "No effect that was looked for is missing; what is left over is not all noise."
     others = len(report.effects) - 1
@@ -121,6 +126,12 @@ def _leaves_noise(report: EffectContents) -> bool:
     """True if nothing but noise is left of the equations that are not exact."""
     left = report.residual_before
     return left is None or left.clean
+
+
+def _holds_freely(report: EffectContents) -> bool:
+    """False if free rollouts of recordings held out leave more than noise."""
+    free = None if report.data is None else report.data.free
+    return free is None or free.holds
 
 
 def _risen(report: EffectContents) -> list[str]:

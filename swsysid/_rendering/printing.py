@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._checks.parameters import one_of, whole
 
@@ -214,6 +215,21 @@ def between(low: float, high: float) -> str:
         return ""
     decimals = int(np.clip(np.ceil(-np.log10(width)) + 1, 0, 12))
     return f"{low:.{decimals}f} to {high:.{decimals}f}"
+
+
+def determined(
+    coef: NDArray[np.float64], errors: NDArray[np.float64], sizes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Standard errors of laws, infinite for terms that the data do not determine.
+
+    Coefficients and errors have the shape (n_modes, n_states, n_features); features reach the
+    `sizes`. A term that may be as large as the largest of its state in any mode, and none, is not
+    determined: that of an input that hardly changes in a mode, and of the constant beside it.
+    """
+    largest = np.abs(coef * sizes).max(axis=(0, 2))[:, None]
+    possible = errors * np.maximum(sizes, np.finfo(float).tiny)
+    unknown = (errors >= np.abs(coef)) & (possible >= largest) & (errors > 0.0)
+    return np.where(unknown, np.inf, errors)
 
 
 def sum_with_errors(

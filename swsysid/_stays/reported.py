@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._rendering.printing import sum_with_errors
+from swsysid._rendering.printing import determined, sum_with_errors
 from swsysid._stays.certainty import Certainty
 from swsysid._stays.doubts import FitLeft, mode_doubts, surface_doubts
 from swsysid._stays.free import judged
@@ -66,9 +66,10 @@ def _laws(found: StayIdentification, sure: Certainty, names: Sequence[str]) -> l
     """The laws with their standard errors."""
     system = found.model.switching_model
     features = list(system.feature_map.names_out)
+    errors = determined(system.coef, sure.coef, system.feature_map.sizes)
     return [
         f"mode {mode}: {names[state]}' = "
-        + sum_with_errors(system.coef[mode, state].tolist(), errors.tolist(), features)
-        for mode, of_states in enumerate(sure.coef)
-        for state, errors in enumerate(of_states)
+        + sum_with_errors(system.coef[mode, state].tolist(), own.tolist(), features)
+        for mode, of_states in enumerate(errors)
+        for state, own in enumerate(of_states)
     ]

@@ -1,10 +1,13 @@
 """What the command line says of switching where noisy recordings are all that it has."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
+from swsysid._cli.recording_words import distrust
 from swsysid._cli.settings import JUDGING
 from swsysid._cli.stretches import Stretches
 from swsysid._cli.text import render
@@ -153,3 +156,15 @@ def test_certainty_counts_given_blocks():
     in_ten = certainty(errors, rich, np.ones(1), np.arange(200) // 20)
     assert in_ten == pytest.approx(certainty(errors, rich, np.ones(1)), rel=1e-9)
     assert certainty(errors, rich, np.ones(1), np.zeros(200, dtype=int)) == 0.0
+
+
+def broken_after(follows):
+    return SimpleNamespace(first_break=SimpleNamespace(follows=follows))
+
+
+def test_a_model_is_trusted_from_a_known_state_for_as_long_as_rollouts_hold():
+    holds = SimpleNamespace(first_break=None)
+    assert distrust([holds, None], "s") == ""
+    assert " 0.52 s after a known state" in distrust([broken_after(2.0), broken_after(0.52)], "s")
+    assert " 0.52 units of time after" in distrust([broken_after(0.52)], "")
+    assert "leaves the noise from the start" in distrust([holds, broken_after(0.0)], "s")

@@ -11,6 +11,8 @@ import matplotlib
 
 matplotlib.use("Agg")
 
+from types import SimpleNamespace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -404,6 +406,17 @@ def test_the_page_of_a_complete_model_says_so(data):
     page = _Page(report.to_html())
     assert "Effects" not in page.headings and "Error by trajectory" in page.headings
     assert len(report.plot().ax_) == 3  # no shape
+
+
+def test_an_effect_may_be_missing_where_free_rollouts_leave_more_than_noise(data):
+    clean = make_undeclared(None, system="pendulum", n_samples=600, random_state=1)
+    search = EffectSearchCV(clean.estimator, effects=[CoulombFriction()])
+    report = search.fit(clean.X, clean.Xdot, t=clean.t, groups=clean.groups).report_
+    assert report.data.free is None  # nothing tells the noise of states
+    told = "Free rollouts leave: theta 7 of the noise."
+    vars(report.data)["free"] = SimpleNamespace(holds=False, sentence=lambda: told)
+    assert "No effect is missing" not in str(report)
+    assert "free rollouts of the model leave more" in str(report) and told[1:] in str(report)
 
 
 def test_the_page_of_an_exact_model_has_no_picture_of_nothing():

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from swsysid._rendering.printing import sum_with_errors, with_error
+from swsysid._rendering.printing import determined, sum_with_errors, with_error
 
 
 @pytest.mark.parametrize("value", [22.0, 0.02541, -3.3e-9, 8.1e12, 0.0, 1.0])
@@ -40,3 +40,17 @@ def test_a_fixed_number_has_its_decimals():
 def test_terms_that_are_zero_for_sure_are_left_out():
     told = sum_with_errors([0.0, 2.0, -1.0], [0.0, 0.01, 0.3], ["1", "x", "x v"])
     assert told == "+2.000 (0.01) x -1.00 (0.3) x v"
+
+
+def test_a_term_that_may_be_as_large_as_the_law_and_none_is_not_determined():
+    coef = np.array([[[2.0, 30.0, -0.1]], [[1.0, 0.5, 0.0]]])  # modes, one state, features
+    errors = np.array([[[0.1, 40.0, 0.2]], [[0.1, 0.1, 0.0]]])
+    shown = determined(coef, errors, np.array([1.0, 1.0, 2.0]))
+    np.testing.assert_array_equal(np.isinf(shown), [[[False, True, False]], [[False] * 3]])
+    np.testing.assert_array_equal(shown[~np.isinf(shown)], errors[~np.isinf(shown)])
+
+
+def test_a_constant_far_from_zero_is_determined():
+    kelvin = np.array([[[109.0, -0.4]]])
+    errors = np.array([[[1.4, 0.005]]])  # the velocity is below 1 everywhere
+    np.testing.assert_array_equal(determined(kelvin, errors, np.array([1.0, 273.0])), errors)
