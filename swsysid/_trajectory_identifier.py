@@ -57,7 +57,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         Whole recordings are rolled out from one start. False leaves stretches of some 30 samples
         apart, each with a start of its own: for chaotic systems, whose rollouts mean nothing.
     n_jobs : int, default=None
-        Starts that run side by side, those of `estimator` too; the answer is the same for any.
+        Given to `estimator`, whose starts run side by side; the answer is the same for any.
     random_state : int, RandomState instance or None, default=None
         Given to `estimator` where that has none.
     verbose : int, default=0
@@ -234,12 +234,12 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         self, found: StayIdentification, search: Search, origin: Origin, pieces: Pieces
     ) -> None:
         given, sure = search.given, certainty(found, origin)
-        recordings = found.estimate.segments.recordings
+        recordings = found.estimate.nodes.recordings
         self.estimator_, self.n_modes_ = found.model, len(found.estimate.laws.coef)
         states = origin.states(recordings.joined(states_of(found.estimate)))
         self.states_ = given.by_rows(_split(states, given))
         self.modes_ = given.by_rows(_split(active_modes_of(found.estimate), given))
-        stays = found.estimate.segments.stays
+        stays = found.estimate.nodes.stays
         self.switch_times_, self.switch_time_errors_ = pieces.switches(stays, sure.instants)
         self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface
         self.noise_ = found.left[: given.n_channels]

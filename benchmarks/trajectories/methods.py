@@ -20,10 +20,10 @@ from swsysid._stays.assign import assign, disturbances, prior_of_guards
 from swsysid._stays.descent import most_likely, most_likely_with_guards
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.segments import Segments
 from swsysid._stays.settings import SETTINGS
-from swsysid._stays.shooting import Estimate
 from swsysid._stays.stays import Stays
 from swsysid._stays.steps import in_exact_steps
 from swsysid.differentiation import differentiate
@@ -48,8 +48,8 @@ def oracle(plant: Plant, campaign: Campaign, seed: int) -> Any:
         Stays(np.array(modes, dtype=np.intp), np.array(times)).within(t)
         for (modes, times), t in zip(campaign.stays, recordings.times, strict=True)
     ]
-    segments = Segments(recordings, stays, SETTINGS.segment)
-    estimate = Estimate(laws, segments, _true_starts(campaign, segments))
+    nodes = Nodes(recordings, stays)
+    estimate = Estimate(laws, nodes, recordings.in_a_row(recordings.guess))
     if plant.n_modes == 1:
         model.coef_ = most_likely(estimate, noise, SETTINGS).estimate.laws.coef
         return model
@@ -59,8 +59,7 @@ def oracle(plant: Plant, campaign: Campaign, seed: int) -> Any:
     candidates = disturbances(laws, recordings, SETTINGS)
     price = SETTINGS.prices[-1]
     decoded = assign(laws, recordings, noise, prior, candidates, price, SETTINGS, guards)
-    every = np.ones(len(recordings), dtype=bool)
-    starts = [estimate, decoded.estimate(laws, recordings, SETTINGS, None, every)]
+    starts = [estimate, decoded.estimate(laws, recordings, None)]
     reached = [
         most_likely_with_guards(replace(start, guards=guards), noise, SETTINGS) for start in starts
     ]
@@ -80,16 +79,6 @@ def _truth(plant: Plant, campaign: Campaign) -> tuple[StatedModel, Laws, Recordi
     free[:, : len(plant.states) - plant.n_measured] = False  # a position changes as its speed
     laws = Laws(model.coef_, model.feature_map.at_rows, spread, free)
     return model, laws, in_exact_steps(_recordings(campaign), laws, noise, SETTINGS), noise
-
-
-def _true_starts(campaign: Campaign, segments: Segments) -> Array:
-    """True states where segments begin; between two samples linear."""
-    times, starts = segments.recordings.times, []
-    for k, first, _ in segments.places:
-        own = campaign.groups == k
-        columns = campaign.states[own].T
-        starts.append([np.interp(times[k][first], campaign.t[own], column) for column in columns])
-    return np.array(starts)
 
 
 class _Told:

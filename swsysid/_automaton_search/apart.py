@@ -12,12 +12,12 @@ from swsysid._results import Array
 from swsysid._stays.descent import most_likely
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.pieces import Pieces, cut_at
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import modes_of, states_of
-from swsysid._stays.segments import Segments
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.shooting import Estimate
 from swsysid._stays.stays import Stays
 
 
@@ -44,14 +44,13 @@ def apart(
         for k, a, b in zip(alone.recording, alone.first, alone.last, strict=True)
     ]
     recordings = Recordings.of(alone.given.records, rough)
-    parts = found.estimate.segments.recordings.per_sample
+    parts = found.estimate.nodes.recordings.per_sample
     recordings = replace(
-        recordings.divided(parts), first_step=found.estimate.segments.recordings.first_step
+        recordings.divided(parts), first_step=found.estimate.nodes.recordings.first_step
     )
     stays = [Stays(np.array([mode]), np.zeros(0)) for mode in first]
-    segments = Segments(recordings, stays, settings.segment)
-    starts = np.array([recordings.guess[at, k] for k, at, _ in segments.places])
-    estimate = Estimate(found.estimate.laws, segments, starts)
+    nodes = recordings.in_a_row(recordings.guess)
+    estimate = Estimate(found.estimate.laws, Nodes(recordings, stays), nodes)
     reached = most_likely(estimate, found.reached.noise, settings.roughly(), near=True)
     return replace(found, reached=reached), alone
 
@@ -63,7 +62,7 @@ def by_samples(
 
     Where no piece tells, the mode is -1 and the state as it was measured.
     """
-    recordings = found.estimate.segments.recordings
+    recordings = found.estimate.nodes.recordings
     parts = np.cumsum([len(places) for places in recordings.sampled])[:-1]
     of_pieces = np.split(modes_of(found.estimate), parts)
     states_of_pieces = np.split(recordings.joined(states_of(found.estimate)), parts)

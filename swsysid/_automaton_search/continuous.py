@@ -124,7 +124,7 @@ def _identified(
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
     together = followed is not None
     found = transitions_of(stays, pieces, degree)
-    if may_be_one_surface(found, stays.estimate.segments.recordings.interval):
+    if may_be_one_surface(found, stays.estimate.nodes.recordings.interval):
         surfaced = with_surface(estimator, pieces.given, degree, settings, told)
         if explains(surfaced, stays):
             stays, together = surfaced, True
@@ -195,7 +195,7 @@ def _answer(
     if known is not None:
         modes = [np.where(own < 0, by, own) for own, by in zip(told.modes, known, strict=True)]
         told = replace(told, modes=modes)
-    interval = stays.estimate.segments.recordings.interval
+    interval = stays.estimate.nodes.recordings.interval
     found = assembled(told, stays.model.switching_model.feature_map, interval)
     automaton, order = found.automaton, found.order
     modes = [np.argsort(order)[filled(own)] for own in told.modes]
@@ -236,7 +236,7 @@ def _by_rollouts(
 ) -> list[Settled]:
     """The same with guards that free rollouts prefer to their rivals."""
     feature_map = stays.model.switching_model.feature_map
-    interval = stays.estimate.segments.recordings.interval
+    interval = stays.estimate.nodes.recordings.interval
 
     def with_guards(guards: Guards) -> list[Settled]:
         return [replace(one, guard=guard) for one, guard in zip(found, guards, strict=True)]
@@ -260,7 +260,7 @@ def _shared_exits(
     found: list[Settled], stays: StayIdentification, origin: Origin, answer: Assembled
 ) -> Iterator[str]:
     """What is said of modes that are left two ways at one guard."""
-    recordings, laws = stays.estimate.segments.recordings, stays.estimate.laws
+    recordings, laws = stays.estimate.nodes.recordings, stays.estimate.laws
     crossed = {one.pair: one.switches.before(laws) for one in found}
 
     def rises(one: FoundTransition, other: FoundTransition) -> float:

@@ -7,36 +7,19 @@ samples after it say of the state then pays for a jump, or does not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._results import Array
 from swsysid._stays.assign import disturbances
 from swsysid._stays.decoding import decode
-from swsysid._stays.filtering import Belief, Filter, Prediction
+from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.given import FEWEST_SAMPLES
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.laws import Modes
 from swsysid._stays.pieces import Pieces
 from swsysid._stays.samples import states_of
 from swsysid._stays.settings import StaySettings
-
-
-@dataclass(frozen=True)
-class _JumpingFilter(Filter):
-    """A filter whose laws are there twice; the second ones are entered by a jump."""
-
-    def predict(
-        self, belief: Belief, old: Modes, new: Modes, u: Array, after: Array, duration: Array
-    ) -> Prediction:
-        """The belief after an interval; after a jump it is as wide as the spread of the states."""
-        ahead = super().predict(belief, old, new, u, after, duration)
-        jumped = (old != new) & (new >= len(self.laws.coef) // 2)
-        wide = np.diag(np.square(self.laws.spread))
-        covariance = ahead.belief.covariance + jumped[:, None, None] * wide
-        return replace(ahead, belief=Belief(ahead.belief.mean, covariance))
 
 
 def hidden_jumps(
@@ -45,11 +28,13 @@ def hidden_jumps(
     """Of each recording the samples after which it jumps amid the pieces."""
     estimate = found.estimate
     laws, n_modes = estimate.laws, len(estimate.laws.coef)
-    recordings = estimate.segments.recordings.with_guess(states_of(estimate))
+    recordings = estimate.nodes.recordings.with_guess(states_of(estimate))
     twice = replace(laws, coef=np.tile(laws.coef, (2, 1, 1)), free=np.tile(laws.free, (2, 1, 1)))
     least = disturbances(laws, recordings, settings)[-1]
     parted, places = recordings.cut(settings.piece, settings.overlap)
-    filter_ = _JumpingFilter(twice.known(), found.left, least, recordings.first_step)
+    # the second ones are entered by a jump: the state is known by its spread alone
+    wide = np.outer(np.square(laws.spread), np.arange(2 * n_modes) >= n_modes)
+    filter_ = replace(FlowFilter.of(twice, parted, found.left, least), entering=wide)
     price = float(np.log(recordings.lengths.sum()))
     told = decode(filter_, parted, price=price, n_kept=settings.n_kept).modes
     jumps: list[list[int]] = [[] for _ in range(n_recordings)]

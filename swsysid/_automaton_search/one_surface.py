@@ -59,7 +59,7 @@ def explains(surfaced: StayIdentification, stays: StayIdentification) -> bool:
         return False
     least = LIMITS.nearly_exactly * estimate.laws.spread
     noise = np.maximum(stays.reached.noise, least)
-    held = max(1, len(stays.estimate.segments.instants) - estimate.guards.n_free)
+    held = max(1, len(stays.estimate.nodes.instants) - estimate.guards.n_free)
     both = (np.square(misfits(one.estimate) / noise) for one in (surfaced, stays))
     held_to, free = (0.5 * float(np.nansum(squares)) for squares in both)
     return held_to - free < 0.5 * held + SETTINGS.sure * np.sqrt(0.5 * held)

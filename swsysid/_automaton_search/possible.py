@@ -24,7 +24,7 @@ from swsysid._stays.stays import Stays
 
 def possible(found: Sequence[Settled], stays: StayIdentification) -> list[Settled]:
     """The transitions, those that another one forestalls without their guard."""
-    laws, interval = stays.estimate.laws, stays.estimate.segments.recordings.interval
+    laws, interval = stays.estimate.laws, stays.estimate.nodes.recordings.interval
     return [
         one
         if _forestalling(one, found, laws, interval) is None
@@ -37,18 +37,18 @@ def with_brief_stays(
     found: Sequence[Settled], stays: StayIdentification, settings: StaySettings
 ) -> StayIdentification | None:
     """The stays with those in between told; None if there are none."""
-    estimate, recordings = stays.estimate, stays.estimate.segments.recordings
+    estimate, recordings = stays.estimate, stays.estimate.nodes.recordings
     pairs = {one.pair for one in found}
     between = {}
     for one in found:
         other = _forestalling(one, found, estimate.laws, recordings.interval)
         if other is not None and (other.pair[1], one.pair[1]) in pairs:
             between[one.pair] = other.pair[1]
-    told = [_with(own, between, recordings.interval) for own in estimate.segments.stays]
-    if all(one is own for one, own in zip(told, estimate.segments.stays, strict=True)):
+    told = [_with(own, between, recordings.interval) for own in estimate.nodes.stays]
+    if all(one is own for one, own in zip(told, estimate.nodes.stays, strict=True)):
         return None
     within = [own.within(t) for own, t in zip(told, recordings.times, strict=True)]
-    first = replace(estimate, segments=estimate.segments.with_stays(within))
+    first = replace(estimate, nodes=estimate.nodes.with_stays(within))
     return replace(stays, reached=most_likely(first, stays.reached.noise, settings, near=True))
 
 

@@ -48,7 +48,7 @@ def refined(
     joint = jointly(start, noise, sources, settings)
     told = told_jointly(joint.after, parts, stays, pieces, found)
     feature_map = stays.model.switching_model.feature_map
-    interval = stays.estimate.segments.recordings.interval
+    interval = stays.estimate.nodes.recordings.interval
     before, after = (assembled(one, feature_map, interval) for one in (parts, told))
     free = FreeRollouts.of(after, joint.after)
     rolled_before = FreeRollouts.of(before, joint.before).misfit(noise)
@@ -104,7 +104,7 @@ def joint_estimate(
     given: Given, stays: StayIdentification, pieces: Pieces, found: list[Settled]
 ) -> JointEstimate:
     """What was found part by part, as the start of the joint estimate."""
-    laws, recordings = stays.estimate.laws, stays.estimate.segments.recordings
+    laws, recordings = stays.estimate.laws, stays.estimate.nodes.recordings
     switches, number, told = _all_switches(found, recordings.interval)
     begins = first_pieces(pieces, found, stays.reached.noise)
     courses, order = _courses(given, stays, pieces, begins, (switches, number, told))
@@ -171,7 +171,7 @@ def _courses(
 ) -> tuple[list[Course], NDArray[np.intp]]:
     """Pieces that follow each other make a course; and the order in which switches are in them."""
     switches, number, told = switching
-    first_modes = [one.modes[0] for one in stays.estimate.segments.stays]
+    first_modes = [one.modes[0] for one in stays.estimate.nodes.stays]
     # a jump is seen at the samples beside it
     between = np.where(switches.jumped[:, None], switches.known, (-np.inf, np.inf))
     courses, order = [], []

@@ -11,10 +11,10 @@ from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.trajectories import AT_ONCE
 from swsysid._results import Array
 from swsysid._stays.certainty import certainty
+from swsysid._stays.flow import crossings_of
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws, Modes
 from swsysid._stays.pieces import Pieces
-from swsysid._stays.rollouts import rollouts
 from swsysid._stays.samples import modes_of, states_of
 
 
@@ -108,16 +108,16 @@ def switches_of(
     between two samples, if nobody knows better.
     """
     estimate = found.estimate
-    recordings, stays = estimate.segments.recordings, estimate.segments.stays
+    recordings, stays = estimate.nodes.recordings, estimate.nodes.stays
     if began is None:
         began = _in_the_middle(recordings.times, pieces)
-    done = rollouts(estimate.laws, estimate.segments, estimate.starts, varied=False).crossings
+    done = crossings_of(estimate.laws, estimate.nodes, estimate.states)
     padded = np.concatenate([states_of(estimate), recordings.u], axis=2)
     columns = [padded[: len(t), k] for k, t in enumerate(recordings.times)]
     begins = [np.append(first, own.instants) for first, own in zip(began, stays, strict=True)]
     counts = [len(one.instants) for one in stays]
     own = np.repeat(np.arange(len(stays)), counts)
-    instants = estimate.segments.instants
+    instants = estimate.nodes.instants
     within = Switches(
         pieces.recording[own],
         done.old,
@@ -179,7 +179,7 @@ def _in_the_middle(times: tuple[Array, ...], pieces: Pieces) -> Array:
 def _visits(found: StayIdentification, begins: list[Array]) -> Visits:
     """The samples with their modes and the time since these were entered."""
     estimate = found.estimate
-    recordings, stays = estimate.segments.recordings, estimate.segments.stays
+    recordings, stays = estimate.nodes.recordings, estimate.nodes.stays
     modes = modes_of(estimate)
     x, u = recordings.joined(states_of(estimate)), recordings.joined(recordings.u)
     sampled = [t[places] for t, places in zip(recordings.times, recordings.sampled, strict=True)]

@@ -40,7 +40,7 @@ def _settled(
     stated: Mapping[tuple[int, int], StatedGuard],
 ) -> list[Settled]:
     switches, visits = told
-    interval = stays.estimate.segments.recordings.interval
+    interval = stays.estimate.nodes.recordings.interval
     known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, degree, stated)
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0).tolist()
     found = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,11 @@ class JointEquations:
     right: Array
     value: float
 
-    def held(self, hold: Array) -> JointEquations:
-        """The same, every unknown held by a spring of such a stiffness."""
-        return replace(self, matrix=self.matrix + np.diag(hold))
+    def step(self, damping: float) -> tuple[Array, float]:
+        """The step of damped equations, none if there is none, and by how much it lowers the value.
 
-    def step(self, damping: float) -> Array:
-        """The step of damped equations; none if there is none."""
+        That is half of what its gradient says, and what the damping takes.
+        """
         diagonal = np.diag(self.matrix)
         unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         scaled = self.matrix * unit[:, None] * unit
@@ -32,12 +31,9 @@ class JointEquations:
         try:
             factor = cho_factor(scaled, overwrite_a=True, check_finite=False)
         except LinAlgError:  # not positive by rounding, or not finite
-            return np.zeros(len(self.right))
-        return np.asarray(cho_solve(factor, self.right * unit, check_finite=False) * unit)
-
-    def promised(self, step: Array) -> float:
-        """By how much a step lowers the value, if the equations are right."""
-        return float(step @ (self.right - 0.5 * self.matrix @ step))
+            return np.zeros(len(self.right)), 0.0
+        step = cho_solve(factor, self.right * unit, check_finite=False) * unit
+        return step, 0.5 * float(step @ self.right + damping * np.square(step / unit).sum())
 
 
 def add_blocks(

@@ -31,7 +31,7 @@ class JointObjective:
 
     def value(self, estimate: JointEstimate) -> float:
         """Half the sum of squares."""
-        if not estimate.is_in_order or estimate.beyond(self.sources) > self.most_beyond:
+        if not self._allows(estimate):
             return np.inf
         squares = [
             np.square(part).sum() for part in self._residuals(estimate, estimate.plainly_flown)
@@ -39,7 +39,15 @@ class JointObjective:
         return float(0.5 * sum(squares))
 
     def normal_equations(self, estimate: JointEstimate) -> JointEquations:
-        """Gauss and Newton's equations."""
+        """Gauss and Newton's equations, instants held by half a nat for an interval."""
+        if not estimate.is_in_order:
+            n = estimate.n_unknowns
+            return JointEquations(np.eye(n), np.zeros(n), np.inf)
+        equations = self._equations(estimate)
+        value = equations.value if self._allows(estimate) else np.inf
+        return JointEquations(equations.matrix + np.diag(estimate.hold), equations.right, value)
+
+    def _equations(self, estimate: JointEstimate) -> JointEquations:
         done = estimate.flown()
         misfit, gaps, misses = self._residuals(estimate, done)
         # a last row and column take what belongs to no unknown
@@ -66,7 +74,10 @@ class JointObjective:
         Infinite where no sample and no switch says anything.
         """
         n = estimate.n_shared
-        return covariance_of(self.normal_equations(estimate).matrix)[:n, :n]
+        return covariance_of(self._equations(estimate).matrix)[:n, :n]
+
+    def _allows(self, estimate: JointEstimate) -> bool:
+        return estimate.is_in_order and estimate.beyond(self.sources) <= self.most_beyond
 
     # -- parts -------------------------------------------------------------------------------------
 

@@ -25,7 +25,7 @@ from swsysid._discrete_stays.states import StateFit
 from swsysid._discrete_stays.switching import Switching
 from swsysid._results import Array
 from swsysid._stays.decoding import decode
-from swsysid._stays.filtering import Belief, Filter, Prediction
+from swsysid._stays.filtering import Belief
 from swsysid._stays.laws import Laws, Modes, slopes_of
 from swsysid._stays.recordings import Recordings
 
@@ -38,8 +38,8 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit
     modes = assigned(problem, found.coef, scale, fit.switching).modes
     if len(found.coef) > 1 and not unexplained.all():
         pieces = _pieces(data, unexplained)
-        maps = MapFilter.of(data, found, fit.switching, fit.guards)
         side_by_side = _side_by_side(data, pieces)
+        maps = MapFilter.of(data, found, fit.switching, fit.guards, side_by_side.u)
         decoded = decode(maps, side_by_side, price=0.0, n_kept=data.settings.n_kept)
         likelihood = float(decoded.log_likelihood.sum())
         for place, piece in enumerate(pieces):
@@ -129,18 +129,15 @@ def _side_by_side(data: DiscreteData, pieces: list[_Piece]) -> Recordings:
 
 
 @dataclass(frozen=True)
-class MapPrediction(Prediction):
-    """A belief one sample later, and the log probability of the transition to its mode."""
-
-    nats: Array
-
-
-@dataclass(frozen=True)
-class MapFilter(Filter):
+class MapFilter:
     """Kalman's filter of the lagged states of maps; a switch is at a sample."""
 
-    switching: Switching | None = None
-    farthest: float = np.inf  # a state that is further off says nothing
+    laws: Laws
+    noise: Array  # (n_lagged,)
+    disturbance: Array  # (n_lagged,)
+    u: Array  # (n_rows, n_pieces, n_inputs)
+    switching: Switching
+    farthest: float  # a state that is further off says nothing
 
     @classmethod
     def of(
@@ -148,7 +145,8 @@ class MapFilter(Filter):
         data: DiscreteData,
         found: StateFit,
         probability: float,
-        guards: tuple[KnownGuard, ...] = (),
+        guards: tuple[KnownGuard, ...],
+        u: Array,
     ) -> MapFilter:
         """The filter of identified laws, states in units of the data."""
         n, memory = data.rows.n_states, data.rows.lags + 1
@@ -157,32 +155,42 @@ class MapFilter(Filter):
         farthest = data.settings.farthest * float(np.abs(found.states).max())
         disturbance[:n] = found.tie * found.noise
         switching = Switching.of(data, len(found.coef), probability, guards)
-        return cls(laws, np.tile(found.noise, memory), disturbance, 1.0, switching, farthest)
+        return cls(laws, np.tile(found.noise, memory), disturbance, u, switching, farthest)
 
-    def predict(
-        self, belief: Belief, old: Modes, new: Modes, u: Array, after: Array, duration: Array
-    ) -> Prediction:
-        """The belief one sample later, by the law of the new mode."""
-        coef = self.laws.coef[new]
-        n = coef.shape[1]
-        features, slopes = slopes_of(
-            self.laws.features, np.hstack([belief.mean, u]), self.laws.spread
+    @property
+    def n_modes(self) -> int:
+        """Number of modes."""
+        return len(self.laws.coef)
+
+    @property
+    def spread(self) -> Array:
+        """Typical size of each lagged state, in units of the data."""
+        return self.laws.spread
+
+    def ahead(self, k: int, belief: Belief, modes: Modes) -> tuple[Belief, Array]:
+        """As `swsysid._stays.filtering.Filter.ahead`, every hypothesis by the law of each mode."""
+        shape, n_columns = (*modes.shape, self.n_modes), len(belief.mean)
+        x = belief.mean.reshape(n_columns, -1).T
+        wide = belief.covariance.reshape(n_columns, n_columns, -1).transpose(2, 0, 1)
+        u = np.repeat(self.u[k], modes.shape[1], axis=0)
+        features, slopes = slopes_of(self.laws.features, np.hstack([x, u]), self.spread)
+        n, older = self.laws.coef.shape[1], np.arange(self.laws.coef.shape[1], n_columns)
+        transition = np.zeros((len(x), self.n_modes, n_columns, n_columns))
+        transition[:, :, :n] = np.matmul(self.laws.coef, slopes[:, None])
+        transition[:, :, older, older - n] = 1.0
+        mean = np.empty((len(x), self.n_modes, n_columns))
+        mean[:, :, :n] = np.einsum("jnf,rf->rjn", self.laws.coef, features)
+        mean[:, :, n:] = x[:, None, : n_columns - n]
+        lost = ~(np.abs(mean) < self.farthest).all(axis=2)
+        mean[lost], transition[lost] = 0.0, np.eye(n_columns) * self.farthest / self.noise
+        covariance = transition @ wide[:, None] @ transition.transpose(0, 1, 3, 2)
+        every = np.arange(n_columns)
+        covariance[:, :, every, every] += self.disturbance**2
+        old, new = np.repeat(modes.ravel(), self.n_modes), np.tile(np.arange(self.n_modes), len(x))
+        parts = (np.repeat(part, self.n_modes, axis=0) for part in (x, wide, u))
+        nats = self.switching.nats(old, new, *parts).reshape(shape)
+        ahead = Belief(
+            mean.transpose(2, 0, 1).reshape(n_columns, *shape),
+            covariance.transpose(2, 3, 0, 1).reshape(n_columns, n_columns, *shape),
         )
-        transition = np.zeros((*belief.mean.shape, belief.mean.shape[1]))
-        transition[:, :n] = coef @ slopes
-        older = np.arange(n, belief.mean.shape[1])
-        transition[:, older, older - n] = 1.0
-        mean = np.hstack([(coef @ features[:, :, None])[:, :, 0], belief.mean[:, :-n]])
-        lost = ~(np.abs(mean) < self.farthest).all(axis=1)
-        mean[lost], transition[lost] = 0.0, np.eye(mean.shape[1]) * self.farthest / self.noise
-        covariance = transition @ belief.covariance @ transition.transpose(0, 2, 1)
-        every = np.arange(mean.shape[1])
-        covariance[:, every, every] += self.disturbance**2
-        assert self.switching is not None
-        nats = self.switching.nats(old, new, belief.mean, belief.covariance, u)
-        return MapPrediction(Belief(mean, covariance), transition, np.zeros_like(mean), nats)
-
-    def on_surface(self, prediction: Prediction, new: Modes, after: Array) -> tuple[Belief, Array]:
-        """The predicted belief, and how likely its transition was."""
-        assert isinstance(prediction, MapPrediction)
-        return prediction.belief, prediction.nats
+        return ahead, nats

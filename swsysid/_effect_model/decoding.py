@@ -72,7 +72,7 @@ def decoded(
     ends = np.concatenate([found.modes[:1], found.modes])
     modes[np.concatenate(long)] = recordings.joined(ends)
     sure &= _sure(modes, own, noise, records, np.hstack([states, *rates]), long)
-    return Decoded(modes, sure, stretches, found.filter.disturbance[None])
+    return Decoded(modes, sure, stretches, found.disturbance[None])
 
 
 def stretches_of(laws: FittedLaws, records: Records) -> list[Rows]:

@@ -1,6 +1,6 @@
-r"""Symmetric matrices in the shape of an arrow: a band, bordered by a few full rows.
+r"""Symmetric matrices in the shape of an arrow: block tridiagonal, bordered by full rows.
 
-With B the band, E the border and D the corner,
+With B the blocks, E the border and D the corner,
 
 .. math::
 
@@ -14,7 +14,7 @@ takes a time that grows with the number of unknowns, not with its third power.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,75 +27,42 @@ from swsysid._results import Array
 class Arrow:
     """A symmetric matrix; entry (j + d, j) of the band stands at [d, j]."""
 
-    band: Array  # (width, n_band)
+    band: Array  # (2 size, n_band)
     border: Array  # (n_band, n_corner)
     corner: Array  # (n_corner, n_corner)
 
     @classmethod
-    def zeros(cls, n_band: int, n_corner: int, width: int) -> Arrow:
-        """The matrix of nothing."""
-        return cls(
-            np.zeros((width, n_band)), np.zeros((n_band, n_corner)), np.zeros((n_corner, n_corner))
-        )
+    def of_blocks(cls, diagonal: Array, below: Array, border: Array, corner: Array) -> Arrow:
+        """From blocks (size, size, n_blocks) on the diagonal and below it.
 
-    def add(self, places: NDArray[np.intp], slopes: Array, shared: Array) -> None:
-        """Add J'J of blocks of rows of J.
-
-        `slopes` (n_blocks, n_rows, n_columns) stand in the columns `places` (n_blocks, n_columns)
-        of the band, `shared` (n_blocks, n_rows, n_corner) in those of the corner.
+        Block k of `below` stands in the rows of block k + 1; the border is (n_corner, n_blocks,
+        size).
         """
-        transposed = slopes.transpose(0, 2, 1)
-        below = places[:, :, None] - places[:, None, :]
-        lower = below >= 0
-        column = np.broadcast_to(places[:, None, :], below.shape)
-        np.add.at(self.band, (below[lower], column[lower]), (transposed @ slopes)[lower])
-        np.add.at(self.border, places, transposed @ shared)
-        rows = shared.reshape(shared.shape[0] * shared.shape[1], shared.shape[2])
-        self.corner[:] += rows.T @ rows
-
-    @property
-    def diagonal(self) -> Array:
-        """Entries of the diagonal."""
-        return np.append(self.band[0], np.diag(self.corner))
-
-    def with_diagonal(self, more: Array | float) -> Arrow:
-        """The matrix with something added to its diagonal."""
-        n_band = len(self.border)
-        more = np.broadcast_to(more, n_band + len(self.corner))
-        band = self.band.copy()
-        band[0] += more[:n_band]
-        return Arrow(band, self.border, self.corner + np.diag(more[n_band:]))
+        size, n_blocks = diagonal.shape[1:]
+        band = np.zeros((2 * size, n_blocks * size))
+        for column in range(size):
+            for row in range(size):
+                if row >= column:
+                    band[row - column, column::size] = diagonal[row, column]
+                band[size + row - column, column::size] = below[row, column]
+        return cls(band, border.reshape(len(border), n_blocks * size).T, corner)
 
     def in_units(self, unit: Array) -> Arrow:
-        """The matrix of unknowns in other units."""
-        of_band, of_corner = np.split(unit, [len(self.border)])
-        band = self.band * of_band
-        for d in range(len(band)):
-            band[d, : len(of_band) - d] *= of_band[d:]
-        border = self.border * of_band[:, None] * of_corner
-        return Arrow(band, border, self.corner * of_corner[:, None] * of_corner)
+        """The matrix of other units in the corner."""
+        corner = self.corner * unit[:, None] * unit
+        return replace(self, border=self.border * unit, corner=corner)
 
-    def __matmul__(self, vector: Array) -> Array:
-        """Product with a vector."""
-        x, z = np.split(vector, [len(self.border)])
-        product = self.border @ z
-        for d, entries in enumerate(self.band):
-            entries = entries[: len(x) - d]
-            product[d:] += entries * x[: len(entries)]
-            if d:
-                product[: len(entries)] += entries * x[d:]
-        return np.append(product, self.border.T @ x + self.corner @ z)
+    def factor(self, damping: float = 0.0, least: Array | float = 0.0) -> Factor:
+        """What systems are solved by; LinAlgError where the matrix is not positive.
 
-    def toarray(self) -> Array:
-        """The whole matrix."""
-        return np.array([self @ unit for unit in np.eye(len(self.diagonal))])
-
-    def factor(self) -> Factor:
-        """What systems are solved by; LinAlgError where the matrix is not positive."""
-        band = cholesky_banded(self.band, lower=True, check_finite=False)
+        The diagonal of S grows by a share of its own, and by what it has at least.
+        """
+        band = cholesky_banded(self.band, lower=True, check_finite=False, overwrite_ab=True)
         reached = cho_solve_banded((band, True), self.border, check_finite=False)
-        corner = cho_factor(self.corner - self.border.T @ reached, check_finite=False)
-        return Factor(band, self.border, reached, corner)
+        schur = self.corner - self.border.T @ reached
+        more = damping * np.maximum(np.diag(schur), 0.0) + least
+        schur[np.diag_indices_from(schur)] += more
+        return Factor(band, self.border, reached, cho_factor(schur, check_finite=False), more)
 
 
 @dataclass(frozen=True)
@@ -106,6 +73,7 @@ class Factor:
     border: Array
     reached: Array  # B^-1 E
     corner: tuple[Array, bool]  # factor of S
+    more: Array  # what was added to the diagonal of S
 
     def solve(self, right: Array) -> Array:
         """The solution of one system."""
@@ -119,18 +87,24 @@ class Factor:
         """The corner of the inverse."""
         return self._over_corner(np.eye(self.border.shape[1]))
 
+    def quadratic_form(self, places: NDArray[np.intp], own: Array, shared: Array) -> Array:
+        """V' A^-1 v of some vectors v (n_vectors,).
+
+        Each has entries `own` (n_vectors, n_own) at `places` of the band and `shared` (n_vectors,
+        n_corner) in the corner.
+        """
+        forms = np.empty(len(own))
+        for some in np.array_split(np.arange(len(own)), max(1, len(own) // 32)):
+            b = np.zeros((len(self.border), len(some)), order="F")
+            b[places[some].T, np.arange(len(some))] = own[some].T
+            x = cho_solve_banded((self.band, True), b, check_finite=False)
+            left = shared[some].T - self.border.T @ x
+            forms[some] = (b * x).sum(axis=0) + (left * self._over_corner(left)).sum(axis=0)
+        return forms
+
     def _over_corner(self, right: Array) -> Array:
         """S^-1 times a vector or a matrix."""
         # SciPy before 1.14 refuses systems without unknowns, those of a matrix without corner.
         if not right.size:
             return right
         return np.asarray(cho_solve(self.corner, right, check_finite=False))
-
-    def diagonal_of_inverse(self, places: NDArray[np.intp]) -> Array:
-        """Diagonal entries of the inverse, of places in the band."""
-        units = np.zeros((len(self.border), len(places)))
-        units[places, np.arange(len(places))] = 1.0
-        inverse = cho_solve_banded((self.band, True), units, check_finite=False)
-        own = self.reached[places]
-        bordered = np.einsum("pi,ij,pj->p", own, self.inverse_of_corner, own)
-        return np.asarray(inverse[places, np.arange(len(places))] + bordered)

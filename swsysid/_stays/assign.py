@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
 from swsysid._stays.decoding import Decoded, decode
-from swsysid._stays.filtering import Filter, smoothed_states
+from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings, pieces_of
-from swsysid._stays.segments import Segments
+from swsysid._stays.samples import intervals_of
 from swsysid._stays.settings import LIMITS, StaySettings
-from swsysid._stays.shooting import Estimate
 from swsysid._stays.sliding import SlidingLaws, slides_there
 from swsysid._stays.stays import Stays
 
@@ -27,43 +28,24 @@ class Assigned:
     """Modes of all intervals, and the states of the recordings in them."""
 
     modes: NDArray[np.intp]  # (n_times - 1, n_recordings)
-    filter: Filter
+    disturbance: Array  # (n_states,): of the velocities, the likeliest of those tried
 
-    def estimate(
-        self,
-        laws: Laws,
-        recordings: Recordings,
-        settings: StaySettings,
-        before: Estimate | None,
-        changed: NDArray[np.bool_],
-    ) -> Estimate:
-        """Stays as decoded, segments that start at the smoothed states.
+    def estimate(self, laws: Laws, recordings: Recordings, before: Estimate | None) -> Estimate:
+        """Stays as decoded, nodes at the rough states.
 
-        Recordings that did not change have the instants and starts of the estimate before.
+        Recordings that did not change have the instants of the estimate before.
         """
-        modes = self.modes
-        states = self._states(recordings, settings)
-        stays = [
-            Stays.of_intervals(modes[: len(t) - 1, place], t)
-            for place, t in enumerate(recordings.times)
-        ]
+        changed = np.ones(len(recordings), dtype=bool)
         if before is not None:
-            states[:, ~changed] = recordings.guess[:, ~changed]
-            for place in np.flatnonzero(~changed):
-                stays[place] = before.segments.stays[place]
-        segments = Segments(recordings, stays, settings.segment)
-        starts = np.array([states[first, recording] for recording, first, _ in segments.places])
-        return Estimate(laws, segments, starts)
-
-    def _states(self, recordings: Recordings, settings: StaySettings) -> Array:
-        """Smoothed states of all samples, padded like the recordings."""
-        pieces, places = recordings.cut(settings.smoothed, settings.overlap_of_smoothed)
-        found = smoothed_states(self.filter, pieces, pieces_of(self.modes, places))
-        states = recordings.guess.copy()
-        for place, piece in enumerate(places):
-            rows = slice(piece.first - piece.begin, piece.last - piece.begin + 1)
-            states[piece.first : piece.last + 1, piece.recording] = found[rows, place]
-        return states
+            changed = (self.modes != intervals_of(before)).any(axis=0)
+        stays = [
+            Stays.of_intervals(self.modes[: len(t) - 1, k], t)
+            if changed[k] or before is None
+            else before.nodes.stays[k]
+            for k, t in enumerate(recordings.times)
+        ]
+        nodes = Nodes(recordings, stays)
+        return Estimate(laws, nodes, recordings.in_a_row(recordings.guess))
 
 
 def assign(
@@ -84,8 +66,7 @@ def assign(
     """
     if len(laws.coef) == 1:
         middle = disturbances[len(disturbances) // 2]
-        filter_ = Filter(laws.known(), noise, middle, recordings.first_step)
-        return Assigned(np.zeros(recordings.steps.shape, dtype=np.intp), filter_)
+        return Assigned(np.zeros(recordings.steps.shape, dtype=np.intp), middle)
     if guards is not None and prior is not None:
         sliding = SlidingLaws.of(laws, guards)
         there = slides_there(sliding, recordings, noise, settings.beyond_slide)
@@ -95,11 +76,13 @@ def assign(
     pieces, places = recordings.cut(settings.piece, settings.overlap)
     own = None if prior is None else pieces_of(prior, places)
 
+    flows = FlowFilter.of(laws, pieces, noise, disturbances[0])
+
     @cache
-    def found(candidate: int) -> tuple[float, Decoded, Filter]:
-        filter_ = Filter(laws.known(), noise, disturbances[candidate], pieces.first_step)
+    def found(candidate: int) -> tuple[float, Decoded]:
+        filter_ = flows.disturbed(disturbances[candidate])
         decoded = decode(filter_, pieces, own, price=price, n_kept=settings.n_kept)
-        return float(decoded.log_likelihood.sum()), decoded, filter_
+        return float(decoded.log_likelihood.sum()), decoded
 
     best = len(disturbances) // 2
     while True:
@@ -108,14 +91,14 @@ def assign(
         if better is None:
             break
         best = better
-    _, decoded, filter_ = found(best)
+    _, decoded = found(best)
     modes = np.zeros(recordings.steps.shape, dtype=np.intp)
     for place, piece in enumerate(places):
         rows = slice(piece.first - piece.begin, piece.last - piece.begin)
         modes[piece.first : piece.last, piece.recording] = decoded.modes[rows, place]
     for k, n in enumerate(recordings.lengths):
         modes[n - 1 :, k] = modes[n - 2, k]
-    return Assigned(modes, filter_)
+    return Assigned(modes, disturbances[best])
 
 
 def disturbances(laws: Laws, recordings: Recordings, settings: StaySettings) -> Array:

@@ -56,13 +56,13 @@ def criterion(n_modes: int, found: StayIdentification) -> CountCandidate:
     squares = np.nansum(np.square(left), axis=(0, 1)) / np.maximum(count, 1)
     least = np.square(LIMITS.exactly * estimate.laws.spread)
     misfit = 0.5 * float((count * np.log(np.maximum(squares, least)))[count > 0].sum())
-    n_switches = len(estimate.segments.instants)
+    n_switches = len(estimate.nodes.instants)
     n_guards = n_switches if estimate.guards is None else estimate.guards.n_free
     k = estimate.laws.n_free + (n_guards if len(estimate.laws.coef) > 1 else 0)
     k += left.shape[1] * (left.shape[2] + 1)  # where and when recordings begin
     value = misfit + 0.5 * k * float(np.log(max(2, count.sum())))
     if estimate.guards is None:
-        value += order_of_switches(estimate.segments.stays)
+        value += order_of_switches(estimate.nodes.stays)
     return CountCandidate(n_modes, value, k, n_switches)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
-from swsysid._stays.filtering import Belief, Filter
+from swsysid._stays.filtering import Belief, Filter, corrected, first_belief
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
 
@@ -43,7 +43,9 @@ def decode(
     beam = _Beam.begin(filter_, recordings, n_kept)
     history = []
     for k, duration in enumerate(recordings.steps):
-        grown = beam.grow(filter_, recordings, k, prior, price)
+        grown = beam.grow(
+            filter_, recordings.y[k + 1], k, None if prior is None else prior[k], price
+        )
         beam = grown.where(duration > 0.0, beam)
         history.append((beam.modes, beam.parents))
     slot = beam.scores.argmax(axis=1)
@@ -58,8 +60,7 @@ def decode(
 class _Beam:
     """The hypotheses of every recording; those with the score -inf are empty."""
 
-    means: Array  # (n_recordings, n_kept, n_states)
-    covariances: Array  # (n_recordings, n_kept, n_states, n_states)
+    belief: Belief  # (..., n_recordings, n_kept)
     modes: NDArray[np.intp]  # (n_recordings, n_kept)
     scores: Array  # (n_recordings, n_kept): log likelihood
     parents: NDArray[np.intp]  # (n_recordings, n_kept): place of each in the beam before
@@ -67,86 +68,51 @@ class _Beam:
     @classmethod
     def begin(cls, filter_: Filter, recordings: Recordings, n_kept: int) -> _Beam:
         """One hypothesis for each mode."""
-        first = filter_.first(recordings.y[0], recordings.guess[0])
-        n_modes = len(filter_.laws.modes)
-        shape = len(recordings), max(n_kept, n_modes)
+        first = first_belief(filter_, recordings.y[0], recordings.guess[0])
+        shape = len(recordings), max(n_kept, filter_.n_modes)
         scores = np.full(shape, -np.inf)
-        scores[:, :n_modes] = 0.0
-        return cls(
-            np.repeat(first.mean[:, None], shape[1], axis=1),
-            np.repeat(first.covariance[:, None], shape[1], axis=1),
-            np.tile(np.arange(shape[1]) % n_modes, (shape[0], 1)),
-            scores,
-            np.tile(np.arange(shape[1]), (shape[0], 1)),
-        )
+        scores[:, : filter_.n_modes] = 0.0
+        belief = Belief(*(np.repeat(part[..., None], shape[1], axis=-1) for part in first))
+        slots = np.tile(np.arange(shape[1]), (shape[0], 1))
+        return cls(belief, slots % filter_.n_modes, scores, slots)
 
-    def grow(
-        self,
-        filter_: Filter,
-        recordings: Recordings,
-        k: int,
-        prior: Array | None,
-        price: float,
-    ) -> _Beam:
+    def grow(self, filter_: Filter, y: Array, k: int, prior: Array | None, price: float) -> _Beam:
         """The beam one interval later."""
-        n_recordings, n_kept = self.scores.shape
-        n_modes = len(filter_.laws.modes)
-        shape = n_recordings, n_kept, n_modes
-        enters = self.modes[:, :, None] != np.arange(n_modes)
+        enters = self.modes[:, :, None] != np.arange(filter_.n_modes)
+        ahead, gained = filter_.ahead(k, self.belief, self.modes)
+        belief, seen = corrected(ahead, y, filter_.noise)
+        gained = np.nan_to_num(gained + seen, nan=LIMITS.diverged_nats)
         # at the first sample every mode has its hypothesis, and none needs to enter it
-        asked = np.isfinite(self.scores)[:, :, None] & ~(enters & (k == 0))
+        scores = self.scores[:, :, None] + gained - np.where(enters, price if k else np.inf, 0.0)
         if prior is not None:
-            asked &= np.isfinite(prior[k])[:, None, :]
-        recording, slot, new = np.nonzero(asked)
-        belief = Belief(self.means[recording, slot], self.covariances[recording, slot])
-        u, after = recordings.u[k, recording], recordings.u[k + 1, recording]
-        old, duration = self.modes[recording, slot], recordings.steps[k, recording]
-        predicted, gained = filter_.on_surface(
-            filter_.predict(belief, old, new, u, after, duration), new, after
-        )
-        corrected, seen = filter_.correct(predicted, recordings.y[k + 1, recording])
-        gained += seen
-        if prior is not None:
-            gained += prior[k, recording, new]
-        scores = np.full(shape, -np.inf)
-        scores[asked] = self.scores[recording, slot] + np.nan_to_num(
-            gained, nan=LIMITS.diverged_nats
-        )
-        scores -= price * enters
-        number = np.full(shape, -1)
-        number[asked] = np.arange(len(recording))
-        return self._best(scores, enters, number, corrected)
+            scores += prior[:, None, :]
+        return self._best(scores, enters, belief)
 
-    def _best(self, scores: Array, enters: NDArray[np.bool_], number, beliefs: Belief) -> _Beam:
+    def _best(self, scores: Array, enters: NDArray[np.bool_], beliefs: Belief) -> _Beam:
         """All that stay, and the best that enters each mode; of these the most likely."""
         n_recordings, n_kept, n_modes = scores.shape
         every, slots = np.arange(n_recordings)[:, None], np.arange(n_kept)
-        source = np.where(enters, scores, -np.inf).argmax(axis=1)  # (n_recordings, n_modes)
+        entering = np.where(enters, scores, -np.inf)
+        source = entering.argmax(axis=1)  # (n_recordings, n_modes)
         entered = np.arange(n_modes)
-        entering = np.where(enters, scores, -np.inf)[every, source, entered]
-        candidates = np.hstack([scores[every, slots, self.modes], entering])
+        best_entering = entering[every, source, entered]
+        candidates = np.hstack([scores[every, slots, self.modes], best_entering])
         parents = np.hstack([np.tile(slots, (n_recordings, 1)), source])
         modes = np.hstack([self.modes, np.tile(entered, (n_recordings, 1))])
-        numbers = np.hstack([number[every, slots, self.modes], number[every, source, entered]])
         best = np.argsort(-candidates, axis=1, kind="stable")[:, :n_kept]
-        chosen = numbers[every, best]
-        return _Beam(
-            beliefs.mean[chosen],
-            beliefs.covariance[chosen],
-            modes[every, best],
-            candidates[every, best],
-            parents[every, best],
-        )
+        parent, mode = parents[every, best], modes[every, best]
+        chosen = Belief(*(part[..., every, parent, mode] for part in beliefs))
+        return _Beam(chosen, mode, candidates[every, best], parent)
 
     def where(self, active: NDArray[np.bool_], before: _Beam) -> _Beam:
         """The beam of the recordings that go on; of those that have ended, the one before."""
         if active.all():
             return self
-        stay = np.tile(np.arange(self.scores.shape[1]), (len(active), 1))
+        row = active[:, None]
+        pairs = zip(self.belief, before.belief, strict=True)
         return _Beam(
-            np.where(active[:, None, None], self.means, before.means),
-            np.where(active[:, None, None, None], self.covariances, before.covariances),
-            np.where(active[:, None], self.modes, before.modes),
-            np.where(active[:, None], self.scores, before.scores),
-            np.where(active[:, None], self.parents, stay),
+            Belief(*(np.where(row, one, other) for one, other in pairs)),
+            np.where(row, self.modes, before.modes),
+            np.where(row, self.scores, before.scores),
+            np.where(row, self.parents, np.arange(self.scores.shape[1])),
         )

@@ -9,19 +9,15 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from swsysid._results import Array
-from swsysid._stays.normal_equations import Inverse
+from swsysid._stays.equations import Covariance
+from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.shooting import Estimate, Objective
 
 
 class Movable(Protocol):
     """An estimate that can be moved by a step of its unknowns."""
 
-    @property
-    def hold(self) -> Array:
-        """What holds unknowns where they are, added to the diagonal."""
-
-    def moved(self: E, step: Array) -> E:
+    def moved(self: E, step: Array, /) -> E:
         """The estimate some way off."""
 
 
@@ -36,21 +32,12 @@ class Equations(Protocol):
     def value(self) -> float:
         """Half the sum of squares."""
 
-    def held(self, hold: Array, /) -> Equations:
-        """The same, every unknown held by a spring of such a stiffness."""
-
-    def step(self, damping: float, /) -> Array:
-        """The step of damped equations."""
-
-    def promised(self, step: Array, /) -> float:
-        """By how much a step lowers the value, if the equations are right."""
+    def step(self, damping: float, /) -> tuple[Array, float]:
+        """The step of damped equations, and by how much it lowers the value if they are right."""
 
 
 class Descended(Protocol[E_contra]):
     """A sum of squares of an estimate."""
-
-    def value(self, estimate: E_contra, /) -> float:
-        """Half the sum."""
 
     def normal_equations(self, estimate: E_contra, /) -> Equations:
         """Gauss and Newton's equations."""
@@ -82,15 +69,23 @@ class Reached:
         return Reached(self.estimate, objective, objective.value(self.estimate))
 
     @cached_property
-    def covariance(self) -> Inverse:
+    def covariance(self) -> Covariance:
         """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix."""
-        return self.objective.normal_equations(self.estimate).inverse()
+        return self.objective.normal_equations(self.estimate).covariance()
+
+    @property
+    def n_unknowns(self) -> float:
+        """Free coefficients, instants, and what the states are worth."""
+        estimate = self.estimate
+        of_guards = 0 if estimate.guards is None else estimate.guards.n_free
+        told = self.objective.n_states_told(estimate.nodes)
+        return estimate.laws.n_free + len(estimate.nodes.instants) + of_guards + told
 
 
 def most_likely(
     estimate: Estimate, noise: Array, settings: StaySettings, *, near: bool = False
 ) -> Reached:
-    """The estimate with segments tied ever more tightly; `near` where it starts close to it."""
+    """The estimate with nodes tied ever more tightly; `near` where it starts close to it."""
     ties = settings.ties[-2:] if near else settings.ties
     stages = [(Objective(noise, tie), n_turns) for tie, n_turns in ties]
     return _through(estimate, stages, settings)
@@ -100,7 +95,7 @@ def most_likely_with_guards(
     estimate: Estimate, noise: Array, settings: StaySettings, *, near: bool = False
 ) -> Reached:
     """The estimate whose crossings lie on its surfaces ever more closely."""
-    interval, tie = estimate.segments.recordings.interval, settings.ties[-1][0]
+    interval, tie = estimate.nodes.recordings.interval, settings.ties[-1][0]
     times = settings.guard_times[-1:] if near else settings.guard_times
     stages = [(Objective(noise, tie, share * interval), n_turns) for share, n_turns in times]
     reached = _through(estimate, stages, settings)
@@ -130,24 +125,32 @@ def _through(
 def descended(
     estimate: E, objective: Descended[E], n_turns: int, settings: StaySettings
 ) -> tuple[E, float]:
-    """Damping follows how well the step was predicted (Nielsen, IMM-REP-1999-05)."""
-    damping, rise, value = settings.damping, 2.0, np.inf
+    """Damping rises where steps fail, and falls where they do what they promised.
+
+    A step of nodes that are tied tightly may miss by the curvature of a flow what the next one
+    mends: a few are followed before they are judged (the watchdog of Chamberlain et al., 1982).
+    """
+    damping, failed, followed = settings.damping, 0, 0
+    best = now = estimate, objective.normal_equations(estimate)
     for _ in range(n_turns):
-        equations = objective.normal_equations(estimate).held(estimate.hold)
-        value = equations.value
-        for _ in range(settings.most_failures):
-            step = equations.step(damping)
-            trial = estimate.moved(step)
-            reached = objective.value(trial)
-            if reached < value:
+        step, promised = now[1].step(damping)
+        if promised < settings.converged:
+            if now is best:
                 break
-            damping, rise = damping * rise, 2.0 * rise
+            followed = settings.most_followed
+        ahead = now[0].moved(step)
+        now = ahead, objective.normal_equations(ahead)
+        gained = best[1].value - now[1].value
+        if gained > 0.0:
+            best, followed, failed = now, 0, 0
+            damping /= 3.0 if gained > 0.25 * promised else 1.0
+            if gained < settings.converged:
+                break
+        elif followed < settings.most_followed and np.isfinite(now[1].value):
+            followed += 1
         else:
-            return estimate, value
-        kept = (value - reached) / max(equations.promised(step), np.finfo(float).tiny)
-        damping, rise = damping * max(1.0 / 3.0, 1.0 - (2.0 * min(kept, 1.0) - 1.0) ** 3), 2.0
-        estimate = trial
-        if value - reached < settings.converged:
-            return estimate, reached
-        value = reached
-    return estimate, value
+            now, followed, failed = best, 0, failed + 1
+            damping *= settings.rise
+            if failed == settings.most_failures:
+                break
+    return best[0], best[1].value

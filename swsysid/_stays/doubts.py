@@ -16,10 +16,10 @@ from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import slopes_of
+from swsysid._stays.lifted import Estimate
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples, misfits, states_of
 from swsysid._stays.settings import LIMITS
-from swsysid._stays.shooting import Estimate
 
 
 def surface_doubts(
@@ -57,7 +57,7 @@ def surface_doubts(
 def _crossings(estimate: Estimate, signs: NDArray[np.int64]) -> int:
     """Switches from one side of a surface to the other; slides are on it."""
     count = 0
-    for stays in estimate.segments.stays:
+    for stays in estimate.nodes.stays:
         old, new = stays.modes[:-1], stays.modes[1:]
         beside = (old < len(signs)) & (new < len(signs))
         count += int((signs[old[beside]] != signs[new[beside]]).sum())
@@ -65,7 +65,7 @@ def _crossings(estimate: Estimate, signs: NDArray[np.int64]) -> int:
 
 
 def _times(estimate: Estimate) -> Array:
-    recordings = estimate.segments.recordings
+    recordings = estimate.nodes.recordings
     pairs = zip(recordings.times, recordings.sampled, strict=True)
     return np.concatenate([t[places] for t, places in pairs])
 
@@ -114,7 +114,7 @@ class FitLeft:
     ) -> FitLeft:
         """Samples that are few and far are outliers; more of them are no outliers any more."""
         estimate, n_channels = found.estimate, given.n_channels
-        recordings = estimate.segments.recordings
+        recordings = estimate.nodes.recordings
         left, states = misfits(estimate), origin.states(states_of(estimate))
         parts = [
             left[places, k, :n_channels] / noise.at(states[places, k, :n_channels], label)
@@ -131,7 +131,7 @@ class FitLeft:
             places = places[:0]
         sizes[places] = np.nan
         count = np.maximum(1, np.isfinite(sizes).sum(axis=0))
-        freedom = max(0.1, 1.0 - estimate.n_unknowns / max(1, count.sum()))
+        freedom = max(0.1, 1.0 - found.reached.n_unknowns / max(1, count.sum()))
         excess = np.sqrt(np.nansum(np.square(sizes), axis=0) / count / freedom)
         first = ("", 0.0)
         if len(places):

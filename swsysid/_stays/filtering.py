@@ -1,4 +1,4 @@
-r"""Kalman's filter and smoother for laws that are known nearly.
+r"""Kalman's filter for laws that are known nearly, one interval of many hypotheses at a time.
 
 The state follows the law of its mode but for a small disturbance of its velocity, white with the
 spectral density :math:`q^2`, and is measured with white noise:
@@ -6,18 +6,21 @@ spectral density :math:`q^2`, and is measured with white noise:
 .. math:: x_{k+1} = F_j(x_k) + w_k, \quad \operatorname{cov} w_k = q^2 \Delta t, \qquad
           y_k = x_k + v_k, \quad \operatorname{cov} v_k = R .
 
-In the interval of a switch the old law may have acted for any part of it, on average for a half.
-Its velocity differs from the new one's by :math:`\Delta f`, which adds
-:math:`(\Delta f \Delta t)^2 / 12` to the covariance. Where a recording slides along a surface the
-state is known to lie on it.
+Every hypothesis is near the rough states, around which the flows of all modes through both halves
+of all intervals are linear: they are found beforehand, in one pass over the data. In the interval
+of a switch the old law may have acted for any part of it, on average for a half. Its velocity
+differs from the new one's by :math:`\Delta f`, which adds :math:`(\Delta f \Delta t)^2 / 12` to the
+covariance. Where a recording slides along a surface the state is known to lie on it.
+
+Arrays of hypotheses have rows last: means (n_states, ...), covariances (n_states, n_states, ...).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._stays.laws import Laws, Modes
@@ -26,152 +29,209 @@ from swsysid._stays.settings import LIMITS
 from swsysid._stays.sliding import SlidingLaws
 
 
+class Belief(NamedTuple):
+    """What is known of the states of hypotheses."""
+
+    mean: Array  # (n_states, ...)
+    covariance: Array  # (n_states, n_states, ...)
+
+
+class Filter(Protocol):
+    """What a decoder asks: hypotheses of a recording and their modes, one sample later."""
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviations of the measurement, (n_states,)."""
+
+    @property
+    def n_modes(self) -> int:
+        """Number of modes."""
+
+    @property
+    def spread(self) -> Array:
+        """Typical size of each state."""
+
+    def ahead(self, k: int, belief: Belief, modes: Modes) -> tuple[Belief, Array | float]:
+        """Beliefs at sample k + 1 before it is measured, and log probabilities of the modes there.
+
+        Of hypotheses (..., n_recordings, n_kept) in each mode, (..., n_recordings, n_kept,
+        n_modes).
+        """
+
+
+class Half(NamedTuple):
+    """The linear flow of every mode through halves of all intervals: offset + slope @ state."""
+
+    offset: Array  # (n_states, n_modes, n_steps, n_recordings)
+    slope: Array  # (n_states, n_states, n_modes, n_steps, n_recordings)
+
+
+class Surfaces(NamedTuple):
+    """Surfaces of all slides along the rough states: offset + gradient @ state."""
+
+    offset: Array  # (n_slides, n_steps, n_recordings)
+    gradient: Array  # (n_states, n_slides, n_steps, n_recordings)
+
+
 @dataclass(frozen=True)
-class Belief:
-    """What is known of the states of many rows: means and covariances."""
+class FlowFilter:
+    """The filter of flows; `disturbance` are standard deviations of the velocity, times sqrt(s)."""
 
-    mean: Array  # (n_rows, n_states)
-    covariance: Array  # (n_rows, n_states, n_states)
-
-    def take(self, rows) -> Belief:
-        """Some of the rows."""
-        return Belief(self.mean[rows], self.covariance[rows])
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """A belief one interval later, and the derivative of its mean by the one before."""
-
-    belief: Belief
-    transition: Array  # (n_rows, n_states, n_states)
-    jump: Array  # (n_rows, n_states): by how much a switch may come earlier or later
-
-
-@dataclass(frozen=True)
-class Filter:
-    """One interval of many rows; `noise` and `disturbance` are standard deviations."""
-
-    laws: Laws  # no coefficient of them free
     noise: Array  # (n_states,): of the measurement
-    disturbance: Array  # (n_states,) or (n_rows, n_states): of the velocity, times sqrt(s)
-    first_step: float = 0.5  # part of an interval that is integrated at once, without a switch
+    disturbance: Array  # (n_states,)
+    spread: Array  # (n_states,)
+    halves: tuple[Half, Half]
+    velocities: Array  # (n_states, n_modes, n_steps, n_recordings): in the middle of intervals
+    steps: Array  # (n_steps, n_recordings)
+    surfaces: Surfaces | None = None
+    entering: Array | None = None  # (n_states, n_modes): variances more where a mode is entered
 
-    def predict(
-        self, belief: Belief, old: Modes, new: Modes, u: Array, after: Array, duration: Array
-    ) -> Prediction:
-        """The belief after an interval in the mode `new`, which began as `old`."""
-        n_states, step = belief.mean.shape[1], self.laws.varied_step
-        transition = np.tile(np.eye(n_states), (len(belief.mean), 1, 1))
-        slope = (after - u) / np.where(duration > 0.0, duration, np.inf)[:, None]
-        rows = np.flatnonzero(old != new)
-        share = np.full(len(old), self.first_step)
-        share[rows] = 0.5
-        middle = u + share[:, None] * (after - u)
-        mean, transition = step(old, belief.mean, transition, u, middle, share * duration)
-        jump = self.laws.velocities(new[rows], mean[rows], middle[rows], slope[rows])
-        jump -= self.laws.velocities(old[rows], mean[rows], middle[rows], slope[rows])
-        jump *= duration[rows, None]
-        if (on := np.flatnonzero(share < 1.0)).size:
-            left = (1.0 - share[on]) * duration[on]
-            mean[on], transition[on] = step(
-                new[on], mean[on], transition[on], middle[on], after[on], left
-            )
-        covariance = transition @ belief.covariance @ transition.transpose(0, 2, 1)
-        every = np.arange(n_states)
-        covariance[:, every, every] += self.disturbance**2 * duration[:, None]
-        covariance[rows] += jump[:, :, None] * jump[:, None, :] / 12.0
-        jumps = np.zeros_like(mean)
-        jumps[rows] = jump
-        return Prediction(Belief(mean, covariance), transition, jumps)
+    @classmethod
+    def of(cls, laws: Laws, recordings: Recordings, noise: Array, disturbance: Array) -> FlowFilter:
+        """That of some laws along the rough states of recordings."""
+        shape, laws = recordings.steps.shape, laws.known()
+        x, u, after = recordings.guess[:-1], recordings.u[:-1], recordings.u[1:]
+        steps = recordings.steps.ravel()
+        flat = [one.reshape(len(steps), -1) for one in (x, recordings.guess[1:], u, after)]
+        middle, of_inputs = 0.5 * (flat[0] + flat[1]), 0.5 * (flat[2] + flat[3])
+        halves = (
+            _half(laws, flat[0], flat[2], of_inputs, 0.5 * steps, shape),
+            _half(laws, middle, of_inputs, flat[3], 0.5 * steps, shape),
+        )
+        rates = (flat[3] - flat[2]) / np.where(steps > 0.0, steps, np.inf)[:, None]
+        every = [np.full(len(steps), mode, dtype=np.intp) for mode in laws.modes]
+        velocities = np.stack(
+            [laws.velocities(one, middle, of_inputs, rates).T for one in every], 1
+        )
+        velocities = velocities.reshape(*velocities.shape[:2], *shape)
+        surfaces = _surfaces(laws, flat[1], flat[3], shape)
+        return cls(noise, disturbance, laws.spread, halves, velocities, recordings.steps, surfaces)
 
-    def on_surface(self, prediction: Prediction, new: Modes, after: Array) -> tuple[Belief, Array]:
-        """The predicted belief, of rows that slide on their surface, and how likely they got there.
+    @property
+    def n_modes(self) -> int:
+        """Number of modes and slides."""
+        return self.velocities.shape[1]
+
+    def disturbed(self, disturbance: Array) -> FlowFilter:
+        """The same with another disturbance."""
+        return replace(self, disturbance=disturbance)
+
+    def ahead(self, k: int, belief: Belief, modes: Modes) -> tuple[Belief, Array | float]:
+        """As `Filter.ahead`."""
+        rows, duration = np.arange(len(modes))[:, None], self.steps[k][:, None, None]
+        first, second = self.halves
+        half = _through(first.offset[:, modes, k, rows], first.slope[:, :, modes, k, rows], belief)
+        # now each hypothesis in every mode
+        every = np.arange(self.n_modes)
+        wide = Belief(half.mean[..., None], half.covariance[..., None])
+        offset = second.offset[:, :, k].transpose(0, 2, 1)[:, :, None, :]
+        slope = second.slope[:, :, :, k].transpose(0, 1, 3, 2)[:, :, :, None, :]
+        mean, covariance = _through(offset, slope, wide)
+        of_new = self.velocities[:, :, k].transpose(0, 2, 1)[:, :, None, :]
+        jump = (of_new - self.velocities[:, modes, k, rows][..., None]) * duration
+        covariance += jump[:, None] * jump[None] / 12.0
+        diagonal = np.arange(len(mean))
+        more = np.square(self.disturbance)[:, None, None, None] * duration
+        if self.entering is not None:
+            enters = modes[..., None] != every
+            more = more + self.entering[:, None, None, :] * enters
+        covariance[diagonal, diagonal] += more
+        ahead = Belief(mean, covariance)
+        return ahead, 0.0 if self.surfaces is None else self._on_surfaces(k, ahead, jump, modes)
+
+    def _on_surfaces(self, k: int, ahead: Belief, jump: Array, modes: Modes) -> Array:
+        """Put those that slide on their surface; how likely they got there.
 
         A crossing in the interval of a switch is as likely as the normal density of f, times what f
         changes by in the interval.
         """
-        predicted, log_likelihood = prediction.belief, np.zeros(len(new))
-        rows = np.flatnonzero(new >= len(self.laws.coef))
-        if not rows.size:
-            return predicted, log_likelihood
-        assert isinstance(self.laws, SlidingLaws)
-        value, gradient = self.laws.off(new[rows], predicted.mean[rows], after[rows])
-        reach = np.einsum("ri,rij->rj", gradient, predicted.covariance[rows])
-        variance = np.einsum("ri,ri->r", reach, gradient)
-        gain = reach / variance[:, None]
-        mean, covariance = predicted.mean.copy(), predicted.covariance.copy()
-        mean[rows] -= gain * value[:, None]
-        covariance[rows] -= gain[:, :, None] * reach[:, None, :]
-        change = np.square(np.einsum("ri,ri->r", gradient, prediction.jump[rows]))
-        enters = np.flatnonzero(change > 0.0)
-        value, variance, change = value[enters], variance[enters], change[enters]
-        squares = np.minimum(np.square(value) / variance, LIMITS.most_squares)
-        log_likelihood[rows[enters]] = -0.5 * (squares + np.log(2.0 * np.pi * variance / change))
-        return Belief(mean, covariance), log_likelihood
-
-    def correct(self, predicted: Belief, y: Array) -> tuple[Belief, Array]:
-        """The belief after a measurement, and the log likelihood of that."""
-        seen = np.isfinite(y)
-        error = np.where(seen, y - predicted.mean, 0.0)
-        variance = self.noise**2 * np.where(seen, 1.0, LIMITS.missing)
-        total = predicted.covariance + variance[:, :, None] * np.eye(y.shape[1])
-        inverse, log_determinant = _inverted(total)
-        gain = predicted.covariance @ inverse
-        squares = np.einsum("ri,rij,rj->r", error, inverse, error)
-        log_likelihood = -0.5 * (np.minimum(squares, LIMITS.most_squares) + log_determinant)
-        mean = predicted.mean + np.einsum("rij,rj->ri", gain, error)
-        # Joseph's form: what a switch leaves open may exceed the noise by ten powers of ten
-        left = np.eye(y.shape[1]) - gain
-        covariance = left @ predicted.covariance @ left.transpose(0, 2, 1)
-        covariance += (gain * variance[:, None, :]) @ gain.transpose(0, 2, 1)
-        return Belief(mean, covariance), log_likelihood
-
-    def first(self, y: Array, guess: Array) -> Belief:
-        """The belief at the first samples; what is not measured there is roughly known."""
-        seen = np.isfinite(y)
-        variance = np.where(seen, self.noise, LIMITS.roughly_known * self.laws.spread) ** 2
-        return Belief(np.where(seen, y, guess), variance[:, :, None] * np.eye(y.shape[1]))
+        assert self.surfaces is not None
+        mean, covariance = ahead
+        nats = np.zeros(mean.shape[1:])
+        first = self.n_modes - len(self.surfaces.offset)
+        for number in range(len(self.surfaces.offset)):
+            slide = first + number
+            gradient = self.surfaces.gradient[:, number, k][:, :, None]
+            own, wide = mean[..., slide], covariance[..., slide]
+            value = self.surfaces.offset[number, k][:, None] + (gradient * own).sum(axis=0)
+            reach = (gradient[:, None] * wide).sum(axis=0)
+            variance = np.maximum((gradient * reach).sum(axis=0), np.finfo(float).tiny)
+            mean[..., slide] = own - reach / variance * value
+            covariance[..., slide] = wide - reach[:, None] * reach[None] / variance
+            change = np.square((gradient * jump[..., slide]).sum(axis=0))
+            squares = np.minimum(np.square(value) / variance, LIMITS.most_squares)
+            change = np.maximum(change, np.finfo(float).tiny)
+            entered = -0.5 * (squares + np.log(2.0 * np.pi * variance / change))
+            nats[..., slide] = np.where(modes != slide, entered, 0.0)
+        return nats
 
 
-def _inverted(covariances: Array) -> tuple[Array, Array]:
-    """Inverses of many covariances, and logarithms of their determinants.
+def _through(offset: Array, slope: Array, belief: Belief) -> Belief:
+    """Beliefs after a linear flow, (..., n_rows) broadcast against each other."""
+    mean, covariance = offset, 0.0
+    for b, own in enumerate(belief.mean):
+        mean = mean + slope[:, b] * own
+        half = slope[:, 0] * belief.covariance[0, b]
+        for c in range(1, len(belief.mean)):
+            half = half + slope[:, c] * belief.covariance[c, b]
+        covariance = covariance + half[:, None] * slope[None, :, b]
+    return Belief(mean, np.asarray(covariance))
 
-    In units in which the diagonal is one, and what rounding leaves of a direction that is known
-    exactly beside others that are not is that of rounding.
+
+def _half(
+    laws: Laws, x: Array, u: Array, after: Array, steps: Array, shape: tuple[int, int]
+) -> Half:
+    """The flows of all modes around rough states (n_rows, n_states)."""
+    offsets, slopes = [], []
+    for mode in laws.modes:
+        ends, slope, _ = laws.flow(mode, x, u, after, steps)
+        offsets.append(ends.T - (slope * x.T).sum(axis=1))
+        slopes.append(slope)
+    offset, slope = np.stack(offsets, axis=1), np.stack(slopes, axis=2)
+    return Half(offset.reshape(*offset.shape[:2], *shape), slope.reshape(*slope.shape[:3], *shape))
+
+
+def _surfaces(laws: Laws, x: Array, u: Array, shape: tuple[int, int]) -> Surfaces | None:
+    """The surfaces of all slides at rough states."""
+    if not isinstance(laws, SlidingLaws):
+        return None
+    offsets, gradients = [], []
+    for slide in laws.modes[len(laws.coef) :]:
+        value, gradient = laws.off(np.full(len(x), slide, dtype=np.intp), x, u)
+        offsets.append(value - (gradient * x).sum(axis=1))
+        gradients.append(gradient.T)
+    gradient = np.stack(gradients, axis=1)
+    return Surfaces(
+        np.stack(offsets).reshape(-1, *shape), gradient.reshape(*gradient.shape[:2], *shape)
+    )
+
+
+def first_belief(filter_: Filter, y: Array, guess: Array) -> Belief:
+    """Of the first samples (n_recordings, n_states); what is not measured is roughly known."""
+    seen = np.isfinite(y)
+    variance = np.square(np.where(seen, filter_.noise, LIMITS.roughly_known * filter_.spread))
+    return Belief(np.where(seen, y, guess).T, variance.T * np.eye(y.shape[1])[:, :, None])
+
+
+def corrected(ahead: Belief, y: Array, noise: Array) -> tuple[Belief, Array]:
+    """Beliefs (..., n_recordings, n_kept, n_modes) after a measurement, and its log likelihood.
+
+    One channel after the other, as their noise is independent; outliers are bounded.
     """
-    every = np.arange(covariances.shape[1])
-    unit = np.sqrt(covariances[:, every, every])
-    scaled = covariances / (unit[:, :, None] * unit[:, None, :])
-    scaled[:, every, every] += LIMITS.rounding
-    inverse = np.linalg.inv(scaled) / (unit[:, :, None] * unit[:, None, :])
-    return inverse, np.linalg.slogdet(scaled)[1] + 2.0 * np.log(unit).sum(axis=1)
-
-
-def smoothed_states(filter_: Filter, recordings: Recordings, modes: NDArray[np.intp]) -> Array:
-    """States of all samples given all measurements (Rauch, Tung and Striebel).
-
-    `modes` are those of the intervals, (n_times - 1, n_recordings); the answer is padded like
-    `recordings.y`. A recording in which a law diverges keeps its rough states.
-    """
-    belief = filter_.first(recordings.y[0], recordings.guess[0])
-    beliefs, predictions = [belief], []
-    before = modes[0]
-    for k, duration in enumerate(recordings.steps):
-        u, after = recordings.u[k], recordings.u[k + 1]
-        prediction = filter_.predict(belief, before, modes[k], u, after, duration)
-        belief, _ = filter_.on_surface(prediction, modes[k], after)
-        belief, _ = filter_.correct(belief, recordings.y[k + 1])
-        predictions.append(prediction)
-        beliefs.append(belief)
-        before = modes[k]
-    states = [belief.mean]
-    for filtered, ahead in zip(beliefs[-2::-1], predictions[::-1], strict=True):
-        known = np.nan_to_num(ahead.belief.covariance, posinf=0.0, neginf=0.0)
-        inverse = np.linalg.pinv(known, hermitian=True)
-        gain = filtered.covariance @ ahead.transition.transpose(0, 2, 1) @ inverse
-        correction = np.einsum("rij,rj->ri", gain, states[-1] - ahead.belief.mean)
-        states.append(filtered.mean + correction)
-    smoothed = np.array(states[::-1])
-    lost = ~np.isfinite(smoothed).all(axis=(0, 2))
-    smoothed[:, lost] = recordings.guess[:, lost]
-    return smoothed
+    mean, covariance = ahead
+    squares, logarithms = np.zeros(mean.shape[1:]), np.zeros(mean.shape[1:])
+    for k, size in enumerate(noise):
+        seen = np.isfinite(y[:, k])[:, None, None]
+        total = covariance[k, k] + size**2
+        error = np.where(seen, y[:, k][:, None, None] - mean[k], 0.0)
+        row = np.where(seen, covariance[k], 0.0)
+        gain = row / total
+        squares += np.square(error) / total
+        logarithms += np.where(seen, np.log(total), 0.0)
+        mean = mean + gain * error
+        covariance = covariance - gain[:, None] * row[None]
+        # what a switch leaves open may exceed the noise by ten powers of ten
+        exact = np.where(seen, gain * size**2, covariance[k])
+        covariance[k], covariance[:, k] = exact, exact
+    likelihood = -0.5 * (np.minimum(squares, LIMITS.most_squares) + logarithms)
+    return Belief(mean, covariance), likelihood

@@ -12,9 +12,9 @@ from swsysid._free_rollouts.judge import FreeRollouts, free_rollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.lifted import Estimate
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import misfits, states_of
-from swsysid._stays.shooting import Estimate
 from swsysid.refinement._trajectories import Record
 
 
@@ -29,11 +29,11 @@ def judged(
 ) -> tuple[FreeRollouts, SampleNoise]:
     """What free rollouts leave, and the noise of the samples by which they are judged.
 
-    `noise` are standard deviations of the channels; with `stretch` the segments of so many samples
+    `noise` are standard deviations of the channels; with `stretch` parts of so many samples
     are rolled out, each from its own start, and otherwise whole recordings.
     """
     names = [label_text(label) for label in labels]
-    courses = list(courses_of(found.estimate, origin, names, len(noise), apart=stretch is not None))
+    courses = list(courses_of(found.estimate, origin, names, len(noise), stretch))
     seen = noise_of_samples(found.estimate, origin, names, noise)
     judgement = free_rollouts(
         found.model,
@@ -47,20 +47,21 @@ def judged(
 
 
 def courses_of(
-    estimate: Estimate, origin: Origin, labels: Sequence[str], n_channels: int, *, apart: bool
+    estimate: Estimate,
+    origin: Origin,
+    labels: Sequence[str],
+    n_channels: int,
+    stretch: int | None,
 ) -> Iterator[Course]:
-    """The recordings of an estimate, or its segments apart, each from its estimated start."""
-    segments, recordings = estimate.segments, estimate.segments.recordings
-    for (k, first, last), start in zip(segments.places, estimate.starts, strict=True):
-        if not apart:
-            if first > 0:
-                continue
-            last = recordings.lengths[k] - 1
+    """The recordings of an estimate, or parts of so many samples, each from its estimated start."""
+    recordings, states = estimate.nodes.recordings, states_of(estimate)
+    for k, first, last in recordings.stretches(stretch or int(recordings.lengths.max())):
+        start = states[first, k]
         rows = slice(first, last + 1)
         t, y = recordings.times[k][rows], recordings.y[rows, k, :n_channels].copy()
         if last < recordings.lengths[k] - 1:
-            y[-1] = np.nan  # a sample where two segments meet counts in the second
-        stays = segments.stays[k].inside(t)
+            y[-1] = np.nan  # a sample where two parts meet counts in the second
+        stays = estimate.nodes.stays[k].inside(t)
         modes = np.where(stays.modes < len(estimate.laws.coef), stays.modes, SLIDES)
         yield Course(
             labels[k],
@@ -74,7 +75,7 @@ def noise_of_samples(
     estimate: Estimate, origin: Origin, labels: Sequence[str], noise: Array
 ) -> SampleNoise:
     """Of this size, or as what the fit leaves shows that it differs from sample to sample."""
-    recordings = estimate.segments.recordings
+    recordings = estimate.nodes.recordings
     left, states = misfits(estimate), origin.states(states_of(estimate))
     parts = [
         (left[places, k, : len(noise)], states[places, k, : len(noise)])

@@ -13,11 +13,11 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate
 from swsysid._stays.noise import noise_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import intervals_of
-from swsysid._stays.settings import LIMITS
-from swsysid._stays.shooting import Estimate
+from swsysid._stays.settings import LIMITS, SETTINGS
 
 
 def grown(
@@ -28,7 +28,8 @@ def grown(
     `rough` are the recordings with states that owe nothing to the answer.
     """
     laws = found.estimate.laws
-    pieces = [_Piece.of(found.estimate, rough, *place) for place in found.estimate.segments.places]
+    parts = found.estimate.nodes.recordings.stretches(SETTINGS.segment)
+    pieces = [_Piece.of(found.estimate, rough, *place) for place in parts]
     noise = noise_of(found.reached, found.reached.noise)
     worst = pieces[int(np.argmax([piece.excess(laws, noise) for piece in pieces]))]
     mode, change = worst.correction(laws)
@@ -51,7 +52,7 @@ class _Piece:
         cls, estimate: Estimate, rough: Recordings, recording: int, first: int, last: int
     ) -> _Piece:
         """That of times of a recording."""
-        t = estimate.segments.recordings.times[recording][first : last + 1]
+        t = estimate.nodes.recordings.times[recording][first : last + 1]
         own = rough.times[recording]
         at = np.clip(np.searchsorted(own, t), 0, len(own) - 1)
         modes = intervals_of(estimate)[first:last, recording]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.descent import Reached
+from swsysid._stays.lifted import Estimate
 from swsysid._stays.noise import noise_of
-from swsysid._stays.shooting import Estimate
 
 
 @dataclass(frozen=True)

@@ -20,19 +20,19 @@ from numpy.typing import NDArray
 
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
-from swsysid._stays.affine import laws_of
 from swsysid._stays.assign import Assigned, assign, disturbances, prior_of_guards, prior_of_model
 from swsysid._stays.count import is_exact, order_of_switches, surprise_of_switches
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.identification import StayIdentification, StayRecord
+from swsysid._stays.lifted import Estimate, recombined
 from swsysid._stays.monomials import without_weakest
-from swsysid._stays.noise import noise_of
+from swsysid._stays.nodes import Nodes
+from swsysid._stays.noise import leaves_noise, noise_of
+from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.retold import retold
 from swsysid._stays.samples import intervals_of, misfits, states_of
-from swsysid._stays.segments import Segments
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.shooting import Estimate, recombined
 from swsysid._stays.stays import Stays
 from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.surfaces import (
@@ -95,9 +95,9 @@ class Alternation:
         recordings = self.recordings
         measured = np.isfinite(recordings.y)
         self.recordings = recordings.with_guess(np.where(measured, recordings.y, recordings.guess))
-        segments = Segments(self.recordings, stays, self.settings.segment)
-        starts = np.array([self.recordings.guess[first, k] for k, first, _ in segments.places])
-        self._keep(*self._estimated(Estimate(self.laws, segments, starts), 0), 0, 0)
+        nodes = Nodes(self.recordings, stays)
+        states = self.recordings.in_a_row(self.recordings.guess)
+        self._keep(*self._estimated(Estimate(self.laws, nodes, states), 0), 0, 0)
         assert self.last is not None
         self.modes = intervals_of(self.last.estimate)
         return self.best
@@ -113,7 +113,7 @@ class Alternation:
             told()
             if turn >= n_prices - 1 and not changed:
                 break
-        if self._separates:
+        if self._separates and not self.leaves_noise:
             self._restarted(told)
         while self._simplified():
             told()
@@ -163,7 +163,7 @@ class Alternation:
     def _retold(self) -> bool:
         """Try brief stays in other modes, where no surface tells; true if that is better."""
         best, last = self.best, len(self.settings.prices) - 1
-        noise, stays = noise_of(best.reached, self.first_noise), best.estimate.segments.stays
+        noise, stays = noise_of(best.reached, self.first_noise), best.estimate.nodes.stays
         prices = _price_at_random(best.estimate) + surprise_of_switches(stays)
         other = retold(best.estimate, noise, self.settings, prices)
         if other is None:
@@ -200,15 +200,13 @@ class Alternation:
         moved = assigned.modes != self.modes
         if moved.any() or always:
             before = None if self.last is None else self.last.estimate
-            first = assigned.estimate(
-                self.laws, self.recordings, self.settings, before, moved.any(axis=0)
-            )
+            first = assigned.estimate(self.laws, self.recordings, before)
             estimated = (
                 self._on_same_surface(first) if same_surface else self._estimated(first, stage)
             )
             self._keep(*estimated, int(moved.sum()), stage)
             self.modes = assigned.modes
-            self.disturbances = _near(self.disturbances, assigned.filter.disturbance)
+            self.disturbances = _near(self.disturbances, assigned.disturbance)
         return int(moved.sum())
 
     def _simplified(self) -> bool:
@@ -248,26 +246,16 @@ class Alternation:
         self.recordings, self.prior = self._at(found), prior
         self.modes, self.last = intervals_of(found.estimate), found
 
-    def _doubtful(self) -> bool:
-        """True if a recording is further from its rollout than noise brings it."""
-        reached = self.best.reached
-        squares = np.square(misfits(reached.estimate) / noise_of(reached, reached.noise))
-        count = np.isfinite(squares).sum(axis=(0, 2))
-        scores = (np.nansum(squares, axis=(0, 2)) - count) / np.sqrt(2.0 * np.maximum(count, 1))
-        return bool(scores.max() > self.settings.doubtful)
+    @property
+    def leaves_noise(self) -> bool:
+        """True if the best round leaves nothing that other stays could explain."""
+        return leaves_noise(self.best.reached, self.first_noise)
 
     def _restarted(self, told: Callable[[], object]) -> None:
-        """Go on from the best laws without their surface: stays may agree with a wrong one.
-
-        As long as that is better, or as a recording does not fit.
-        """
-        best, doubtful = self.best, self._doubtful()
-        self._go_on_from(best, None)
+        """Go on from the best laws without their surface: stays may agree with a wrong one."""
+        self._go_on_from(self.best, None)
         self.modes, self.last = np.full(self.modes.shape, -1), None
         for stage in range(len(self.settings.prices)):
-            if stage >= self.settings.settled and not doubtful:
-                if self.found[-1].criterion > best.criterion - self.settings.nearly_converged:
-                    break
             self._round(stage)
             told()
 
@@ -289,17 +277,16 @@ class Alternation:
 
     def _estimated(self, first: Estimate, stage: int) -> tuple[SwitchingSystemRegressor, Reached]:
         """Laws and surface of highest likelihood with the stays as assigned."""
-        settings = self.settings if stage else self.settings.coarsely()
+        settled = stage >= self.settings.settled
+        settings = self.settings if settled else self.settings.coarsely()
         if not self.surfaces:
             reached = most_likely(first, self.noise, settings, near=bool(self.found))
             return self.start, on_present_modes(reached)
-        known = self.last is not None and self.last.estimate.guards is not None
-        if known and stage >= settings.settled:
-            model, reached = self._on_same_surface(first)
-        else:
-            reached = most_likely(first, self.noise, settings, near=bool(self.found))
-            model, reached = with_surface(self.start, reached, settings, self.names)
-        return with_few_monomials(model, reached, settings)
+        if settled and self.last is not None and self.last.estimate.guards is not None:
+            return with_few_monomials(*self._on_same_surface(first), settings)
+        reached = most_likely(first, self.noise, settings, near=bool(self.found))
+        placed = with_surface(self.start, reached, settings, self.names)
+        return with_few_monomials(*placed, settings)
 
     def _on_same_surface(self, first: Estimate) -> tuple[SwitchingSystemRegressor, Reached]:
         """The same from the surface of the round before."""
@@ -326,7 +313,7 @@ class Alternation:
     def _keep(
         self, model: SwitchingSystemRegressor, reached: Reached, changed: int, stage: int
     ) -> None:
-        n_switches = len(reached.estimate.segments.instants)
+        n_switches = len(reached.estimate.nodes.instants)
         self.history.append(
             StayRecord(len(self.history), reached.value, n_switches, changed, reached.noise)
         )
@@ -352,18 +339,18 @@ def _criterion(reached: Reached, noise: Array, settings: StaySettings) -> float:
     own, first = (0.5 * (squares / one**2).sum() for one in (reached.noise, noise))
     if estimate.guards is None:
         price = max(settings.prices[-1], _price_at_random(estimate))
-        stays = estimate.segments.stays
-        paid = price * len(estimate.segments.instants) + order_of_switches(stays)
+        stays = estimate.nodes.stays
+        paid = price * len(estimate.nodes.instants) + order_of_switches(stays)
     else:
-        n_values = np.isfinite(estimate.segments.recordings.y).sum()
+        n_values = np.isfinite(estimate.nodes.recordings.y).sum()
         paid = 0.5 * np.log(max(2, n_values)) * (estimate.guards.coef != 0.0).sum()
     return float(first + reached.value - own + paid)
 
 
 def _price_at_random(estimate: Estimate) -> float:
     """Nats of a switch that nothing explains: how many intervals there are for each."""
-    n_intervals = estimate.segments.recordings.lengths.sum() - len(estimate.segments.recordings)
-    return float(np.log(n_intervals / max(1, len(estimate.segments.instants))))
+    n_intervals = estimate.nodes.recordings.lengths.sum() - len(estimate.nodes.recordings)
+    return float(np.log(n_intervals / max(1, len(estimate.nodes.instants))))
 
 
 def _named_as(known: Estimate, other: Estimate) -> Estimate:

@@ -110,6 +110,46 @@ class Laws:
         x = x + h / 6 * (first + 2 * (second + third) + fourth)
         return x, Z + hz / 6 * (z_first + 2 * (z_second + z_third) + z_fourth)
 
+    def columns_of(self, mode: int) -> Modes:
+        """Numbers of the free coefficients that a mode has."""
+        return np.flatnonzero(self.places[0] == mode)
+
+    def flow(
+        self, mode: int, x: Array, u: Array, after: Array, duration: Array
+    ) -> tuple[Array, Array, Array]:
+        """States of rows of one mode after steps, and their derivatives, rows last.
+
+        By the states before, (n_states, n_states, n_rows), and by the coefficients of
+        `columns_of` the mode, (n_states, n_columns, n_rows).
+        """
+        n_states, h = x.shape[1], duration
+        _, state, feature = (part[self.columns_of(mode)] for part in self.places)
+        unknowns = n_states + np.arange(len(state))
+        Z = np.zeros((n_states, n_states + len(state), len(x)))
+        Z[np.arange(n_states), np.arange(n_states)] = 1.0
+        middle, x_now, Z_now = 0.5 * (u + after), x, Z
+        sums = np.zeros_like(x), np.zeros_like(Z)
+        stages = (0.5, 1.0, u), (0.5, 2.0, middle), (1.0, 2.0, middle), (0.0, 1.0, after)
+        for ahead, weight, at in stages:
+            values, jacobian = self.linear(mode, np.concatenate([x_now, at], axis=1))
+            rate, rates = (self.coef[mode] @ values).T, products(jacobian, Z_now)
+            rates[state, unknowns] += values[feature]
+            sums[0][:] += weight * rate
+            sums[1][:] += weight * rates
+            x_now, Z_now = x + (ahead * h)[:, None] * rate, Z + ahead * h * rates
+        Z = Z + h / 6.0 * sums[1]
+        return x + (h / 6.0)[:, None] * sums[0], Z[:, :n_states], Z[:, n_states:]
+
+    def linear(self, mode: int, columns: Array) -> tuple[Array, Array]:
+        """Features of rows (n_features, n_rows), and derivatives of velocities by states.
+
+        The latter are (n_states, n_states, n_rows).
+        """
+        values, slopes = slopes_of(self.features, columns, self.spread)
+        flat = slopes.transpose(1, 2, 0).reshape(slopes.shape[1], -1)
+        n_states = len(self.spread)
+        return values.T, (self.coef[mode] @ flat).reshape(n_states, n_states, len(columns))
+
     def varied_velocities(
         self, modes: Modes, x: Array, Z: Array, u: Array, slope: Array
     ) -> tuple[Array, Array]:
@@ -122,6 +162,14 @@ class Laws:
         unknowns = x.shape[1] + np.arange(len(mode))
         rates[:, state, unknowns] += features[:, feature] * (modes[:, None] == mode)
         return np.matmul(coef, features[:, :, None])[:, :, 0], rates
+
+
+def products(matrices: Array, others: Array) -> Array:
+    """Products of matrices (n, m, n_rows) and (m, k, n_rows)."""
+    product = matrices[:, 0, None, :] * others[0]
+    for k in range(1, len(others)):
+        product += matrices[:, k, None, :] * others[k]
+    return product
 
 
 def slope_of(u: Array, after: Array, duration: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from swsysid._free_rollouts.breaks import first_breaks
 from swsysid._results import Array
 from swsysid._stays.descent import Reached
 from swsysid._stays.samples import misfits
@@ -14,7 +15,21 @@ def noise_of(reached: Reached, sigma: Array) -> Array:
     """Standard deviations of the measurements by what the rollouts leave."""
     left = misfits(reached.estimate)
     count = np.isfinite(left).sum(axis=(0, 1))
-    freedom = max(0.1, 1.0 - reached.estimate.n_unknowns / max(1, count.sum()))
+    freedom = max(0.1, 1.0 - reached.n_unknowns / max(1, count.sum()))
     found = np.sqrt(np.nansum(np.square(left), axis=(0, 1)) / np.maximum(1, count) / freedom)
     least = LIMITS.exactly * reached.estimate.laws.spread
     return np.where(count > 0, np.maximum(found, least), sigma)
+
+
+def leaves_noise(reached: Reached, sigma: Array) -> bool:
+    """True if what is left is noise of the size that neighbours show, and in every stretch.
+
+    Stays, laws or a surface that are wrong somewhere leave more there (Page's test).
+    """
+    noise = noise_of(reached, sigma)
+    left = misfits(reached.estimate) / noise
+    breaks = first_breaks(
+        [left[: len(t), k] for k, t in enumerate(reached.estimate.nodes.recordings.times)]
+    )
+    whole = all((one < 0).all() for one in breaks)
+    return whole and bool((noise <= LIMITS.as_neighbours * sigma).all())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -106,15 +106,32 @@ class Recordings:
         """Rows of the samples of all recordings one after the other, padded like `y`."""
         return np.concatenate([padded[places, k] for k, places in enumerate(self.sampled)])
 
+    def in_a_row(self, padded: NDArray) -> NDArray:
+        """All times of all recordings one after the other."""
+        return np.concatenate([padded[:n, k] for k, n in enumerate(self.lengths)])
+
+    def side_by_side(self, rows: NDArray) -> NDArray:
+        """Padded from all times one after the other; the last one is repeated."""
+        parts = np.split(rows, np.cumsum(self.lengths)[:-1])
+        n_times = len(self.steps) + 1
+        padded = [
+            np.concatenate([one, np.repeat(one[-1:], n_times - len(one), axis=0)]) for one in parts
+        ]
+        return np.stack(padded, axis=1)
+
+    def stretches(self, length: int) -> Iterator[tuple[int, int, int]]:
+        """Recording, first and last time of parts of about so many samples."""
+        for k, n in enumerate(self.lengths):
+            count = max(1, round((n - 1) / (length * self.per_sample)))
+            edges = np.linspace(0, n - 1, count + 1).round().astype(int).tolist()
+            yield from ((k, *one) for one in zip(edges[:-1], edges[1:], strict=True))
+
     def cut(self, length: int, overlap: int) -> tuple[Recordings, list[Piece]]:
         """Pieces of so many samples side by side, each with some more to both sides."""
-        length, overlap, pieces = length * self.per_sample, overlap * self.per_sample, []
-        for k, t in enumerate(self.times):
-            n_steps = len(t) - 1
-            edges = np.linspace(0, n_steps, max(1, round(n_steps / length)) + 1).round().astype(int)
-            for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-                begin, end = max(0, first - overlap), min(n_steps, last + overlap)
-                pieces.append(Piece(k, begin, end, first, last))
+        overlap, pieces = overlap * self.per_sample, []
+        for k, first, last in self.stretches(length):
+            begin, end = max(0, first - overlap), min(len(self.times[k]) - 1, last + overlap)
+            pieces.append(Piece(k, begin, end, first, last))
         return self.parted(pieces), pieces
 
     def parted(self, pieces: Sequence[Piece]) -> Recordings:

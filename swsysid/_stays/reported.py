@@ -47,7 +47,7 @@ def reported(
     return RecordingReport(
         n_recordings=given.n_recordings,
         n_samples=given.n_samples,
-        n_switches=len(found.estimate.segments.instants),
+        n_switches=len(found.estimate.nodes.instants),
         laws=tuple(_laws(found, sure, names)),
         surfaces=tuple(found.model.surface_equations()) if has_surfaces else (),
         shares=np.bincount(modes, minlength=n_modes) / len(modes),

@@ -16,11 +16,11 @@ import numpy as np
 
 from swsysid._results import Array
 from swsysid._stays.descent import most_likely
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Piece
 from swsysid._stays.samples import states_of
-from swsysid._stays.segments import Segments
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.shooting import Estimate
 from swsysid._stays.stays import Stays
 
 
@@ -59,24 +59,24 @@ def retold(
     chosen = _apart(trials, gains, settings.nearly_converged)
     if not chosen:
         return None
-    stays = list(estimate.segments.stays)
+    stays = list(estimate.nodes.stays)
     # the last stays of a recording first: the numbers of those before stay as they are
     for one in sorted(chosen, key=lambda one: one.place, reverse=True):
         stays[one.piece.recording] = stays[one.piece.recording].told(one.stay, one.mode)
-    return replace(estimate, segments=estimate.segments.with_stays(stays))
+    return replace(estimate, nodes=estimate.nodes.with_stays(stays))
 
 
 def _mode(estimate: Estimate, one: _Trial) -> int:
-    return int(estimate.segments.stays[one.piece.recording].modes[one.stay])
+    return int(estimate.nodes.stays[one.piece.recording].modes[one.stay])
 
 
 def _trials(estimate: Estimate, settings: StaySettings) -> list[_Trial]:
     """Every brief stay in every mode."""
-    recordings = estimate.segments.recordings
+    recordings = estimate.nodes.recordings
     longest = settings.brief * recordings.per_sample
     around = settings.around_brief * recordings.per_sample
     trials = []
-    for k, (own, t) in enumerate(zip(estimate.segments.stays, recordings.times, strict=True)):
+    for k, (own, t) in enumerate(zip(estimate.nodes.stays, recordings.times, strict=True)):
         edges = np.searchsorted(t, np.concatenate([[t[0]], own.instants, [t[-1]]])).tolist()
         for stay, (first, last) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
             if last - first > longest or len(own.modes) == 1:
@@ -94,11 +94,10 @@ def _values(
     estimate: Estimate, trials: Sequence[_Trial], noise: Array, settings: StaySettings
 ) -> Array:
     """Half the squares of each trial where its states and instants suit it best."""
-    recordings = estimate.segments.recordings.with_guess(states_of(estimate))
+    recordings = estimate.nodes.recordings.with_guess(states_of(estimate))
     parted = recordings.parted([one.piece for one in trials])
-    segments = Segments(parted, [one.stays for one in trials], settings.segment)
-    starts = np.array([parted.guess[first, k] for k, first, _ in segments.places])
-    first = Estimate(estimate.laws.known(), segments, starts)
+    nodes = Nodes(parted, [one.stays for one in trials])
+    first = Estimate(estimate.laws.known(), nodes, parted.in_a_row(parted.guess))
     reached = most_likely(first, noise, settings, near=True)
     return reached.objective.by_recording(reached.estimate)
 

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
-from swsysid._stays.rollouts import rollouts
-from swsysid._stays.shooting import Estimate
+from swsysid._stays.lifted import Estimate
 from swsysid._stays.sliding import SlidingLaws
 
 
@@ -25,7 +24,7 @@ class Samples:
     @classmethod
     def of(cls, estimate: Estimate) -> Samples:
         """All samples of an estimate."""
-        recordings = estimate.segments.recordings
+        recordings = estimate.nodes.recordings
         modes = modes_of(estimate)
         states, u = recordings.joined(states_of(estimate)), recordings.joined(recordings.u)
         steps = np.where(recordings.steps > 0.0, recordings.steps, np.inf)
@@ -49,25 +48,18 @@ class Samples:
 
 def misfits(estimate: Estimate) -> Array:
     """Measured minus estimated states, padded like the measurements."""
-    return estimate.segments.recordings.y - states_of(estimate)
+    return estimate.nodes.recordings.y - states_of(estimate)
 
 
 def states_of(estimate: Estimate) -> Array:
     """Estimated states at all times, padded."""
-    segments = estimate.segments
-    done = rollouts(estimate.motion, segments, estimate.starts, varied=False).states
-    padded = np.zeros_like(segments.recordings.y)
-    for s, (recording, first, last) in enumerate(segments.places):
-        padded[first : last + 1, recording] = done[: last - first + 1, s]
-    for k, n in enumerate(segments.recordings.lengths):
-        padded[n:, k] = padded[n - 1, k]
-    return padded
+    return estimate.nodes.recordings.side_by_side(estimate.states)
 
 
 def modes_of(estimate: Estimate) -> NDArray[np.intp]:
     """Modes at all samples, the recordings one after the other."""
-    segments, recordings = estimate.segments, estimate.segments.recordings
-    parts = zip(segments.stays, recordings.times, recordings.sampled, strict=True)
+    recordings = estimate.nodes.recordings
+    parts = zip(estimate.nodes.stays, recordings.times, recordings.sampled, strict=True)
     return np.concatenate([stays.at(t[places]) for stays, t, places in parts])
 
 
@@ -85,9 +77,9 @@ def active_modes_of(estimate: Estimate) -> NDArray[np.intp]:
 
 def intervals_of(estimate: Estimate) -> NDArray[np.intp]:
     """Modes at the ends of all intervals, padded like their durations."""
-    recordings = estimate.segments.recordings
+    recordings = estimate.nodes.recordings
     modes = np.zeros(recordings.steps.shape, dtype=np.intp)
-    for k, (stays, t) in enumerate(zip(estimate.segments.stays, recordings.times, strict=True)):
+    for k, (stays, t) in enumerate(zip(estimate.nodes.stays, recordings.times, strict=True)):
         modes[: len(t) - 1, k] = stays.at(t[1:])
         modes[len(t) - 1 :, k] = modes[len(t) - 2, k]
     return modes

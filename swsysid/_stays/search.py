@@ -11,7 +11,6 @@ from functools import cached_property
 from numbers import Integral
 
 import numpy as np
-from joblib import Parallel, delayed, effective_n_jobs
 from numpy.typing import NDArray
 from sklearn.base import clone
 
@@ -166,25 +165,32 @@ class Search:
     ) -> StayIdentification:
         """The best of some starts after their first rounds, followed to the end.
 
-        One of them goes on from the answer with one mode fewer, where no surface separates modes.
+        There are no more of them once one leaves nothing but noise.
         """
-        stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
-        # there may be no shorter window than the automatic one
-        bases = {one.rows.window: one for one in map(self._differentiated, stretches)}
-        starts = [
-            self.alternation(*self._start(n_modes, one), self.base.recordings)
-            for one in bases.values()
-        ]
+        begun = []
+        for start in self._starts(n_modes, fewer):
+            start.begin()
+            begun.append(start)
+            self.told()
+            if start.leaves_noise:
+                break
+        return self._finished(least_of(begun, lambda one: one.best.criterion))
+
+    def _starts(self, n_modes: object, fewer: StayIdentification | None) -> Iterator[Alternation]:
+        """One for each window of differentiation.
+
+        Where no surface separates modes one goes on from the answer with one mode fewer.
+        """
+        windows = set()
+        for stretch in self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]:
+            base = self._differentiated(stretch)
+            # there may be no shorter window than the automatic one
+            if base.rows.window not in windows:
+                windows.add(base.rows.window)
+                yield self.alternation(*self._start(n_modes, base), self.base.recordings)
         if fewer is not None and not self.surfaces:
             more = grown(fewer, self.base.recordings)
-            starts.append(self.alternation(*more, self.base.recordings))
-        n_jobs = min(effective_n_jobs(self.estimator.n_jobs), len(starts))
-        workers = Parallel(n_jobs=n_jobs, return_as="generator")
-        begun = []
-        for one in workers(delayed(_begun)(start) for start in starts):
-            begun.append(one)
-            self.told()
-        return self._finished(least_of(begun, lambda one: one.best.criterion))
+            yield self.alternation(*more, self.base.recordings)
 
     def with_one_fewer(self, more: StayIdentification) -> StayIdentification | None:
         """The answer in which the two closest laws are one, where no surface separates modes."""
@@ -337,12 +343,6 @@ class Search:
         n_channels = self.given.n_channels
         least = LIMITS.exactly * found.estimate.laws.spread
         return found.left[:n_channels] / np.maximum(self.base.noise, least)[:n_channels]
-
-
-def _begun(start: Alternation) -> Alternation:
-    """The same after its first rounds."""
-    start.begin()
-    return start
 
 
 def _check_observed(observed: object, given: Given) -> None:

@@ -18,9 +18,6 @@ class StaySettings:
     # settles
     piece: int = 100
     overlap: int = 15
-    # and samples that are smoothed side by side: a state is known by more of them than a mode
-    smoothed: int = 500
-    overlap_of_smoothed: int = 100
     # of a switch, in nats, in the first round and in later ones: once the surface is known a switch
     # follows from it
     prices: tuple[float, ...] = (4.0, 3.0, 2.0, 1.0)
@@ -34,13 +31,13 @@ class StaySettings:
     # not, and most of such visits that are tried together
     near_miss: float = 2.0
     most_visits: int = 3
-    # standard deviations by which the squares of one recording exceed the others'
-    doubtful: float = 2.0
     # rounds with a coefficient of the surface less, before it is judged, and nats by which it is
     # not judged any more
     rounds_of_simplified: int = 2
     hopeless: float = 100.0
-    segment: int = 30  # samples of a segment
+    # samples of a part that is rolled out alone, where recordings are not rolled out as a whole, or
+    # that may ask for a mode of its own
+    segment: int = 30
     # samples of the longest stay that is tried in other modes, and of what is around it
     brief: int = 60
     around_brief: int = 10
@@ -48,14 +45,16 @@ class StaySettings:
     # too long, and most pairs of steps between two samples
     exact: float = 0.1
     most_steps: float = 8.0
-    # how tightly segments are tied to each other, in units of the noise, and turns for each
-    ties: tuple[tuple[float, int], ...] = ((2.0, 8), (0.3, 8), (0.03, 15))
+    # how tightly nodes are tied to each other, in units of the noise, and turns for each
+    ties: tuple[tuple[float, int], ...] = ((0.4, 4), (0.05, 6), (0.0055, 20))
     # by which crossings may miss their surface, in intervals between samples, and turns for each
     guard_times: tuple[tuple[float, int], ...] = ((3.0, 8), (0.3, 8), (0.1, 15))
     # a sample on the wrong side of a surface pays for so many intervals as for one deviation
     beyond: float = 0.3
     damping: float = 1e-3  # of the first step, relative to the diagonal
-    most_failures: int = 8
+    rise: float = 30.0  # of the damping after steps that failed, and how often they may
+    most_failures: int = 4
+    most_followed: int = 2  # steps that raise the value before they are taken back
     # nats by which a turn must make the data more likely, in rounds and at the end
     nearly_converged: float = 0.1
     converged: float = 0.02
@@ -73,11 +72,11 @@ class StaySettings:
         return replace(self, converged=self.nearly_converged)
 
     def coarsely(self) -> StaySettings:
-        """The same where crossings need not be on their surface yet."""
+        """The same for rounds whose stays are not right yet: nodes and crossings need not meet."""
         return replace(self, guard_times=self.guard_times[:-1])
 
     def joined(self, whole: bool) -> StaySettings:
-        """The same, the segments of a recording joined to one rollout or left apart."""
+        """The same, the nodes of a recording joined to one rollout or left apart."""
         return self if whole else replace(self, ties=self.ties[:1])
 
 
@@ -132,9 +131,15 @@ class Limits:
     # above which they are no outliers but what a law lacks
     by_chance: float = 1e-3
     most_apart: float = 0.05
-    # -- rollouts: spreads of a state beyond which it is held; of these, one-sided differences
-    diverged: float = 1e3
+    # -- what is left counts as noise up to so many times that which neighbours show
+    as_neighbours: float = 1.15
+    # -- flows: one-sided differences, in spreads of a state, and where one is held; intervals that
+    # are worked at once, so that they stay in the cache; and the shortest that an event counts as,
+    # in usual intervals
     difference: float = 1e-6
+    diverged: float = 1e3
+    chunk: int = 8192
+    shortest_step: float = 0.01
     # -- crossings: intervals that an instant may move at once, and by which a crossing may miss its
     # surface and is on it; standard deviations beyond which it counts less; of the median rate at
     # which a surface is crossed, below which a crossing grazes

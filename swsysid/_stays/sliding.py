@@ -170,6 +170,23 @@ class SlidingLaws(Laws):
         rates[rows] = mixed + back[:, :, None] * off[:, None, :]
         return velocities, rates
 
+    def columns_of(self, mode: int) -> Modes:
+        """Numbers of the free coefficients that a mode has; a slide has all of them."""
+        return np.arange(self.n_free) if mode >= len(self.coef) else super().columns_of(mode)
+
+    def flow(
+        self, mode: int, x: Array, u: Array, after: Array, duration: Array
+    ) -> tuple[Array, Array, Array]:
+        """States of rows of one mode or slide after steps, and their derivatives, rows last."""
+        if mode < len(self.coef):
+            return super().flow(mode, x, u, after, duration)
+        n_states, modes = x.shape[1], np.full(len(x), mode, dtype=np.intp)
+        Z = np.zeros((len(x), n_states, n_states + self.n_free))
+        Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
+        x, Z = self.varied_step(modes, x, Z, u, after, duration)
+        by_state, by_law = np.split(Z.transpose(1, 2, 0), [n_states], axis=1)
+        return x, by_state, by_law
+
     def _pairs(self, modes: Modes) -> tuple[Modes, Modes]:
         """Both modes of every slide; a mode itself, twice."""
         n_modes = len(self.coef)

@@ -36,7 +36,7 @@ def with_surface(
         return model, reached
     samples = replace(samples, modes=np.argsort(order)[samples.modes])
     guards = Guards.of(model.surface_, samples.spread, len(order))
-    if guards is None or not len(reached.estimate.segments.instants):
+    if guards is None or not len(reached.estimate.nodes.instants):
         return model, reached
     reached = _placed(guards, reached, samples, settings)
     _take(model.surface_, reached)
@@ -86,7 +86,7 @@ def with_few_monomials(
         reached.estimate, guards=full.with_sides(*_sides(samples, reached, settings))
     )
     everything = replace(reached, estimate=estimate)
-    price = 0.5 * np.log(max(2, np.isfinite(estimate.segments.recordings.y).sum()))
+    price = 0.5 * np.log(max(2, np.isfinite(estimate.nodes.recordings.y).sum()))
     covariance = everything.covariance.of_guards
     few = needed_coefficients(full, covariance, price)
     found = _placed(few, everything, samples, settings, near=True)
@@ -120,7 +120,7 @@ def _placed(
 
 
 def _sides(samples: Samples, reached: Reached, settings: StaySettings) -> tuple:
-    unit = settings.beyond * reached.estimate.segments.recordings.interval
+    unit = settings.beyond * reached.estimate.nodes.recordings.interval
     return samples.columns, samples.rates, samples.modes, unit
 
 
@@ -138,7 +138,7 @@ def _refitted(
     """The estimator fitted to the estimated states and modes, and its order of the modes."""
     n_modes = len(reached.estimate.laws.coef)
     model = clone(start).set_params(init=samples.modes, n_modes=n_modes, sparsity=None)
-    groups = reached.estimate.segments.recordings.groups
+    groups = reached.estimate.nodes.recordings.groups
     model.fit(named(samples.columns, names), samples.velocities, groups=groups)
     model.use_features(start.switching_model.feature_map)  # those of the laws
     # the estimator counts modes from the most populated one

@@ -43,7 +43,7 @@ def _kept(found: StayIdentification, sparsity: object) -> NDArray[np.bool_]:
     untold = found.reached.covariance.untold_laws
     if untold.any():
         return _without_one_untold(laws.places, untold)
-    gain = 0.5 * np.log(max(2, np.isfinite(found.estimate.segments.recordings.y).sum()))
+    gain = 0.5 * np.log(max(2, np.isfinite(found.estimate.nodes.recordings.y).sum()))
     covariance = found.reached.covariance.of_laws
     return needed(values, covariance, gain)[0]
 

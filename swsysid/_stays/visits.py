@@ -14,8 +14,8 @@ import numpy as np
 
 from swsysid._results import Array
 from swsysid._stays.laws import slopes_of
+from swsysid._stays.lifted import Estimate
 from swsysid._stays.samples import states_of
-from swsysid._stays.shooting import Estimate
 from swsysid._stays.sliding import SlidingLaws, pairs_of, slides_there
 from swsysid._stays.stays import Stays
 
@@ -36,7 +36,7 @@ class Turns:
     def __init__(self, estimate: Estimate, noise: Array, beyond_slide: float):
         assert estimate.guards is not None
         self.estimate, self.pairs = estimate, pairs_of(len(estimate.laws.coef))
-        recordings = estimate.segments.recordings.with_guess(states_of(estimate))
+        recordings = estimate.nodes.recordings.with_guess(states_of(estimate))
         columns = np.concatenate([recordings.guess, recordings.u], axis=2)
         self.distances = self._of_pairs(columns.reshape(-1, columns.shape[2]), noise)
         self.distances = self.distances.reshape(*columns.shape[:2], -1)
@@ -50,7 +50,7 @@ class Turns:
         """
         found = [
             visit
-            for recording, stays in enumerate(self.estimate.segments.stays)
+            for recording, stays in enumerate(self.estimate.nodes.stays)
             for pair, (first, second) in enumerate(self.pairs.tolist())
             for modes in ((first, second), (second, first))
             for visit in self._turns(recording, stays, pair, modes, near)
@@ -61,8 +61,8 @@ class Turns:
         """Visits that go no further beyond a surface, the least far first."""
         found = []
         numbers = {frozenset(pair): k for k, pair in enumerate(self.pairs.tolist())}
-        for recording, stays in enumerate(self.estimate.segments.stays):
-            t = self.estimate.segments.recordings.times[recording]
+        for recording, stays in enumerate(self.estimate.nodes.stays):
+            t = self.estimate.nodes.recordings.times[recording]
             edges = np.concatenate([[-np.inf], stays.instants, [np.inf]])
             for k, mode in enumerate(stays.modes.tolist()):
                 around = stays.modes[max(0, k - 1) : k + 2].tolist()
@@ -84,7 +84,7 @@ class Turns:
         """Visits of the second mode where a stay in the first one turns back."""
         mode, other = modes
         sign = 1.0 if mode < other else -1.0
-        t = self.estimate.segments.recordings.times[recording]
+        t = self.estimate.nodes.recordings.times[recording]
         here = stays.at(t) == mode
         own = np.where(here, sign * self.distances[: len(t), recording, pair], np.inf)
         before, after = np.append(np.inf, own[:-1]), np.append(own[1:], np.inf)
@@ -121,7 +121,7 @@ class Turns:
 
 def with_visits(estimate: Estimate, visits: Sequence[Visit]) -> Estimate:
     """The same with visits that were missed."""
-    stays = list(estimate.segments.stays)
+    stays = list(estimate.nodes.stays)
     for visit in visits:
         stays[visit.recording] = _with(stays[visit.recording], visit)
     return _with_stays(estimate, stays)
@@ -129,7 +129,7 @@ def with_visits(estimate: Estimate, visits: Sequence[Visit]) -> Estimate:
 
 def without_visits(estimate: Estimate, visits: Sequence[Visit]) -> Estimate:
     """The same without visits that were made."""
-    stays = list(estimate.segments.stays)
+    stays = list(estimate.nodes.stays)
     for visit in visits:
         stays[visit.recording] = _without(stays[visit.recording], visit)
     return _with_stays(estimate, stays)
@@ -157,6 +157,6 @@ def _without(stays: Stays, visit: Visit) -> Stays:
 
 
 def _with_stays(estimate: Estimate, stays: list[Stays]) -> Estimate:
-    times = estimate.segments.recordings.times
+    times = estimate.nodes.recordings.times
     within = [one.within(t) for one, t in zip(stays, times, strict=True)]
-    return replace(estimate, segments=estimate.segments.with_stays(within))
+    return replace(estimate, nodes=estimate.nodes.with_stays(within))

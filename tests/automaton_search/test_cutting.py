@@ -93,9 +93,9 @@ def rising(climbing, estimator):
     found = searched(estimator, climbing)
     coef = np.array([SLOPE, 1.3 * SLOPE, SLOPE])[:, None, None]
     laws = replace(found.estimate.laws, coef=coef, free=np.zeros((3, 1, 1), dtype=bool))
-    stays = [Stays(np.array([0, 2]), np.array([12.05])), *found.estimate.segments.stays[1:]]
-    segments = found.estimate.segments.with_stays(stays)
-    estimate = replace(found.estimate, laws=laws, segments=segments)
+    stays = [Stays(np.array([0, 2]), np.array([12.05])), *found.estimate.nodes.stays[1:]]
+    nodes = found.estimate.nodes.with_stays(stays)
+    estimate = replace(found.estimate, laws=laws, nodes=nodes)
     return replace(found, reached=replace(found.reached, estimate=estimate))
 
 
@@ -115,7 +115,7 @@ def test_the_stay_in_between_is_told(rising):
     assert with_brief_stays([often, onward], rising, SETTINGS) is None
     assert with_brief_stays([often, later], rising, SETTINGS) is None  # there is no way on
     told = with_brief_stays([often, onward, later], rising, SETTINGS)
-    stays = told.estimate.segments.stays[0]
+    stays = told.estimate.nodes.stays[0]
     assert stays.modes.tolist() == [0, 1, 2]
     np.testing.assert_allclose(stays.instants, [12.0, 12.1], atol=0.5)  # laws nearly alike
 

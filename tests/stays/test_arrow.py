@@ -1,4 +1,4 @@
-"""Matrices in the shape of an arrow are what their entries say, and are solved as such."""
+"""Matrices in the shape of an arrow are what their blocks say, and are solved as such."""
 
 import numpy as np
 import pytest
@@ -6,78 +6,67 @@ from scipy.linalg import LinAlgError
 
 from swsysid._stays.arrow import Arrow
 
-N_BAND, N_CORNER, WIDTH = 12, 3, 4
+SIZE, N_BLOCKS, N_CORNER = 2, 6, 3
+N_BAND = SIZE * N_BLOCKS
 
 
-@pytest.fixture
-def blocks():
-    """Rows of a Jacobian: places in the band, derivatives there and in the corner."""
+def blocks(n_corner=N_CORNER):
+    """Blocks of a positive matrix, and the matrix."""
     numbers = np.random.default_rng(0)
-    places = np.array([[k, k + 1, k + 3, k] for k in range(N_BAND - 3)])  # one place twice
-    slopes = numbers.standard_normal((len(places), 5, 4))
-    return places, slopes, numbers.standard_normal((len(places), 5, N_CORNER))
+    root = np.zeros((60, N_BAND + n_corner))
+    root[:, N_BAND:] = numbers.standard_normal((60, n_corner))
+    for k in range(N_BLOCKS):  # rows that meet a block and the next one
+        rows = slice(10 * k, 10 * k + 10)
+        last = min(N_BAND, SIZE * (k + 2))
+        root[rows, SIZE * k : last] = numbers.standard_normal((10, last - SIZE * k))
+    whole = root.T @ root
+    band = whole[:N_BAND, :N_BAND].reshape(N_BLOCKS, SIZE, N_BLOCKS, SIZE)
+    diagonal = np.stack([band[k, :, k] for k in range(N_BLOCKS)], axis=2)
+    below = np.zeros((SIZE, SIZE, N_BLOCKS))
+    for k in range(N_BLOCKS - 1):
+        below[:, :, k] = band[k + 1, :, k]
+    border = whole[N_BAND:, :N_BAND].reshape(n_corner, N_BLOCKS, SIZE)
+    return Arrow.of_blocks(diagonal, below, border, whole[N_BAND:, N_BAND:]), whole
 
 
-@pytest.fixture
-def arrow(blocks):
-    found = Arrow.zeros(N_BAND, N_CORNER, WIDTH)
-    found.add(*blocks)
-    return found
-
-
-def dense(blocks):
-    """The same matrix from whole rows."""
-    places, slopes, shared = blocks
-    rows = np.zeros((*slopes.shape[:2], N_BAND + N_CORNER))
-    for block, own in enumerate(places):
-        for column, place in enumerate(own):
-            rows[block, :, place] += slopes[block, :, column]
-    rows[:, :, N_BAND:] = shared
-    rows = rows.reshape(-1, N_BAND + N_CORNER)
-    return rows.T @ rows
-
-
-def test_entries_are_sums_of_products(arrow, blocks):
-    expected = dense(blocks)
-    np.testing.assert_allclose(arrow.toarray(), expected, atol=1e-12)
-    np.testing.assert_allclose(arrow.diagonal, np.diag(expected), rtol=1e-12)
-    vector = np.arange(1.0, N_BAND + N_CORNER + 1)
-    np.testing.assert_allclose(arrow @ vector, expected @ vector, rtol=1e-12)
-
-
-def test_other_units_and_a_heavier_diagonal(arrow):
-    unit = np.linspace(0.5, 2.0, N_BAND + N_CORNER)
-    expected = np.outer(unit, unit) * arrow.toarray() + np.diag(unit)
+@pytest.mark.parametrize("n_corner", [0, N_CORNER])
+def test_systems_are_solved(n_corner):
+    arrow, whole = blocks(n_corner)
+    right = np.cos(np.arange(len(whole)))
     np.testing.assert_allclose(
-        arrow.in_units(unit).with_diagonal(unit).toarray(), expected, atol=1e-12
+        arrow.factor().solve(right), np.linalg.solve(whole, right), rtol=1e-9
     )
 
 
-def test_systems_and_parts_of_the_inverse(arrow):
-    whole, factor = arrow.toarray(), arrow.factor()
-    right = np.cos(np.arange(N_BAND + N_CORNER))
-    np.testing.assert_allclose(factor.solve(right), np.linalg.solve(whole, right), rtol=1e-9)
-    inverse = np.linalg.inv(whole)
+def test_parts_of_the_inverse():
+    arrow, whole = blocks()
+    factor, inverse = arrow.factor(), np.linalg.inv(whole)
     np.testing.assert_allclose(factor.inverse_of_corner, inverse[N_BAND:, N_BAND:], rtol=1e-9)
-    some = np.array([0, 5, 11])
-    np.testing.assert_allclose(factor.diagonal_of_inverse(some), np.diag(inverse)[some], rtol=1e-9)
+    numbers, places = np.random.default_rng(1), np.array([[0, 1, 2, 3], [8, 9, 10, 11]])
+    own, shared = numbers.standard_normal((2, 4)), numbers.standard_normal((2, N_CORNER))
+    vectors = np.zeros((2, len(whole)))
+    vectors[np.arange(2)[:, None], places] = own
+    vectors[:, N_BAND:] = shared
+    expected = np.einsum("vi,ij,vj->v", vectors, inverse, vectors)
+    np.testing.assert_allclose(factor.quadratic_form(places, own, shared), expected, rtol=1e-9)
 
 
-def test_a_matrix_that_is_not_positive_has_no_factor(arrow):
+def test_other_units_of_the_corner():
+    arrow, whole = blocks()
+    unit = np.array([0.5, 2.0, 10.0])
+    inverse = np.linalg.inv(whole)[N_BAND:, N_BAND:]
+    found = arrow.in_units(unit).factor().inverse_of_corner
+    np.testing.assert_allclose(found * unit[:, None] * unit, inverse, rtol=1e-9)
+
+
+def test_damping_adds_to_what_is_known_of_the_corner_alone():
+    arrow, whole = blocks()
+    known = np.linalg.inv(np.linalg.inv(whole)[N_BAND:, N_BAND:])  # without the band
+    damped = np.linalg.inv(arrow.factor(0.5, least=1.0).inverse_of_corner)
+    np.testing.assert_allclose(damped, known + np.diag(0.5 * np.diag(known) + 1.0), rtol=1e-9)
+
+
+def test_a_matrix_that_is_not_positive_has_no_factor():
+    arrow, whole = blocks()
     with pytest.raises(LinAlgError):
-        arrow.with_diagonal(-2.0 * arrow.diagonal).factor()
-    corner = np.append(np.zeros(N_BAND), arrow.diagonal[N_BAND:])
-    with pytest.raises(LinAlgError):
-        arrow.with_diagonal(-corner).factor()
-
-
-def test_a_band_alone_has_no_corner(blocks):
-    places, slopes, shared = blocks
-    found = Arrow.zeros(N_BAND, 0, WIDTH)
-    found.add(places, slopes, shared[:, :, :0])
-    right = np.random.default_rng(1).standard_normal(N_BAND)
-    matrix = dense(blocks)[:N_BAND, :N_BAND]
-    np.testing.assert_allclose(found.toarray(), matrix, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(
-        found.factor().solve(right), np.linalg.solve(matrix, right), rtol=1e-8
-    )
+        arrow.factor(least=-2.0 * np.diag(whole)[N_BAND:])

@@ -24,5 +24,5 @@ def test_one_more_law_has_the_slope_of_the_worst_segment():
     model, free = grown(found, search.base.recordings)
     assert model.coef_.shape == free.shape == (2, 1, 1) and free.all()
     np.testing.assert_array_equal(model.coef_[0], found.estimate.laws.coef[0])
-    # segments are 3 s long, so that the worst one is the fall and nothing else
+    # the parts are 3 s long, so that the worst one is the fall and nothing else
     np.testing.assert_allclose(model.coef_[1], -4.0, atol=0.25)

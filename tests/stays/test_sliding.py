@@ -11,14 +11,14 @@ from benchmarks.trajectories.methods import METHODS, identified
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
 from swsysid._stays.assign import assign, disturbances, prior_of_guards
+from swsysid._stays.flow import crossings_of, ends_of, steady_legs, switching
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.rollouts import rollouts
 from swsysid._stays.samples import modes_of
-from swsysid._stays.segments import Segments
 from swsysid._stays.settings import SETTINGS
-from swsysid._stays.shooting import Estimate
 from swsysid._stays.sliding import SlidingLaws, pairs_of, slides_there, with_slides
 from swsysid._stays.stays import Stays
 from swsysid.refinement._trajectories import Record, read_trajectories
@@ -86,12 +86,13 @@ def test_a_moving_surface_carries_what_slides_along_it():
 
 def test_a_rollout_rests_until_the_force_exceeds_the_friction():
     recordings, laws = ramp(), block()
-    stays = Stays(np.array([1, 2, 1]), np.array([RESTS, MOVES]))
-    done = rollouts(laws, Segments(recordings, [stays], 30), np.array([[0.0, 0.2]]))
+    nodes = Nodes(recordings, [Stays(np.array([1, 2, 1]), np.array([RESTS, MOVES]))])
+    states = truth(recordings.times[0])
     # polynomials of third degree are integrated exactly
-    np.testing.assert_allclose(done.states[:, 0], truth(recordings.times[0]), atol=1e-12)
+    np.testing.assert_allclose(ends_of(laws, nodes, states), states[1:], atol=1e-12)
     # it begins to rest on its surface; where it ends to, no surface is crossed
-    assert (done.crossings.old.tolist(), done.crossings.new.tolist()) == ([0, 0], [1, 0])
+    crossings = crossings_of(laws, nodes, states)
+    assert (crossings.old.tolist(), crossings.new.tolist()) == ([0, 0], [1, 0])
 
 
 def test_sensitivities_are_those_of_differences():
@@ -103,34 +104,37 @@ def test_sensitivities_are_those_of_differences():
         coef=laws.coef + rng.normal(0.0, 0.02, laws.coef.shape),
         guards=replace(laws.guards, coef=surface),
     )
-    instants, start = np.array([0.53, 1.94]), np.array([[0.01, 0.21]])
+    nodes = Nodes(recordings, [Stays(np.array([1, 2, 1]), np.array([0.53, 1.94]))])
+    states = truth(recordings.times[0]) + rng.normal(0.0, 0.01, (len(nodes), 2))
+    switches = switching(laws, nodes, states)
+    for legs in [*steady_legs(laws, nodes, states), switches.legs]:
+        for state in range(2):
+            move = 1e-5 * np.eye(2)[state]
+            ahead, behind = (ends_of(laws, nodes, states + sign * move) for sign in (1, -1))
+            slope = ((ahead - behind) / 2e-5)[legs.rows]
+            np.testing.assert_allclose(legs.by_state[:, state].T, slope, rtol=1e-4, atol=1e-5)
+        for place, column in enumerate(legs.columns):
+            ahead, behind = (
+                ends_of(with_unknown(laws, column, size), nodes, states) for size in (1e-5, -1e-5)
+            )
+            # gradients of the surface are one-sided differences
+            slope = ((ahead - behind) / 2e-5)[legs.rows]
+            np.testing.assert_allclose(legs.by_law[:, place].T, slope, rtol=1e-4, atol=1e-5)
+    ahead, behind = (
+        ends_of(laws, nodes.moved(nodes.instants + size), states) for size in (1e-5, -1e-5)
+    )
+    slope = ((ahead - behind) / 2e-5)[nodes.at]
+    np.testing.assert_allclose(switches.by_instant, slope, rtol=1e-4, atol=1e-5)
 
-    def states(laws, start, instants):
-        segments = Segments(recordings, [Stays(np.array([1, 2, 1]), instants)], 30)
-        done = rollouts(laws, segments, start)
-        return done.states[:, 0], done.varied[:, 0]
 
-    def moved(unknown, size):
-        free, n_laws = laws.coef.copy(), laws.coef.size
-        guards, s, tau = laws.guards.coef.copy(), start.copy(), instants.copy()
-        if unknown < 2:
-            s[0, unknown] += size
-        elif unknown < 2 + n_laws:
-            free.reshape(-1)[unknown - 2] += size
-        elif unknown < 2 + n_laws + 3:
-            guards[0, np.array([0, 1, 3])[unknown - 2 - n_laws]] += size
-        else:
-            tau[unknown - 5 - n_laws] += size
-        return replace(laws, coef=free, guards=replace(laws.guards, coef=guards)), s, tau
-
-    varied = states(laws, start, instants)[1]
-    assert varied.shape[2] == 2 + laws.coef.size + 3 + 2
-    for unknown in range(varied.shape[2]):
-        ahead, behind = (states(*moved(unknown, size))[0] for size in (1e-5, -1e-5))
-        # gradients of the surface are one-sided differences
-        np.testing.assert_allclose(
-            varied[:, :, unknown], (ahead - behind) / 2e-5, rtol=1e-4, atol=1e-5
-        )
+def with_unknown(laws, number, size):
+    """Laws with one of the coefficients of laws and surface moved."""
+    coef, surface = laws.coef.copy(), laws.guards.coef.copy()
+    if number < coef.size:
+        coef.reshape(-1)[number] += size
+    else:
+        surface[0, np.array([0, 1, 3])[number - coef.size]] += size
+    return replace(laws, coef=coef, guards=replace(laws.guards, coef=surface))
 
 
 def test_a_rest_is_decoded():
@@ -142,8 +146,8 @@ def test_a_rest_is_decoded():
     found = assign(
         plain, recordings, noise, prior, candidates, SETTINGS.prices[-1], SETTINGS, laws.guards
     )
-    estimate = found.estimate(plain, recordings, SETTINGS, None, np.array([True]))
-    (stays,) = estimate.segments.stays
+    estimate = found.estimate(plain, recordings, None)
+    (stays,) = estimate.nodes.stays
     assert stays.modes.tolist() == [1, 2, 1]
     # v falls by .03 in an interval, six deviations of the noise; where it ends to rest it begins
     # to move with the square of time, so that .15 s after it has moved by half a deviation
@@ -157,13 +161,13 @@ def test_slides_keep_their_modes_when_these_are_renamed():
     # mode 0 is called 2 from now on, 1 is called 0, 2 is called 1
     assert with_slides(np.array([2, 0, 1])).tolist() == [2, 0, 1, 4, 5, 3]
     laws = block()
-    segments = Segments(ramp(), [Stays(np.array([1, 2, 1]), np.array([RESTS, MOVES]))], 30)
+    nodes = Nodes(ramp(), [Stays(np.array([1, 2, 1]), np.array([RESTS, MOVES]))])
     plain = Laws(laws.coef, laws.features, laws.spread, laws.free)
-    estimate = Estimate(plain, segments, np.array([[0.0, 0.2]]), laws.guards)
+    estimate = Estimate(plain, nodes, nodes.y, laws.guards)
     other = estimate.renamed(np.array([1, 0]))
-    assert other.segments.stays[0].modes.tolist() == [0, 2, 0]
-    states = [rollouts(e.motion, e.segments, e.starts).states for e in (estimate, other)]
-    np.testing.assert_allclose(states[0], states[1], atol=1e-14)
+    assert other.nodes.stays[0].modes.tolist() == [0, 2, 0]
+    ends = [ends_of(e.motion, e.nodes, e.states) for e in (estimate, other)]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["contact", "linear oscillator", "tank with overflow"])

@@ -11,11 +11,11 @@ from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
 from swsysid._stays.count import order_of_switches
 from swsysid._stays.decoding import decode
-from swsysid._stays.filtering import Filter, smoothed_states
+from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate, Objective
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.segments import Segments
-from swsysid._stays.shooting import Estimate, Objective
 from swsysid._stays.stays import Stays
 from swsysid.refinement._trajectories import Record, read_trajectories
 
@@ -43,37 +43,47 @@ def contact():
     return plant, campaign, recordings, laws, stays
 
 
-def test_without_motion_the_smoother_averages():
-    y = np.random.default_rng(0).normal(3.0, 1.0, (50, 1))
+def resting(y):
+    """Samples of a state that does not move, with unit noise, and the nodes of highest likelihood.
+
+    A linear problem: one step leads there.
+    """
+    t = np.arange(float(len(y)))
     rest = Laws(np.zeros((1, 1, 1)), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
-    recordings = Recordings.of([Record(np.arange(50.0), y, np.empty((50, 0)))])
-    filter_ = Filter(rest, np.ones(1), np.full(1, 1e-6))
-    smoothed = smoothed_states(filter_, recordings, np.zeros((49, 1), dtype=np.intp))
-    np.testing.assert_allclose(smoothed[:, 0, 0], y.mean(), atol=1e-5)
+    recordings = Recordings.of([Record(t, y, np.empty((len(y), 0)))])
+    nodes = Nodes(recordings, [Stays(np.zeros(1, dtype=np.intp), np.zeros(0))])
+    estimate = Estimate(rest, nodes, np.zeros((len(y), 1)))
+    step, promised = Objective(np.ones(1), 1e-5).normal_equations(estimate).step(0.0)
+    return estimate.moved(step).states, promised
+
+
+def test_without_motion_nodes_average():
+    y = np.random.default_rng(0).normal(3.0, 1.0, (50, 1))
+    states, promised = resting(y)
+    np.testing.assert_allclose(states[:, 0], y.mean(), atol=1e-5)
+    # half of sum y^2 less sum (y - mean)^2
+    assert promised == pytest.approx(25.0 * y.mean() ** 2, rel=1e-6)
 
 
 def test_a_missing_value_says_nothing():
-    y = np.array([[1.0], [np.nan], [3.0]])
-    rest = Laws(np.zeros((1, 1, 1)), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
-    recordings = Recordings.of([Record(np.arange(3.0), y, np.empty((3, 0)))])
-    filter_ = Filter(rest, np.ones(1), np.full(1, 1e-6))
-    smoothed = smoothed_states(filter_, recordings, np.zeros((2, 1), dtype=np.intp))
-    np.testing.assert_allclose(smoothed[:, 0, 0], 2.0, atol=1e-5)
+    states, _ = resting(np.array([[1.0], [np.nan], [3.0]]))
+    np.testing.assert_allclose(states[:, 0], 2.0, atol=1e-5)
 
 
-def test_derivatives_by_all_unknowns_are_those_of_differences():
+def near_the_truth(rng):
+    """An estimate of a contact, its laws and states a little off, and its objective."""
     _, campaign, recordings, laws, stays = contact()
-    segments = Segments(recordings, stays, 30)
-    starts = [campaign.states[campaign.groups == r][first] for r, first, _ in segments.places]
-    rng = np.random.default_rng(0)
     laws = replace(laws, coef=laws.coef + rng.normal(0, 0.01, laws.coef.shape))
-    starts = np.array(starts) + rng.normal(0, 0.01, (len(segments), 2))
-    estimate = Estimate(laws, segments, starts)
+    states = campaign.states + rng.normal(0, 0.01, campaign.states.shape)
     objective = Objective(NOISE * campaign.states.std(axis=0), 0.3)
-    equations = objective.normal_equations(estimate)
-    matrix, right = equations.toarray(), equations.negative_gradient
-    assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.linalg.eigvalsh(matrix).max()
-    for unknown in rng.choice(len(right), 12, replace=False).tolist() + [len(right) - 1]:
+    return Estimate(laws, Nodes(recordings, stays), states), objective
+
+
+def test_the_gradient_by_all_unknowns_is_that_of_differences():
+    rng = np.random.default_rng(0)
+    estimate, objective = near_the_truth(rng)
+    right = objective.normal_equations(estimate).negative_gradient
+    for unknown in rng.choice(len(right), 12, replace=False).tolist() + [0, len(right) - 1]:
         move = np.zeros(len(right))
         move[unknown] = 1e-6
         ahead, behind = (objective.value(estimate.moved(sign * move)) for sign in (1, -1))
@@ -81,10 +91,21 @@ def test_derivatives_by_all_unknowns_are_those_of_differences():
         assert -right[unknown] == pytest.approx(slope, rel=1e-3, abs=1e-4 * abs(right).max())
 
 
+def test_a_step_keeps_its_promise():
+    estimate, objective = near_the_truth(np.random.default_rng(1))
+    equations = objective.normal_equations(estimate)
+    step, promised = equations.step(0.0)
+    # along the step a quadratic: its slope at the start is twice what it promises, but for what
+    # holds the instants
+    assert step @ equations.negative_gradient == pytest.approx(2.0 * promised, rel=1e-6)
+    gained = equations.value - objective.value(estimate.moved(step))
+    assert gained == pytest.approx(promised, rel=0.02)
+
+
 def test_the_stays_of_known_laws_are_decoded():
     _, campaign, recordings, laws, stays = contact()
     spread = campaign.x.std(axis=0)
-    filter_ = Filter(laws.known(), NOISE * spread, 0.01 * spread)
+    filter_ = FlowFilter.of(laws, recordings, NOISE * spread, 0.01 * spread)
     found = decode(filter_, recordings, price=4.0, n_kept=6)
     for place, (true, t) in enumerate(zip(stays, recordings.times, strict=True)):
         decoded = Stays.of_intervals(found.modes[: len(t) - 1, place], t)

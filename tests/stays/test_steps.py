@@ -8,13 +8,13 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid._stays.flow import ends_of
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate, Objective, recombined
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.rollouts import rollouts
-from swsysid._stays.segments import Segments
 from swsysid._stays.settings import SETTINGS
-from swsysid._stays.shooting import Estimate, Objective, recombined
 from swsysid._stays.stays import Stays
 from swsysid._stays.steps import in_exact_steps
 from swsysid.refinement import StatedModel, StatedSurface
@@ -52,9 +52,11 @@ def test_divided_steps_keep_the_samples():
 def test_a_rollout_is_as_exact_as_its_noise_asks_for(interval, noise):
     recordings = in_exact_steps(decaying(interval), DECAY, np.array([noise]), SETTINGS)
     stays = [Stays(np.zeros(1, dtype=np.intp), np.zeros(0))]
-    segments = Segments(recordings, stays, 100)
-    states = rollouts(DECAY, segments, np.ones((1, 1)), varied=False).states[:, 0, 0]
-    error = np.abs(states - np.exp(-recordings.times[0])).max()
+    nodes = Nodes(recordings, stays)
+    states = np.ones((len(nodes), 1))
+    for k in range(len(nodes) - 1):
+        states[k + 1] = ends_of(DECAY, nodes, states)[k]
+    error = np.abs(states[:, 0] - np.exp(-recordings.times[0])).max()
     assert error <= SETTINGS.exact * noise
 
 
@@ -84,14 +86,13 @@ def crossing() -> tuple[Estimate, Objective]:
         )
         for run in runs
     ]
-    segments = Segments(recordings, stays, 30)
-    starts = np.array([recordings.y[first, k] for k, first, _ in segments.places])
     columns = recordings.joined(recordings.y)
     modes = np.concatenate([run.modes for run in runs])
     guards = Guards.of(SPRINGS.surface, spread, 2)
     guards = guards.with_sides(columns, np.ones_like(columns), modes, 0.1)
     objective = Objective(np.full(2, 0.01), 0.3, 0.1)
-    return Estimate(laws, segments, starts, guards), objective
+    nodes = Nodes(recordings, stays)
+    return Estimate(laws, nodes, nodes.y, guards), objective
 
 
 def test_recordings_share_the_value_between_them():
@@ -104,8 +105,8 @@ def test_recordings_share_the_value_between_them():
 
 def test_recordings_are_recombined_one_by_one():
     estimate, objective = crossing()
-    moved = estimate.segments.moved(estimate.segments.instants + 0.03)
-    other = replace(estimate, segments=moved, starts=estimate.starts + 0.01)
+    moved = estimate.nodes.moved(estimate.nodes.instants + 0.03)
+    other = replace(estimate, nodes=moved, states=estimate.states + 0.01)
     mixed = replace(recombined([estimate, other]), guards=estimate.guards)
     parts = [objective.by_recording(one) for one in (estimate, other)]
     expected = [parts[0][0], parts[1][1]]

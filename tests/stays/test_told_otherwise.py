@@ -40,7 +40,7 @@ def with_stays(found, modes, instants, coef=None):
         laws = replace(estimate.laws, coef=coef, free=np.ones(coef.shape, dtype=bool))
         estimate = replace(estimate, laws=laws)
     stays = [Stays(np.array(modes), np.array(instants))]
-    return replace(estimate, segments=estimate.segments.with_stays(stays))
+    return replace(estimate, nodes=estimate.nodes.with_stays(stays))
 
 
 def settled(found, estimate):
@@ -56,7 +56,7 @@ def tooth():
 
 
 def test_stays_that_are_right_stay(tooth):
-    [stays] = tooth.estimate.segments.stays
+    [stays] = tooth.estimate.nodes.stays
     np.testing.assert_allclose(stays.instants, [10.0, 18.0], atol=0.05)
     prices = np.full((2, 2), PRICE)
     assert retold(tooth.estimate, tooth.reached.noise, SETTINGS, prices) is None
@@ -67,13 +67,13 @@ def test_a_false_visit_goes_and_a_wrong_mode_is_another(tooth):
     prices = np.full((2, 2), PRICE)
     visited = with_stays(tooth, [rises, falls, rises, falls, rises], [4.03, 4.21, 10.0, 18.0])
     told = retold(visited, tooth.reached.noise, SETTINGS, prices)
-    [stays] = told.segments.stays
+    [stays] = told.nodes.stays
     assert stays.modes.tolist() == [rises, falls, rises]
     # a third law that nothing needs: 2 s of the fall were taken for it
     coef = np.concatenate([tooth.estimate.laws.coef, [[[FALLS - 0.02]]]])
     third = with_stays(tooth, [rises, falls, 2, rises], [10.0, 16.0, 18.0], coef)
     told = retold(third, tooth.reached.noise, SETTINGS, np.full((3, 3), PRICE))
-    assert told.segments.stays[0].modes.tolist() == [rises, falls, rises]
+    assert told.nodes.stays[0].modes.tolist() == [rises, falls, rises]
 
 
 def test_a_rare_switch_surprises_more():

@@ -11,9 +11,9 @@ from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.segments import Segments
-from swsysid._stays.shooting import Estimate
 from swsysid._stays.stays import Stays
 from swsysid._stays.visits import Turns, with_visits, without_visits
 from swsysid.refinement._trajectories import Record
@@ -32,7 +32,6 @@ def turning(stays, surface):
     coef = np.tile([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0]], (2, 1, 1))
     laws = Laws(coef, affine, np.ones(2), np.ones(coef.shape, dtype=bool))
     recordings = Recordings.of([Record(t, x, np.empty((len(t), 0)))])
-    segments = Segments(recordings, [stays], 100)
     guards = Guards(
         np.array([[-surface, 1.0, 0.0]]),
         affine,
@@ -40,7 +39,7 @@ def turning(stays, surface):
         np.array([[1], [-1]]),
         np.array([[True, False, True]]),
     )
-    return Estimate(laws, segments, x[:1], guards)
+    return Estimate(laws, Nodes(recordings, [stays]), x, guards)
 
 
 def test_a_turn_near_the_surface_may_be_a_visit():
@@ -52,7 +51,7 @@ def test_a_turn_near_the_surface_may_be_a_visit():
     # within a deviation of its turn: 1 - cos(.14) = .01
     assert visit.begin == pytest.approx(np.pi - 0.14, abs=0.06)
     assert visit.end == pytest.approx(np.pi + 0.14, abs=0.06)
-    (stays,) = with_visits(estimate, [visit]).segments.stays
+    (stays,) = with_visits(estimate, [visit]).nodes.stays
     assert stays.modes.tolist() == [0, 1, 0]
     assert stays.instants.tolist() == [visit.begin, visit.end]
 
@@ -69,7 +68,7 @@ def test_a_brief_visit_may_be_none():
     (visit,) = turns.made(NEAR)
     assert visit.distance == pytest.approx(0.5, abs=0.15) and visit.mode == 1
     assert turns.made(0.2) == [] and turns.missed(NEAR) == []
-    (stays,) = without_visits(estimate, [visit]).segments.stays
+    (stays,) = without_visits(estimate, [visit]).nodes.stays
     assert stays.modes.tolist() == [0] and not stays.instants.size
 
 
@@ -79,9 +78,9 @@ def test_a_recording_may_begin_and_end_beyond_the_surface():
     estimate = replace(estimate, guards=surface)  # x falls from .54
     begins = [visit for visit in Turns(estimate, NOISE, BEYOND_SLIDE).missed(NEAR)]
     assert [visit.begin for visit in begins] == [-np.inf]
-    (stays,) = with_visits(estimate, begins).segments.stays
+    (stays,) = with_visits(estimate, begins).nodes.stays
     assert stays.modes.tolist() == [1, 0] and stays.instants.tolist() == [begins[0].end]
-    (again,) = without_visits(with_visits(estimate, begins), begins).segments.stays
+    (again,) = without_visits(with_visits(estimate, begins), begins).nodes.stays
     assert again.modes.tolist() == [0]
 
 

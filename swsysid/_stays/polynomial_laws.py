@@ -1,4 +1,4 @@
-r"""Laws that are affine in states and inputs: steps without evaluating a feature.
+r"""Laws whose derivatives are known: polynomials, and those that are affine in states and inputs.
 
 Along :math:`\dot x = A_j x + B_j u + c_j` with inputs of the rate s the derivatives of the state
 are
@@ -18,17 +18,56 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.coordinates import Monomials
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 from swsysid._stays.laws import Laws, Modes, slope_of
 
 
 def laws_of(coef: Array, feature_map: FeatureMap, spread: Array, free: NDArray[np.bool_]) -> Laws:
-    """Laws of a library, the sooner stepped ones where they are affine."""
+    """Laws of a library, those that are sooner stepped where it is affine or polynomial."""
     powers = feature_map.powers
-    if powers is None or powers.sum(axis=1).max() > 1:
+    if powers is None:
         return Laws(coef, feature_map.at_rows, spread, free)
-    return AffineLaws(coef, feature_map.at_rows, spread, free, powers)
+    kind = AffineLaws if powers.sum(axis=1).max() <= 1 else PolynomialLaws
+    return kind(coef, feature_map.at_rows, spread, free, powers)
+
+
+@dataclass(frozen=True)
+class PolynomialLaws(Laws):
+    """Vector fields of monomials, whose derivatives are monomials again."""
+
+    powers: NDArray[np.intp]  # (n_features, n_states + n_inputs)
+
+    @cached_property
+    def _derived(self) -> tuple[Monomials, list[Array]]:
+        """The monomials and those of their derivatives; these as sums of all, state by state."""
+        n_states = len(self.spread)
+        lower = np.vstack(
+            [
+                np.maximum(self.powers - unit, 0)
+                for unit in np.eye(self.powers.shape[1], dtype=self.powers.dtype)[:n_states]
+            ]
+        )
+        known = [tuple(row) for row in self.powers.tolist()]
+        more = sorted({tuple(row) for row in lower.tolist()} - set(known))
+        every = known + more
+        sums = []
+        for state in range(n_states):
+            by_state = np.zeros((len(known), len(every)))
+            for k, row in enumerate(known):
+                if row[state]:
+                    less = tuple(p - (c == state) for c, p in enumerate(row))
+                    by_state[k, every.index(less)] = row[state]
+            sums.append(by_state)
+        return Monomials(np.array(every)), sums
+
+    def linear(self, mode: int, columns: Array) -> tuple[Array, Array]:
+        """As in `Laws`."""
+        monomials, derived = self._derived
+        values = monomials(columns).T
+        jacobian = np.stack([(self.coef[mode] @ one) @ values for one in derived], axis=1)
+        return values[: len(self.powers)], jacobian
 
 
 @dataclass(frozen=True)
@@ -72,6 +111,43 @@ class AffineLaws(Laws):
         return _taylor(x, derivatives, duration[:, None]), _taylor(
             Z, varied, duration[:, None, None]
         )
+
+    def flow(
+        self, mode: int, x: Array, u: Array, after: Array, duration: Array
+    ) -> tuple[Array, Array, Array]:
+        r"""States of rows of one mode after steps, and their derivatives, rows last.
+
+        With the weights :math:`h^m / m!` they are sums of powers of A times features of the state
+        and of its derivatives: :math:`\sum_i A^i E \sum_{m > i} (h^m / m!) \Phi^{(m - 1 - i)}`.
+        """
+        A, slope = self._parts[0][mode], slope_of(u, after, duration)
+        modes = np.full(len(x), mode, dtype=np.intp)
+        derivatives = self._derivatives(modes, x, u, slope)
+        weights = [np.ones(len(x))]
+        for m in range(1, 5):
+            weights.append(weights[-1] * duration / m)
+        powers = [np.eye(len(A))]
+        for _ in range(4):
+            powers.append(A @ powers[-1])
+        by_state = np.tensordot(np.stack(powers, axis=2), np.stack(weights), 1)
+        _, state, feature = (part[self.columns_of(mode)] for part in self.places)
+        rest = np.zeros_like(u)
+        moving = zip((x, *derivatives[:-1]), (u, slope, rest, rest), strict=True)
+        along = [
+            self._features(np.concatenate(one, axis=1), k == 0) for k, one in enumerate(moving)
+        ]
+        by_law = np.zeros((len(A), len(state), len(x)))
+        for i in range(4):
+            weighted = np.sum([weights[m] * along[m - 1 - i] for m in range(i + 1, 5)], axis=0)
+            by_law += powers[i][:, state, None] * weighted[feature]
+        return _taylor(x, derivatives, duration[:, None]), by_state, by_law
+
+    def _features(self, columns: Array, constant: bool) -> Array:
+        """Features of rows of columns, or along their derivatives, which have no constants."""
+        features = self.powers @ columns.T
+        if constant:
+            features[self.powers.sum(axis=1) == 0] = 1.0
+        return np.asarray(features)
 
     def _derivatives(self, modes: Modes, x: Array, u: Array, slope: Array) -> list[Array]:
         """Of the state along its law, the first four."""

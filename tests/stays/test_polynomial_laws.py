@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from swsysid import FunctionLibrary
 from swsysid._data.features import FeatureMap
-from swsysid._stays.affine import AffineLaws, laws_of
 from swsysid._stays.laws import Laws
+from swsysid._stays.polynomial_laws import AffineLaws, PolynomialLaws, laws_of
 
 N_STATES, N_INPUTS, N_ROWS = 2, 1, 7
 
@@ -59,5 +60,25 @@ def test_a_step_is_that_of_runge_and_kutta(numbers, library, share_free):
     np.testing.assert_array_equal(affine.step(modes, x, u, after, duration)[2], x[2])
 
 
+@pytest.mark.parametrize("library", [1, None, 3])
+@pytest.mark.parametrize("share_free", [0.0, 0.6])
+def test_the_flow_of_one_mode_is_a_step_with_its_own_coefficients(numbers, library, share_free):
+    known, plain = laws(numbers, library, share_free)
+    modes, x, _, u, after, duration = step_of(numbers, 0)
+    modes[:], x = 1, 0.3 * x  # powers of large states drown the differences of the plain laws
+    Z = np.zeros((N_ROWS, N_STATES, N_STATES + plain.n_free))
+    Z[:, np.arange(N_STATES), np.arange(N_STATES)] = 1.0
+    states, Z = plain.varied_step(modes, x, Z, u, after, duration)
+    own = N_STATES + plain.columns_of(1)
+    for one in (known, plain):
+        found, by_state, by_law = one.flow(1, x, u, after, duration)
+        np.testing.assert_allclose(found, states, rtol=1e-12)
+        # the plain laws take slopes of features as differences: 1e-6 of them
+        expected = Z.transpose(1, 2, 0)
+        np.testing.assert_allclose(by_state, expected[:, :N_STATES], rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(by_law, expected[:, own], rtol=1e-5, atol=1e-5)
+
+
 def test_other_libraries_keep_their_features(numbers):
-    assert not isinstance(laws(numbers, 2)[0], AffineLaws)
+    assert isinstance(laws(numbers, 2)[0], PolynomialLaws)
+    assert type(laws(numbers, FunctionLibrary([np.sin, np.cos]))[0]) is Laws

@@ -1,0 +1,270 @@
+r"""Gauss and Newton's equations of recordings with a node at every time.
+
+A node is tied to the next one only, so that the matrix of all nodes is block tridiagonal,
+:math:`D_k` on the diagonal and :math:`O_k` below; coefficients of laws and surfaces border it.
+A switch instant :math:`\tau` touches one interval: with its own column g and diagonal entry s it is
+eliminated there,
+
+.. math:: H - \frac{g g^\top}{s}, \qquad r - \frac{g \, r_\tau}{s}, \qquad
+          \delta_\tau = \frac{r_\tau - g^\top \delta}{s},
+
+which changes two nodes and the border, and no band gets wider. One banded Cholesky factor with the
+border as further right-hand sides then solves everything (`arrow`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError
+
+from swsysid._results import Array
+from swsysid._stays.arrow import Arrow, Factor
+from swsysid._stays.flow import Legs
+from swsysid._stays.laws import products
+from swsysid._stays.nodes import Rows
+from swsysid._stays.settings import LIMITS
+
+
+@dataclass
+class NodeEquations:
+    """The matrix, the negative gradient and the value, summed up from blocks of residuals.
+
+    States are in units in which the noise is one. Of the corner the first `n_laws` entries are
+    coefficients of laws, the others those of surfaces.
+    """
+
+    shape: tuple[int, int]  # (n_nodes, n_states)
+    n_laws: int
+    n_guards: int
+    unit: Array  # (n_states,): of the nodes
+    at: Rows  # (n_switches,): node before each switch
+    hold: float  # what holds an instant where it is
+    value: float = 0.0
+    diagonal: Array = field(init=False)  # (n_states, n_states, n_nodes)
+    below: Array = field(init=False)  # likewise: rows of the next node, columns of this one
+    border: Array = field(init=False)  # (n_corner, n_nodes, n_states)
+    corner: Array = field(init=False)
+    right: Array = field(init=False)  # (n_nodes, n_states)
+    right_of_corner: Array = field(init=False)
+    own: Array = field(init=False)  # (n_switches, 2 n_states): g of both nodes of a switch
+    shared: Array = field(init=False)  # (n_switches, n_corner): and of the corner
+    stiffness: Array = field(init=False)  # (n_switches,): s
+    right_of_instants: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        (n_nodes, n), n_corner, n_switches = self.shape, self.n_laws + self.n_guards, len(self.at)
+        self.diagonal, self.below = np.zeros((n, n, n_nodes)), np.zeros((n, n, n_nodes))
+        self.border = np.zeros((n_corner, n_nodes, n))
+        self.corner, self.right_of_corner = np.zeros((n_corner, n_corner)), np.zeros(n_corner)
+        self.right = np.zeros(self.shape)
+        self.own = np.zeros((n_switches, 2 * n))
+        self.shared = np.zeros((n_switches, n_corner))
+        self.stiffness, self.right_of_instants = np.zeros(n_switches), np.zeros(n_switches)
+
+    @property
+    def n_states(self) -> int:
+        """Number of states."""
+        return self.shape[1]
+
+    # -- residuals ---------------------------------------------------------------------------
+
+    def add_samples(self, misfit: Array, seen: NDArray[np.bool_]) -> None:
+        """Misfits of the samples, in units of the noise; zero where nothing was measured."""
+        every = np.arange(self.n_states)
+        self.diagonal[every, every] += seen.T
+        self.right += misfit
+        self.value += 0.5 * float(np.square(misfit).sum())
+
+    def add_ties(self, legs: Legs, nodes: Rows, gaps: Array, weight: Array) -> None:
+        """Gaps (n_rows, n_states) of some intervals, tied by weights (n_rows,), in these units."""
+        unit = self.unit
+        first, after, columns = nodes, nodes + 1, legs.columns
+        F = legs.by_state * (unit[None, :, None] / unit[:, None, None])
+        G = legs.by_law / unit[:, None, None]
+        square = np.square(weight)
+        wF, wG, left = square * F, square * G, square[:, None] * gaps
+        transposed, every = F.transpose(1, 0, 2), np.arange(self.n_states)
+        self.diagonal[:, :, first] += products(transposed, wF)
+        self.diagonal[every[:, None], every[:, None], after] += square
+        self.below[:, :, first] -= wF
+        self.right[after] -= left
+        self.right[first] += products(transposed, left.T[:, None, :])[:, 0].T
+        flat = len(columns), G.shape[0] * G.shape[2]
+        rows, weighted = (one.transpose(1, 0, 2).reshape(flat) for one in (G, wG))
+        self.corner[np.ix_(columns, columns)] += rows @ weighted.T
+        self.right_of_corner[columns] += weighted @ gaps.T.ravel()
+        of_first = products(transposed, wG)
+        for state in every:
+            self.border[columns[:, None], first, state] += of_first[state]
+            self.border[columns[:, None], after, state] -= wG[state]
+        self.value += 0.5 * float((square * np.square(gaps).T).sum())
+
+    def add_instants(self, legs: Legs, by_instant: Array, gaps: Array, weight: Array) -> None:
+        """What the gaps of the intervals with a switch say of its instant."""
+        unit = self.unit
+        by_instant, square = by_instant / unit, np.square(weight)[:, None]
+        moved = (square * by_instant).T  # (n_states, n_switches)
+        F = legs.by_state * (unit[None, :, None] / unit[:, None, None])
+        G = legs.by_law / unit[:, None, None]
+        self.own[:, : self.n_states] += np.einsum("abr,ar->rb", F, moved)
+        self.own[:, self.n_states :] -= moved.T
+        self.shared[:, legs.columns] += np.einsum("apr,ar->rp", G, moved)
+        self.stiffness += (square * np.square(by_instant)).sum(axis=1)
+        self.right_of_instants += (square * by_instant * gaps).sum(axis=1)
+
+    def add_misses(
+        self, switches: Rows, left: Array, by_state: Array, by_corner: Array, by_instant: Array
+    ) -> None:
+        """Crossings that miss their surface by `left` (n_used,), with derivatives of that."""
+        by_state = by_state * self.unit
+        first = self.at[switches]
+        for state in range(self.n_states):
+            # a node has one switch at most, so that no place is met twice
+            self.diagonal[state][:, first] += by_state[:, state] * by_state.T
+            self.border[:, first, state] += by_corner.T * by_state[:, state]
+        self.right[first] -= by_state * left[:, None]
+        self.corner += by_corner.T @ by_corner
+        self.right_of_corner -= by_corner.T @ left
+        self.own[switches, : self.n_states] += by_state * by_instant[:, None]
+        self.shared[switches] += by_corner * by_instant[:, None]
+        self.stiffness[switches] += np.square(by_instant)
+        self.right_of_instants[switches] -= by_instant * left
+
+    def add_sides(self, matrix: Array, right: Array) -> None:
+        """Equations of the coefficients of surfaces alone."""
+        self.corner[self.n_laws :, self.n_laws :] += matrix
+        self.right_of_corner[self.n_laws :] += right
+
+    # -- solving -----------------------------------------------------------------------------
+
+    def step(self, damping: float) -> tuple[Array, float]:
+        """The step of damped equations, and by how much it should lower the value.
+
+        Nodes are damped as their samples hold them, not as stiffly as they are tied: the ties would
+        else keep whole trajectories where they are. Laws and surfaces are damped by what is known
+        of them once nodes and instants are eliminated.
+        """
+        matrix, right = self._reduced(self.hold * (1.0 + damping), damping)
+        try:
+            factor = matrix.factor(damping, LIMITS.rounding * np.diag(self.corner))
+        except LinAlgError:  # not positive by rounding, or not finite
+            return np.zeros(self._n_unknowns), 0.0
+        solved = factor.solve(right)
+        nodes, corner = np.split(solved, [self.right.size])
+        states = nodes.reshape(self.right.shape)
+        both = np.hstack([states[self.at], states[self.at + 1]])
+        s = self.stiffness + self.hold * (1.0 + damping)
+        moves = (self.own * both).sum(axis=1) + self.shared @ corner
+        instants = (self.right_of_instants - moves) / s
+        gained = (self.right * states).sum() + self.right_of_corner @ corner
+        gained += self.right_of_instants @ instants
+        held = damping * (np.square(states).sum() + self.hold * np.square(instants).sum())
+        promised = 0.5 * float(gained + held + factor.more @ np.square(corner))
+        laws, guards = np.split(corner, [self.n_laws])
+        step = np.concatenate([laws, (states * self.unit).ravel(), instants, guards])
+        return (step, promised) if np.isfinite(step).all() else (np.zeros(len(step)), 0.0)
+
+    @property
+    def negative_gradient(self) -> Array:
+        """By all unknowns, in the order of their steps."""
+        laws, guards = np.split(self.right_of_corner, [self.n_laws])
+        return np.concatenate([
+            laws, (self.right / self.unit).ravel(), self.right_of_instants, guards
+        ])  # fmt: skip
+
+    def covariance(self) -> Covariance:
+        """That of the unknowns; what nothing tells is held a little."""
+        hold = LIMITS.rounding * self.hold
+        matrix, _ = self._reduced(hold, LIMITS.rounding)
+        unit = 1.0 / np.sqrt(np.where(np.diag(self.corner) > 0.0, np.diag(self.corner), 1.0))
+        held = LIMITS.rounding
+        while True:
+            try:
+                factor = matrix.in_units(unit).factor(least=held)
+                return Covariance(self, factor, unit, held, hold)
+            except LinAlgError:  # not positive by rounding
+                held *= LIMITS.more_rounding
+
+    def _reduced(self, hold: float, of_nodes: float) -> tuple[Arrow, Array]:
+        """The matrix without instants, and what is right of it; nodes held, too."""
+        n, first = self.n_states, self.at
+        s = self.stiffness + hold
+        diagonal, below, border = self.diagonal.copy(), self.below.copy(), self.border.copy()
+        right = self.right.copy()
+        every = np.arange(n)
+        diagonal[every, every] += of_nodes
+        before, after = self.own[:, :n], self.own[:, n:]
+        scaled = self.own / s[:, None]
+        # a node has one switch at most: no place is met twice
+        diagonal[:, :, first] -= _outer(before, scaled[:, :n])
+        diagonal[:, :, first + 1] -= _outer(after, scaled[:, n:])
+        below[:, :, first] -= _outer(after, scaled[:, :n])
+        for state in every:
+            border[:, first, state] -= self.shared.T * scaled[:, state]
+            border[:, first + 1, state] -= self.shared.T * scaled[:, n + state]
+        moved = self.right_of_instants / s
+        right[first] -= before * moved[:, None]
+        right[first + 1] -= after * moved[:, None]
+        corner = self.corner - self.shared.T @ (self.shared / s[:, None])
+        right_of_corner = self.right_of_corner - self.shared.T @ moved
+        arrow = Arrow.of_blocks(diagonal, below, border, corner)
+        return arrow, np.append(right.ravel(), right_of_corner)
+
+    @property
+    def _n_unknowns(self) -> int:
+        return self.right.size + len(self.right_of_corner) + len(self.at)
+
+
+def _outer(first: Array, second: Array) -> Array:
+    """Products of rows, (n, n, n_rows)."""
+    return first.T[:, None, :] * second.T[None, :, :]
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Covariance of the unknowns."""
+
+    equations: NodeEquations
+    factor: Factor
+    unit: Array  # of the corner
+    held: float  # the share of the diagonal that holds what the data do not tell
+    hold: float  # of an instant
+
+    @property
+    def untold_laws(self) -> NDArray[np.bool_]:
+        """Free coefficients of the laws of which nothing but what holds them tells."""
+        of_laws = np.diag(self._corner)[: self.equations.n_laws]
+        return np.asarray(of_laws > LIMITS.untold / self.held)
+
+    @property
+    def of_laws(self) -> Array:
+        """Of the free coefficients of the laws."""
+        n = self.equations.n_laws
+        return self._in_own_units[:n, :n]
+
+    @property
+    def of_guards(self) -> Array:
+        """Of the free coefficients of the surfaces."""
+        n = self.equations.n_laws
+        return self._in_own_units[n:, n:]
+
+    @property
+    def variances_of_instants(self) -> Array:
+        """Of every instant."""
+        own = self.equations
+        s = own.stiffness + self.hold
+        places = own.at[:, None] * own.n_states + np.arange(2 * own.n_states)
+        form = self.factor.quadratic_form(places, own.own, own.shared * self.unit)
+        return np.asarray(1.0 / s + form / np.square(s))
+
+    @cached_property
+    def _corner(self) -> Array:
+        return self.factor.inverse_of_corner
+
+    @property
+    def _in_own_units(self) -> Array:
+        return np.asarray(self._corner * self.unit[:, None] * self.unit)

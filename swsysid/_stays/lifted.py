@@ -1,0 +1,252 @@
+r"""Lifted shooting with given stays: laws, states and switch instants of highest likelihood.
+
+Every sample has a node, a state :math:`x_k` of its own. With the modes of the stays given, their
+instants :math:`\tau` are numbers like any others, and with the flow :math:`\varphi` of an interval
+
+.. math:: \tfrac12 \sum_k \Big\| \frac{y_k - x_k}{\sigma} \Big\|^2
+          + \tfrac12 \sum_k \Big\| \frac{x_{k+1} - \varphi_k(x_k, \tau; C)}
+                                        {\delta \sigma \sqrt{h_k}} \Big\|^2
+
+is a smooth function of all of them, with durations h in usual intervals: no surface is asked, no
+event is looked for, and nothing steps through time. With :math:`\delta` falling the nodes of a
+recording become one rollout; until then they are a trajectory that is disturbed a little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+from swsysid._stays.equations import NodeEquations
+from swsysid._stays.flow import Legs, Switching, crossings_of, ends_of, steady_legs, switching
+from swsysid._stays.guards import Guards
+from swsysid._stays.laws import Laws
+from swsysid._stays.nodes import Nodes, Rows
+from swsysid._stays.settings import LIMITS
+from swsysid._stays.sliding import SlidingLaws, with_slides
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Laws, nodes with their instants, the states of the nodes, and surfaces if any."""
+
+    laws: Laws
+    nodes: Nodes
+    states: Array  # (n_nodes, n_states)
+    guards: Guards | None = None
+
+    @property
+    def motion(self) -> Laws:
+        """The laws, those of slides included if there is one."""
+        if self.guards is None or not self.slides:
+            return self.laws
+        return SlidingLaws.of(self.laws, self.guards)
+
+    @property
+    def slides(self) -> bool:
+        """True if a recording slides along a surface."""
+        return any((stays.modes >= len(self.laws.coef)).any() for stays in self.nodes.stays)
+
+    def renamed(self, order: Rows) -> Estimate:
+        """The same with mode ``order[k]`` called k."""
+        names = with_slides(np.argsort(order))
+        nodes = self.nodes.with_stays(
+            [replace(one, modes=names[one.modes]) for one in self.nodes.stays]
+        )
+        laws = replace(self.laws, coef=self.laws.coef[order], free=self.laws.free[order])
+        guards = self.guards
+        if guards is not None:
+            guards = replace(guards, mode_book=guards.mode_book[order])
+        return replace(self, laws=laws, nodes=nodes, guards=guards)
+
+    def only(self, modes: Rows) -> Estimate:
+        """The same with some of the modes."""
+        nodes = self.nodes.with_stays([stays.only(modes) for stays in self.nodes.stays])
+        laws = replace(self.laws, coef=self.laws.coef[modes], free=self.laws.free[modes])
+        return Estimate(laws, nodes, self.states)
+
+    def snapped(self) -> Estimate:
+        """The same with instants at which the states are on the surfaces."""
+        if self.guards is None:
+            return self
+        misses = self.guards.misses(crossings_of(self.motion, self.nodes, self.states))
+        instants = self.nodes.instants.copy()
+        interval = self.nodes.recordings.interval
+        if (np.abs(misses.times) < LIMITS.on_surface * interval).all():
+            return self
+        farthest = LIMITS.farthest_move * interval
+        move = -misses.times * np.sign(misses.by_instants)
+        instants[misses.switches] += np.clip(move, -farthest, farthest)
+        return replace(self, nodes=self.nodes.moved(instants))
+
+    def moved(self, step: Array) -> Estimate:
+        """Another estimate: coefficients, states, instants and surfaces, in this order."""
+        n_free, size, n_instants = self.laws.n_free, self.states.size, len(self.nodes.instants)
+        coef = self.laws.coef.copy()
+        coef[self.laws.places] += step[:n_free]
+        states = self.states + step[n_free : n_free + size].reshape(self.states.shape)
+        farthest = LIMITS.farthest_move * self.nodes.recordings.interval
+        by_instant, by_guard = np.split(step[n_free + size :], [n_instants])
+        instants = self.nodes.instants + np.clip(by_instant, -farthest, farthest)
+        guards = None if self.guards is None else self.guards.moved(by_guard)
+        nodes = self.nodes.moved(instants)
+        moved = Estimate(replace(self.laws, coef=coef), nodes, states, guards)
+        return moved.flown_to(np.flatnonzero(nodes.modes != self.nodes.modes))
+
+    def flown_to(self, rows: Rows) -> Estimate:
+        """The same with some nodes where the flow from the node before leads.
+
+        A step takes an instant that passes a node on by the flow that it had before, and that node
+        with it: behind the instant the other law leads there, and to all nodes beyond as before.
+        """
+        rows = rows[np.isin(rows - 1, self.nodes.begins)]
+        if not rows.size:
+            return self
+        states, depth = self.states.copy(), rows - np.arange(len(rows))
+        run = np.arange(len(rows)) - np.searchsorted(depth, depth)  # place among neighbours
+        for place in range(min(int(run.max()) + 1, ceil(LIMITS.farthest_move))):
+            own = rows[run == place]
+            intervals = np.searchsorted(self.nodes.begins, own - 1)
+            states[own] = ends_of(self.motion, self.nodes, states, intervals)
+        return replace(self, states=states)
+
+
+def recombined(chosen: Sequence[Estimate]) -> Estimate:
+    """Each recording, k, as in the k-th of these estimates of the same recordings."""
+    first = chosen[0]
+    nodes = first.nodes.with_stays([one.nodes.stays[k] for k, one in enumerate(chosen)])
+    states = np.stack([one.states for one in chosen])
+    return Estimate(first.laws, nodes, states[nodes.recording, np.arange(len(nodes))])
+
+
+@dataclass(frozen=True)
+class Objective:
+    """The sum of squares above; `noise` are standard deviations (n_states,), `tie` is delta."""
+
+    noise: Array
+    tie: float
+    guard_time: float = 1.0  # by which a crossing may miss its surface
+
+    def with_noise(self, noise: Array) -> Objective:
+        """The same for other noise."""
+        return replace(self, noise=noise)
+
+    def n_states_told(self, nodes: Nodes) -> float:
+        r"""Numbers that the states of the nodes are worth.
+
+        One start a recording, and what loose ties leave free: :math:`\delta / \sqrt{4 + \delta^2}`
+        a node, the trace of the smoother of a random walk.
+        """
+        of_nodes = self.tie / np.sqrt(4.0 + self.tie**2) * len(nodes)
+        return float(len(self.noise) * (len(nodes.recordings) + of_nodes))
+
+    def value(self, estimate: Estimate) -> float:
+        """Half the sum of squares."""
+        return float(self.by_recording(estimate).sum())
+
+    def by_recording(self, estimate: Estimate) -> Array:
+        """What each recording adds to the value, (n_recordings,)."""
+        nodes, guards = estimate.nodes, estimate.guards
+        misfit, _ = self._misfit(estimate)
+        of_nodes = 0.5 * np.square(misfit).sum(axis=1)
+        ends = ends_of(estimate.motion, nodes, estimate.states)
+        gaps = (estimate.states[nodes.begins + 1] - ends) / self.noise
+        of_nodes[nodes.begins] += 0.5 * (
+            np.square(gaps).sum(axis=1) * np.square(self._weights(nodes))
+        )
+        if guards is not None:
+            misses = guards.misses(crossings_of(estimate.motion, nodes, estimate.states))
+            far = _far(misses.times / self.guard_time)
+            np.add.at(of_nodes, nodes.begins[nodes.at[misses.switches]], far)
+        values = nodes.by_recording(of_nodes)
+        if guards is not None and guards.sides is not None:
+            wrong = 0.5 * np.square(guards.wrong_sides()).sum(axis=0)
+            np.add.at(values, nodes.recordings.groups, wrong)
+        return values
+
+    def normal_equations(self, estimate: Estimate) -> NodeEquations:
+        """Gauss and Newton's equations."""
+        nodes, states, guards = estimate.nodes, estimate.states, estimate.guards
+        equations = NodeEquations(
+            (len(nodes), states.shape[1]),
+            n_laws=estimate.laws.n_free,
+            n_guards=0 if guards is None else guards.n_free,
+            unit=self.noise,
+            at=nodes.begins[nodes.at],
+            # half a nat for an interval: where the velocity is the same on both sides the data do
+            # not say when a recording switches
+            hold=nodes.recordings.interval**-2.0,
+        )
+        misfit, seen = self._misfit(estimate)
+        equations.add_samples(misfit, seen)
+        weights = self._weights(nodes)
+        for legs in steady_legs(estimate.motion, nodes, states):
+            self._add_ties(equations, estimate, legs, weights)
+        if len(nodes.at):
+            switches = switching(estimate.motion, nodes, states)
+            gaps = self._add_ties(equations, estimate, switches.legs, weights)
+            own = weights[switches.legs.rows]
+            equations.add_instants(switches.legs, switches.by_instant, gaps, own)
+            if guards is not None:
+                self._add_guards(equations, guards, switches)
+        return equations
+
+    def _add_ties(
+        self, equations: NodeEquations, estimate: Estimate, legs: Legs, weights: Array
+    ) -> Array:
+        """Add the gaps at the ends of some intervals, which are returned."""
+        first = estimate.nodes.begins[legs.rows]
+        gaps = (estimate.states[first + 1] - legs.ends) / self.noise
+        equations.add_ties(legs, first, gaps, weights[legs.rows])
+        return gaps
+
+    def _add_guards(self, equations: NodeEquations, guards: Guards, switches: Switching) -> None:
+        """Add what crossings that miss their surface say; a far one counts less."""
+        crossings, n_states = switches.crossings, len(self.noise)
+        assert crossings.varied is not None
+        misses = guards.misses(crossings)
+        times = misses.times / self.guard_time
+        root = (1.0 + np.square(times / LIMITS.far_miss)) ** -0.25
+        weight = root / self.guard_time
+        varied = np.einsum(
+            "kc,kcz->kz", misses.by_columns[:, :n_states], crossings.varied[misses.switches]
+        )
+        shared = np.zeros((len(times), equations.n_laws + equations.n_guards))
+        n_shared = varied.shape[1] - n_states - 1
+        shared[:, :n_shared] = varied[:, n_states:-1]
+        by_coef = np.zeros((len(times), *guards.coef.shape))
+        by_coef[np.arange(len(times)), misses.surfaces] = misses.by_coef
+        shared[:, equations.n_laws :] += by_coef[:, guards.free]
+        equations.add_misses(
+            misses.switches,
+            root * times,
+            weight[:, None] * varied[:, :n_states],
+            weight[:, None] * shared,
+            weight * misses.by_instants,
+        )
+        equations.value += float(_far(times).sum())
+        matrix, right, of_sides = guards.side_equations()
+        equations.add_sides(matrix, right)
+        equations.value += of_sides
+
+    def _misfit(self, estimate: Estimate) -> tuple[Array, NDArray[np.bool_]]:
+        """Misfits in units of the noise, zero where nothing was measured, and where it was."""
+        left = (estimate.nodes.y - estimate.states) / self.noise
+        seen = np.isfinite(estimate.nodes.y)
+        return np.where(seen, left, 0.0), seen
+
+    def _weights(self, nodes: Nodes) -> Array:
+        """Of the ties, (n_intervals,)."""
+        return np.asarray(1.0 / (self.tie * np.sqrt(nodes.parts)))
+
+
+def _far(times: Array) -> Array:
+    """Half the squares of misses; of large ones, less."""
+    return np.asarray(
+        LIMITS.far_miss**2 * (np.sqrt(1.0 + np.square(times / LIMITS.far_miss)) - 1.0), dtype=float
+    )

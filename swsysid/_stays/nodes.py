@@ -1,0 +1,99 @@
+"""Recordings one after the other, a node at every time, and the switch in each interval.
+
+Nothing here steps through time: node k leads to node k + 1 through its interval, and all intervals
+of all recordings are worked at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._results import Array
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.settings import LIMITS
+from swsysid._stays.stays import Stays
+
+Rows = NDArray[np.intp]
+
+
+class Nodes:
+    """Nodes of recordings, and the intervals between them with their modes and switches.
+
+    Attributes
+    ----------
+    y, u : ndarray of shape (n_nodes, n_states), (n_nodes, n_inputs)
+        Measured states, NaN where there is none, and inputs.
+    recording : ndarray of shape (n_nodes,)
+    begins : ndarray of shape (n_intervals,)
+        Node at which each interval begins; it ends at the next one.
+    steps : ndarray of shape (n_intervals,)
+        Durations.
+    modes : ndarray of shape (n_nodes,)
+    old, new, switch : ndarray of shape (n_intervals,)
+        Modes at both ends, and the number of the switch between them, -1 where there is none.
+    instants, at : ndarray of shape (n_switches,)
+        When recordings switch, and in which interval.
+    """
+
+    def __init__(self, recordings: Recordings, stays: Sequence[Stays]):
+        self.recordings, self.stays = recordings, list(stays)
+        self.y, self.u = recordings.in_a_row(recordings.y), recordings.in_a_row(recordings.u)
+        lengths = recordings.lengths
+        self.recording = np.repeat(np.arange(len(recordings)), lengths)
+        ends = np.cumsum(lengths)
+        self.first = ends - lengths  # node at which each recording begins
+        inside = np.ones(len(self.y), dtype=bool)
+        inside[ends - 1] = False
+        self.begins = np.flatnonzero(inside)
+        t = np.concatenate(recordings.times)
+        self.steps = np.diff(t)[self.begins]
+        # an event takes no time, and what it may leave of the state is not infinitely sure
+        least = LIMITS.shortest_step * recordings.interval
+        self.parts = np.maximum(self.steps, least) / recordings.interval
+        self._t = t
+        self.place_switches()
+
+    def place_switches(self) -> None:
+        """Modes before and after the switch of each interval, and where it is."""
+        self.instants = np.concatenate([stays.instants for stays in self.stays])
+        modes, cells = [], []
+        for stays, t, first in zip(self.stays, self.recordings.times, self.first, strict=True):
+            modes.append(stays.at(t))
+            own = np.searchsorted(t, stays.instants, side="right") - 1
+            cells.append(first + np.minimum(own, len(t) - 2))
+        self.modes = np.concatenate(modes)
+        self.old, self.new = self.modes[self.begins], self.modes[self.begins + 1]
+        self.at = np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp))
+        self.switch = np.full(len(self.begins), -1)
+        self.switch[self.at] = np.arange(len(self.at))
+
+    def shares(self) -> Array:
+        """Part of each interval before its switch; where there is none, of the first step."""
+        shares = np.full(len(self.begins), self.recordings.first_step)
+        shares[self.at] = (self.instants - self._t[self.begins[self.at]]) / self.steps[self.at]
+        return shares
+
+    def with_stays(self, stays: Sequence[Stays]) -> Nodes:
+        """The same nodes of recordings that switch otherwise."""
+        other = copy(self)
+        other.stays = list(stays)
+        other.place_switches()
+        return other
+
+    def moved(self, instants: Array) -> Nodes:
+        """The same nodes with other instants; a switch may enter another interval."""
+        parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
+        times = self.recordings.times
+        pairs = zip(self.stays, parts, times, strict=True)
+        return self.with_stays([stays.moved(part, t) for stays, part, t in pairs])
+
+    def by_recording(self, of_nodes: Array) -> Array:
+        """Sums over the nodes of each recording, (n_recordings,)."""
+        return np.add.reduceat(of_nodes, self.first)
+
+    def __len__(self) -> int:
+        return len(self.y)
