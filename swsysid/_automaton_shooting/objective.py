@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,13 @@ class JointObjective:
     sources: Numbers
     most_beyond: int
 
+    def allows(self, estimate: JointEstimate) -> bool:
+        """True if instants are in order and modes are those that guards allow."""
+        return estimate.is_in_order and estimate.beyond(self.sources) <= self.most_beyond
+
     def value(self, estimate: JointEstimate) -> float:
         """Half the sum of squares."""
-        if not self._allows(estimate):
+        if not self.allows(estimate):
             return np.inf
         squares = [
             np.square(part).sum() for part in self._residuals(estimate, estimate.plainly_flown)
@@ -40,12 +44,8 @@ class JointObjective:
 
     def normal_equations(self, estimate: JointEstimate) -> JointEquations:
         """Gauss and Newton's equations, instants held by half a nat for an interval."""
-        if not estimate.is_in_order:
-            n = estimate.n_unknowns
-            return JointEquations(np.eye(n), np.zeros(n), np.inf)
         equations = self._equations(estimate)
-        value = equations.value if self._allows(estimate) else np.inf
-        return JointEquations(equations.matrix + np.diag(estimate.hold), equations.right, value)
+        return replace(equations, matrix=equations.matrix + np.diag(estimate.hold))
 
     def _equations(self, estimate: JointEstimate) -> JointEquations:
         done = estimate.flown()
@@ -75,9 +75,6 @@ class JointObjective:
         """
         n = estimate.n_shared
         return covariance_of(self._equations(estimate).matrix)[:n, :n]
-
-    def _allows(self, estimate: JointEstimate) -> bool:
-        return estimate.is_in_order and estimate.beyond(self.sources) <= self.most_beyond
 
     # -- parts -------------------------------------------------------------------------------------
 

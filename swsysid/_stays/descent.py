@@ -39,6 +39,9 @@ class Equations(Protocol):
 class Descended(Protocol[E_contra]):
     """A sum of squares of an estimate."""
 
+    def allows(self, estimate: E_contra, /) -> bool:
+        """False of an estimate that a step must not lead to."""
+
     def normal_equations(self, estimate: E_contra, /) -> Equations:
         """Gauss and Newton's equations."""
 
@@ -130,27 +133,25 @@ def descended(
     A step of nodes that are tied tightly may miss by the curvature of a flow what the next one
     mends: a few are followed before they are judged (the watchdog of Chamberlain et al., 1982).
     """
-    damping, failed, followed = settings.damping, 0, 0
+    damping, taken, failed, followed = settings.damping, 0, 0, 0
     best = now = estimate, objective.normal_equations(estimate)
-    for _ in range(n_turns):
+    while taken < n_turns and failed < settings.most_failures:
         step, promised = now[1].step(damping)
-        if promised < settings.converged:
-            if now is best:
-                break
-            followed = settings.most_followed
+        if promised < settings.converged and now is best:
+            break
         ahead = now[0].moved(step)
-        now = ahead, objective.normal_equations(ahead)
+        allowed = objective.allows(ahead)
+        if allowed:
+            now = ahead, objective.normal_equations(ahead)
         gained = best[1].value - now[1].value
-        if gained > 0.0:
-            best, followed, failed = now, 0, 0
+        if allowed and gained > 0.0:
+            best, taken, failed, followed = now, taken + 1, 0, 0
             damping /= 3.0 if gained > 0.25 * promised else 1.0
             if gained < settings.converged:
                 break
-        elif followed < settings.most_followed and np.isfinite(now[1].value):
+        elif allowed and followed < settings.most_followed and np.isfinite(now[1].value):
             followed += 1
         else:
-            now, followed, failed = best, 0, failed + 1
+            now, failed, followed = best, failed + 1, 0
             damping *= settings.rise
-            if failed == settings.most_failures:
-                break
     return best[0], best[1].value

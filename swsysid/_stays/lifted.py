@@ -145,6 +145,10 @@ class Objective:
         of_nodes = self.tie / np.sqrt(4.0 + self.tie**2) * len(nodes)
         return float(len(self.noise) * (len(nodes.recordings) + of_nodes))
 
+    def allows(self, estimate: Estimate) -> bool:
+        """True: a step may lead to any estimate."""
+        return True
+
     def value(self, estimate: Estimate) -> float:
         """Half the sum of squares."""
         return float(self.by_recording(estimate).sum())

@@ -53,7 +53,7 @@ class StaySettings:
     beyond: float = 0.3
     damping: float = 1e-3  # of the first step, relative to the diagonal
     rise: float = 30.0  # of the damping after steps that failed, and how often they may
-    most_failures: int = 4
+    most_failures: int = 6
     most_followed: int = 2  # steps that raise the value before they are taken back
     # nats by which a turn must make the data more likely, in rounds and at the end
     nearly_converged: float = 0.1
