@@ -65,7 +65,7 @@ def test_a_step_is_that_of_runge_and_kutta(numbers, library, share_free):
 def test_the_flow_of_one_mode_is_a_step_with_its_own_coefficients(numbers, library, share_free):
     known, plain = laws(numbers, library, share_free)
     modes, x, _, u, after, duration = step_of(numbers, 0)
-    modes[:], x = 1, 0.3 * x  # powers of large states drown the differences of the plain laws
+    modes[:] = 1
     Z = np.zeros((N_ROWS, N_STATES, N_STATES + plain.n_free))
     Z[:, np.arange(N_STATES), np.arange(N_STATES)] = 1.0
     states, Z = plain.varied_step(modes, x, Z, u, after, duration)
@@ -73,10 +73,11 @@ def test_the_flow_of_one_mode_is_a_step_with_its_own_coefficients(numbers, libra
     for one in (known, plain):
         found, by_state, by_law = one.flow(1, x, u, after, duration)
         np.testing.assert_allclose(found, states, rtol=1e-12)
-        # the plain laws take slopes of features as differences: 1e-6 of them
+        # the plain laws take slopes of features as differences: 1e-6 of the largest of a row
         expected = Z.transpose(1, 2, 0)
-        np.testing.assert_allclose(by_state, expected[:, :N_STATES], rtol=1e-5, atol=1e-5)
-        np.testing.assert_allclose(by_law, expected[:, own], rtol=1e-5, atol=1e-5)
+        largest = np.abs(expected).max(axis=(0, 1))
+        assert (np.abs(by_state - expected[:, :N_STATES]) <= 2e-5 * largest).all()
+        assert (np.abs(by_law - expected[:, own]) <= 2e-5 * largest).all()
 
 
 def test_other_libraries_keep_their_features(numbers):
