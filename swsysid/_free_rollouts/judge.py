@@ -267,6 +267,8 @@ class _Runs:
             "atol": SETTINGS.accuracy * least,
             # a wrong model may chatter at its guards for ever
             "max_switches": SETTINGS.most_switches + len(record.t),
+            # and one whose terms cancel has a field of rounding, which no step is short enough for
+            "max_steps": SETTINGS.most_steps * (SETTINGS.first_samples + len(record.t)),
         }
         inputs = record.u if record.u.shape[1] else None
         return self.model.simulate(start, record.t, inputs, **options)

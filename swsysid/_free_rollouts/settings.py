@@ -37,6 +37,8 @@ class Judgement:
     # which a model chatters.
     accuracy: float = 1e-3
     most_switches: int = 100
+    # Steps of the integrator for a sample: the plants of `benchmarks/trajectories` take up to 5.
+    most_steps: int = 50
 
 
 SETTINGS = Judgement()
