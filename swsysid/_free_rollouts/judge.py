@@ -201,7 +201,7 @@ def free_rollouts(
     one. `noise` is that of the first columns of the states, one for each of the `channels`.
     `unseen` recordings have taken no part in the fit.
     """
-    runs = _Runs(model, input_hold)
+    runs = ModelRuns(model, input_hold)
     return judged(runs, courses, noise, channels, together=together, over=over, unseen=unseen)
 
 
@@ -250,7 +250,7 @@ def judged(
 
 
 @dataclass(frozen=True)
-class _Runs:
+class ModelRuns:
     """The model, and how it is rolled out."""
 
     model: Simulates

@@ -8,9 +8,11 @@ import numpy as np
 
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.courses import SLIDES, Course, switches_of_stays
-from swsysid._free_rollouts.judge import FreeRollouts, free_rollouts
+from swsysid._free_rollouts.judge import FreeRollouts, ModelRuns
+from swsysid._free_rollouts.judge import judged as judged_rollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._results import Array
+from swsysid._stays.free_runs import FreeRuns
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.origin import Origin
@@ -35,14 +37,9 @@ def judged(
     names = [label_text(label) for label in labels]
     courses = list(courses_of(found.estimate, origin, names, len(noise), stretch))
     seen = noise_of_samples(found.estimate, origin, names, noise)
-    judgement = free_rollouts(
-        found.model,
-        courses,
-        seen,
-        channels,
-        together=together,
-        over=f"stretches of {stretch} samples" if stretch else "",
-    )
+    over = f"stretches of {stretch} samples" if stretch else ""
+    runs = FreeRuns.of(found, origin, courses, noise) or ModelRuns(found.model, "linear")
+    judgement = judged_rollouts(runs, courses, seen, channels, together=together, over=over)
     return judgement, seen
 
 
