@@ -18,7 +18,7 @@ from swsysid._free_rollouts.courses import Course
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._stays.guards import Guards
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.laws import Modes, slopes_of
+from swsysid._stays.laws import Laws, Modes, slopes_of
 from swsysid._stays.origin import Origin
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
@@ -30,7 +30,8 @@ from swsysid.refinement._trajectories import Record
 class FreeRuns:
     """The rollouts of an identification: those of all courses at the first question for one."""
 
-    laws: SlidingLaws
+    laws: Laws
+    guards: Guards
     origin: Origin
     grid: Recordings  # how finely the fit was integrated
     courses: Sequence[Course]
@@ -46,8 +47,8 @@ class FreeRuns:
         seen = (noise > LIMITS.unseen * estimate.laws.spread[: len(noise)]).all()
         if guards is None or not seen:
             return None
-        laws = SlidingLaws.of(estimate.laws.known(), guards)
-        return cls(laws, origin, estimate.nodes.recordings, courses)
+        laws = estimate.laws.known()
+        return cls(laws, guards, origin, estimate.nodes.recordings, courses)
 
     def __call__(self, course: Course, start: Array, noise: Array) -> Trajectory:
         """The rollout of one course; the noise is that of the fit."""
@@ -72,7 +73,7 @@ class FreeRuns:
             Recordings.of(records, guess).divided(self.grid.per_sample),
             first_step=self.grid.first_step,
         )
-        run = _Run(self.laws, grid, starts - of_x)
+        run = _Run(self.laws, self.guards, grid, starts - of_x)
         run.go()
         return [run.trajectory(k, one.record.t, of_x) for k, one in enumerate(courses)]
 
@@ -80,8 +81,9 @@ class FreeRuns:
 class _Run:
     """States and modes of all recordings, step by step."""
 
-    def __init__(self, laws: SlidingLaws, grid: Recordings, starts: Array):
-        self.laws, self.guards, self.grid = laws, laws.guards, grid
+    def __init__(self, laws: Laws, guards: Guards, grid: Recordings, starts: Array):
+        self.plain, self.guards, self.grid = laws, guards, grid
+        self.laws = SlidingLaws.of(laws, guards)
         self.n_modes, self.pairs = len(laws.coef), pairs_of(len(laws.coef))
         self.x = starts
         self.modes = modes_at(self.guards, starts, grid.u[0])
@@ -108,11 +110,12 @@ class _Run:
             self.told.append(modes)
 
     def _stepped(self, modes: Modes, x: Array, u: Array, after: Array, steps: Array) -> Array:
+        laws = self.laws if (modes >= self.n_modes).any() else self.plain
         if self.grid.first_step == 1.0:
-            return self.laws.step(modes, x, u, after, steps)
+            return laws.step(modes, x, u, after, steps)
         middle = 0.5 * (u + after)
-        x = self.laws.step(modes, x, u, middle, 0.5 * steps)
-        return self.laws.step(modes, x, middle, after, 0.5 * steps)
+        x = laws.step(modes, x, u, middle, 0.5 * steps)
+        return laws.step(modes, x, middle, after, 0.5 * steps)
 
     def _crossed(
         self, rows: NDArray[np.intp], ahead: Modes, u: Array, after: Array, steps: Array
