@@ -1,0 +1,59 @@
+"""Free rollouts side by side are those of a simulation that locates its events."""
+
+import numpy as np
+import pytest
+
+from benchmarks.trajectories.plants import PLANTS
+from benchmarks.trajectories.recordings import Scenario, record
+from swsysid._free_rollouts.courses import Course
+from swsysid._stays.free_runs import FreeRuns
+from swsysid._stays.guards import Guards
+from swsysid._stays.origin import Origin
+from swsysid._stays.polynomial_laws import laws_of
+from swsysid._stays.recordings import Recordings
+from swsysid.refinement._trajectories import Record
+
+
+def side_by_side(name, offset):
+    """Rollouts of true laws from true starts, columns counted from an offset, and the truth's."""
+    plant = PLANTS[name]
+    campaign, truth = record(plant, Scenario(0.0, 60, 3), 5), plant.truth()
+    spread = campaign.columns.std(axis=0)
+    n = campaign.states.shape[1]
+    laws = laws_of(truth.coef_, truth.feature_map, spread[:n], np.zeros(truth.coef_.shape, bool))
+    origin = Origin(offset * np.ones(campaign.columns.shape[1]))
+    courses = []
+    for label in np.unique(campaign.groups):
+        rows = campaign.groups == label
+        u = np.empty((rows.sum(), 0)) if campaign.inputs is None else campaign.inputs[rows]
+        x = campaign.states[rows] + offset
+        courses.append(Course(f"{label}", Record(campaign.t[rows], x, u + offset), x[0]))
+    guards = Guards.of(truth.surface, spread, plant.n_modes)
+    records = [one.record for one in courses]
+    grid = Recordings.of(records, [one.y for one in records])  # half a sample at a time
+    runs = FreeRuns(laws, guards, origin, grid, courses)
+    return [runs(one, one.start, np.ones(n)) for one in courses], campaign, truth
+
+
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+@pytest.mark.parametrize(
+    "name", ["contact", "dry friction, forced", "backlash, three modes", "switched by the input"]
+)
+def test_states_and_events_are_those_of_the_simulation(name, offset):
+    found, campaign, truth = side_by_side(name, offset)
+    spread = campaign.states.std(axis=0)
+    for label, run in enumerate(found):
+        rows = campaign.groups == label
+        states, t = campaign.states[rows], campaign.t[rows]
+        inputs = None if campaign.inputs is None else campaign.inputs[rows]
+        expected = truth.simulate(states[0], t, inputs, input_hold="linear")
+        assert run.status.ok
+        # steps of a hundred and twentieth of a period, and events to a thousandth of a step
+        np.testing.assert_allclose(run.x - offset, states, atol=2e-3 * spread.max())
+        told = [(one.kind, one.before, one.after) for one in run.events if one.kind != "leaving"]
+        known = [
+            (one.kind.replace("input", "crossing"), one.before, one.after)
+            for one in expected.events
+            if one.kind != "leaving"
+        ]
+        assert told == known
