@@ -8,7 +8,6 @@ from numbers import Integral, Real
 from typing import TypeGuard, TypeVar
 
 import numpy as np
-from sklearn.utils import check_random_state
 
 T = TypeVar("T")
 # Days of work: a number beyond is a slip of the hand.
@@ -140,6 +139,9 @@ def random_numbers(value: object) -> np.random.RandomState:
             f"random_state={shown(value)} must be None, a whole number from 0 to 2^32 - 1, or a "
             "numpy.random.RandomState."
         )
+    # a refusal of the command line checks words and numbers, and need not wait for this library
+    from sklearn.utils import check_random_state
+
     return check_random_state(value)
 
 
