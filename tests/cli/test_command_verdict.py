@@ -31,7 +31,7 @@ SAYINGS = (
     "Do not trust the modes",
     "do not decide whether",
     "no better than the mean",
-    "do not say which mode is active",
+    "does not say which mode is active",
     "Switching explains all that was recorded",
     "No switching",
 )
