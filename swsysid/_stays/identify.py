@@ -113,7 +113,7 @@ class Alternation:
             told()
             if turn >= n_prices - 1 and not changed:
                 break
-        if self._separates and not self.leaves_noise:
+        if self._separates:
             self._restarted(told)
         while self._simplified():
             told()
@@ -252,10 +252,17 @@ class Alternation:
         return leaves_noise(self.best.reached, self.first_noise)
 
     def _restarted(self, told: Callable[[], object]) -> None:
-        """Go on from the best laws without their surface: stays may agree with a wrong one."""
-        self._go_on_from(self.best, None)
+        """Go on from the best laws without their surface: stays may agree with a wrong one.
+
+        As long as that is better, or as more than noise is left.
+        """
+        best, enough = self.best, self.leaves_noise
+        self._go_on_from(best, None)
         self.modes, self.last = np.full(self.modes.shape, -1), None
         for stage in range(len(self.settings.prices)):
+            if stage >= self.settings.settled and enough:
+                if self.found[-1].criterion > best.criterion - self.settings.nearly_converged:
+                    break
             self._round(stage)
             told()
 

@@ -22,7 +22,7 @@ from swsysid._ties import least_of
 
 
 @dataclass(frozen=True)
-class _Pair:
+class Pair:
     """Two modes, nats that it costs to make their laws equal, and the law of both."""
 
     cost: float
@@ -31,7 +31,7 @@ class _Pair:
     law: Array  # (n_states, n_features)
 
     @classmethod
-    def of(cls, found: StayIdentification, first: int, second: int, covariance: Array) -> _Pair:
+    def of(cls, found: StayIdentification, first: int, second: int, covariance: Array) -> Pair:
         """That of two modes; coefficients that only one of them seeks are that one's."""
         laws = found.estimate.laws
         mode, state, feature = laws.places
@@ -48,6 +48,14 @@ class _Pair:
         return cls(0.5 * float(change @ told), first, second, law)
 
 
+def closest(found: StayIdentification) -> Pair:
+    """The two modes whose laws it costs least to make equal."""
+    covariance = found.reached.covariance.of_laws
+    modes = range(len(found.estimate.laws.coef))
+    pairs = [Pair.of(found, *both, covariance) for both in combinations(modes, 2)]
+    return least_of(pairs, lambda pair: pair.cost)
+
+
 def merged(
     found: StayIdentification, most: float
 ) -> tuple[SwitchingSystemRegressor, NDArray[np.bool_]] | None:
@@ -55,18 +63,12 @@ def merged(
 
     None where that costs more nats than `most`.
     """
-    laws = found.estimate.laws
-    covariance = found.reached.covariance.of_laws
-    pairs = [
-        _Pair.of(found, first, second, covariance)
-        for first, second in combinations(range(len(laws.coef)), 2)
-    ]
-    closest = least_of(pairs, lambda pair: pair.cost)
-    if closest.cost > most:
+    laws, pair = found.estimate.laws, closest(found)
+    if pair.cost > most:
         return None
     coef, free = laws.coef.copy(), laws.free.copy()
-    coef[closest.first] = closest.law
-    free[closest.first] |= free[closest.second]
+    coef[pair.first] = pair.law
+    free[pair.first] |= free[pair.second]
     model = copy(found.model)
-    model.coef_ = np.delete(coef, closest.second, axis=0)
-    return model, np.delete(free, closest.second, axis=0)
+    model.coef_ = np.delete(coef, pair.second, axis=0)
+    return model, np.delete(free, pair.second, axis=0)

@@ -17,7 +17,7 @@ from sklearn.base import clone
 from swsysid._checks.parameters import shown, whole
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
-from swsysid._stays.count import CountCandidate, fewest_modes
+from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
 from swsysid._stays.exact import ExactModes, exact_modes
 from swsysid._stays.given import Given, check_channels
 from swsysid._stays.grown import grown
@@ -33,7 +33,7 @@ from swsysid._stays.intervals import (
     without_equal,
 )
 from swsysid._stays.laws import Laws
-from swsysid._stays.merged import merged
+from swsysid._stays.merged import closest, merged
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import misfits
 from swsysid._stays.sensors import without_clipped
@@ -174,7 +174,20 @@ class Search:
             self.told()
             if start.leaves_noise:
                 break
-        return self._finished(least_of(begun, lambda one: one.best.criterion))
+        best = self._finished(least_of(begun, lambda one: one.best.criterion))
+        return self._without_equal_laws(best)
+
+    def _without_equal_laws(self, found: StayIdentification) -> StayIdentification:
+        """The same, or with one mode fewer where two laws differ by less than one of them takes."""
+        laws, n_modes = found.estimate.laws, len(found.estimate.laws.coef)
+        if not self.surfaces or n_modes < 2 or is_exact(found):
+            return found
+        n_values = np.isfinite(found.estimate.nodes.y).sum()
+        pair = closest(found)
+        if pair.cost > 0.5 * np.log(max(2, n_values)) * laws.free[pair.second].sum():
+            return found
+        both = {n_modes: found, n_modes - 1: self.with_modes(n_modes - 1)}
+        return both[least_of(both, lambda n: criterion(n, both[n]).criterion)]
 
     def _starts(self, n_modes: object, fewer: StayIdentification | None) -> Iterator[Alternation]:
         """One for each window of differentiation.
