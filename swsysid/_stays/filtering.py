@@ -59,11 +59,23 @@ class Filter(Protocol):
         """
 
 
-class Half(NamedTuple):
-    """The linear flow of every mode through halves of all intervals: offset + slope @ state."""
+class Linear(NamedTuple):
+    """A function of the state for every mode in all intervals: offset + slope @ state."""
 
     offset: Array  # (n_states, n_modes, n_steps, n_recordings)
     slope: Array  # (n_states, n_states, n_modes, n_steps, n_recordings)
+
+    def of_all(self, k: int) -> tuple[Array, Array]:
+        """Of all modes in one interval, (..., n_recordings, 1, n_modes)."""
+        offset, slope = self.offset[:, :, k], self.slope[:, :, :, k]
+        return np.swapaxes(offset, 1, 2)[:, :, None], np.swapaxes(slope, 2, 3)[:, :, :, None]
+
+    def at(self, k: int, states: Array) -> Array:
+        """Values at states (n_states, n_recordings, n_kept, 1), for all modes."""
+        value, slope = self.of_all(k)
+        for b, own in enumerate(states):
+            value = value + slope[:, b] * own
+        return value
 
 
 class Surfaces(NamedTuple):
@@ -80,8 +92,8 @@ class FlowFilter:
     noise: Array  # (n_states,): of the measurement
     disturbance: Array  # (n_states,)
     spread: Array  # (n_states,)
-    halves: tuple[Half, Half]
-    velocities: Array  # (n_states, n_modes, n_steps, n_recordings): in the middle of intervals
+    halves: tuple[Linear, Linear]
+    rates: Linear  # velocities in the middle of intervals
     steps: Array  # (n_steps, n_recordings)
     surfaces: Surfaces | None = None
     entering: Array | None = None  # (n_states, n_modes): variances more where a mode is entered
@@ -98,19 +110,24 @@ class FlowFilter:
             _half(laws, flat[0], flat[2], of_inputs, 0.5 * steps, shape),
             _half(laws, middle, of_inputs, flat[3], 0.5 * steps, shape),
         )
-        rates = (flat[3] - flat[2]) / np.where(steps > 0.0, steps, np.inf)[:, None]
+        moves = (flat[3] - flat[2]) / np.where(steps > 0.0, steps, np.inf)[:, None]
         every = [np.full(len(steps), mode, dtype=np.intp) for mode in laws.modes]
-        velocities = np.stack(
-            [laws.velocities(one, middle, of_inputs, rates).T for one in every], 1
-        )
-        velocities = velocities.reshape(*velocities.shape[:2], *shape)
+        values = np.stack(
+            [laws.velocities(one, middle, of_inputs, moves).T for one in every], axis=1
+        ).reshape(-1, len(every), *shape)
+        # a flow through half an interval changes with the state as the velocity does, times that
+        unit = np.eye(len(laws.spread))[:, :, None, None, None]
+        half = 0.5 * np.where(recordings.steps > 0.0, recordings.steps, np.inf)
+        slope = (halves[1].slope - unit) / half
+        offset = values - (slope * middle.T.reshape(-1, 1, *shape)).sum(axis=1)
+        rates = Linear(offset, slope)
         surfaces = _surfaces(laws, flat[1], flat[3], shape)
-        return cls(noise, disturbance, laws.spread, halves, velocities, recordings.steps, surfaces)
+        return cls(noise, disturbance, laws.spread, halves, rates, recordings.steps, surfaces)
 
     @property
     def n_modes(self) -> int:
         """Number of modes and slides."""
-        return self.velocities.shape[1]
+        return self.rates.offset.shape[1]
 
     def disturbed(self, disturbance: Array) -> FlowFilter:
         """The same with another disturbance."""
@@ -124,11 +141,9 @@ class FlowFilter:
         # now each hypothesis in every mode
         every = np.arange(self.n_modes)
         wide = Belief(half.mean[..., None], half.covariance[..., None])
-        offset = second.offset[:, :, k].transpose(0, 2, 1)[:, :, None, :]
-        slope = second.slope[:, :, :, k].transpose(0, 1, 3, 2)[:, :, :, None, :]
-        mean, covariance = _through(offset, slope, wide)
-        of_new = self.velocities[:, :, k].transpose(0, 2, 1)[:, :, None, :]
-        jump = (of_new - self.velocities[:, modes, k, rows][..., None]) * duration
+        mean, covariance = _through(*second.of_all(k), wide)
+        rates = self.rates.at(k, half.mean[..., None])
+        jump = (rates - np.take_along_axis(rates, modes[None, ..., None], axis=3)) * duration
         covariance += jump[:, None] * jump[None] / 12.0
         diagonal = np.arange(len(mean))
         more = np.square(self.disturbance)[:, None, None, None] * duration
@@ -180,7 +195,7 @@ def _through(offset: Array, slope: Array, belief: Belief) -> Belief:
 
 def _half(
     laws: Laws, x: Array, u: Array, after: Array, steps: Array, shape: tuple[int, int]
-) -> Half:
+) -> Linear:
     """The flows of all modes around rough states (n_rows, n_states)."""
     offsets, slopes = [], []
     for mode in laws.modes:
@@ -188,7 +203,9 @@ def _half(
         offsets.append(ends.T - (slope * x.T).sum(axis=1))
         slopes.append(slope)
     offset, slope = np.stack(offsets, axis=1), np.stack(slopes, axis=2)
-    return Half(offset.reshape(*offset.shape[:2], *shape), slope.reshape(*slope.shape[:3], *shape))
+    return Linear(
+        offset.reshape(*offset.shape[:2], *shape), slope.reshape(*slope.shape[:3], *shape)
+    )
 
 
 def _surfaces(laws: Laws, x: Array, u: Array, shape: tuple[int, int]) -> Surfaces | None:
