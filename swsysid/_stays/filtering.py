@@ -115,10 +115,10 @@ class FlowFilter:
         values = np.stack(
             [laws.velocities(one, middle, of_inputs, moves).T for one in every], axis=1
         ).reshape(-1, len(every), *shape)
-        # a flow through half an interval changes with the state as the velocity does, times that
-        unit = np.eye(len(laws.spread))[:, :, None, None, None]
+        # the logarithm of a flow's slope is that of its velocity times the duration
+        change = halves[1].slope - np.eye(len(laws.spread))[:, :, None, None, None]
         half = 0.5 * np.where(recordings.steps > 0.0, recordings.steps, np.inf)
-        slope = (halves[1].slope - unit) / half
+        slope = (change - 0.5 * np.einsum("abmkr,bcmkr->acmkr", change, change)) / half
         offset = values - (slope * middle.T.reshape(-1, 1, *shape)).sum(axis=1)
         rates = Linear(offset, slope)
         surfaces = _surfaces(laws, flat[1], flat[3], shape)
