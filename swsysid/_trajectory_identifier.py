@@ -54,8 +54,9 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
     observed : sequence of str or int, default=None
         States that are measured. None means all; hidden states are refused with what to do.
     refine : bool, default=True
-        Whole recordings are rolled out from one start. False leaves stretches of some 30 samples
-        apart, each with a start of its own: for chaotic systems, whose rollouts mean nothing.
+        Whole recordings are rolled out from one start. False ties every sample to the one before
+        within 0.4 of the noise, and judges rollouts over stretches of some 30 samples: for chaotic
+        systems, whose longer rollouts mean nothing.
     n_jobs : int, default=None
         Given to `estimator`, whose starts run side by side; the answer is the same for any.
     random_state : int, RandomState instance or None, default=None

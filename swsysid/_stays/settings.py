@@ -119,10 +119,9 @@ class Limits:
     # -- one more mode: of the largest singular value of the features of a segment, the least along
     # which its slopes change a law
     told_by_few: float = 0.1
-    # -- Kalman's filter: variance of what was not measured, in units of the noise's; how well a
-    # rough state is known, in spreads; what one sample may cost in squares: outliers are bounded;
-    # log likelihood of a sample that has none, since its rollout diverges
-    missing: float = 1e12
+    # -- Kalman's filter: how well a rough state is known, in spreads; what one sample may cost in
+    # squares: outliers are bounded; log likelihood of a sample that has none, since its rollout
+    # diverges
     roughly_known: float = 0.5
     most_squares: float = 60.0
     steady: float = 0.01  # of a velocity: by how much it varies at least
