@@ -1,6 +1,19 @@
-"""Identification on stays: a method for recordings, measured here before it enters the package.
+"""Identification from recordings: noisy states, no derivatives.
 
-Between two switches a recording stays in one mode. With the stays given, laws, states and switch
-instants of highest likelihood are a smooth problem, in which noise is where it was measured and
-nothing is differentiated; with the laws given, the stays are decoded.
+*Problem.* Between two switches a recording stays in one mode. With the stays given, laws, states and
+switch instants of highest likelihood are a smooth problem, in which noise is where it was measured;
+with the laws given, the stays are decoded.
+
+*In*: recordings (times, measured states, inputs) and a `SwitchingSystemRegressor` that says which
+library, surface and number of modes. *Out*: a `StayIdentification` with its model, standard errors
+and doubts.
+
+In reading order: `given`, `pieces`, `sensors`, `origin` and `recordings` are what is measured;
+`stays` and `nodes` say modes, instants and a state at every time. `laws`, `polynomial_laws`,
+`sliding` and `guards` are vector fields and surfaces with derivatives. *Estimate*: `flow`,
+`equations`, `arrow`, `lifted`, `descent`, all intervals in one pass. *Assign*: `filtering`,
+`decoding`, `assign`. *Refit the surface*: `surfaces`, `monomials`. `start`, `identify`, `search`,
+`count`, `grown`, `merged`, `terms` are rounds, starts, numbers of modes and terms; `retold` and
+`visits` tell single stays otherwise; `intervals` and `exact` are for recordings without noise.
+`certainty`, `doubts`, `free`, `free_runs` and `reported` say how sure all that is.
 """
