@@ -182,7 +182,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
             origin = Origin.of(given, estimator, order)
             counted = origin.counted(pieces.given)
             search = Search(estimator, counted, order, self.observed, settings, bar.update)
-            found = origin.told(search.identified())
+            found = origin.told(search.weighted(search.identified(), origin))
         self._store(found, search, origin, pieces)
         return self
 

@@ -90,6 +90,11 @@ class SampleNoise:
             once,
         )
 
+    @property
+    def differs(self) -> bool:
+        """True if it differs from sample to sample."""
+        return any(one.share or one.by_recording for one in self.channels)
+
     def at(self, values: Array, label: str) -> Array:
         """Standard deviations of the samples of a course, (n_samples, n_channels)."""
         recording = self.labels.index(label)

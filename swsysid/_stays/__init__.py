@@ -1,8 +1,8 @@
 """Identification from recordings: noisy states, no derivatives.
 
-*Problem.* Between two switches a recording stays in one mode. With the stays given, laws, states and
-switch instants of highest likelihood are a smooth problem, in which noise is where it was measured;
-with the laws given, the stays are decoded.
+*Problem.* Between two switches a recording stays in one mode. With the stays given, laws, states
+and switch instants of highest likelihood are a smooth problem, in which noise is where it was
+measured; with the laws given, the stays are decoded.
 
 *In*: recordings (times, measured states, inputs) and a `SwitchingSystemRegressor` that says which
 library, surface and number of modes. *Out*: a `StayIdentification` with its model, standard errors

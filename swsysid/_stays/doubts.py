@@ -18,7 +18,7 @@ from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import slopes_of
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.origin import Origin
-from swsysid._stays.samples import Samples, misfits, states_of
+from swsysid._stays.samples import Samples, left_over, states_of
 from swsysid._stays.settings import LIMITS
 
 
@@ -115,7 +115,7 @@ class FitLeft:
         """Samples that are few and far are outliers; more of them are no outliers any more."""
         estimate, n_channels = found.estimate, given.n_channels
         recordings = estimate.nodes.recordings
-        left, states = misfits(estimate), origin.states(states_of(estimate))
+        left, states = left_over(estimate), origin.states(states_of(estimate))
         parts = [
             left[places, k, :n_channels] / noise.at(states[places, k, :n_channels], label)
             for k, (places, label) in enumerate(

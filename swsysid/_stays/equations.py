@@ -72,11 +72,14 @@ class NodeEquations:
 
     # -- residuals ---------------------------------------------------------------------------
 
-    def add_samples(self, misfit: Array, seen: NDArray[np.bool_]) -> None:
-        """Misfits of the samples, in units of the noise; zero where nothing was measured."""
+    def add_samples(self, misfit: Array, slopes: Array) -> None:
+        """Misfits of the samples in units of their noise, and minus their slopes by the nodes.
+
+        Both are zero where nothing was measured.
+        """
         every = np.arange(self.n_states)
-        self.diagonal[every, every] += seen.T
-        self.right += misfit
+        self.diagonal[every, every] += np.square(slopes).T
+        self.right += misfit * slopes
         self.value += 0.5 * float(np.square(misfit).sum())
 
     def add_ties(self, legs: Legs, nodes: Rows, gaps: Array, weight: Array) -> None:

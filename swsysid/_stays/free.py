@@ -16,7 +16,7 @@ from swsysid._stays.free_runs import FreeRuns
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.origin import Origin
-from swsysid._stays.samples import misfits, states_of
+from swsysid._stays.samples import left_over, states_of
 from swsysid.refinement._trajectories import Record
 
 
@@ -73,7 +73,7 @@ def noise_of_samples(
 ) -> SampleNoise:
     """Of this size, or as what the fit leaves shows that it differs from sample to sample."""
     recordings = estimate.nodes.recordings
-    left, states = misfits(estimate), origin.states(states_of(estimate))
+    left, states = left_over(estimate), origin.states(states_of(estimate))
     parts = [
         (left[places, k, : len(noise)], states[places, k, : len(noise)])
         for k, places in enumerate(recordings.sampled)

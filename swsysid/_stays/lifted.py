@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._stays.equations import NodeEquations
@@ -186,8 +185,7 @@ class Objective:
             # not say when a recording switches
             hold=nodes.recordings.interval**-2.0,
         )
-        misfit, seen = self._misfit(estimate)
-        equations.add_samples(misfit, seen)
+        equations.add_samples(*self._misfit(estimate))
         weights = self._weights(nodes)
         for legs in steady_legs(estimate.motion, nodes, states):
             self._add_ties(equations, estimate, legs, weights)
@@ -238,11 +236,12 @@ class Objective:
         equations.add_sides(matrix, right)
         equations.value += of_sides
 
-    def _misfit(self, estimate: Estimate) -> tuple[Array, NDArray[np.bool_]]:
-        """Misfits in units of the noise, zero where nothing was measured, and where it was."""
-        left = (estimate.nodes.y - estimate.states) / self.noise
-        seen = np.isfinite(estimate.nodes.y)
-        return np.where(seen, left, 0.0), seen
+    def _misfit(self, estimate: Estimate) -> tuple[Array, Array]:
+        """Misfits in units of the noise, zero where nothing was measured, and their slopes."""
+        nodes = estimate.nodes
+        left = (nodes.y - estimate.states) / (self.noise * nodes.sizes)
+        seen = np.isfinite(nodes.y)
+        return np.where(seen, left, 0.0), np.where(seen, 1.0 / nodes.sizes, 0.0)
 
     def _weights(self, nodes: Nodes) -> Array:
         """Of the ties, (n_intervals,)."""

@@ -27,6 +27,8 @@ class Nodes:
     ----------
     y, u : ndarray of shape (n_nodes, n_states), (n_nodes, n_inputs)
         Measured states, NaN where there is none, and inputs.
+    sizes : ndarray of shape (n_nodes, n_states)
+        Noise of the samples, by that of their channel.
     recording : ndarray of shape (n_nodes,)
     begins : ndarray of shape (n_intervals,)
         Node at which each interval begins; it ends at the next one.
@@ -42,6 +44,8 @@ class Nodes:
     def __init__(self, recordings: Recordings, stays: Sequence[Stays]):
         self.recordings, self.stays = recordings, list(stays)
         self.y, self.u = recordings.in_a_row(recordings.y), recordings.in_a_row(recordings.u)
+        sizes = recordings.sizes
+        self.sizes = np.ones_like(self.y) if sizes is None else recordings.in_a_row(sizes)
         lengths = recordings.lengths
         self.recording = np.repeat(np.arange(len(recordings)), lengths)
         ends = np.cumsum(lengths)

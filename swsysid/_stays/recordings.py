@@ -39,6 +39,7 @@ class Recordings:
     y: Array  # (n_times, n_recordings, n_states): measured states, NaN where there is none
     u: Array  # (n_times, n_recordings, n_inputs): inputs, linear between samples
     guess: Array  # like y: all states, roughly
+    sizes: Array | None = None  # like y: noise of the samples by that of their channel; None is 1
     first_step: float = 0.5  # part of a step that is integrated at once: a half, or 1
     per_sample: int = 1  # steps between two samples that follow each other as usual
 
@@ -141,8 +142,13 @@ class Recordings:
         y[np.arange(len(y))[:, None] >= [len(t) for t in times]] = np.nan
         u, guess = (pieces_of(part, pieces, further=1) for part in (self.u, self.guess))
         sampled = tuple(np.arange(len(t)) for t in times)
-        steps = pieces_of(self.steps, pieces)
-        return replace(self, times=times, sampled=sampled, steps=steps, y=y, u=u, guess=guess)
+        steps, sizes = pieces_of(self.steps, pieces), self.sizes
+        if sizes is not None:
+            sizes = pieces_of(sizes, pieces, further=1)
+            sizes[sizes == 0.0] = 1.0  # after the end
+        return replace(
+            self, times=times, sampled=sampled, steps=steps, y=y, u=u, guess=guess, sizes=sizes
+        )
 
     def with_long_steps(self) -> Recordings:
         """The same, every step integrated at once."""
@@ -156,15 +162,18 @@ class Recordings:
         low = np.minimum(fine.astype(int), len(self.steps) - 1)
         share = (fine - low)[:, None, None]
         u, guess = (one[low] + share * (one[low + 1] - one[low]) for one in (self.u, self.guess))
-        y = np.full(guess.shape, np.nan)
+        y, sizes = np.full(guess.shape, np.nan), None
         y[::parts] = self.y
+        if self.sizes is not None:
+            sizes = np.ones(guess.shape)
+            sizes[::parts] = self.sizes
         return replace(
             self,
             times=tuple(np.interp(fine[: (len(t) - 1) * parts + 1], np.arange(len(t)), t)
                         for t in self.times),
             sampled=tuple(places * parts for places in self.sampled),
             steps=np.repeat(self.steps, parts, axis=0) / parts,
-            y=y, u=u, guess=guess,
+            y=y, u=u, guess=guess, sizes=sizes,
             per_sample=self.per_sample * parts,
         )  # fmt: skip
 

@@ -47,6 +47,12 @@ class Samples:
 
 
 def misfits(estimate: Estimate) -> Array:
+    """Measured minus estimated states, padded like the measurements, as large as usual noise is."""
+    left, sizes = left_over(estimate), estimate.nodes.recordings.sizes
+    return left if sizes is None else left / sizes
+
+
+def left_over(estimate: Estimate) -> Array:
     """Measured minus estimated states, padded like the measurements."""
     return estimate.nodes.recordings.y - states_of(estimate)
 

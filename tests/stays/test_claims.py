@@ -165,3 +165,25 @@ def test_fewer_modes_than_asked_for_and_the_most_tried_are_said():
     assert not list(mode_doubts(2, 2, 2)) and not list(mode_doubts(2, "auto", 6))
     assert "show 2 of the 3 modes asked for" in next(mode_doubts(2, 3, 3))
     assert "raise max_modes" in next(mode_doubts(6, "auto", 6))
+
+
+def test_a_fit_counts_samples_by_the_noise_that_they_are_seen_to_have():
+    t, rng = np.linspace(0.0, 10.0, 251), np.random.default_rng(3)
+    plant = StatedModel(
+        None, [[[0, 1], [-1, -0.1]], [[0, 1], [-4, -0.1]]], states=["x", "v"],
+        surface=StatedSurface([[0, 1, 0]], 1),
+    )  # fmt: skip
+    recordings = []
+    for start, noise in zip(([1, 1], [-2, 0], [1.5, -1], [0.5, 2]), (0.01, 0.01, 0.08, 0.08)):
+        x = plant.simulate(start, t).x
+        recordings.append({"t": t, "x": x + noise * rng.standard_normal(x.shape)})
+    estimator = SwitchingSystemRegressor(sparsity="auto", random_state=0)
+    found = TrajectoryIdentifier(estimator).fit(recordings)
+    clear = TrajectoryIdentifier(estimator).fit(recordings[:2])
+    # two recordings of a tenth of the noise tell nearly all: with equal weights errors are as large
+    # as those of the others, four times these
+    order = np.argsort([-one.coef_[:, 1, 0] for one in (found.estimator_, clear.estimator_)])
+    errors = [one.coef_errors_[own] for one, own in zip((found, clear), order, strict=True)]
+    told = errors[1] > 0.0
+    assert (errors[0][told] < 1.3 * errors[1][told]).all()
+    assert "differs by recording" in str(found.report_)
