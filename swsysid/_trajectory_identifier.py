@@ -22,6 +22,7 @@ from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
 from swsysid._stays.sensors import warn_of_turns
 from swsysid._stays.settings import StaySettings
+from swsysid._stays.weighted import weighted
 from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
 
 
@@ -182,7 +183,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
             origin = Origin.of(given, estimator, order)
             counted = origin.counted(pieces.given)
             search = Search(estimator, counted, order, self.observed, settings, bar.update)
-            found = origin.told(search.weighted(search.identified(), origin))
+            found = origin.told(weighted(search.identified(), search, origin))
         self._store(found, search, origin, pieces)
         return self
 

@@ -15,5 +15,6 @@ In reading order: `given`, `pieces`, `sensors`, `origin` and `recordings` are wh
 `decoding`, `assign`. *Refit the surface*: `surfaces`, `monomials`. `start`, `identify`, `search`,
 `count`, `grown`, `merged`, `terms` are rounds, starts, numbers of modes and terms; `retold` and
 `visits` tell single stays otherwise; `intervals` and `exact` are for recordings without noise.
-`certainty`, `doubts`, `free`, `free_runs` and `reported` say how sure all that is.
+`weighted` counts samples by their noise; `certainty`, `doubts`, `free`, `free_runs` and `reported`
+say how sure all that is.
 """

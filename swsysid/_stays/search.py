@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._checks.parameters import shown, whole
-from swsysid._data.trajectories import label_text
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
 from swsysid._stays.exact import ExactModes, exact_modes
-from swsysid._stays.free import noise_of_samples
 from swsysid._stays.given import Given, check_channels
 from swsysid._stays.grown import grown
 from swsysid._stays.identification import StayIdentification
@@ -36,9 +34,8 @@ from swsysid._stays.intervals import (
 )
 from swsysid._stays.laws import Laws
 from swsysid._stays.merged import closest, merged
-from swsysid._stays.origin import Origin
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.samples import misfits, states_of
+from swsysid._stays.samples import misfits
 from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.start import Differentiated, differentiated, start_from
@@ -121,22 +118,10 @@ class Search:
                 return found
             return self.with_modes(self.estimator.n_modes)
 
-    def weighted(self, found: StayIdentification, origin: Origin) -> StayIdentification:
-        """The same, fitted by the noise of every sample where that is seen to differ."""
-        estimate, n_channels = found.estimate, self.given.n_channels
-        recordings, names = estimate.nodes.recordings, list(map(label_text, self.given.labels))
-        noise = noise_of_samples(estimate, origin, names, found.left[:n_channels])
-        if not noise.differs or self.is_exact:
-            return found
-        states = states_of(estimate)[:: recordings.per_sample]
-        sizes = np.ones_like(states)
-        for k, name in enumerate(names):
-            own = origin.states(states[:, k])[:, :n_channels]
-            sizes[:, k, :n_channels] = noise.at(own, name)
-        sizes /= np.sqrt(np.square(sizes).mean(axis=(0, 1)))
-        base = replace(self.base.recordings, guess=states, sizes=sizes)
+    def refitted(self, found: StayIdentification, recordings: Recordings) -> StayIdentification:
+        """Fitted anew to recordings whose samples count otherwise, from an answer."""
         with self.quietly():
-            begun = self.alternation(found.model, estimate.laws.free, base)
+            begun = self.alternation(found.model, found.estimate.laws.free, recordings)
             begun.begin()
             return self._finished(begun)
 

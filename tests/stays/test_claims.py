@@ -174,7 +174,8 @@ def test_a_fit_counts_samples_by_the_noise_that_they_are_seen_to_have():
         surface=StatedSurface([[0, 1, 0]], 1),
     )  # fmt: skip
     recordings = []
-    for start, noise in zip(([1, 1], [-2, 0], [1.5, -1], [0.5, 2]), (0.01, 0.01, 0.08, 0.08)):
+    starts = ([1, 1], [-2, 0], [1.5, -1], [0.5, 2])
+    for start, noise in zip(starts, (0.01, 0.01, 0.08, 0.08), strict=True):
         x = plant.simulate(start, t).x
         recordings.append({"t": t, "x": x + noise * rng.standard_normal(x.shape)})
     estimator = SwitchingSystemRegressor(sparsity="auto", random_state=0)
