@@ -23,7 +23,9 @@ def main(argv: list[str] | None = None) -> int:
         recording = _recording(arguments)
         from swsysid._cli.run import run  # what is refused above does not wait for it
 
-        return run(*recording, arguments)
+        code = run(*recording, arguments)
+        sys.stdout.flush()  # that a reader is gone shows here, not when the interpreter ends
+        return code
     except ValueError as error:  # sentences of ours, TableError among them
         print(f"swsysid: {error}", file=sys.stderr)
         return 2
