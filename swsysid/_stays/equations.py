@@ -84,10 +84,8 @@ class NodeEquations:
 
     def add_ties(self, legs: Legs, nodes: Rows, gaps: Array, weight: Array) -> None:
         """Gaps (n_rows, n_states) of some intervals, tied by weights (n_rows,), in these units."""
-        unit = self.unit
         first, after, columns = nodes, nodes + 1, legs.columns
-        F = legs.by_state * (unit[None, :, None] / unit[:, None, None])
-        G = legs.by_law / unit[:, None, None]
+        F, G = self._in_units(legs)
         square = np.square(weight)
         wF, wG, left = square * F, square * G, square[:, None] * gaps
         transposed, every = F.transpose(1, 0, 2), np.arange(self.n_states)
@@ -108,11 +106,9 @@ class NodeEquations:
 
     def add_instants(self, legs: Legs, by_instant: Array, gaps: Array, weight: Array) -> None:
         """What the gaps of the intervals with a switch say of its instant."""
-        unit = self.unit
-        by_instant, square = by_instant / unit, np.square(weight)[:, None]
+        by_instant, square = by_instant / self.unit, np.square(weight)[:, None]
         moved = (square * by_instant).T  # (n_states, n_switches)
-        F = legs.by_state * (unit[None, :, None] / unit[:, None, None])
-        G = legs.by_law / unit[:, None, None]
+        F, G = self._in_units(legs)
         self.own[:, : self.n_states] += np.einsum("abr,ar->rb", F, moved)
         self.own[:, self.n_states :] -= moved.T
         self.shared[:, legs.columns] += np.einsum("apr,ar->rp", G, moved)
@@ -141,6 +137,11 @@ class NodeEquations:
         """Equations of the coefficients of surfaces alone."""
         self.corner[self.n_laws :, self.n_laws :] += matrix
         self.right_of_corner[self.n_laws :] += right
+
+    def _in_units(self, legs: Legs) -> tuple[Array, Array]:
+        """Derivatives by states and by laws, both of states in units of the noise."""
+        unit = self.unit[:, None, None]
+        return legs.by_state * (self.unit[None, :, None] / unit), legs.by_law / unit
 
     # -- solving -----------------------------------------------------------------------------
 

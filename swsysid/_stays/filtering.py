@@ -23,7 +23,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from swsysid._results import Array
-from swsysid._stays.laws import Laws, Modes
+from swsysid._stays.laws import Laws, Modes, slope_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.sliding import SlidingLaws
@@ -110,7 +110,7 @@ class FlowFilter:
             _half(laws, flat[0], flat[2], of_inputs, 0.5 * steps, shape),
             _half(laws, middle, of_inputs, flat[3], 0.5 * steps, shape),
         )
-        moves = (flat[3] - flat[2]) / np.where(steps > 0.0, steps, np.inf)[:, None]
+        moves = slope_of(flat[2], flat[3], steps)
         every = [np.full(len(steps), mode, dtype=np.intp) for mode in laws.modes]
         values = np.stack(
             [laws.velocities(one, middle, of_inputs, moves).T for one in every], axis=1

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._stays.guards import Crossings
-from swsysid._stays.laws import Laws, products
+from swsysid._stays.laws import Laws, Modes, products, slope_of
 from swsysid._stays.nodes import Nodes, Rows
 from swsysid._stays.settings import LIMITS
 
@@ -50,65 +50,72 @@ def steady_legs(laws: Laws, nodes: Nodes, states: Array) -> Iterator[Legs]:
 def _steady(laws: Laws, mode: int, nodes: Nodes, rows: Rows, states: Array) -> Legs:
     first = nodes.begins[rows]
     x, u, after, steps = states[first], nodes.u[first], nodes.u[first + 1], nodes.steps[rows]
-    columns = laws.columns_of(mode)
     if nodes.recordings.first_step == 1.0:
-        return Legs(rows, *_in_order(laws.flow(mode, x, u, after, steps), columns))
-    middle = 0.5 * (u + after)
-    x, by_state, by_law = laws.flow(mode, x, u, middle, 0.5 * steps)
-    x, further, added = laws.flow(mode, x, middle, after, 0.5 * steps)
-    both = x, products(further, by_state), products(further, by_law) + added
-    return Legs(rows, *_in_order(both, columns))
-
-
-def _in_order(flown: tuple[Array, Array, Array], columns: NDArray[np.intp]) -> tuple:
-    x, by_state, by_law = flown
-    return x, by_state, columns, by_law
+        x, by_state, by_law = laws.flow(mode, x, u, after, steps)
+    else:
+        middle = 0.5 * (u + after)
+        x, by_state, by_law = laws.flow(mode, x, u, middle, 0.5 * steps)
+        x, further, added = laws.flow(mode, x, middle, after, 0.5 * steps)
+        by_state, by_law = products(further, by_state), products(further, by_law) + added
+    return Legs(rows, x, by_state, laws.columns_of(mode), by_law)
 
 
 def switching(laws: Laws, nodes: Nodes, states: Array) -> Switching:
     """Intervals with a switch, and what is so at their instants."""
-    rows = nodes.at
-    first, n_states = nodes.begins[rows], states.shape[1]
-    u, after, steps = nodes.u[first], nodes.u[first + 1], nodes.steps[rows]
-    share = nodes.shares()[rows]
-    middle = u + share[:, None] * (after - u)
-    old, new = nodes.old[rows], nodes.new[rows]
-    Z = np.zeros((len(rows), n_states, n_states + laws.n_free + 1))
+    at, n_states = _Parts.of(nodes, states, nodes.at), states.shape[1]
+    Z = np.zeros((len(nodes.at), n_states, n_states + laws.n_free + 1))
     Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
-    x, Z = laws.varied_step(old, states[first], Z, u, middle, share * steps)
-    rate = (after - u) / steps[:, None]
-    before = laws.velocities(old, x, middle, rate)
-    columns, rates = np.hstack([x, middle]), np.hstack([before, rate])
-    crossings = Crossings(*laws.sides(old, new), columns, rates, Z.copy())
-    Z[:, :, -1] = before - laws.velocities(new, x, middle, rate)
-    x, Z = laws.varied_step(new, x, Z, middle, after, (1.0 - share) * steps)
+    x, Z = laws.varied_step(at.old, at.x, Z, at.u, at.middle, at.share * at.steps)
+    rate = slope_of(at.u, at.after, at.steps)
+    crossings = _crossings(laws, at, x, rate, Z.copy())
+    before = crossings.rates[:, :n_states]
+    Z[:, :, -1] = before - laws.velocities(at.new, x, at.middle, rate)
+    x, Z = laws.varied_step(at.new, x, Z, at.middle, at.after, (1.0 - at.share) * at.steps)
     by_state, by_law, by_instant = np.split(Z, [n_states, n_states + laws.n_free], axis=2)
     every = np.arange(laws.n_free)
     by_state, by_law = (part.transpose(1, 2, 0) for part in (by_state, by_law))
-    return Switching(Legs(rows, x, by_state, every, by_law), by_instant[:, :, 0], crossings)
+    return Switching(Legs(nodes.at, x, by_state, every, by_law), by_instant[:, :, 0], crossings)
 
 
 def ends_of(laws: Laws, nodes: Nodes, states: Array, rows: Rows | None = None) -> Array:
     """Where intervals lead, all by default, (n_intervals, n_states), without derivatives."""
-    rows = np.arange(len(nodes.begins)) if rows is None else rows
-    first, share, steps = nodes.begins[rows], nodes.shares()[rows], nodes.steps[rows]
-    u, after = nodes.u[first], nodes.u[first + 1]
-    middle = u + share[:, None] * (after - u)
-    x = laws.step(nodes.old[rows], states[first], u, middle, share * steps)
-    if (on := np.flatnonzero(share < 1.0)).size:
-        left = (1.0 - share[on]) * steps[on]
-        x[on] = laws.step(nodes.new[rows[on]], x[on], middle[on], after[on], left)
+    at = _Parts.of(nodes, states, np.arange(len(nodes.begins)) if rows is None else rows)
+    x = laws.step(at.old, at.x, at.u, at.middle, at.share * at.steps)
+    if (on := np.flatnonzero(at.share < 1.0)).size:
+        left = (1.0 - at.share[on]) * at.steps[on]
+        x[on] = laws.step(at.new[on], x[on], at.middle[on], at.after[on], left)
     return x
 
 
 def crossings_of(laws: Laws, nodes: Nodes, states: Array) -> Crossings:
     """Where recordings switch, in the order of the instants."""
-    rows = nodes.at
-    first = nodes.begins[rows]
-    u, after, steps = nodes.u[first], nodes.u[first + 1], nodes.steps[rows]
-    share = nodes.shares()[rows]
-    middle = u + share[:, None] * (after - u)
-    old, rate = nodes.old[rows], (after - u) / steps[:, None]
-    x = laws.step(old, states[first], u, middle, share * steps)
-    rates = np.hstack([laws.velocities(old, x, middle, rate), rate])
-    return Crossings(*laws.sides(old, nodes.new[rows]), np.hstack([x, middle]), rates, None)
+    at = _Parts.of(nodes, states, nodes.at)
+    x = laws.step(at.old, at.x, at.u, at.middle, at.share * at.steps)
+    return _crossings(laws, at, x, slope_of(at.u, at.after, at.steps), None)
+
+
+def _crossings(laws: Laws, at: _Parts, x: Array, rate: Array, varied: Array | None) -> Crossings:
+    rates = np.hstack([laws.velocities(at.old, x, at.middle, rate), rate])
+    return Crossings(*laws.sides(at.old, at.new), np.hstack([x, at.middle]), rates, varied)
+
+
+class _Parts(NamedTuple):
+    """Intervals, each parted at its switch or after its first step."""
+
+    x: Array  # states where they begin
+    u: Array  # inputs there, where they are parted and where they end
+    middle: Array
+    after: Array
+    old: Modes
+    new: Modes
+    share: Array  # of the first part
+    steps: Array
+
+    @classmethod
+    def of(cls, nodes: Nodes, states: Array, rows: Rows) -> _Parts:
+        """Some intervals from given states of the nodes."""
+        first, share = nodes.begins[rows], nodes.shares()[rows]
+        u, after = nodes.u[first], nodes.u[first + 1]
+        middle = u + share[:, None] * (after - u)
+        old, new = nodes.old[rows], nodes.new[rows]
+        return cls(states[first], u, middle, after, old, new, share, nodes.steps[rows])

@@ -18,7 +18,7 @@ from swsysid._free_rollouts.courses import Course
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._stays.guards import Guards
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.laws import Laws, Modes, slopes_of
+from swsysid._stays.laws import Laws, Modes, slope_of, slopes_of
 from swsysid._stays.origin import Origin
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
@@ -130,7 +130,7 @@ class _Run:
 
         share = _first_outside(lambda share: self._inside(old, *at(share)), len(rows))
         found, middle = at(share)
-        rates = (after - u) / np.where(steps > 0.0, steps, np.inf)[:, None]
+        rates = slope_of(u, after, steps)
         slide = self._attracted(old, new, found, middle, rates)
         for row, time, before, behind, slid in zip(
             rows, self.t[rows] + share * steps, old, new, slide >= 0, strict=True
@@ -173,7 +173,7 @@ class _Run:
         modes = self.modes[rows]
         first, second = self.pairs[modes - self.n_modes].T
         own, at = x[rows], after[rows]
-        rates = (after[rows] - u[rows]) / np.where(steps[rows] > 0.0, steps[rows], np.inf)[:, None]
+        rates = slope_of(u[rows], at, steps[rows])
         of_first, of_second = (self.laws.velocities(k, own, at, rates) for k in (first, second))
         share = self.laws.slide(modes, of_first, of_second, own, at, rates).share
         new = np.where(share < 0.0, first, np.where(share > 1.0, second, modes))
