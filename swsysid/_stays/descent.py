@@ -119,9 +119,7 @@ def _through(
 ) -> Reached:
     value, objective = np.inf, stages[0][0]
     for objective, n_turns in stages:
-        if estimate.guards is not None:
-            estimate = replace(estimate, guards=estimate.guards.pivoted())
-        estimate, value = descended(estimate, objective, n_turns, settings)
+        estimate, value = descended(estimate.pivoted(), objective, n_turns, settings)
     return Reached(estimate, objective, value)
 
 

@@ -71,11 +71,29 @@ class Guards:
         guards = cls(form.coef, form.features, spread, form.mode_book, form.coef != 0.0)
         return guards.pivoted()
 
-    def pivoted(self) -> Guards:
-        """The same, the largest coefficient of each surface held: it fixes the scale."""
+    def pivoted(self, at: Crossings | None = None) -> Guards:
+        """The same, one coefficient of each surface held: it fixes the scale.
+
+        That which adds most to the rate at which the surface is crossed, and so is surely there;
+        the largest where no crossing is known.
+        """
+        adds = np.abs(self.coef)
+        if at is not None:
+            surfaces, switches = self._crossed(at)
+            _, slopes = slopes_of(self.features, at.columns[switches], self.spread)
+            rates = np.abs(np.einsum("kfc,kc->kf", slopes, at.rates[switches]))
+            of_crossings = np.zeros(self.coef.shape)
+            np.add.at(of_crossings, surfaces, np.abs(self.coef[surfaces]) * rates)
+            adds = np.where(of_crossings.any(axis=1, keepdims=True), of_crossings, adds)
         free = (self.coef != 0.0) | self.free
-        free[np.arange(len(free)), np.abs(self.coef).argmax(axis=1)] = False
+        free[np.arange(len(free)), adds.argmax(axis=1)] = False
         return replace(self, free=free)
+
+    def _crossed(self, at: Crossings) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Surfaces that are crossed, and at which switches: where one alone separates the modes."""
+        apart = self.mode_book[at.old] * self.mode_book[at.new] < 0
+        used = np.flatnonzero(apart.sum(axis=1) == 1)
+        return apart[used].argmax(axis=1), used
 
     @property
     def n_free(self) -> int:
@@ -128,9 +146,7 @@ class Guards:
 
         Rates far below their median, where a crossing grazes, count as a part of it.
         """
-        apart = self.mode_book[at.old] * self.mode_book[at.new] < 0
-        used = np.flatnonzero(apart.sum(axis=1) == 1)
-        surfaces = apart[used].argmax(axis=1)
+        surfaces, used = self._crossed(at)
         basis, slopes = slopes_of(self.features, at.columns[used], self.spread)
         coef = self.coef[surfaces]
         values = np.einsum("kf,kf->k", coef, basis)

@@ -23,7 +23,7 @@ import numpy as np
 from swsysid._results import Array
 from swsysid._stays.equations import NodeEquations
 from swsysid._stays.flow import Legs, Switching, crossings_of, ends_of, steady_legs, switching
-from swsysid._stays.guards import Guards
+from swsysid._stays.guards import Crossings, Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.nodes import Nodes, Rows
 from swsysid._stays.settings import LIMITS
@@ -69,11 +69,22 @@ class Estimate:
         laws = replace(self.laws, coef=self.laws.coef[modes], free=self.laws.free[modes])
         return Estimate(laws, nodes, self.states)
 
+    @property
+    def crossings(self) -> Crossings:
+        """Where recordings switch."""
+        return crossings_of(self.motion, self.nodes, self.states)
+
+    def pivoted(self) -> Estimate:
+        """The same, the scale of its surfaces held by what is crossed most surely."""
+        if self.guards is None:
+            return self
+        return replace(self, guards=self.guards.pivoted(self.crossings))
+
     def snapped(self) -> Estimate:
         """The same with instants at which the states are on the surfaces."""
         if self.guards is None:
             return self
-        misses = self.guards.misses(crossings_of(self.motion, self.nodes, self.states))
+        misses = self.guards.misses(self.crossings)
         instants = self.nodes.instants.copy()
         interval = self.nodes.recordings.interval
         if (np.abs(misses.times) < LIMITS.on_surface * interval).all():
@@ -163,7 +174,7 @@ class Objective:
             np.square(gaps).sum(axis=1) * np.square(self._weights(nodes))
         )
         if guards is not None:
-            misses = guards.misses(crossings_of(estimate.motion, nodes, estimate.states))
+            misses = guards.misses(estimate.crossings)
             far = _far(misses.times / self.guard_time)
             np.add.at(of_nodes, nodes.begins[nodes.at[misses.switches]], far)
         values = nodes.by_recording(of_nodes)

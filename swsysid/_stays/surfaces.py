@@ -81,12 +81,11 @@ def with_few_monomials(
     if full is None or not np.array_equal(full.mode_book, guards.mode_book):
         return model, reached
     full = _same_surface(full, guards, samples)
-    full = replace(full, free=np.ones(full.coef.shape, dtype=bool)).pivoted()
-    estimate = replace(
-        reached.estimate, guards=full.with_sides(*_sides(samples, reached, settings))
-    )
-    everything = replace(reached, estimate=estimate)
-    price = 0.5 * np.log(max(2, np.isfinite(estimate.nodes.recordings.y).sum()))
+    full = replace(full, free=np.ones(full.coef.shape, dtype=bool))
+    full = full.pivoted(reached.estimate.crossings)
+    full = full.with_sides(*_sides(samples, reached, settings))
+    everything = replace(reached, estimate=replace(reached.estimate, guards=full))
+    price = 0.5 * np.log(max(2, np.isfinite(reached.estimate.nodes.recordings.y).sum()))
     covariance = everything.covariance.of_guards
     few = needed_coefficients(full, covariance, price)
     found = _placed(few, everything, samples, settings, near=True)

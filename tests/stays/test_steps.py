@@ -103,6 +103,26 @@ def test_recordings_share_the_value_between_them():
     assert shares.sum() == pytest.approx(objective.normal_equations(estimate).value, rel=1e-10)
 
 
+def test_what_is_crossed_most_surely_holds_the_scale_of_a_surface():
+    estimate, _ = crossing()  # of x = 0
+    wiggly = PolynomialFeatures(3).fit(np.zeros((1, 2)))
+    guards = replace(
+        estimate.guards,
+        coef=np.array([[0.0, 0.1, 0.0, -5.0, 0.3, 0.2, 7.0, 0.0, 0.0, 0.0]]),  # 1 x ... 7 x^3
+        features=wiggly.transform,
+        free=np.ones((1, 10), dtype=bool),
+        sides=None,
+    )
+    exact = np.array([[0.0, 1.0], [0.0, -1.4], [0.0, 0.8]])
+    at = estimate.crossings._replace(
+        old=np.zeros(3, dtype=int), new=np.ones(3, dtype=int), columns=exact, rates=exact[:, ::-1]
+    )
+    held = wiggly.get_feature_names_out(["x", "v"])[~guards.pivoted(at).free[0]]
+    assert list(held) == ["x v"]  # .3 v x' at x = 0, v = 1; squares and cubes of x vanish there
+    # nobody knows where it is crossed: the largest
+    assert list(wiggly.get_feature_names_out(["x", "v"])[~guards.pivoted().free[0]]) == ["x^3"]
+
+
 def test_recordings_are_recombined_one_by_one():
     estimate, objective = crossing()
     moved = estimate.nodes.moved(estimate.nodes.instants + 0.03)
