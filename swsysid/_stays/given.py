@@ -121,7 +121,8 @@ def _of_rows(where: str, x: object, t: object, groups: object, inputs: object) -
     labels = _restarts(times) if groups is None else group_labels(groups, len(y))
     found = trajectories(labels)
     for label, rows in found:
-        _check_times(f"recording {label!r}{where}", times[rows], y[rows])
+        whole = len(found) == 1 and where.removeprefix(" of ")
+        _check_times(whole or f"recording {label!r}{where}", times[rows], y[rows])
     records = [Record.of(times[rows], y[rows], u[rows]) for _, rows in found]
     named = [
         names_of(given, width, "")
@@ -138,13 +139,19 @@ def _of_rows(where: str, x: object, t: object, groups: object, inputs: object) -
 
 
 def _restarts(t: Array) -> NDArray[np.intp]:
-    """Recordings that follow each other: the clock falls back to where it began, or before."""
-    labels, start = np.zeros(len(t), dtype=np.intp), 0
+    """Recordings that follow each other: the clock falls back to where it began, or before.
+
+    It runs forwards in each of them. Where it does not, the rows of one are in another order.
+    """
+    labels, starts = np.zeros(len(t), dtype=np.intp), [0]
     for k in np.flatnonzero(np.diff(t) < 0.0) + 1:
-        if t[k] <= t[start]:
+        if t[k] <= t[starts[-1]]:
             labels[k:] += 1
-            start = int(k)
-    return labels
+            starts.append(int(k))
+    forwards = all(
+        part[-1] > part[0] and np.diff(part).min() >= 0.0 for part in np.split(t, starts[1:])
+    )
+    return labels if forwards else np.zeros_like(labels)
 
 
 def _check_times(name: str, t: Array, y: Array) -> None:
@@ -154,8 +161,10 @@ def _check_times(name: str, t: Array, y: Array) -> None:
             f"{name} has {len(t)} samples; at least {FEWEST_SAMPLES} are needed to tell a motion "
             "from noise: leave it out or join it to another."
         )
+    if steps.max() < 0.0:
+        raise ValueError(f"{name} goes back in time at every sample; sort its rows by time.")
     if steps.min() < 0.0:
-        place = int(steps.argmin()) + 1
+        place = int((steps < 0.0).argmax()) + 1
         raise ValueError(
             f"{name} goes back in time at its sample {place} (t={t[place]:g}); sort the rows by "
             "time, and name separate recordings by groups."

@@ -210,6 +210,17 @@ REFUSED = {
     "short": (lambda d: (d.x[:5], d.t[:5]), {}, "has 5 samples; at least 8"),
     "repeated": (lambda d: (d.x[:50], np.minimum(d.t[:50], 3.0)), {}, "repeats a time"),
     "backwards": (lambda d: (d.x[:50], np.r_[d.t[:30], d.t[20:40]]), {}, "goes back in time"),
+    "reversed": (lambda d: (d.x[:50], d.t[49::-1]), {}, "recording 0 goes back in time at every"),
+    "one of two reversed": (
+        lambda d: ([{"t": d.t[:50], "x": d.x[:50]}, {"t": d.t[49::-1], "x": d.x[:50]}],),
+        {},
+        "^recording 1 goes back in time at every sample; sort its rows by time.$",
+    ),
+    "shuffled": (
+        lambda d: (d.x[:50], np.random.default_rng(0).permutation(d.t[:50])),
+        {},
+        "recording 0 goes back in time at its sample .* sort the rows by time",
+    ),
     "constant": (lambda d: (d.x * [1, 0] + [0, 2], d.t, d.groups), {}, "2 at all of its 726"),
     "nothing": (lambda d: (d.x * [1, np.nan], d.t, d.groups), {}, "holds no finite value"),
     "order": (lambda d: (d.x, d.t, d.groups), {"order": 3}, "order=3"),
