@@ -58,7 +58,9 @@ from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.transitions import transitions_of
+from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.judge import FreeRollouts
+from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
 from swsysid._stays.certainty import certainty
@@ -206,7 +208,7 @@ def _answer(
         coef = certainty(stays, origin).coef
         errors = AutomatonErrors.by_parts(coef, told.real, automaton, order)
         errors = errors_elsewhere(origin, errors, automaton)
-    rollouts, uneven = _rolled_out(given, told, found, stays.left)
+    rollouts, noise = _rolled_out(given, told, found, stays.left)
     return IdentifiedAutomaton(
         automaton,
         errors,
@@ -214,7 +216,7 @@ def _answer(
         told.states,
         switch_times_of(told.changes, len(given.records)),
         told.left,
-        float(search.excess(stays).max()),
+        _excess(search.excess(stays), given, told, noise),
         verdicts_of(
             told.real,
             certificates(told, given, laws),
@@ -224,7 +226,7 @@ def _answer(
             partial(guard_elsewhere, origin),
         ),
         rollouts,
-        (*shared(found), *uneven),
+        (*shared(found), *noise.sentences(automaton.state_names)),
         candidates,
         n_unexplained=sum(int((own < 0).sum()) for own in told.modes),
         refinement=refinement,
@@ -250,10 +252,22 @@ def _by_rollouts(
 
 def _rolled_out(
     given: Given, told: Told, found: Assembled, noise: Array
-) -> tuple[FreeRollouts, list[str]]:
+) -> tuple[FreeRollouts, SampleNoise]:
     modes = [np.argsort(found.order)[filled(own)] for own in told.modes]
     switches = switches_by_recording(told.changes, found.order, len(given.records))
     return judged(found.automaton, without_limits(given), modes, told.states, switches, noise)
+
+
+def _excess(usual: Array, given: Given, told: Told, noise: SampleNoise) -> float:
+    """What the laws leave of a state, in units of its noise: of each sample where that differs."""
+    labels = map(label_text, given.labels)
+    left = [
+        (record.y - states) / noise.at(states, label)
+        for record, states, label in zip(given.records, told.states, labels, strict=True)
+    ]
+    by_sample = np.sqrt(np.nanmean(np.square(np.vstack(left)), axis=0))
+    differs = [channel.differs for channel in noise.channels]
+    return float(np.where(differs, by_sample, usual).max())
 
 
 def _shared_exits(

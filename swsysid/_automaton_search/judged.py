@@ -28,11 +28,8 @@ def judged(
     states: Sequence[Array],
     switches: Sequence[tuple[Switch, ...]],
     noise: Array,
-) -> tuple[FreeRollouts, list[str]]:
-    """What they leave of the recordings that an automaton was made from.
-
-    And how the noise differs from sample to sample, in a sentence each.
-    """
+) -> tuple[FreeRollouts, SampleNoise]:
+    """What they leave of the recordings that an automaton was made from, and of which noise."""
     labels = [label_text(label) for label in given.labels]
     left = [record.y - own for record, own in zip(given.records, states, strict=True)]
     seen = SampleNoise.seen(_least(noise, given), left, list(states), labels)
@@ -48,7 +45,7 @@ def judged(
             strict=True,
         )
     ]
-    return _rolled_out(automaton, courses, seen), seen.sentences(automaton.state_names)
+    return _rolled_out(automaton, courses, seen), seen
 
 
 def judged_on(automaton: HybridAutomaton, given: Given, noise: Array) -> FreeRollouts:

@@ -38,6 +38,7 @@ from swsysid._discrete_stays.identify import DiscreteStays, identify_stays, with
 from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.settings import SETTINGS as DISCRETE
 from swsysid._free_rollouts.judge import FreeRollouts
+from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._results import Array
 from swsysid._stays.given import Given
 
@@ -77,7 +78,7 @@ def identified(
         guards = by_rollouts(guards, lambda own: with_guards(own).rolled_out(noise)[0])
     made = with_guards(guards)
     found, order, automaton = made.found, made.order, made.automaton
-    rollouts, uneven = made.rolled_out(noise)
+    rollouts, seen = made.rolled_out(noise)
     jumps = sum(np.count_nonzero(rows.taken.jumped[_is_of(one, rows.taken)]) for one in found)
     certificates = [_certificate(one, rows) for one in found]
     return IdentifiedAutomaton(
@@ -90,7 +91,7 @@ def identified(
         None,
         verdicts_of(found, certificates, order, 1.0, automaton.guard_columns),
         rollouts,
-        (*_shared_exits(made), *uneven),
+        (*_shared_exits(made), *seen.sentences(made.automaton.state_names)),
         stays.candidates,
         int(stays.straddling.sum() - jumps),
         noises=sure.noises,
@@ -126,8 +127,8 @@ class _Made:
         pairs = zip(self.rows.stays.states, self.rows.given.records, strict=True)
         return [np.where(np.isfinite(x), x, record.filled) for x, record in pairs]
 
-    def rolled_out(self, noise: Array) -> tuple[FreeRollouts, list[str]]:
-        """What free rollouts leave."""
+    def rolled_out(self, noise: Array) -> tuple[FreeRollouts, SampleNoise]:
+        """What free rollouts leave, and of which noise."""
         given = self.rows.given
         switches = switches_by_recording(self.found, self.order, len(given.records))
         return judged(self.automaton, given, self.modes, self.states, switches, noise)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._cli.guard_words import memory
 from swsysid._cli.held_out import HeldOut
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
@@ -98,20 +99,16 @@ class _Identification:
         else:
             identifier, comparison = self._of_several(n_modes)
         if n_modes == "auto" and comparison.verdict in (Verdict.SMOOTH, Verdict.ONE_MODE):
-            if identifier.n_modes_ > 1:
+            if identifier.n_modes_ > 1 and not self._remembers(identifier):
                 given_up, terms = identifier.n_modes_, comparison.best.terms
                 identifier = self._finished(terms, 1, None, sparsity="auto")
                 self.by_others = self.fitted[terms]
         self._check(identifier, terms)
-        predicted = identifier.predict_modes(self.samples.frame)
-        recorded, samples = self.held_out.recorded, self.samples
-        assert samples.t is not None
-        modes = recorded.at(samples.t, samples.groups, identifier.modes_, predicted)
         return FromRecordings(
             identifier,
             terms,
-            modes,
-            recorded.labels,
+            self._modes(identifier),
+            self.held_out.recorded.labels,
             self.held_out.split,
             comparison,
             given_up,
@@ -123,20 +120,34 @@ class _Identification:
         """Several modes, judged by those of the training recordings alone.
 
         Where a law of one mode leaves nothing but noise, that takes no second fit: modes that have
-        seen the held-out samples and are no better still settle it.
+        seen the held-out samples and are no better still settle it. One that leaves more is no
+        law of the plant either: with "auto" one mode more is tried against it.
         """
-        held_out, identifier = self.held_out, None
+        stretches = None
         if n_modes == "auto" or self._is_smooth():
-            identifier = held_out.identified(self.terms, n_modes)
-            if identifier.n_modes_ == 1:
-                identifier = self._finished(self.terms, 1, self.plain, identifier)
-                return identifier, self._of_one_mode()
-            comparison = self._compared(identifier, identifier)
+            stretches = self.held_out.identified(self.terms, n_modes)
+            n_found = stretches.n_modes_
+            if n_found == 1:
+                return self._finished(self.terms, 1, self.plain, stretches), self._of_one_mode()
+            comparison = self._compared(stretches, stretches)
             if comparison.improvement <= JUDGING.worth:
-                return identifier, comparison
-            n_modes = identifier.n_modes_
-        trained = held_out.trained(self.terms, int(n_modes))
-        identifier = self._finished(self.terms, int(n_modes), trained, identifier)
+                more = n_modes == "auto" and comparison.lacks_something and n_found < self._most
+                if more:
+                    identifier, better = self._trained(n_found + 1)
+                    if identifier.n_modes_ > n_found and better.improvement > JUDGING.worth:
+                        return identifier, better
+                self.by_others = stretches
+                return stretches, comparison
+            n_modes = n_found
+        return self._trained(int(n_modes), stretches)
+
+    def _trained(
+        self, n_modes: int, stretches: TrajectoryIdentifier | None = None
+    ) -> tuple[TrajectoryIdentifier, Comparison]:
+        """So many modes, judged by those of the training recordings alone."""
+        held_out = self.held_out
+        trained = held_out.trained(self.terms, n_modes)
+        identifier = self._finished(self.terms, n_modes, trained, stretches)
         n_seen = int(self._is_seen(identifier).sum())
         if n_seen < identifier.n_modes_:
             trained = held_out.trained(self.terms, n_seen)
@@ -171,6 +182,23 @@ class _Identification:
         return identified(terms, n_modes, **options) if stretches is None else stretches
 
     # -- comparisons -----------------------------------------------------------------------
+
+    @property
+    def _most(self) -> int:
+        return int(self.options.regressor("auto").max_modes)
+
+    def _modes(self, identifier: TrajectoryIdentifier) -> NDArray[np.intp]:
+        """Of the rows of the samples."""
+        samples, recorded = self.samples, self.held_out.recorded
+        assert samples.t is not None
+        predicted = identifier.predict_modes(samples.frame)
+        return recorded.at(samples.t, samples.groups, identifier.modes_, predicted)
+
+    def _remembers(self, identifier: TrajectoryIdentifier) -> bool:
+        """Whether one guard leads into each of two modes, which no surface tells."""
+        if identifier.n_modes_ != 2 or identifier.report_.rollouts.tells_switches:
+            return False
+        return bool(memory(self._modes(identifier), self.samples))
 
     def _is_smooth(self) -> bool:
         """Whether a law of one mode leaves nothing but noise of what is held out."""

@@ -184,7 +184,9 @@ def best_threshold(values: Array, positive: NDArray[np.bool_]) -> float:
 def memory(modes: NDArray[np.intp], samples: Samples) -> str:
     """Where each of two modes begins, if one column says it: below one level, above another.
 
-    "" if no column does, or the modes change too seldom to say.
+    "" if no column does, if the modes change too seldom to say, or if one level of some column is
+    crossed both ways, which takes no memory: a stop is reached at a speed of one sign and left at
+    one of the other.
     """
     order = np.argsort(samples.groups, kind="stable")
     modes, groups, X = modes[order], samples.groups[order], samples.X[order]
@@ -199,7 +201,9 @@ def memory(modes: NDArray[np.intp], samples: Samples) -> str:
     gap = np.abs(levels[0] - levels[1])
     sharpness = np.where(gap > 0.0, scatter / np.where(gap > 0.0, gap, 1.0), np.inf)
     column = int(np.argmin(sharpness))
-    if sharpness[column] > WORDING.sharp:
+    spread = X.std(axis=0)
+    both_ways = np.vstack(crossings).std(axis=0)[spread > 0.0] / spread[spread > 0.0]
+    if sharpness[column] > WORDING.sharp or both_ways.min() <= WORDING.sharp:
         return ""
     low, high = sorted((0, 1), key=lambda mode: float(levels[mode][column]))
     name = samples.names[column]

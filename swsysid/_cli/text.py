@@ -9,7 +9,7 @@ from swsysid._cli.job import JobResult
 from swsysid._cli.physics_words import physics
 from swsysid._cli.recording_words import distrust, recording_text, standard_errors
 from swsysid._cli.samples import Samples
-from swsysid._cli.settings import JUDGING, WORDING
+from swsysid._cli.settings import JUDGING, RECORDINGS, WORDING
 from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Comparison, Verdict
 from swsysid._effect_regressor import EffectRegressor
@@ -257,10 +257,11 @@ def verdict_text(result: JobResult) -> str:
     """The one verdict, and how sure the search was."""
     comparison, model = result.comparison, result.model
     if result.given_up is not None:
-        return (
-            f"No switching: {result.given_up} modes were found, but one mode with {result.terms} "
-            "terms predicts the held-out samples as well, and is delivered (error of the "
-            f"{_n_compared(result)} modes: {_change(comparison)})."
+        return _no_switching(
+            result,
+            f"{result.given_up} modes were found, but one mode with {result.terms} terms predicts "
+            "the held-out samples as well, and is delivered (error of the "
+            f"{_n_compared(result)} modes: {_change(comparison)}).",
         )
     if model.n_modes_ > 1:
         if result.found is not None:
@@ -271,11 +272,23 @@ def verdict_text(result: JobResult) -> str:
         return f"{_of_modes(result)}\n{stability}"
     best = comparison.best
     if best is comparison.rivals[0]:
-        return "No switching: the model has one mode, and no smooth law with more terms is better."
+        return _no_switching(
+            result, "the model has one mode, and no smooth law with more terms is better."
+        )
     lower = 1.0 - 1.0 / (1.0 - comparison.improvement)  # the best law's error, than the model's
     return (
         f"No switching: the model has one mode. With {best.terms} terms its held-out error is "
         f"{100 * lower:.1f} % lower{_advice(best.terms.option)}."
+    )
+
+
+def _no_switching(result: JobResult, told: str) -> str:
+    """What is `told` of one mode; where one was not asked for, it proves that by leaving noise."""
+    if result.options.modes != "auto" or not result.comparison.lacks_something:
+        return f"No switching: {told}"
+    return (
+        f"Whether it switches is not shown: {told} It leaves more than noise: try another library, "
+        "or, if the modes may have memory or states jump, --automaton."
     )
 
 
@@ -286,11 +299,7 @@ def _of_modes(result: JobResult) -> str:
     judged = "rates" if comparison.noise is None else "states"
     sure = f"error {_change(comparison)}, {comparison.gain:.1f} standard errors over blocks"
     if comparison.improvement <= JUDGING.worth and (told := _memory(result)):
-        return (
-            f"The guard remembers (hysteresis): {told}. No surface tells that, and so the laws, "
-            "which stand, predict the held-out samples no better than one mode "
-            f"(error {_change(comparison)}). Run again with --automaton, which finds such guards."
-        )
+        return _of_memory(result, told)
     other = "" if result.options.modes == "auto" else "; or let the data say how many: --modes auto"
     return {
         Verdict.SWITCHES: (
@@ -305,7 +314,7 @@ def _of_modes(result: JobResult) -> str:
             "Switching does not predict the held-out samples clearly better than one mode: "
             f"{law} does as well (error of the {n_modes} modes {_change(comparison)}). Do not "
             "trust the modes, which may only follow a curve piece by piece"
-            f"{_advice(best.terms.option)}{other}."
+            f"{_smooth_advice(comparison)}{other}."
         ),
         Verdict.UNREPEATED: (
             f"Switching explains all that was recorded: told when to switch, {n_modes} modes leave "
@@ -347,11 +356,36 @@ def _memory(result: JobResult) -> str:
     return "" if rollouts.tells_switches else memory(result.modes, result.samples)
 
 
+def _of_memory(result: JobResult, told: str) -> str:
+    """A guard that remembers, as far as laws that leave only noise say so; else a mode may lack."""
+    found, error = result.found, f"(error {_change(result.comparison)})"
+    if found is not None and (found.excess <= RECORDINGS.noise_alone).all():
+        return (
+            f"The guard remembers (hysteresis): {told}. No surface tells that, and so the laws, "
+            f"which stand, predict the held-out samples no better than one mode {error}. Run again "
+            "with --automaton, which finds such guards."
+        )
+    asked = result.options.modes == "auto"
+    more = "" if asked else "with --modes auto, and if that finds no more modes "
+    return (
+        f"The guard may remember (hysteresis): {told}. But the laws leave more than noise even "
+        "where they are told when to switch, and predict the held-out samples no better than one "
+        f"mode {error}. Run again {more}with --automaton, which finds such guards."
+    )
+
+
 def _change(comparison: Comparison) -> str:
     share = comparison.improvement
     if share < -1.0:
         return f"{1.0 - share:.3g} times as large"
     return f"{100 * abs(share):.1f} % {'lower' if share >= 0.0 else 'higher'}"
+
+
+def _smooth_advice(comparison: Comparison) -> str:
+    """To ask for the law of one mode, unless it lacks something as well."""
+    if comparison.lacks_something:
+        return ", nor that law, which leaves more than noise too"
+    return _advice(comparison.best.terms.option)
 
 
 def _advice(option: str) -> str:

@@ -124,6 +124,12 @@ class Comparison:
         return self._size(self.told_by_rates) < JUDGING.half * self._size(self.best.errors)
 
     @property
+    def lacks_something(self) -> bool:
+        """True if no law of one mode leaves nothing but noise of measured states."""
+        noise_alone = self._size(self.best.errors) <= RECORDINGS.noise_alone
+        return self.noise is not None and not noise_alone
+
+    @property
     def verdict(self) -> Verdict:
         """What to say about the model."""
         if len(self.errors) < JUDGING.fewest_rows:
@@ -131,7 +137,7 @@ class Comparison:
         if self.hidden:
             return Verdict.HIDDEN
         if self.improvement <= JUDGING.worth:
-            if self.explains and self._size(self.best.errors) > RECORDINGS.noise_alone:
+            if self.explains and self.lacks_something:
                 return Verdict.UNREPEATED
             return Verdict.ONE_MODE if self.best is self.rivals[0] else Verdict.SMOOTH
         if relative_error(self.errors, self.spread) >= 1.0:

@@ -86,7 +86,7 @@ class FreeRollouts:
     hangs_on_start : bool
         Whether a start that is off by two standard errors alone leads as far away at the first
         break: a chaotic motion, or a guard that is hit or missed by a hair. That is no proof
-        against the model.
+        against the model, unless its rollout ends early.
     leave_more : bool
         Whether all of them together leave more than noise.
     over : str
@@ -127,11 +127,11 @@ class FreeRollouts:
 
     def sentence(self, time_unit: str = "") -> str:
         """All of this in one line."""
-        left = ", ".join(
-            f"{name} {_size(size)}" for name, size in zip(self.channels, self.left, strict=True)
-        )
-        over = f" over {self.over}" if self.over else ""
-        told = [f"Free rollouts{over} leave: {left} of {self.unit}"]
+        sizes = zip(self.channels, self.left, strict=True)
+        left = f"leave: {', '.join(f'{name} {size:.3g}' for name, size in sizes)} of {self.unit}"
+        if not np.isfinite(self.left).all():
+            left = "end before what was recorded does"
+        told = [f"Free rollouts{f' over {self.over}' if self.over else ''} {left}"]
         if self.n_switches or self.extra:
             told.append(self._switches(time_unit))
         broken = self.first_break
@@ -205,6 +205,7 @@ def free_rollouts(
     return judged(runs, courses, noise, channels, together=together, over=over, unseen=unseen)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a model that diverges is judged, no warning
 def judged(
     runs: Runs,
     courses: Sequence[Course],
@@ -318,7 +319,12 @@ class _RolledOut:
         )
 
     def hangs_on_start(self, begins: NDArray[np.intp]) -> bool:
-        """Whether starts off by two standard errors lead as far from the noise, from there on."""
+        """Whether starts off by two standard errors lead as far from the noise, from there on.
+
+        A rollout that ends early follows no motion that was recorded, however chaotic.
+        """
+        if self.ended:
+            return False
         # an error of the start that grows is in the direction that grows, whichever was moved
         first, channel = _soonest(begins)
         n_first = min(SETTINGS.first_samples, len(self.noise))
@@ -359,10 +365,6 @@ def _in_order(
 ) -> tuple[tuple[str, Switch], ...]:
     every = [(label, switch) for label, switches in found for switch in switches]
     return tuple(sorted(every, key=lambda one: one[1].time))
-
-
-def _size(left: float) -> str:
-    return f"{left:.3g}" if np.isfinite(left) else "inf"
 
 
 def _at(time: float, unit: str) -> str:

@@ -36,6 +36,11 @@ class ChannelNoise:
     least: float = 0.0
     by_recording: tuple[float, ...] = ()
 
+    @property
+    def differs(self) -> bool:
+        """True if it differs from sample to sample."""
+        return bool(self.share or self.by_recording)
+
     def at(self, values: Array, recording: int) -> Array:
         """Of samples of a recording."""
         constant = self.by_recording[recording] if self.by_recording else self.constant
@@ -93,7 +98,7 @@ class SampleNoise:
     @property
     def differs(self) -> bool:
         """True if it differs from sample to sample."""
-        return any(one.share or one.by_recording for one in self.channels)
+        return any(one.differs for one in self.channels)
 
     def at(self, values: Array, label: str) -> Array:
         """Standard deviations of the samples of a course, (n_samples, n_channels)."""

@@ -131,6 +131,27 @@ def test_a_few_samples_of_no_law_are_said():
     assert re.search(r"\d of 200 samples follow none of the laws", report)
 
 
+@pytest.mark.parametrize(
+    ("cubic", "said"), [(0.0, "nothing but noise"), (0.06, "a term or a mode")]
+)
+def test_noise_that_differs_by_recording_is_no_missing_term_and_hides_none(cubic, said):
+    """Four times as large in one of three: root mean squares of all are 2.4 times its median."""
+    force = f"-2 x - 0.2 v - {cubic} x^3"
+    plant = HybridAutomaton.stated([{"x": "v", "v": force}], [], states=["x", "v"])
+    rng, t = np.random.default_rng(0), np.arange(0.0, 10.0, 0.05)
+    runs = [
+        {"t": t, "x": run.x + noise * rng.standard_normal(run.x.shape)}
+        for run, noise in zip(
+            [plant.simulate([start, 0.0], t) for start in (2.0, 1.5, -1.8)],
+            (0.01, 0.01, 0.04),
+            strict=True,
+        )
+    ]
+    report = HybridAutomatonRegressor(1, random_state=0).fit(runs).report_
+    assert "The noise of x0 differs by recording: 0.01 " in str(report)
+    assert said in report.advice
+
+
 @pytest.mark.parametrize("n", [25, 400])
 def test_a_short_recording_says_both_answers_and_a_long_one_which_noise(n):
     rng, y = np.random.default_rng(2), np.zeros(n)

@@ -322,6 +322,16 @@ def test_modes_of_noise_are_no_memory():
     assert memory(np.array([0, 1, 0]), short) == ""
 
 
+def test_a_stop_that_is_reached_at_one_sign_of_the_speed_and_left_at_the_other_is_no_memory():
+    rng = np.random.default_rng(9)
+    size, phase = 1.0 + 0.1 * rng.random(2500), 0.05 * np.arange(2500)
+    x, v = size * np.sin(phase), size * np.cos(phase)
+    samples = replace(job(thermostat(), ["T"], ["out"]).samples, X=np.column_stack([x, v]))
+    assert memory((x > 0.3).astype(int), samples) == ""
+    relay = (np.sin(phase + 0.3) > 0.0).astype(int)  # on at x = -0.3, off at 0.3
+    assert memory(relay, samples)
+
+
 @pytest.mark.parametrize(("gain", "told"), [(1e-12, False), (0.5, True)])
 def test_a_balance_of_forces_is_told_where_the_input_moves_the_body(gain, told):
     rng = np.random.default_rng(0)

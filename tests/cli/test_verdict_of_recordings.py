@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from swsysid._cli.held_out import HeldOut
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.recording_words import distrust
@@ -98,6 +99,34 @@ def test_auto_gives_modes_up_for_a_cubic_law_and_delivers_it(monkeypatch):
     text = render(result)
     assert f"No switching: {result.given_up} modes were found" in text
     assert "have seen these samples too" in text
+
+
+@pytest.mark.nightly
+def test_auto_tries_one_mode_more_before_a_law_that_leaves_more_than_noise(monkeypatch):
+    """Diodes clip v' = source - v at 0.5 both ways; a cubic law beats the two modes found first."""
+    identified = HeldOut.identified
+
+    def two_first(self, terms, n_modes, **options):
+        return identified(self, terms, 2 if n_modes == "auto" else n_modes, **options)
+
+    monkeypatch.setattr(HeldOut, "identified", two_first)
+    edges = StatedSurface(
+        [[-0.5, 1.0, 0.0], [0.5, 1.0, 0.0]], mode_book=[[-1, 1], [1, 1], [-1, -1]]
+    )
+    laws = [[[0.0, -1.0, 1.0]], [[10.0, -21.0, 1.0]], [[-10.0, -21.0, 1.0]]]
+    plant = StatedModel(1, laws, states=["v"], inputs=["source"], surface=edges)
+    generator, t, columns = np.random.default_rng(0), T[:120], []
+    for run in range(3):
+        source = 2.0 * np.sin((0.9 + 0.4 * run) * t + run)
+        v = plant.simulate([0.0], t, source[:, None], input_hold="linear").x[:, 0]
+        noisy = v + 0.005 * generator.standard_normal(len(t))
+        columns.append(np.column_stack([np.full(len(t), run), t, noisy, source]))
+    names = ["run", "t", "v", "source"]
+    table = Table("made.csv", dict(zip(names, np.vstack(columns).T, strict=True)), {})
+    what = Measurement(("v",), inputs=("source",), time="t", groups="run")
+    result = run_job(table, JobOptions(measurement=what, modes="auto"))
+    assert (result.given_up, result.model.n_modes_) == (None, 3)
+    assert result.comparison.verdict is Verdict.SWITCHES and result.comparison.lacks_something
 
 
 def test_one_mode_is_enough_for_a_linear_oscillator():

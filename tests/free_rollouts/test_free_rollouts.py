@@ -132,8 +132,11 @@ def test_a_rollout_that_ends_early_breaks_there():
     t = np.linspace(0.0, 2.0, 101)
     record = Record(t, np.ones((101, 1)), np.empty((101, 0)))
     found = judged(grows, [Course("run", record, np.array([1.0]))], NOISE[:1], ["x"])
-    assert found.left[0] == np.inf and found.first_break.time < 1.0
-    assert "inf of the noise; they follow the recording to" in found.sentence()
+    assert found.left[0] == np.inf and found.first_break.time < 1.0 and not found.hangs_on_start
+    assert (
+        "rollouts end before what was recorded does; they follow the recording to"
+        in found.sentence()
+    )
 
 
 def test_noise_alone_breaks_as_rarely_as_it_should():
