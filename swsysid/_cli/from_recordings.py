@@ -99,7 +99,8 @@ class _Identification:
         else:
             identifier, comparison = self._of_several(n_modes)
         if n_modes == "auto" and comparison.verdict in (Verdict.SMOOTH, Verdict.ONE_MODE):
-            if identifier.n_modes_ > 1 and not self._remembers(identifier):
+            stands = comparison.lacks_something and _leaves_noise(identifier)
+            if identifier.n_modes_ > 1 and not stands and not self._remembers(identifier):
                 given_up, terms = identifier.n_modes_, comparison.best.terms
                 identifier = self._finished(terms, 1, None, sparsity="auto")
                 self.by_others = self.fitted[terms]
@@ -152,8 +153,7 @@ class _Identification:
         if n_seen < identifier.n_modes_:
             trained = held_out.trained(self.terms, n_seen)
         comparison = self._compared(identifier, trained)
-        noise_alone = bool((identifier.report_.excess <= RECORDINGS.noise_alone).all())
-        if comparison.improvement <= JUDGING.worth and noise_alone:
+        if comparison.improvement <= JUDGING.worth and _leaves_noise(identifier):
             seen = self._compared(identifier, identifier)
             comparison = replace(comparison, explains=seen.improvement > JUDGING.worth)
             self.by_others = trained
@@ -174,10 +174,10 @@ class _Identification:
         identified = self.held_out.identified
         if trained is None:
             trained = stretches = identified(terms, n_modes, **options)
-        if (trained.report_.excess <= RECORDINGS.noise_alone).all():
+        if _leaves_noise(trained):
             whole = identified(terms, n_modes, whole=True, **options)
             same = stretches is None or whole.n_modes_ == stretches.n_modes_
-            if same and (whole.report_.excess <= RECORDINGS.noise_alone).all():
+            if same and _leaves_noise(whole):
                 return whole
         return identified(terms, n_modes, **options) if stretches is None else stretches
 
@@ -278,6 +278,11 @@ class _Identification:
                 "the laws that follow the trajectories best miss their derivatives, and so lack "
                 "something."
             )
+
+
+def _leaves_noise(identifier: TrajectoryIdentifier) -> bool:
+    """Whether nothing but noise is left where the laws are told when to switch."""
+    return bool((identifier.report_.excess <= RECORDINGS.noise_alone).all())
 
 
 def _left(model: SwitchingSystemRegressor, samples: Samples) -> float:

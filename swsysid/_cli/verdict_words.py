@@ -62,6 +62,9 @@ def _of_modes(result: JobResult) -> str:
     if comparison.improvement <= JUDGING.worth and (told := _memory(result)):
         return _of_memory(result, told)
     other = "" if result.options.modes == "auto" else "; or let the data say how many: --modes auto"
+    unsure = comparison.verdict in (Verdict.SMOOTH, Verdict.ONE_MODE)
+    if unsure and comparison.lacks_something and _stands(result):
+        return _of_surface(result, law, other)
     return {
         Verdict.SWITCHES: (
             "Switching predicts the held-out samples clearly better than one mode: than the best "
@@ -71,7 +74,12 @@ def _of_modes(result: JobResult) -> str:
             f"Switching predicts the held-out samples better than {law}, which may be chance "
             f"({sure}). Record more trajectories, or hold out more of them (--test-fraction)."
         ),
-        Verdict.SMOOTH: _as_smooth(result, law, other),
+        Verdict.SMOOTH: (
+            "Switching does not predict the held-out samples clearly better than one mode: "
+            f"{law} does as well (error of the {n_modes} modes {_change(comparison)}). Do not "
+            "trust the modes, which may only follow a curve piece by piece"
+            f"{_smooth_advice(comparison)}{other}."
+        ),
         Verdict.UNREPEATED: (
             f"Switching explains all that was recorded: told when to switch, {n_modes} modes leave "
             "nothing but noise, which no smooth law that was tried does. Laws of the other samples "
@@ -143,24 +151,21 @@ def _change(comparison: Comparison) -> str:
     return f"{100 * abs(share):.1f} % {'lower' if share >= 0.0 else 'higher'}"
 
 
-def _as_smooth(result: JobResult, law: str, other: str) -> str:
-    """A law of one mode predicts as well; if it lacks something, too, it is not advised."""
-    comparison, lacks = result.comparison, result.comparison.lacks_something
-    if lacks and _stands(result):
-        return (
-            f"Told when to switch, the {n_compared(result)} modes leave nothing but noise, which "
-            "no smooth law that was tried does; but by themselves they do not predict the held-out "
-            f"samples better than {law} (error {_change(comparison)}): do not trust the switching "
-            f"surface. Record more switches, from other states{other}."
-        )
-    advice = _advice(comparison.best.terms.option)
-    if lacks:
-        advice = ", nor that law, which leaves more than noise, too: try another library"
+def _of_surface(result: JobResult, law: str, other: str) -> str:
+    """Laws that leave only noise where they are told when to switch, and a surface that is off."""
     return (
-        "Switching does not predict the held-out samples clearly better than one mode: "
-        f"{law} does as well (error of the {n_compared(result)} modes {_change(comparison)}). Do "
-        f"not trust the modes, which may only follow a curve piece by piece{advice}{other}."
+        f"Told when to switch, the {n_compared(result)} modes leave nothing but noise, which no "
+        "smooth law that was tried does; but by themselves they predict the held-out samples no "
+        f"better than {law} (error {_change(result.comparison)}): do not trust the switching "
+        f"surface. Record more switches, from other states{other}."
     )
+
+
+def _smooth_advice(comparison: Comparison) -> str:
+    """To ask for the law of one mode, unless it lacks something as well."""
+    if comparison.lacks_something:
+        return ", nor that law, which leaves more than noise, too: try another library"
+    return _advice(comparison.best.terms.option)
 
 
 def _advice(option: str) -> str:
