@@ -8,8 +8,9 @@ eliminated there,
 .. math:: H - \frac{g g^\top}{s}, \qquad r - \frac{g \, r_\tau}{s}, \qquad
           \delta_\tau = \frac{r_\tau - g^\top \delta}{s},
 
-which changes two nodes and the border, and no band gets wider. One banded Cholesky factor with the
-border as further right-hand sides then solves everything (`arrow`).
+which changes two nodes and the border, and no band gets wider. Nodes inside of stays are eliminated
+in pairs (`segments`); one banded Cholesky factor of the others with the border as further
+right-hand sides then solves everything (`arrow`).
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from scipy.linalg import LinAlgError
 from swsysid._results import Array
 from swsysid._stays.arrow import Arrow, Factor
 from swsysid._stays.flow import Legs
-from swsysid._stays.laws import products
 from swsysid._stays.nodes import Rows
+from swsysid._stays.segments import Eliminated, Ties
 from swsysid._stays.settings import LIMITS
 
 
@@ -42,13 +43,17 @@ class NodeEquations:
     n_guards: int
     unit: Array  # (n_states,): of the nodes
     at: Rows  # (n_switches,): node before each switch
+    kept: NDArray[np.bool_]  # (n_nodes,): those that are not inside of a segment
     hold: float  # what holds an instant where it is
     value: float = 0.0
-    diagonal: Array = field(init=False)  # (n_states, n_states, n_nodes)
+    of_samples: Array = field(init=False)  # (n_states, n_nodes): diagonal of the samples
+    right_of_samples: Array = field(init=False)  # likewise
+    right: Array = field(init=False)  # (n_states, n_nodes)
+    segments: list[Ties] = field(init=False, default_factory=list)
+    diagonal: Array = field(init=False)  # (n_states, n_states, n_kept): of the other ties
     below: Array = field(init=False)  # likewise: rows of the next node, columns of this one
-    border: Array = field(init=False)  # (n_corner, n_nodes, n_states)
+    border: Array = field(init=False)  # (n_corner, n_states, n_kept)
     corner: Array = field(init=False)
-    right: Array = field(init=False)  # (n_nodes, n_states)
     right_of_corner: Array = field(init=False)
     own: Array = field(init=False)  # (n_switches, 2 n_states): g of both nodes of a switch
     shared: Array = field(init=False)  # (n_switches, n_corner): and of the corner
@@ -57,10 +62,12 @@ class NodeEquations:
 
     def __post_init__(self) -> None:
         (n_nodes, n), n_corner, n_switches = self.shape, self.n_laws + self.n_guards, len(self.at)
-        self.diagonal, self.below = np.zeros((n, n, n_nodes)), np.zeros((n, n, n_nodes))
-        self.border = np.zeros((n_corner, n_nodes, n))
+        n_kept = int(self.kept.sum())
+        self.place = np.cumsum(self.kept) - 1  # of kept nodes among these
+        self.of_samples, self.right_of_samples, self.right = np.zeros((3, n, n_nodes))
+        self.diagonal, self.below = np.zeros((n, n, n_kept)), np.zeros((n, n, n_kept))
+        self.border = np.zeros((n_corner, n, n_kept))
         self.corner, self.right_of_corner = np.zeros((n_corner, n_corner)), np.zeros(n_corner)
-        self.right = np.zeros(self.shape)
         self.own = np.zeros((n_switches, 2 * n))
         self.shared = np.zeros((n_switches, n_corner))
         self.stiffness, self.right_of_instants = np.zeros(n_switches), np.zeros(n_switches)
@@ -77,41 +84,46 @@ class NodeEquations:
 
         Both are zero where nothing was measured.
         """
-        every = np.arange(self.n_states)
-        self.diagonal[every, every] += np.square(slopes).T
-        self.right += misfit * slopes
+        self.of_samples += np.square(slopes).T
+        self.right_of_samples += (misfit * slopes).T
+        self.right += self.right_of_samples
         self.value += 0.5 * float(np.square(misfit).sum())
 
     def add_ties(self, legs: Legs, nodes: Rows, gaps: Array, weight: Array) -> None:
         """Gaps (n_rows, n_states) of some intervals, tied by weights (n_rows,), in these units."""
-        first, after, columns = nodes, nodes + 1, legs.columns
         F, G = self._in_units(legs)
-        square = np.square(weight)
-        wF, wG, left = square * F, square * G, square[:, None] * gaps
-        transposed, every = F.transpose(1, 0, 2), np.arange(self.n_states)
-        self.diagonal[:, :, first] += products(transposed, wF)
-        self.diagonal[every[:, None], every[:, None], after] += square
-        self.below[:, :, first] -= wF
-        self.right[after] -= left
-        self.right[first] += products(transposed, left.T[:, None, :])[:, 0].T
-        flat = len(columns), G.shape[0] * G.shape[2]
-        rows, weighted = (one.transpose(1, 0, 2).reshape(flat) for one in (G, wG))
-        self.corner[np.ix_(columns, columns)] += rows @ weighted.T
-        self.right_of_corner[columns] += weighted @ gaps.T.ravel()
-        of_first = products(transposed, wG)
-        for state in every:
-            self.border[columns[:, None], first, state] += of_first[state]
-            self.border[columns[:, None], after, state] -= wG[state]
-        self.value += 0.5 * float((square * np.square(gaps).T).sum())
+        H = np.empty((len(G) + 1, *G.shape[1:]))
+        np.multiply(G, weight, out=H[:-1])
+        np.multiply(gaps.T, weight, out=H[-1])
+        ties = Ties.of(legs.columns, nodes.reshape(legs.n_joined, -1), weight * F, H, weight)
+        self.right[:, ties.before] += ties.of_before[-1]
+        self.right[:, ties.after] += ties.of_after[-1]
+        self.right_of_corner[legs.columns] += ties.corner[-1, :-1]
+        self.value += 0.5 * float(ties.corner[-1, -1])
+        self.corner[np.ix_(legs.columns, legs.columns)] += ties.corner[:-1, :-1]
+        if legs.n_joined > 1:
+            self.segments.append(ties)
+        else:
+            self._put(ties, self.diagonal, self.below, self.border)
+
+    def _put(self, ties: Ties, diagonal: Array, below: Array, border: Array) -> None:
+        """Add what joined intervals say of kept nodes."""
+        first, after = self.place[ties.before[0]], self.place[ties.after[0]]
+        diagonal[:, :, first] += ties.before_before[:, :, 0]
+        diagonal[:, :, after] += ties.after_after[:, :, 0]
+        below[:, :, first] += ties.before_after[:, :, 0].swapaxes(0, 1)
+        columns = ties.columns[:, None, None], np.arange(self.n_states)[:, None]
+        border[*columns, first] += ties.of_before[:-1, :, 0]
+        border[*columns, after] += ties.of_after[:-1, :, 0]
 
     def add_instants(self, legs: Legs, by_instant: Array, gaps: Array, weight: Array) -> None:
         """What the gaps of the intervals with a switch say of its instant."""
         by_instant, square = by_instant / self.unit, np.square(weight)[:, None]
         moved = (square * by_instant).T  # (n_states, n_switches)
         F, G = self._in_units(legs)
-        self.own[:, : self.n_states] += np.einsum("abr,ar->rb", F, moved)
+        self.own[:, : self.n_states] += np.einsum("bar,ar->rb", F, moved)
         self.own[:, self.n_states :] -= moved.T
-        self.shared[:, legs.columns] += np.einsum("apr,ar->rp", G, moved)
+        self.shared[:, legs.columns] += np.einsum("par,ar->rp", G, moved)
         self.stiffness += (square * np.square(by_instant)).sum(axis=1)
         self.right_of_instants += (square * by_instant * gaps).sum(axis=1)
 
@@ -120,12 +132,11 @@ class NodeEquations:
     ) -> None:
         """Crossings that miss their surface by `left` (n_used,), with derivatives of that."""
         by_state = by_state * self.unit
-        first = self.at[switches]
-        for state in range(self.n_states):
-            # a node has one switch at most, so that no place is met twice
-            self.diagonal[state][:, first] += by_state[:, state] * by_state.T
-            self.border[:, first, state] += by_corner.T * by_state[:, state]
-        self.right[first] -= by_state * left[:, None]
+        first = self.place[self.at[switches]]
+        # a node has one switch at most, so that no place is met twice
+        self.diagonal[:, :, first] += _outer(by_state, by_state)
+        self.border[:, :, first] += _outer(by_corner, by_state)
+        self.right[:, self.at[switches]] -= (by_state * left[:, None]).T
         self.corner += by_corner.T @ by_corner
         self.right_of_corner -= by_corner.T @ left
         self.own[switches, : self.n_states] += by_state * by_instant[:, None]
@@ -140,8 +151,8 @@ class NodeEquations:
 
     def _in_units(self, legs: Legs) -> tuple[Array, Array]:
         """Derivatives by states and by laws, both of states in units of the noise."""
-        unit = self.unit[:, None, None]
-        return legs.by_state * (self.unit[None, :, None] / unit), legs.by_law / unit
+        unit = self.unit[:, None]
+        return legs.by_state * (self.unit[:, None, None] / unit), legs.by_law / unit
 
     # -- solving -----------------------------------------------------------------------------
 
@@ -152,15 +163,17 @@ class NodeEquations:
         else keep whole trajectories where they are. Laws and surfaces are damped by what is known
         of them once nodes and instants are eliminated.
         """
-        matrix, right = self._reduced(self.hold * (1.0 + damping), damping)
         try:
+            matrix, right, turns = self._reduced(self.hold * (1.0 + damping), damping)
             factor = matrix.factor(damping, LIMITS.rounding * np.diag(self.corner))
         except LinAlgError:  # not positive by rounding, or not finite
             return np.zeros(self._n_unknowns), 0.0
-        solved = factor.solve(right)
-        nodes, corner = np.split(solved, [self.right.size])
-        states = nodes.reshape(self.right.shape)
-        both = np.hstack([states[self.at], states[self.at + 1]])
+        nodes, corner = np.split(factor.solve(right), [len(right) - len(self.corner)])
+        states = np.empty(self.right.shape)
+        states[:, self.kept] = nodes.reshape(-1, self.n_states).T
+        for columns, eliminated in reversed(turns):
+            eliminated.told(states, corner[columns])
+        both = np.vstack([states[:, self.at], states[:, self.at + 1]]).T
         s = self.stiffness + self.hold * (1.0 + damping)
         moves = (self.own * both).sum(axis=1) + self.shared @ corner
         instants = (self.right_of_instants - moves) / s
@@ -169,7 +182,8 @@ class NodeEquations:
         held = damping * (np.square(states).sum() + self.hold * np.square(instants).sum())
         promised = 0.5 * float(gained + held + factor.more @ np.square(corner))
         laws, guards = np.split(corner, [self.n_laws])
-        step = np.concatenate([laws, (states * self.unit).ravel(), instants, guards])
+        moved = (states.T * self.unit).ravel()
+        step = np.concatenate([laws, moved, instants, guards])
         return (step, promised) if np.isfinite(step).all() else (np.zeros(len(step)), 0.0)
 
     @property
@@ -177,13 +191,13 @@ class NodeEquations:
         """By all unknowns, in the order of their steps."""
         laws, guards = np.split(self.right_of_corner, [self.n_laws])
         return np.concatenate([
-            laws, (self.right / self.unit).ravel(), self.right_of_instants, guards
+            laws, (self.right.T / self.unit).ravel(), self.right_of_instants, guards
         ])  # fmt: skip
 
     def covariance(self) -> Covariance:
         """That of the unknowns; what nothing tells is held a little."""
         hold = LIMITS.rounding * self.hold
-        matrix, _ = self._reduced(hold, LIMITS.rounding)
+        matrix = self._reduced(hold, LIMITS.rounding)[0]
         unit = 1.0 / np.sqrt(np.where(np.diag(self.corner) > 0.0, np.diag(self.corner), 1.0))
         held = LIMITS.rounding
         while True:
@@ -193,30 +207,42 @@ class NodeEquations:
             except LinAlgError:  # not positive by rounding
                 held *= LIMITS.more_rounding
 
-    def _reduced(self, hold: float, of_nodes: float) -> tuple[Arrow, Array]:
-        """The matrix without instants, and what is right of it; nodes held, too."""
-        n, first = self.n_states, self.at
-        s = self.stiffness + hold
+    def _reduced(
+        self, hold: float, of_nodes: float
+    ) -> tuple[Arrow, Array, list[tuple[Rows, Eliminated]]]:
+        """The matrix of kept nodes and corner, what is right of it, and how the others follow."""
+        n, kept = self.n_states, self.kept
         diagonal, below, border = self.diagonal.copy(), self.below.copy(), self.border.copy()
-        right = self.right.copy()
-        every = np.arange(n)
-        diagonal[every, every] += of_nodes
+        corner, right_of_corner = self.corner.copy(), self.right_of_corner.copy()
+        of_samples, right, every = self.of_samples + of_nodes, self.right.copy(), np.arange(n)
+        diagonal[every, every] += of_samples[:, kept]
+        turns = []
+        for segment in self.segments:
+            ties, eliminated = segment.joined(of_samples, self.right_of_samples)
+            self._put(ties, diagonal, below, border)
+            right[:, ties.before[0]] += ties.of_before[-1, :, 0] - segment.of_before[-1, :, 0]
+            right[:, ties.after[0]] += ties.of_after[-1, :, 0] - segment.of_after[-1, :, -1]
+            change, columns = ties.corner - segment.corner, ties.columns
+            corner[np.ix_(columns, columns)] += change[:-1, :-1]
+            right_of_corner[columns] += change[-1, :-1]
+            turns += [(columns, one) for one in eliminated]
+        # instants
+        right, first, s = right[:, kept], self.place[self.at], self.stiffness + hold
         before, after = self.own[:, :n], self.own[:, n:]
         scaled = self.own / s[:, None]
         # a node has one switch at most: no place is met twice
         diagonal[:, :, first] -= _outer(before, scaled[:, :n])
         diagonal[:, :, first + 1] -= _outer(after, scaled[:, n:])
         below[:, :, first] -= _outer(after, scaled[:, :n])
-        for state in every:
-            border[:, first, state] -= self.shared.T * scaled[:, state]
-            border[:, first + 1, state] -= self.shared.T * scaled[:, n + state]
+        border[:, :, first] -= _outer(self.shared, scaled[:, :n])
+        border[:, :, first + 1] -= _outer(self.shared, scaled[:, n:])
         moved = self.right_of_instants / s
-        right[first] -= before * moved[:, None]
-        right[first + 1] -= after * moved[:, None]
-        corner = self.corner - self.shared.T @ (self.shared / s[:, None])
-        right_of_corner = self.right_of_corner - self.shared.T @ moved
-        arrow = Arrow.of_blocks(diagonal, below, border, corner)
-        return arrow, np.append(right.ravel(), right_of_corner)
+        right[:, first] -= (before * moved[:, None]).T
+        right[:, first + 1] -= (after * moved[:, None]).T
+        corner -= self.shared.T @ (self.shared / s[:, None])
+        right_of_corner -= self.shared.T @ moved
+        arrow = Arrow.of_blocks(diagonal, below, border.transpose(0, 2, 1), corner)
+        return arrow, np.append(right.T.ravel(), right_of_corner), turns
 
     @property
     def _n_unknowns(self) -> int:
@@ -224,7 +250,7 @@ class NodeEquations:
 
 
 def _outer(first: Array, second: Array) -> Array:
-    """Products of rows, (n, n, n_rows)."""
+    """Products of rows, (n, m, n_rows)."""
     return first.T[:, None, :] * second.T[None, :, :]
 
 
@@ -261,7 +287,7 @@ class Covariance:
         """Of every instant."""
         own = self.equations
         s = own.stiffness + self.hold
-        places = own.at[:, None] * own.n_states + np.arange(2 * own.n_states)
+        places = own.place[own.at][:, None] * own.n_states + np.arange(2 * own.n_states)
         form = self.factor.quadratic_form(places, own.own, own.shared * self.unit)
         return np.asarray(1.0 / s + form / np.square(s))
 

@@ -199,7 +199,8 @@ def _half(
     """The flows of all modes around rough states (n_rows, n_states)."""
     offsets, slopes = [], []
     for mode in laws.modes:
-        ends, slope, _ = laws.flow(mode, x, u, after, steps)
+        ends, by_state, _ = laws.flow(mode, x, u, after, steps)
+        slope = by_state.swapaxes(0, 1)
         offsets.append(ends.T - (slope * x.T).sum(axis=1))
         slopes.append(slope)
     offset, slope = np.stack(offsets, axis=1), np.stack(slopes, axis=2)

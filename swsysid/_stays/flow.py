@@ -15,19 +15,23 @@ from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._stays.guards import Crossings
-from swsysid._stays.laws import Laws, Modes, products, slope_of
+from swsysid._stays.laws import Laws, Modes, chained, slope_of
 from swsysid._stays.nodes import Nodes, Rows
 from swsysid._stays.settings import LIMITS
 
 
 class Legs(NamedTuple):
-    """Intervals, the states at their ends, and derivatives of these, rows last."""
+    """Intervals, the states at their ends, and derivatives of these, rows last.
+
+    Each derivative is that by the first index of the second one.
+    """
 
     rows: Rows  # numbers of the intervals
     ends: Array  # (n_rows, n_states)
     by_state: Array  # (n_states, n_states, n_rows): at the node where it begins
     columns: NDArray[np.intp]  # of the free coefficients of laws and surfaces
-    by_law: Array  # (n_states, n_columns, n_rows): by these
+    by_law: Array  # (n_columns, n_states, n_rows): by these
+    n_joined: int = 1  # so many follow each other, the first ones of all segments first
 
 
 class Switching(NamedTuple):
@@ -40,14 +44,14 @@ class Switching(NamedTuple):
 
 def steady_legs(laws: Laws, nodes: Nodes, states: Array) -> Iterator[Legs]:
     """Intervals without a switch, those of one mode after the other."""
-    steady = nodes.switch < 0
-    for mode in np.unique(nodes.old[steady]):
-        rows = np.flatnonzero(steady & (nodes.old == mode))
-        for chunk in np.array_split(rows, max(1, round(len(rows) / LIMITS.chunk))):
-            yield _steady(laws, int(mode), nodes, chunk, states)
+    for mode, rows in nodes.segments:
+        count = max(1, round(rows.size / LIMITS.chunk))
+        for chunk in np.array_split(rows, count, axis=1):
+            yield _steady(laws, mode, nodes, chunk, states)
 
 
-def _steady(laws: Laws, mode: int, nodes: Nodes, rows: Rows, states: Array) -> Legs:
+def _steady(laws: Laws, mode: int, nodes: Nodes, segments: Rows, states: Array) -> Legs:
+    rows = segments.ravel()
     first = nodes.begins[rows]
     x, u, after, steps = states[first], nodes.u[first], nodes.u[first + 1], nodes.steps[rows]
     if nodes.recordings.first_step == 1.0:
@@ -56,8 +60,8 @@ def _steady(laws: Laws, mode: int, nodes: Nodes, rows: Rows, states: Array) -> L
         middle = 0.5 * (u + after)
         x, by_state, by_law = laws.flow(mode, x, u, middle, 0.5 * steps)
         x, further, added = laws.flow(mode, x, middle, after, 0.5 * steps)
-        by_state, by_law = products(further, by_state), products(further, by_law) + added
-    return Legs(rows, x, by_state, laws.columns_of(mode), by_law)
+        by_state, by_law = chained(by_state, further), chained(by_law, further) + added
+    return Legs(rows, x, by_state, laws.columns_of(mode), by_law, len(segments))
 
 
 def switching(laws: Laws, nodes: Nodes, states: Array) -> Switching:
@@ -73,7 +77,7 @@ def switching(laws: Laws, nodes: Nodes, states: Array) -> Switching:
     x, Z = laws.varied_step(at.new, x, Z, at.middle, at.after, (1.0 - at.share) * at.steps)
     by_state, by_law, by_instant = np.split(Z, [n_states, n_states + laws.n_free], axis=2)
     every = np.arange(laws.n_free)
-    by_state, by_law = (part.transpose(1, 2, 0) for part in (by_state, by_law))
+    by_state, by_law = (part.transpose(2, 1, 0) for part in (by_state, by_law))
     return Switching(Legs(nodes.at, x, by_state, every, by_law), by_instant[:, :, 0], crossings)
 
 

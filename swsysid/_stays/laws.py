@@ -117,38 +117,41 @@ class Laws:
     def flow(
         self, mode: int, x: Array, u: Array, after: Array, duration: Array
     ) -> tuple[Array, Array, Array]:
-        """States of rows of one mode after steps, and their derivatives, rows last.
+        r"""States of rows of one mode after steps, and their derivatives, rows last.
 
         By the states before, (n_states, n_states, n_rows), and by the coefficients of
-        `columns_of` the mode, (n_states, n_columns, n_rows).
+        `columns_of` the mode, (n_columns, n_states, n_rows), each entry by the first index of the
+        second one. With the features :math:`\Phi_i` of the four stages of a step and what a
+        velocity added there changes, :math:`M_i`, the latter are :math:`\sum_i M_i \Phi_i`.
         """
-        n_states, h = x.shape[1], duration
-        _, state, feature = (part[self.columns_of(mode)] for part in self.places)
-        unknowns = n_states + np.arange(len(state))
-        Z = np.zeros((n_states, n_states + len(state), len(x)))
-        Z[np.arange(n_states), np.arange(n_states)] = 1.0
-        middle, x_now, Z_now = 0.5 * (u + after), x, Z
-        sums = np.zeros_like(x), np.zeros_like(Z)
-        stages = (0.5, 1.0, u), (0.5, 2.0, middle), (1.0, 2.0, middle), (0.0, 1.0, after)
-        for ahead, weight, at in stages:
-            values, jacobian = self.linear(mode, np.concatenate([x_now, at], axis=1))
-            rate, rates = (self.coef[mode] @ values).T, products(jacobian, Z_now)
-            rates[state, unknowns] += values[feature]
-            sums[0][:] += weight * rate
-            sums[1][:] += weight * rates
-            x_now, Z_now = x + (ahead * h)[:, None] * rate, Z + ahead * h * rates
-        Z = Z + h / 6.0 * sums[1]
-        return x + (h / 6.0)[:, None] * sums[0], Z[:, :n_states], Z[:, n_states:]
+        h, middle = duration, 0.5 * (u + after)
+        values, jacobians = [], []
+        rates: list[Array] = []
+        for ahead, at in ((0.0, u), (0.5, middle), (0.5, middle), (1.0, after)):
+            now = x + (ahead * h)[:, None] * rates[-1] if rates else x
+            value, jacobian = self.linear(mode, np.concatenate([now, at], axis=1))
+            rates.append((self.coef[mode] @ value).T)
+            values.append(value)
+            jacobians.append(jacobian)
+        ends = x + (h / 6.0)[:, None] * (rates[0] + 2.0 * (rates[1] + rates[2]) + rates[3])
+        # from the last stage backwards
+        every, changes = np.arange(x.shape[1]), np.zeros((4, x.shape[1], x.shape[1], len(x)))
+        changes[3, every, every] = h / 6.0
+        for stage, ahead, weight in ((2, 1.0, 2.0), (1, 0.5, 2.0), (0, 0.5, 1.0)):
+            changes[stage] = chained(ahead * h * jacobians[stage + 1], changes[stage + 1])
+            changes[stage, every, every] += weight / 6.0 * h
+        by_state = np.einsum("ibcr,icar->bar", np.array(jacobians), changes)
+        by_state[every, every] += 1.0
+        by_law = np.einsum("isar,ifr->sfar", changes, np.array(values), order="C")
+        return ends, by_state, by_law[self.free[mode]]
 
     def linear(self, mode: int, columns: Array) -> tuple[Array, Array]:
         """Features of rows (n_features, n_rows), and derivatives of velocities by states.
 
-        The latter are (n_states, n_states, n_rows).
+        The latter are (n_states, n_states, n_rows), each entry by the first index of the second.
         """
         values, slopes = slopes_of(self.features, columns, self.spread)
-        flat = slopes.transpose(1, 2, 0).reshape(slopes.shape[1], -1)
-        n_states = len(self.spread)
-        return values.T, (self.coef[mode] @ flat).reshape(n_states, n_states, len(columns))
+        return values.T, np.matmul(self.coef[mode], slopes.transpose(2, 1, 0))
 
     def varied_velocities(
         self, modes: Modes, x: Array, Z: Array, u: Array, slope: Array
@@ -164,12 +167,9 @@ class Laws:
         return np.matmul(coef, features[:, :, None])[:, :, 0], rates
 
 
-def products(matrices: Array, others: Array) -> Array:
-    """Products of matrices (n, m, n_rows) and (m, k, n_rows)."""
-    product = matrices[:, 0, None, :] * others[0]
-    for k in range(1, len(others)):
-        product += matrices[:, k, None, :] * others[k]
-    return product
+def chained(by: Array, further: Array) -> Array:
+    """Derivatives (n_unknowns, n, n_rows) of what changes by (m, n, n_rows) with others."""
+    return np.einsum("kbr,bar->kar", by, further)
 
 
 def slope_of(u: Array, after: Array, duration: Array) -> Array:

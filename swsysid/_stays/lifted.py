@@ -192,6 +192,7 @@ class Objective:
             n_guards=0 if guards is None else guards.n_free,
             unit=self.noise,
             at=nodes.begins[nodes.at],
+            kept=nodes.kept,
             # half a nat for an interval: where the velocity is the same on both sides the data do
             # not say when a recording switches
             hold=nodes.recordings.interval**-2.0,

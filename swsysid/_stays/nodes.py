@@ -39,6 +39,10 @@ class Nodes:
         Modes at both ends, and the number of the switch between them, -1 where there is none.
     instants, at : ndarray of shape (n_switches,)
         When recordings switch, and in which interval.
+    segments : list of (int, ndarray of shape (n_joined, n_segments))
+        Mode and intervals of stretches without a switch that follow each other.
+    kept : ndarray of shape (n_nodes,)
+        True for nodes that are not inside of a segment.
     """
 
     def __init__(self, recordings: Recordings, stays: Sequence[Stays]):
@@ -74,6 +78,25 @@ class Nodes:
         self.at = np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp))
         self.switch = np.full(len(self.begins), -1)
         self.switch[self.at] = np.arange(len(self.at))
+        self._join()
+
+    def _join(self) -> None:
+        """Segments of intervals without a switch, as long as a power of LIMITS.joined."""
+        steady = np.flatnonzero(self.switch < 0)
+        follows = (np.diff(self.begins[steady]) == 1) & (np.diff(self.old[steady]) == 0)
+        run = np.cumsum(np.append(0, ~follows))
+        length = np.bincount(run)[run]
+        place = np.arange(len(run)) - np.searchsorted(run, run)
+        self.segments, self.kept = [], np.ones(len(self.y), dtype=bool)
+        for n_joined in LIMITS.joined:
+            whole = length // n_joined * n_joined
+            inside = place < whole
+            place, length = place - whole, length - whole
+            for mode in np.unique(self.old[steady[inside]]):
+                rows = steady[inside & (self.old[steady] == mode)].reshape(-1, n_joined).T
+                self.segments.append((int(mode), rows))
+                self.kept[self.begins[rows[1:]]] = False
+            steady, place, length = steady[~inside], place[~inside], length[~inside]
 
     def shares(self) -> Array:
         """Part of each interval before its switch; where there is none, of the first step."""

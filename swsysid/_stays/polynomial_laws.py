@@ -66,15 +66,13 @@ class PolynomialLaws(Laws):
         """As in `Laws`."""
         monomials, derived = self._derived
         values = monomials(columns).T
-        jacobian = np.stack([(self.coef[mode] @ one) @ values for one in derived], axis=1)
+        jacobian = np.stack([(self.coef[mode] @ one) @ values for one in derived], axis=0)
         return values[: len(self.powers)], jacobian
 
 
 @dataclass(frozen=True)
-class AffineLaws(Laws):
+class AffineLaws(PolynomialLaws):
     """Vector fields A_j x + B_j u + c_j of the modes."""
-
-    powers: NDArray[np.intp]  # (n_features, n_states + n_inputs), of ones and zeros
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:
@@ -111,43 +109,6 @@ class AffineLaws(Laws):
         return _taylor(x, derivatives, duration[:, None]), _taylor(
             Z, varied, duration[:, None, None]
         )
-
-    def flow(
-        self, mode: int, x: Array, u: Array, after: Array, duration: Array
-    ) -> tuple[Array, Array, Array]:
-        r"""States of rows of one mode after steps, and their derivatives, rows last.
-
-        With the weights :math:`h^m / m!` they are sums of powers of A times features of the state
-        and of its derivatives: :math:`\sum_i A^i E \sum_{m > i} (h^m / m!) \Phi^{(m - 1 - i)}`.
-        """
-        A, slope = self._parts[0][mode], slope_of(u, after, duration)
-        modes = np.full(len(x), mode, dtype=np.intp)
-        derivatives = self._derivatives(modes, x, u, slope)
-        weights = [np.ones(len(x))]
-        for m in range(1, 5):
-            weights.append(weights[-1] * duration / m)
-        powers = [np.eye(len(A))]
-        for _ in range(4):
-            powers.append(A @ powers[-1])
-        by_state = np.tensordot(np.stack(powers, axis=2), np.stack(weights), 1)
-        _, state, feature = (part[self.columns_of(mode)] for part in self.places)
-        rest = np.zeros_like(u)
-        moving = zip((x, *derivatives[:-1]), (u, slope, rest, rest), strict=True)
-        along = [
-            self._features(np.concatenate(one, axis=1), k == 0) for k, one in enumerate(moving)
-        ]
-        by_law = np.zeros((len(A), len(state), len(x)))
-        for i in range(4):
-            weighted = np.sum([weights[m] * along[m - 1 - i] for m in range(i + 1, 5)], axis=0)
-            by_law += powers[i][:, state, None] * weighted[feature]
-        return _taylor(x, derivatives, duration[:, None]), by_state, by_law
-
-    def _features(self, columns: Array, constant: bool) -> Array:
-        """Features of rows of columns, or along their derivatives, which have no constants."""
-        features = self.powers @ columns.T
-        if constant:
-            features[self.powers.sum(axis=1) == 0] = 1.0
-        return np.asarray(features)
 
     def _derivatives(self, modes: Modes, x: Array, u: Array, slope: Array) -> list[Array]:
         """Of the state along its law, the first four."""

@@ -138,6 +138,9 @@ class Limits:
     difference: float = 1e-6
     diverged: float = 1e3
     chunk: int = 8192
+    # -- so many intervals of one mode that follow each other are joined, their nodes eliminated in
+    # pairs; powers of 2
+    joined: tuple[int, ...] = (8, 1)
     shortest_step: float = 0.01
     # -- crossings: intervals that an instant may move at once, and by which a crossing may miss its
     # surface and is on it; standard deviations beyond which it counts less; of the median rate at

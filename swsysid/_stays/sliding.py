@@ -184,8 +184,8 @@ class SlidingLaws(Laws):
         Z = np.zeros((len(x), n_states, n_states + self.n_free))
         Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
         x, Z = self.varied_step(modes, x, Z, u, after, duration)
-        by_state, by_law = np.split(Z.transpose(1, 2, 0), [n_states], axis=1)
-        return x, by_state, by_law
+        Z = Z.transpose(2, 1, 0)
+        return x, Z[:n_states], Z[n_states:]
 
     def _pairs(self, modes: Modes) -> tuple[Modes, Modes]:
         """Both modes of every slide; a mode itself, twice."""

@@ -74,10 +74,10 @@ def test_the_flow_of_one_mode_is_a_step_with_its_own_coefficients(numbers, libra
         found, by_state, by_law = one.flow(1, x, u, after, duration)
         np.testing.assert_allclose(found, states, rtol=1e-12)
         # the plain laws take slopes of features as differences: 1e-6 of the largest of a row
-        expected = Z.transpose(1, 2, 0)
+        expected = Z.transpose(2, 1, 0)
         largest = np.abs(expected).max(axis=(0, 1))
-        assert (np.abs(by_state - expected[:, :N_STATES]) <= 2e-5 * largest).all()
-        assert (np.abs(by_law - expected[:, own]) <= 2e-5 * largest).all()
+        assert (np.abs(by_state - expected[:N_STATES]) <= 2e-5 * largest).all()
+        assert (np.abs(by_law - expected[own]) <= 2e-5 * largest).all()
 
 
 def test_other_libraries_keep_their_features(numbers):

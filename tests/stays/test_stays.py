@@ -16,6 +16,7 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
+from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
 from swsysid.refinement._trajectories import Record, read_trajectories
 
@@ -46,14 +47,14 @@ def contact():
 def resting(y):
     """Samples of a state that does not move, with unit noise, and the nodes of highest likelihood.
 
-    A linear problem: one step leads there.
+    A linear problem: one step leads there. Nodes are tied 200 times as tightly as by a fit.
     """
     t = np.arange(float(len(y)))
     rest = Laws(np.zeros((1, 1, 1)), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
     recordings = Recordings.of([Record(t, y, np.empty((len(y), 0)))])
     nodes = Nodes(recordings, [Stays(np.zeros(1, dtype=np.intp), np.zeros(0))])
     estimate = Estimate(rest, nodes, np.zeros((len(y), 1)))
-    step, promised = Objective(np.ones(1), 1e-5).normal_equations(estimate).step(0.0)
+    step, promised = Objective(np.ones(1), 3e-5).normal_equations(estimate).step(0.0)
     return estimate.moved(step).states, promised
 
 
@@ -89,6 +90,18 @@ def test_the_gradient_by_all_unknowns_is_that_of_differences():
         ahead, behind = (objective.value(estimate.moved(sign * move)) for sign in (1, -1))
         slope = (ahead - behind) / 2e-6
         assert -right[unknown] == pytest.approx(slope, rel=1e-3, abs=1e-4 * abs(right).max())
+
+
+def test_nodes_inside_of_stays_may_be_eliminated_in_pairs(monkeypatch):
+    estimate, objective = near_the_truth(np.random.default_rng(3))
+    steps = []
+    for joined in ((1,), (2, 1), (16, 4, 1)):
+        monkeypatch.setattr("swsysid._stays.nodes.LIMITS", replace(LIMITS, joined=joined))
+        nodes = estimate.nodes.with_stays(estimate.nodes.stays)
+        step, promised = objective.normal_equations(replace(estimate, nodes=nodes)).step(1e-3)
+        steps.append(np.append(step, promised))
+    for step in steps[1:]:
+        np.testing.assert_allclose(step, steps[0], rtol=1e-7, atol=1e-9)
 
 
 def test_a_step_keeps_its_promise():
