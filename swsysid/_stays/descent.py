@@ -104,11 +104,12 @@ def most_likely_with_guards(
     reached = _through(estimate, stages, settings)
     # The likelihood may be as high at another instant nearby (a force that changes its sign after
     # the switch); the surface knows which of the two it is.
-    snapped = reached.estimate.snapped()
+    snapped = reached.estimate.snapped() if settings.turns_of_snapped else reached.estimate
     if snapped is reached.estimate:
         return reached
     objective, n_turns = stages[-1]
-    again = _through(snapped, [(objective, settings.turns_of_snapped)], settings)
+    at_once = replace(settings, most_failures=1)
+    again = _through(snapped, [(objective, settings.turns_of_snapped)], at_once)
     if again.value >= reached.value:
         return reached
     return _through(again.estimate, [(objective, n_turns)], settings)
@@ -118,8 +119,10 @@ def _through(
     estimate: Estimate, stages: list[tuple[Objective, int]], settings: StaySettings
 ) -> Reached:
     value, objective = np.inf, stages[0][0]
-    for objective, n_turns in stages:
-        estimate, value = descended(estimate.pivoted(), objective, n_turns, settings)
+    roughly = replace(settings, converged=settings.roughly_converged)
+    for number, (objective, n_turns) in enumerate(stages, 1):
+        own = settings if number == len(stages) else roughly
+        estimate, value = descended(estimate.pivoted(), objective, n_turns, own)
     return Reached(estimate, objective, value)
 
 
@@ -132,6 +135,7 @@ def descended(
     mends: a few are followed before they are judged (the watchdog of Chamberlain et al., 1982).
     """
     damping, taken, failed, followed = settings.damping, 0, 0, 0
+    most = settings.most_followed
     best = now = estimate, objective.normal_equations(estimate)
     while taken < n_turns and failed < settings.most_failures:
         step, promised = now[1].step(damping)
@@ -147,7 +151,7 @@ def descended(
             damping /= 3.0 if gained > 0.25 * promised else 1.0
             if gained < settings.converged:
                 break
-        elif allowed and followed < settings.most_followed and np.isfinite(now[1].value):
+        elif allowed and not failed and followed < most and np.isfinite(now[1].value):
             followed += 1
         else:
             now, failed, followed = best, failed + 1, 0

@@ -113,7 +113,8 @@ class Alternation:
             told()
             if turn >= n_prices - 1 and not changed:
                 break
-        if self._separates:
+        settled = self.found[-1].criterion < self.best.criterion + settings.nearly_converged
+        if self._separates and changed and not settled:
             self._restarted(told)
         while self._simplified():
             told()
@@ -218,7 +219,9 @@ class Alternation:
         best, guards, settings = self.best, self.best.estimate.guards, self.settings
         if guards is None or not guards.n_free:
             return False
-        guards = without_weakest(guards, best.reached.covariance.of_guards)
+        guards, cost = without_weakest(guards, best.reached.covariance.of_guards)
+        if cost > settings.certain:
+            return False
         estimate = replace(best.estimate, guards=guards)
         simpler = replace(best, reached=replace(best.reached, estimate=estimate))
         prior = prior_of_guards(guards, None, self._at(best), settings.trust[1], settings.blurred)

@@ -40,8 +40,8 @@ def needed_coefficients(guards: Guards, covariance: Array, gain: float) -> Guard
     return replace(guards, coef=coef, free=free)
 
 
-def without_weakest(guards: Guards, covariance: Array) -> Guards:
-    """The surfaces without the coefficient that is least certain to be there."""
+def without_weakest(guards: Guards, covariance: Array) -> tuple[Guards, float]:
+    """The surfaces without the coefficient least certain to be there, and nats that this costs."""
     values = guards.coef[guards.free]
     certain = np.maximum(np.diag(covariance), np.finfo(float).tiny)
     weakest = np.array([np.argmin(np.abs(values) / np.sqrt(certain))])
@@ -50,7 +50,7 @@ def without_weakest(guards: Guards, covariance: Array) -> Guards:
     moved = values - covariance[:, weakest] @ _solved(covariance, weakest, values)
     coef, free = guards.coef.copy(), guards.free.copy()
     coef[guards.free], free[guards.free] = np.where(kept, moved, 0.0), kept
-    return replace(guards, coef=coef, free=free)
+    return replace(guards, coef=coef, free=free), _cost(values, covariance, weakest)
 
 
 def _cost(values: Array, covariance: Array, some: NDArray[np.intp]) -> float:

@@ -32,8 +32,10 @@ class StaySettings:
     near_miss: float = 2.0
     most_visits: int = 3
     # rounds with a coefficient of the surface less, before it is judged, and nats by which it is
-    # not judged any more
+    # not judged any more; nats of a coefficient that is there whatever the stays: those that left
+    # took less than 30, those that stayed 6e3 to 9e5
     rounds_of_simplified: int = 2
+    certain: float = 1000.0
     hopeless: float = 100.0
     # samples of a part that is rolled out alone, where recordings are not rolled out as a whole, or
     # that may ask for a mode of its own
@@ -58,6 +60,7 @@ class StaySettings:
     # nats by which a turn must make the data more likely, in rounds and at the end
     nearly_converged: float = 0.1
     converged: float = 0.02
+    roughly_converged: float = 1.0  # where a descent goes on more closely, or stays are not right
     turns_of_snapped: int = 5  # in which instants put on the surface must be better than the others
     most_rounds: int = 6  # ends sooner where the stays repeat
     # -- starts: windows of differentiation, relative to the automatic one. A shorter one leaves
@@ -73,7 +76,12 @@ class StaySettings:
 
     def coarsely(self) -> StaySettings:
         """The same for rounds whose stays are not right yet: nodes and crossings need not meet."""
-        return replace(self, guard_times=self.guard_times[:-1])
+        return replace(
+            self,
+            guard_times=self.guard_times[:-1],
+            converged=self.roughly_converged,
+            turns_of_snapped=0,
+        )
 
     def joined(self, whole: bool) -> StaySettings:
         """The same, the nodes of a recording joined to one rollout or left apart."""
