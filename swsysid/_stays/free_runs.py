@@ -126,7 +126,7 @@ class _Run:
 
         def at(share: Array) -> tuple[Array, Array]:
             middle = u + share[:, None] * (after - u)
-            return self.laws.step(old, x, u, middle, share * steps), middle
+            return self.plain.step(old, x, u, middle, share * steps), middle
 
         share = _first_outside(lambda share: self._inside(old, *at(share)), len(rows))
         found, middle = at(share)

@@ -104,6 +104,7 @@ class Limits:
     shortest_run: int = 7
     fewest_in_runs: int = 70
     first_samples: int = 20
+    rows_of_starts: int = 2000  # of derivatives that start laws, and of states a first surface
     # deviations of the noise of both limits of an event, beyond which the state jumps there
     beyond_noise: float = 6.0
     turns_of_starts: int = 10

@@ -71,10 +71,15 @@ def differentiated(given: Given, order: int, stretch: float = 1.0) -> Differenti
 def start_from(
     estimator: SwitchingSystemRegressor, found: Differentiated, names: list[str] | None
 ) -> SwitchingSystemRegressor:
-    """The estimator fitted to derivatives."""
-    rows = found.rows
+    """The estimator fitted to derivatives, every so many rows where there are more than enough."""
+    rows, some = found.rows, enough(len(found.rows.X))
     model = clone(estimator)
-    return model.fit(named(rows.X, names), rows.Xdot, groups=rows.groups)
+    return model.fit(named(rows.X[some], names), rows.Xdot[some], groups=rows.groups[some])
+
+
+def enough(n_rows: int) -> slice:
+    """The rows of a start or of a first surface, which recordings place where it is."""
+    return slice(None, None, max(1, n_rows // LIMITS.rows_of_starts))
 
 
 def named(columns: Array, names: list[str] | None):

@@ -16,7 +16,7 @@ from swsysid._stays.guards import Guards
 from swsysid._stays.monomials import needed_coefficients
 from swsysid._stays.samples import Samples, modes_of
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.start import named
+from swsysid._stays.start import enough, named
 from swsysid._surfaces.surface import is_linear, solves_margin_program, takes_relevance
 from swsysid.metrics._modes import best_matching, contingency
 
@@ -136,10 +136,11 @@ def _refitted(
 ) -> tuple[SwitchingSystemRegressor, NDArray[np.intp]]:
     """The estimator fitted to the estimated states and modes, and its order of the modes."""
     n_modes = len(reached.estimate.laws.coef)
-    model = clone(start).set_params(init=samples.modes, n_modes=n_modes, sparsity=None)
-    groups = reached.estimate.nodes.recordings.groups
-    model.fit(named(samples.columns, names), samples.velocities, groups=groups)
+    some = enough(len(samples.modes))
+    model = clone(start).set_params(init=samples.modes[some], n_modes=n_modes, sparsity=None)
+    groups = reached.estimate.nodes.recordings.groups[some]
+    model.fit(named(samples.columns[some], names), samples.velocities[some], groups=groups)
     model.use_features(start.switching_model.feature_map)  # those of the laws
     # the estimator counts modes from the most populated one
-    joint = contingency(model.modes_, samples.modes, shape=(n_modes, n_modes))
+    joint = contingency(model.modes_, samples.modes[some], shape=(n_modes, n_modes))
     return model, best_matching(joint)[1]
