@@ -287,7 +287,7 @@ class Alternation:
 
     def _estimated(self, first: Estimate, stage: int) -> tuple[SwitchingSystemRegressor, Reached]:
         """Laws and surface of highest likelihood with the stays as assigned."""
-        settled = stage >= self.settings.settled
+        settled = stage >= self.settings.settled or self._as_last(first)
         settings = self.settings if settled else self.settings.coarsely()
         if not self.surfaces:
             reached = most_likely(first, self.noise, settings, near=bool(self.found))
@@ -306,6 +306,13 @@ class Alternation:
         first = replace(first, guards=guards)
         start = Reached(first, last.reached.objective.with_noise(self.noise), np.inf)
         return on_surface(last.model, start, guards, self.settings)
+
+    def _as_last(self, estimate: Estimate) -> bool:
+        """True if all recordings go through the same stays as in the round before."""
+        if self.last is None:
+            return False
+        pairs = zip(estimate.nodes.stays, self.last.estimate.nodes.stays, strict=True)
+        return all(np.array_equal(one.modes, other.modes) for one, other in pairs)
 
     @property
     def _separates(self) -> bool:
@@ -376,9 +383,9 @@ def _named_as(known: Estimate, other: Estimate) -> Estimate:
 
 
 def _near(candidates: Array, chosen: Array) -> Array:
-    """The chosen candidate and the next smaller one."""
+    """The chosen candidate and, as long as a smaller one was chosen, the next smaller one."""
     place = int(np.abs(candidates - chosen).sum(axis=1).argmin())
-    return candidates[place : place + 2]
+    return candidates[place : place + 2] if place else candidates[:1]
 
 
 def _prior(
