@@ -41,9 +41,11 @@ class FreeRuns:
     def of(
         cls, found: StayIdentification, origin: Origin, courses: Sequence[Course], noise: Array
     ) -> FreeRuns | None:
-        """None without noise or a surface that is known by its coefficients."""
+        """None without noise or, of several modes, a surface that is known by its coefficients."""
         estimate = found.estimate
         guards, noise = estimate.guards, noise[: len(estimate.laws.spread)]
+        if len(estimate.laws.coef) == 1:
+            guards = _nowhere(origin)
         seen = (noise > LIMITS.unseen * estimate.laws.spread[: len(noise)]).all()
         if guards is None or not seen:
             return None
@@ -197,6 +199,12 @@ class _Run:
             if end == len(t) or time < t[end]
         ]
         return Trajectory(t[:end], states[:end] + offset, modes[:end], tuple(events), status)
+
+
+def _nowhere(origin: Origin) -> Guards:
+    """A surface on one side of which everything is."""
+    one, every = np.ones((1, 1)), np.ones_like(origin.offset)
+    return Guards(one, lambda X: np.ones((len(X), 1)), every, one.astype(np.int64), one < 0.0)
 
 
 def modes_at(guards: Guards, x: Array, u: Array) -> Modes:

@@ -110,8 +110,13 @@ def strongest(
     smoothers = [candidate.smoother for candidate in candidates]
     noises = [noise_in([x], quantum) for x, _ in parts]
     totals = _Totals(len(smoothers), is_rounding(np.min(noises, axis=0), quantum))
+    alike: dict[bytes, list[tuple]] = {}  # trajectories with the same times are worked as one
     for (x, t, rows), noise in zip(deciding_rows(parts), noises, strict=True):
-        totals.add(smoothers, unrounded(x, noise, quantum), t, rows, noise**2, order)
+        own = unrounded(x, noise, quantum), noise**2, t, rows
+        alike.setdefault(t.tobytes(), []).append(own)
+    for some in alike.values():
+        x, variances, (t, *_), (rows, *_) = zip(*some, strict=True)
+        totals.add(smoothers, np.hstack(x), t, rows, np.sum(variances, axis=0), order)
     risks = totals.risks()
     return candidates[int(np.nanargmin(risks))] if np.isfinite(risks).any() else candidates[0]
 
@@ -145,7 +150,11 @@ class _Totals:
         self.explained = np.zeros((n, n, n_columns))  # what noise alone would make of them
 
     def add(self, smoothers, x: Array, t: Array, rows, variance: Array, order) -> None:
-        """Add a trajectory; smoothers that do not fit into it have no part."""
+        """Add trajectories of the same times, the columns of one after those of the other.
+
+        `variance` is the sum of their noise's; smoothers that do not fit into them have no part.
+        """
+        count = x.shape[1] // len(variance)
         estimates, trims = [], []
         for smoother in smoothers:
             try:
@@ -161,8 +170,9 @@ class _Totals:
             present = np.isfinite(estimate[:, 0])
             for j in range(k + 1):
                 weaker, kernel = (estimates[j], kernels[j]) if j < k else (0.0, 0.0)
-                self.rows[k, j] += present.sum()
-                self.departures[k, j] += np.sum((estimate - weaker)[present] ** 2, axis=0)
+                squares = np.sum((estimate - weaker)[present] ** 2, axis=0)
+                self.rows[k, j] += present.sum() * count
+                self.departures[k, j] += squares.reshape(count, -1).sum(axis=0)
                 noise = np.sum((kernels[k] - kernel) ** 2)
                 self.explained[k, j] += present.sum() * variance * noise
 
