@@ -51,8 +51,8 @@ class Clocks:
 class Recordings:
     """From recordings to a model, without derivatives."""
 
-    # A sample takes a millisecond where the laws are right and six where they lack something.
-    most_samples: int = 20_000
+    # Memory bounds it: a hundred thousand samples of two states take about a gigabyte.
+    most_samples: int = 200_000
     # The same for a pipeline of transformers, which takes some fifty times as long for a step.
     most_of_pipelines: int = 2_000
     # Times the noise of neighbouring samples from which on rollouts leave more than noise.

@@ -203,7 +203,10 @@ class NodeEquations:
         while True:
             try:
                 factor = matrix.in_units(unit).factor(least=held)
-                return Covariance(self, factor, unit, held, hold)
+                return Covariance(
+                    factor, unit, held, self.n_laws, self.place[self.at], self.own, self.shared,
+                    self.stiffness + hold,
+                )  # fmt: skip
             except LinAlgError:  # not positive by rounding
                 held *= LIMITS.more_rounding
 
@@ -258,38 +261,40 @@ def _outer(first: Array, second: Array) -> Array:
 class Covariance:
     """Covariance of the unknowns."""
 
-    equations: NodeEquations
     factor: Factor
     unit: Array  # of the corner
     held: float  # the share of the diagonal that holds what the data do not tell
-    hold: float  # of an instant
+    n_laws: int
+    at: Rows  # what the equations say of instants: node before each, and their columns
+    own: Array
+    shared: Array
+    stiffness: Array
 
     @property
     def untold_laws(self) -> NDArray[np.bool_]:
         """Free coefficients of the laws of which nothing but what holds them tells."""
-        of_laws = np.diag(self._corner)[: self.equations.n_laws]
+        of_laws = np.diag(self._corner)[: self.n_laws]
         return np.asarray(of_laws > LIMITS.untold / self.held)
 
     @property
     def of_laws(self) -> Array:
         """Of the free coefficients of the laws."""
-        n = self.equations.n_laws
+        n = self.n_laws
         return self._in_own_units[:n, :n]
 
     @property
     def of_guards(self) -> Array:
         """Of the free coefficients of the surfaces."""
-        n = self.equations.n_laws
+        n = self.n_laws
         return self._in_own_units[n:, n:]
 
     @property
     def variances_of_instants(self) -> Array:
         """Of every instant."""
-        own = self.equations
-        s = own.stiffness + self.hold
-        places = own.place[own.at][:, None] * own.n_states + np.arange(2 * own.n_states)
-        form = self.factor.quadratic_form(places, own.own, own.shared * self.unit)
-        return np.asarray(1.0 / s + form / np.square(s))
+        n_own = self.own.shape[1]
+        places = self.at[:, None] * (n_own // 2) + np.arange(n_own)
+        form = self.factor.quadratic_form(places, self.own, self.shared * self.unit)
+        return np.asarray(1.0 / self.stiffness + form / np.square(self.stiffness))
 
     @cached_property
     def _corner(self) -> Array:

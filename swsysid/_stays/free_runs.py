@@ -4,12 +4,17 @@ Each step of the recordings is integrated at once for all of them, as in a fit; 
 within a step the instant is sought there, and the step ends in the mode behind the surface, or in a
 slide along it where both laws point at it. A step has one event at most: what follows sooner is
 told at its end.
+
+Long recordings are cut, and their pieces rolled out side by side from the estimated states; where
+each begins is then corrected by Newton's method until it is where the one before ends, which is the
+rollout as a whole.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +25,8 @@ from swsysid._stays.guards import Guards
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws, Modes, slope_of, slopes_of
 from swsysid._stays.origin import Origin
-from swsysid._stays.recordings import Recordings
+from swsysid._stays.recordings import Piece, Recordings
+from swsysid._stays.samples import states_of
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.sliding import SlidingLaws, pairs_of
 from swsysid.refinement._trajectories import Record
@@ -35,6 +41,7 @@ class FreeRuns:
     origin: Origin
     grid: Recordings  # how finely the fit was integrated
     courses: Sequence[Course]
+    guess: Sequence[Array] = ()  # states of all courses, roughly
     _done: dict[int, Trajectory] = field(default_factory=dict)
 
     @classmethod
@@ -49,20 +56,25 @@ class FreeRuns:
         seen = (noise > LIMITS.unseen * estimate.laws.spread[: len(noise)]).all()
         if guards is None or not seen:
             return None
-        laws = estimate.laws.known()
-        return cls(laws, guards, origin, estimate.nodes.recordings, courses)
+        recordings, states = estimate.nodes.recordings, states_of(estimate)
+        whole = len(courses) == len(recordings)
+        guess = [states[:n, k] for k, n in enumerate(recordings.lengths)] if whole else []
+        return cls(estimate.laws.known(), guards, origin, recordings, courses, guess)
 
     def __call__(self, course: Course, start: Array, noise: Array) -> Trajectory:
         """The rollout of one course; the noise is that of the fit."""
         if start is not course.start:
-            return self._rolled_out([course], np.array([start]))[0]
+            place = next(k for k, one in enumerate(self.courses) if one is course)
+            return self._rolled_out([course], np.array([start]), self.guess[place : place + 1])[0]
         if not self._done:
             starts = np.array([one.start for one in self.courses])
-            runs = self._rolled_out(self.courses, starts)
+            runs = self._rolled_out(self.courses, starts, self.guess)
             self._done = {id(one): run for one, run in zip(self.courses, runs, strict=True)}
         return self._done[id(course)]
 
-    def _rolled_out(self, courses: Sequence[Course], starts: Array) -> list[Trajectory]:
+    def _rolled_out(
+        self, courses: Sequence[Course], starts: Array, guess: Sequence[Array]
+    ) -> list[Trajectory]:
         n_states = starts.shape[1]
         of_x, of_u = np.split(self.origin.offset, [n_states])
         records = [
@@ -70,31 +82,117 @@ class FreeRuns:
                    one.record.u - of_u)
             for one in courses
         ]  # fmt: skip
-        guess = [np.zeros((len(one.t), n_states)) for one in records]
+        zeros = [np.zeros((len(one.t), n_states)) for one in records]
         grid = replace(
-            Recordings.of(records, guess).divided(self.grid.per_sample),
+            Recordings.of(records, zeros).divided(self.grid.per_sample),
             first_step=self.grid.first_step,
         )
-        run = _Run(self.laws, self.guards, grid, starts - of_x)
-        run.go()
-        return [run.trajectory(k, one.record.t, of_x) for k, one in enumerate(courses)]
+        runs = None
+        if guess and len(grid.steps) > 2 * LIMITS.piece_of_runs:
+            runs = _in_pieces(self.laws, self.guards, grid, starts - of_x, guess)
+        if runs is None:
+            whole = _Run(self.laws, self.guards, grid, starts - of_x)
+            runs = [whole.course(k, n) for k, n in enumerate(grid.lengths)]
+        return [
+            self._trajectory(one, run, grid.sampled[k], of_x)
+            for k, (one, run) in enumerate(zip(courses, runs, strict=True))
+        ]
+
+    def _trajectory(
+        self, course: Course, run: _Course, places: NDArray[np.intp], offset: Array
+    ) -> Trajectory:
+        """The rollout at the samples, cut where it leaves all bounds."""
+        t, states, modes = course.record.t, run.states[places], run.modes[places]
+        with np.errstate(invalid="ignore"):
+            far = ~(np.abs(states) <= LIMITS.diverged * self.laws.spread).all(axis=1)
+        end = int(np.argmax(far)) if far.any() else len(t)
+        status = Status.STATE_LIMIT if far.any() else Status.COMPLETED
+        events = [
+            SwitchEvent(time, states[0] + offset, before, after, kind)
+            for time, before, after, kind in run.events
+            if end == len(t) or time < t[end]
+        ]
+        return Trajectory(t[:end], states[:end] + offset, modes[:end], tuple(events), status)
+
+
+class _Course(NamedTuple):
+    """States and modes at all times of a recording, and its events."""
+
+    states: Array
+    modes: Modes
+    events: list[tuple]
+
+
+def _in_pieces(
+    laws: Laws, guards: Guards, grid: Recordings, starts: Array, guess: Sequence[Array]
+) -> list[_Course] | None:
+    """The rollouts, pieces of them side by side; None where these do not meet."""
+    pieces = [
+        Piece(k, int(first), min(int(first) + LIMITS.piece_of_runs, n - 1), 0, 0)
+        for k, n in enumerate(grid.lengths)
+        for first in range(0, n - 1, LIMITS.piece_of_runs)
+    ]
+    follows = np.array([piece.begin > 0 for piece in pieces])
+    x = np.array([guess[piece.recording][piece.begin] for piece in pieces])
+    x[~follows] = starts
+    modes = modes_at(guards, x, np.array([grid.u[p.begin, p.recording] for p in pieces]))
+    moves = LIMITS.of_runs * laws.spread
+    n_states, every = len(moves), list(range(len(pieces)))
+    runs: list = [None] * len(pieces)
+    slopes, again = None, every
+    for _ in range(LIMITS.turns_of_runs):
+        # the first time moved starts, too, show how ends follow them
+        more = () if slopes is not None else np.diag(moves)
+        begun = np.concatenate([x[again], *(x + move for move in more)])
+        own = np.concatenate([modes[again], np.tile(modes, len(more))])
+        cut = grid.parted([pieces[k] for k in again + every * len(more)])
+        run = _Run(laws, guards, cut, begun, own)
+        for place, k in enumerate(again):
+            runs[k] = run.course(place, pieces[k].end - pieces[k].begin + 1)
+        ends, left = np.array([one.states[-1] for one in runs]), [one.modes[-1] for one in runs]
+        if slopes is None:
+            moved = run.x[len(pieces) :].reshape(n_states, len(pieces), n_states)
+            slopes = (moved - ends) / moves[:, None, None]
+        if not np.isfinite(ends).all():
+            return None
+        told, told_modes = x.copy(), modes.copy()
+        for k in np.flatnonzero(follows):
+            told[k] = ends[k - 1] + (told[k - 1] - x[k - 1]) @ slopes[:, k - 1]
+            told_modes[k] = left[k - 1]
+        apart = (np.abs(told - x) > LIMITS.meeting * laws.spread).any(axis=1)
+        again = np.flatnonzero(apart | (told_modes != modes)).tolist()
+        if not again:
+            return [_joined(runs, pieces, k) for k in range(len(grid))]
+        x, modes = told, told_modes
+    return None
+
+
+def _joined(runs: Sequence[_Course], pieces: Sequence[Piece], recording: int) -> _Course:
+    """The pieces of a recording as one."""
+    own = [one for one, piece in zip(runs, pieces, strict=True) if piece.recording == recording]
+    states = np.concatenate([own[0].states[:1], *(one.states[1:] for one in own)])
+    modes = np.concatenate([own[0].modes[:1], *(one.modes[1:] for one in own)])
+    return _Course(states, modes, [event for one in own for event in one.events])
 
 
 class _Run:
-    """States and modes of all recordings, step by step."""
+    """States and modes of all recordings, step by step to their ends."""
 
-    def __init__(self, laws: Laws, guards: Guards, grid: Recordings, starts: Array):
+    def __init__(
+        self, laws: Laws, guards: Guards, grid: Recordings, starts: Array,
+        modes: Modes | None = None,
+    ):  # fmt: skip
         self.plain, self.guards, self.grid = laws, guards, grid
         self.laws = SlidingLaws.of(laws, guards)
         self.n_modes, self.pairs = len(laws.coef), pairs_of(len(laws.coef))
         self.x = starts
-        self.modes = modes_at(self.guards, starts, grid.u[0])
+        self.modes = modes_at(self.guards, starts, grid.u[0]) if modes is None else modes
         self.states, self.told = [starts], [self.modes]
-        self.events: list[list[tuple]] = [[] for _ in starts]
+        self.events: list[list[tuple[int, tuple]]] = [[] for _ in starts]
         self.t = np.array([t[0] for t in grid.times])
+        self._go()
 
-    def go(self) -> None:
-        """To the end of all recordings."""
+    def _go(self) -> None:
         for k, steps in enumerate(self.grid.steps):
             u, after = self.grid.u[k], self.grid.u[k + 1]
             x = self._stepped(self.modes, self.x, u, after, steps)
@@ -138,7 +236,8 @@ class _Run:
             rows, self.t[rows] + share * steps, old, new, slide >= 0, strict=True
         ):
             kind = "sliding" if slid else "crossing"
-            self.events[row].append((float(time), int(before), int(behind), kind))
+            event = float(time), int(before), int(behind), kind
+            self.events[row].append((len(self.states) - 1, event))
         new = np.where(slide >= 0, slide, new)
         return self.laws.step(new, found, middle, after, (1.0 - share) * steps), new
 
@@ -181,24 +280,16 @@ class _Run:
         new = np.where(share < 0.0, first, np.where(share > 1.0, second, modes))
         for row, time, mode in zip(rows, self.t[rows] + steps[rows], new, strict=True):
             if mode < self.n_modes:
-                self.events[row].append((float(time), int(mode), int(mode), "leaving"))
+                event = float(time), int(mode), int(mode), "leaving"
+                self.events[row].append((len(self.states) - 1, event))
         return new
 
-    def trajectory(self, k: int, t: Array, offset: Array) -> Trajectory:
-        """The rollout of one recording at its samples, cut where it leaves all bounds."""
-        places = self.grid.sampled[k]
-        states = np.array([one[k] for one in self.states])[places]
-        modes = np.array([one[k] for one in self.told])[places]
-        with np.errstate(invalid="ignore"):
-            far = ~(np.abs(states) <= LIMITS.diverged * self.laws.spread).all(axis=1)
-        end = int(np.argmax(far)) if far.any() else len(t)
-        status = Status.STATE_LIMIT if far.any() else Status.COMPLETED
-        events = [
-            SwitchEvent(time, states[0] + offset, before, after, kind)
-            for time, before, after, kind in self.events[k]
-            if end == len(t) or time < t[end]
-        ]
-        return Trajectory(t[:end], states[:end] + offset, modes[:end], tuple(events), status)
+    def course(self, k: int, n_times: int) -> _Course:
+        """What became of one recording."""
+        states = np.array([one[k] for one in self.states[:n_times]])
+        modes = np.array([one[k] for one in self.told[:n_times]])
+        # steps that last no time follow the end
+        return _Course(states, modes, [one for step, one in self.events[k] if step < n_times - 1])
 
 
 def _nowhere(origin: Origin) -> Guards:

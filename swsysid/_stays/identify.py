@@ -109,11 +109,13 @@ class Alternation:
             return self._polished(self.best)
         n_prices = len(settings.prices)
         for turn in range(settings.settled, settings.most_rounds):
+            before = self.found[-1].criterion
             changed = self._round(min(turn, n_prices - 1))
             told()
-            if turn >= n_prices - 1 and not changed:
+            gained = before - self.found[-1].criterion > settings.nearly_converged
+            if turn >= n_prices - 1 and not (changed and gained):
                 break
-        settled = self.found[-1].criterion < self.best.criterion + settings.nearly_converged
+        settled = self.found[-1].criterion < self.best.criterion + settings.roughly_converged
         if self._separates and changed and not settled:
             self._restarted(told)
         while self._simplified():

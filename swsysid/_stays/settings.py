@@ -108,6 +108,12 @@ class Limits:
     # deviations of the noise of both limits of an event, beyond which the state jumps there
     beyond_noise: float = 6.0
     turns_of_starts: int = 10
+    # -- free rollouts in pieces of so many steps: by what starts are moved to see where ends go, of
+    # a spread, how closely pieces meet, and turns until they do
+    piece_of_runs: int = 500
+    of_runs: float = 1e-4
+    meeting: float = 1e-8
+    turns_of_runs: int = 12
     # -- intervals without noise: part of a miss by which it changes where laws are found; of the
     # largest singular value of the features of a mode, the least that tells a coefficient; steps of
     # a flow through an interval; instants in it from which those are sought at which flows meet,

@@ -1,20 +1,24 @@
 """Free rollouts side by side are those of a simulation that locates its events."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
 from swsysid._free_rollouts.courses import Course
+from swsysid._stays import free_runs
 from swsysid._stays.free_runs import FreeRuns
 from swsysid._stays.guards import Guards
 from swsysid._stays.origin import Origin
 from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings
+from swsysid._stays.settings import LIMITS
 from swsysid.refinement._trajectories import Record
 
 
-def side_by_side(name, offset):
+def side_by_side(name, offset, guess=()):
     """Rollouts of true laws from true starts, columns counted from an offset, and the truth's."""
     plant = PLANTS[name]
     campaign, truth = record(plant, Scenario(0.0, 60, 3), 5), plant.truth()
@@ -31,7 +35,7 @@ def side_by_side(name, offset):
     guards = Guards.of(truth.surface, spread, plant.n_modes)
     records = [one.record for one in courses]
     grid = Recordings.of(records, [one.y for one in records])  # half a sample at a time
-    runs = FreeRuns(laws, guards, origin, grid, courses)
+    runs = FreeRuns(laws, guards, origin, grid, courses, guess)
     return [runs(one, one.start, np.ones(n)) for one in courses], campaign, truth
 
 
@@ -57,3 +61,21 @@ def test_states_and_events_are_those_of_the_simulation(name, offset):
             if one.kind != "leaving"
         ]
         assert told == known
+
+
+@pytest.mark.parametrize("name", ["contact", "dry friction, forced", "switched by the input"])
+def test_pieces_of_a_rollout_meet(name, monkeypatch):
+    whole, campaign, _ = side_by_side(name, 0.0)
+    spread, rng = campaign.states.std(axis=0), np.random.default_rng(0)
+    guess = [run.x + 0.01 * spread * rng.standard_normal(run.x.shape) for run in whole]
+    monkeypatch.setattr(free_runs, "LIMITS", replace(LIMITS, piece_of_runs=40))
+    used, in_pieces = [], free_runs._in_pieces
+    monkeypatch.setattr(
+        free_runs, "_in_pieces", lambda *args: used.append(in_pieces(*args)) or used[-1]
+    )
+    found, _, _ = side_by_side(name, 0.0, guess)
+    assert used[0] is not None
+    for run, expected in zip(found, whole, strict=True):
+        np.testing.assert_allclose(run.x, expected.x, atol=1e-6 * spread.max())
+        np.testing.assert_array_equal(run.modes, expected.modes)
+        assert [one.kind for one in run.events] == [one.kind for one in expected.events]
