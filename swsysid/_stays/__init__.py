@@ -11,10 +11,10 @@ and doubts.
 In reading order: `given`, `pieces`, `sensors`, `origin` and `recordings` are what is measured;
 `stays` and `nodes` say modes, instants and a state at every time. `laws`, `polynomial_laws`,
 `sliding` and `guards` are vector fields and surfaces with derivatives. *Estimate*: `flow`,
-`equations`, `segments`, `arrow`, `lifted`, `descent`, all intervals in one pass. *Assign*: `filtering`,
-`decoding`, `assign`. *Refit the surface*: `surfaces`, `monomials`. `start`, `identify`, `search`,
-`count`, `grown`, `merged`, `terms` are rounds, starts, numbers of modes and terms; `retold` and
-`visits` tell single stays otherwise; `intervals` and `exact` are for recordings without noise.
-`weighted` counts samples by their noise; `certainty`, `doubts`, `free`, `free_runs` and `reported`
-say how sure all that is.
+`equations`, `segments`, `arrow`, `lifted`, `descent`, all intervals in one pass. *Assign*:
+`filtering`, `decoding`, `assign`. *Refit the surface*: `surfaces`, `monomials`. `start`,
+`identify`, `search`, `count`, `grown`, `merged`, `terms` are rounds, starts, numbers of modes and
+terms; `retold` and `visits` tell single stays otherwise; `intervals` and `exact` are for recordings
+without noise. `weighted` counts samples by their noise; `certainty`, `doubts`, `free`, `free_runs`
+and `reported` say how sure all that is.
 """

@@ -81,7 +81,8 @@ class _Beam:
         enters = self.modes[:, :, None] != np.arange(filter_.n_modes)
         ahead, gained = filter_.ahead(k, self.belief, self.modes)
         belief, seen = corrected(ahead, y, filter_.noise)
-        gained = np.nan_to_num(gained + seen, nan=LIMITS.diverged_nats)
+        gained = gained + seen
+        gained[np.isnan(gained)] = LIMITS.diverged_nats
         # at the first sample every mode has its hypothesis, and none needs to enter it
         scores = self.scores[:, :, None] + gained - np.where(enters, price if k else np.inf, 0.0)
         if prior is not None:
@@ -90,17 +91,15 @@ class _Beam:
 
     def _best(self, scores: Array, enters: NDArray[np.bool_], beliefs: Belief) -> _Beam:
         """All that stay, and the best that enters each mode; of these the most likely."""
-        n_recordings, n_kept, n_modes = scores.shape
-        every, slots = np.arange(n_recordings)[:, None], np.arange(n_kept)
+        n_kept, every = scores.shape[1], np.arange(len(scores))[:, None]
         entering = np.where(enters, scores, -np.inf)
         source = entering.argmax(axis=1)  # (n_recordings, n_modes)
-        entered = np.arange(n_modes)
-        best_entering = entering[every, source, entered]
-        candidates = np.hstack([scores[every, slots, self.modes], best_entering])
-        parents = np.hstack([np.tile(slots, (n_recordings, 1)), source])
-        modes = np.hstack([self.modes, np.tile(entered, (n_recordings, 1))])
+        staying = scores[every, np.arange(n_kept), self.modes]
+        candidates = np.concatenate([staying, entering.max(axis=1)], axis=1)
         best = np.argsort(-candidates, axis=1, kind="stable")[:, :n_kept]
-        parent, mode = parents[every, best], modes[every, best]
+        stays, entered = best < n_kept, np.maximum(best - n_kept, 0)
+        parent = np.where(stays, best, source[every, entered])
+        mode = np.where(stays, self.modes[every, np.minimum(best, n_kept - 1)], entered)
         chosen = Belief(*(part[..., every, parent, mode] for part in beliefs))
         return _Beam(chosen, mode, candidates[every, best], parent)
 

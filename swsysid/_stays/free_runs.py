@@ -156,7 +156,7 @@ def _in_pieces(
         if not np.isfinite(ends).all():
             return None
         told, told_modes = x.copy(), modes.copy()
-        for k in np.flatnonzero(follows):
+        for k in np.flatnonzero(follows).tolist():
             told[k] = ends[k - 1] + (told[k - 1] - x[k - 1]) @ slopes[:, k - 1]
             told_modes[k] = left[k - 1]
         apart = (np.abs(told - x) > LIMITS.meeting * laws.spread).any(axis=1)

@@ -115,8 +115,8 @@ def strongest(
         own = unrounded(x, noise, quantum), noise**2, t, rows
         alike.setdefault(t.tobytes(), []).append(own)
     for some in alike.values():
-        x, variances, (t, *_), (rows, *_) = zip(*some, strict=True)
-        totals.add(smoothers, np.hstack(x), t, rows, np.sum(variances, axis=0), order)
+        x, variance = np.hstack([one[0] for one in some]), np.sum([one[1] for one in some], axis=0)
+        totals.add(smoothers, x, some[0][2], some[0][3], variance, order)
     risks = totals.risks()
     return candidates[int(np.nanargmin(risks))] if np.isfinite(risks).any() else candidates[0]
 
