@@ -31,7 +31,7 @@ from swsysid._stays.noise import leaves_noise, noise_of
 from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.retold import retold
-from swsysid._stays.samples import intervals_of, misfits, states_of
+from swsysid._stays.samples import intervals_of, misfits, named_as, states_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
 from swsysid._stays.steps import in_exact_steps
@@ -43,7 +43,6 @@ from swsysid._stays.surfaces import (
 )
 from swsysid._stays.visits import Turns, with_visits, without_visits
 from swsysid._ties import least_of
-from swsysid.metrics._modes import best_matching, contingency
 
 
 class Alternation:
@@ -134,7 +133,7 @@ class Alternation:
         if not rounds:
             return
         best = least_of(rounds, lambda one: one.criterion)
-        named = [_named_as(best.estimate, one.estimate) for one in rounds]
+        named = [named_as(best.estimate, one.estimate) for one in rounds]
         own = np.array([best.reached.objective.by_recording(one) for one in named])
         base = next(k for k, one in enumerate(rounds) if one is best)
         better = own.min(axis=0) < own[base] - self.settings.nearly_converged
@@ -370,18 +369,6 @@ def _price_at_random(estimate: Estimate) -> float:
     """Nats of a switch that nothing explains: how many intervals there are for each."""
     n_intervals = estimate.nodes.recordings.lengths.sum() - len(estimate.nodes.recordings)
     return float(np.log(n_intervals / max(1, len(estimate.nodes.instants))))
-
-
-def _named_as(known: Estimate, other: Estimate) -> Estimate:
-    """The other estimate, its modes called as in the known one."""
-    n_modes = len(known.laws.coef)
-    if len(other.laws.coef) != n_modes:
-        return known
-    both = intervals_of(other).ravel(), intervals_of(known).ravel()
-    beside = (both[0] < n_modes) & (both[1] < n_modes)  # no slides
-    joint = contingency(both[0][beside], both[1][beside], shape=(n_modes,) * 2)
-    order = best_matching(joint)[1]
-    return other if (order == np.arange(n_modes)).all() else other.renamed(order)
 
 
 def _near(candidates: Array, chosen: Array) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.sliding import SlidingLaws
+from swsysid.metrics._modes import best_matching, contingency
 
 
 @dataclass(frozen=True)
@@ -89,3 +90,15 @@ def intervals_of(estimate: Estimate) -> NDArray[np.intp]:
         modes[: len(t) - 1, k] = stays.at(t[1:])
         modes[len(t) - 1 :, k] = modes[len(t) - 2, k]
     return modes
+
+
+def named_as(known: Estimate, other: Estimate) -> Estimate:
+    """The other estimate, its modes called as in the known one."""
+    n_modes = len(known.laws.coef)
+    if len(other.laws.coef) != n_modes:
+        return known
+    both = intervals_of(other).ravel(), intervals_of(known).ravel()
+    beside = (both[0] < n_modes) & (both[1] < n_modes)  # no slides
+    joint = contingency(both[0][beside], both[1][beside], shape=(n_modes,) * 2)
+    order = best_matching(joint)[1]
+    return other if (order == np.arange(n_modes)).all() else other.renamed(order)
