@@ -37,7 +37,7 @@ STOREYS = [
     ),
     (
         "A fitted model",
-        "_automaton_regressor _automaton_search _automaton_shooting _discrete_stays "
+        "_automaton_regressor _automaton_search _discrete_stays "
         "_trajectory_identifier _stays _regressor _pipelines uncertainty _free_rollouts refinement "
         "weak_form _automaton _simulation",
     ),

@@ -2,6 +2,7 @@
 
 In continuous time (`continuous`) stays are told by the laws (`_stays`), states are cut where they
 jump (`jumps`, `apart`), and each transition is found from its switches (`switches`, `instants`,
-`resets`, `guards`). In discrete time (`sampled`) stays are told by lagged rows (`_discrete_stays`),
-and guards by their margins (`margins`).
+`resets`, `guards`); then laws, guards and resets are refined together (`joint`, with `courses` and
+`transition_guards`). In discrete time (`sampled`) stays are told by lagged rows
+(`_discrete_stays`), and guards by their margins (`margins`).
 """

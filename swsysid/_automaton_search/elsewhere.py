@@ -12,7 +12,7 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.errors import AutomatonErrors
-from swsysid._automaton_shooting.joint import Joint
+from swsysid._automaton_search.joint import Joint
 from swsysid._data.coordinates import shifted_monomials
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
@@ -58,17 +58,22 @@ def errors_from(
         for first, last in zip([0, *ends[:-1]], ends, strict=True)
     )
     coef = errors_of(laws.coef.shape, laws.places, of_laws, origin.change(features))
-    every = []
-    for number, (guard, free) in enumerate(zip(guards.guards, guards.free, strict=True)):
-        own = slice(guards.first(number), guards.first(number) + int(free.sum()))
-        _, change = _moved_guard(guard, origin)
-        places = np.nonzero(free[None, None])
-        every.append(errors_of((1, 1), places, of_guards[own, own], change)[0, 0])
+    every: list[Array | None] = [None] * len(guards.which)
+    of_each = guards.own_places()
+    for transition in np.flatnonzero(guards.which >= 0).tolist():
+        number = int(guards.which[transition])
+        guard, place = guards.guard(transition), of_each[number]
+        assert guard is not None, "it has a guard"
+        _, moved = _moved_guard(guard, origin)
+        change = np.zeros((guards.coef.shape[1], moved.shape[1]))
+        change[guards.own[number]] = moved
+        places = np.nonzero(guards.free[number][None, None])
+        every[transition] = errors_of((1, 1), places, of_guards[np.ix_(place, place)], change)[0, 0]
     n_states = resets.maps.shape[1]
     of_offset = np.eye(1 + n_states)
     of_offset[1:, 0] = -origin.offset[:n_states]
     maps = errors_of(resets.maps.shape, resets.places, of_resets, of_offset)
-    return coef, [None if which < 0 else every[which] for which in guards.which], maps
+    return coef, every, maps
 
 
 def errors_elsewhere(

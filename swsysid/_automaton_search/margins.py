@@ -34,7 +34,7 @@ from swsysid._automaton_search.few_columns import (
 )
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_shooting.parameters import monomials
+from swsysid._data.coordinates import Monomials
 from swsysid._results import Array
 from swsysid._solvers.conic import linear_program
 
@@ -151,7 +151,7 @@ def _between(guard: PolynomialGuard, sides: Sides) -> tuple[Array, int]:
         for rows in (np.vstack([sides.below, sides.last]), np.vstack([sides.above, sides.reached]))
     )
     signs = np.repeat([-1.0, 1.0], [len(below), len(above)])
-    terms = monomials(guard, np.vstack([below, above])) * signs[:, None]
+    terms = Monomials(guard.powers)(np.vstack([below, above])) * signs[:, None]
     value = terms @ guard.coef
     wrong = np.where(signs < 0.0, value <= SETTINGS.exact, value < 0.0)
     errors = np.zeros(len(guard.coef))

@@ -9,23 +9,23 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_search.apart import by_samples
 from swsysid._automaton_search.assembly import Assembled, assembled
+from swsysid._automaton_search.courses import Course, nodes_of
 from swsysid._automaton_search.elsewhere import errors_from
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import missed_by
 from swsysid._automaton_search.instants import Settled
+from swsysid._automaton_search.joint import Joint, JointEstimate, jointly
 from swsysid._automaton_search.refinement import AutomatonRefinement, FreeRollouts
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches
-from swsysid._automaton_shooting.courses import Course, Legs
-from swsysid._automaton_shooting.estimate import JointEstimate
-from swsysid._automaton_shooting.joint import Joint, jointly
-from swsysid._automaton_shooting.parameters import GuardUnknowns, ResetUnknowns
-from swsysid._automaton_shooting.settings import SETTINGS as SHOOTING
+from swsysid._automaton_search.transition_guards import TransitionGuards
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces
+from swsysid._stays.resets import Resets
 from swsysid._stays.settings import StaySettings
 from swsysid.refinement._trajectories import Record
 
@@ -44,8 +44,7 @@ def refined(
     """
     parts = told_by_parts(given, stays, pieces, found)
     start, noise = joint_estimate(given, stays, pieces, found), stays.reached.noise
-    sources = np.array([one.transition.source for one in found])
-    joint = jointly(start, noise, sources, settings)
+    joint = jointly(start, noise, settings)
     told = told_jointly(joint.after, parts, stays, pieces, found)
     feature_map = stays.model.switching_model.feature_map
     interval = stays.estimate.nodes.recordings.interval
@@ -54,7 +53,7 @@ def refined(
     rolled_before = FreeRollouts.of(before, joint.before).misfit(noise)
     rolled_after = free.misfit(noise)
     likely = joint.value_after <= joint.value_before + settings.converged
-    kept = likely and rolled_after <= (1.0 + SHOOTING.worse) * rolled_before
+    kept = likely and rolled_after <= (1.0 + SETTINGS.worse) * rolled_before
     told = _judged_by_rollouts(told, free, joint, interval)
     after = assembled(told, feature_map, interval)
     return (told if kept else parts), AutomatonRefinement(
@@ -75,7 +74,7 @@ def _judged_by_rollouts(told: Told, free: FreeRollouts, joint: Joint, interval: 
     missed = free.missed([(one.source, one.target) for one in told.transitions])
     judged = []
     for number, one in enumerate(told.transitions):
-        own = missed[joint.after.legs.transitions == number]
+        own = missed[joint.after.nodes.transitions == number]
         if one.guard is not None and len(own):
             rolled = replace(one.guard, misses=own)
             if rolled.explained(interval) > one.guard.explained(interval):
@@ -104,31 +103,45 @@ def joint_estimate(
     given: Given, stays: StayIdentification, pieces: Pieces, found: list[Settled]
 ) -> JointEstimate:
     """What was found part by part, as the start of the joint estimate."""
-    laws, recordings = stays.estimate.laws, stays.estimate.nodes.recordings
-    switches, number, told = _all_switches(found, recordings.interval)
-    begins = first_pieces(pieces, found, stays.reached.noise)
-    courses, order = _courses(given, stays, pieces, begins, (switches, number, told))
-    switches, number = switches.take(order), number[order]
-    legs = Legs.of(courses, SHOOTING.leg)
-    columns, rates = switches.before(laws)
-    kinds = range(len(found))
-    guards = GuardUnknowns.of(
+    laws = stays.estimate.laws
+    nodes = _nodes_of_courses(given, stays, pieces, found)
+    recordings, n_states = nodes.recordings, len(laws.spread)
+    sources = np.array([one.transition.source for one in found], dtype=np.intp)
+    inputs = nodes.u.std(axis=0)
+    clocks = np.full(2, max(float(np.ptp(t)) for t in recordings.times))
+    spread = np.concatenate([laws.spread, np.where(inputs > 0.0, inputs, 1.0), clocks])
+    guards = TransitionGuards.of_transitions(
         [None if one.guard is None else one.guard.guard for one in found],
-        [columns[number == k] for k in kinds],
-        [rates[number == k] for k in kinds],
+        sources,
+        len(laws.coef),
+        spread,
     )
-    resets = ResetUnknowns.of(
+    resets = Resets.of(
         [
             one.reset.reset if one.reset is not None and one.transition.jumps else None
             for one in found
         ],
-        len(laws.spread),
+        n_states,
     )
-    substeps = round(recordings.per_sample / recordings.first_step)
-    starts = _starts(given, stays, pieces, begins, (legs, switches.after(laws)))
-    return JointEstimate(
-        laws, guards, resets, legs, starts, legs.instants, recordings.interval, substeps
-    )
+    states = recordings.in_a_row(recordings.guess)
+    return JointEstimate(laws, nodes, states, guards, resets).pivoted()
+
+
+def _nodes_of_courses(
+    given: Given, stays: StayIdentification, pieces: Pieces, found: list[Settled]
+) -> Nodes:
+    """Nodes of the courses, steps as long as before, at most one switch between two of them."""
+    recordings = stays.estimate.nodes.recordings
+    switches = _all_switches(found, recordings.interval)
+    begins = first_pieces(pieces, found, stays.reached.noise)
+    courses, rows = _courses(stays, pieces, begins, switches)
+    _, states = by_samples(given, stays, pieces)
+    records, guess = [], []
+    for k, own in rows:
+        whole = given.records[k]
+        records.append(Record(whole.t[own], whole.y[own], whole.u[own]))
+        guess.append(states[k][own])
+    return nodes_of(courses, records, guess, recordings.per_sample, recordings.first_step)
 
 
 def _all_switches(
@@ -163,52 +176,30 @@ def first_pieces(pieces: Pieces, found: list[Settled], noise: Array) -> NDArray[
 
 
 def _courses(
-    given: Given,
     stays: StayIdentification,
     pieces: Pieces,
     begins: NDArray[np.intp],
     switching: tuple[Switches, NDArray[np.intp], NDArray[np.bool_]],
-) -> tuple[list[Course], NDArray[np.intp]]:
-    """Pieces that follow each other make a course; and the order in which switches are in them."""
+) -> tuple[list[Course], list[tuple[int, slice]]]:
+    """Pieces that follow each other make a course; and recording and samples of each."""
     switches, number, told = switching
     first_modes = [one.modes[0] for one in stays.estimate.nodes.stays]
+    times = stays.estimate.nodes.recordings.times
     # a jump is seen at the samples beside it
     between = np.where(switches.jumped[:, None], switches.known, (-np.inf, np.inf))
-    courses, order = [], []
+    courses, rows = [], []
     for begin, end in zip(begins, np.append(begins[1:], len(pieces.first)), strict=True):
-        k = pieces.recording[begin]
-        rows = slice(pieces.first[begin], pieces.last[end - 1] + 1)
-        whole = given.records[k]
-        record = Record(whole.t[rows], whole.y[rows], whole.u[rows])
-        inside = (switches.times >= record.t[0]) & (switches.times <= record.t[-1])
+        k, first, last = pieces.recording[begin], times[begin][0], times[end - 1][-1]
+        inside = (switches.times >= first) & (switches.times <= last)
         own = np.flatnonzero((switches.recording == k) & inside)
         own = own[np.argsort(switches.times[own], kind="stable")]
+        low, high = between[own].T
+        # before the sample at which it is seen
+        instants = np.clip(switches.times[own], low, np.maximum(low, np.nextafter(high, low)))
         modes = np.append(first_modes[begin], switches.target[own])
-        courses.append(
-            Course(record, modes, switches.times[own], number[own], told[own], between[own])
-        )
-        order.append(own)
-    return courses, np.concatenate(order)
-
-
-def _starts(
-    given: Given,
-    stays: StayIdentification,
-    pieces: Pieces,
-    begins: NDArray[np.intp],
-    known: tuple[Legs, Array],
-) -> Array:
-    """States at the starts of legs: at their samples, or those known after the switches."""
-    legs, after = known
-    _, states = by_samples(given, stays, pieces)
-    starts = np.zeros((len(legs), after.shape[1]))
-    for s, (number, begun, begin) in enumerate(
-        zip(legs.course, legs.begun_by, legs.begin, strict=True)
-    ):
-        k = pieces.recording[begins[number]]
-        sampled = states[k][np.searchsorted(given.records[k].t, begin)] if begun < 0 else None
-        starts[s] = after[begun] if sampled is None else sampled
-    return starts
+        courses.append(Course(modes, instants, number[own], told[own], between[own]))
+        rows.append((int(k), slice(pieces.first[begin], pieces.last[end - 1] + 1)))
+    return courses, rows
 
 
 def told_by_parts(
@@ -228,18 +219,18 @@ def told_jointly(
     found: list[Settled],
 ) -> Told:
     """The same with laws, guards, resets, instants and states of the joint estimate."""
-    done, legs = estimate.plainly_flown, estimate.legs
-    # the first piece of each leg's course
-    begins = first_pieces(pieces, found, stays.reached.noise)[legs.course]
+    nodes = estimate.nodes
+    # the first piece of each course
+    begins = first_pieces(pieces, found, stays.reached.noise)
     modes, states = [own.copy() for own in parts.modes], [own.copy() for own in parts.states]
-    for k, leg in zip(*np.nonzero(done.grid.sample >= 0), strict=True):
-        recording = pieces.recording[begins[leg]]
-        sample = pieces.first[begins[leg]] + done.grid.sample[k, leg]
-        modes[recording][sample] = legs.modes[leg]
-        states[recording][sample] = done.states[k, leg]
-    recording, transitions = pieces.recording[begins[estimate.ending]], []
+    for begin, first, sampled in zip(begins, nodes.first, nodes.recordings.sampled, strict=True):
+        own = pieces.first[begin] + np.arange(len(sampled))
+        modes[pieces.recording[begin]][own] = nodes.modes[first + sampled]
+        states[pieces.recording[begin]][own] = estimate.states[first + sampled]
+    switched = nodes.recording[nodes.begins[nodes.at]]
+    recording, transitions = pieces.recording[begins[switched]], []
     for number, one in enumerate(found):
-        own, guard, reset = legs.transitions == number, one.guard, one.reset
+        own, guard, reset = nodes.transitions == number, one.guard, one.reset
         if guard is not None:
             own_guard = estimate.guards.guard(number)
             assert own_guard is not None, "each of them has unknowns"
@@ -251,7 +242,7 @@ def told_jointly(
             own_reset = estimate.resets.reset(number)
             assert own_reset is not None, "what jumps has unknowns"
             reset = replace(reset, reset=own_reset)
-        times = estimate.instants[own]
+        times = nodes.instants[own]
         transitions.append(
             FoundTransition(*one.pair, recording[own], times, guard, reset, one.forestalled)
         )

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.assembly import Assembled
-from swsysid._automaton_shooting.estimate import JointEstimate
+from swsysid._automaton_search.joint import JointEstimate
 from swsysid._results import Array, Trajectory
 
 
@@ -85,15 +85,15 @@ class FreeRollouts:
     @classmethod
     def of(cls, assembled: Assembled, estimate: JointEstimate) -> FreeRollouts:
         """Those of an automaton, one for each course."""
-        legs, names, runs = estimate.legs, np.argsort(assembled.order), []
-        firsts = np.flatnonzero(np.append(True, np.diff(legs.course) > 0))
-        for course, first in zip(legs.courses, firsts, strict=True):
-            record = course.record
-            inputs = record.u if record.u.shape[1] else None
-            mode = int(names[legs.modes[first]])
+        nodes, names, runs = estimate.nodes, np.argsort(assembled.order), []
+        for first, (t, _, u) in zip(nodes.first, _samples(estimate), strict=True):
             runs.append(
                 assembled.automaton.simulate(
-                    estimate.starts[first], record.t, inputs, mode=mode, input_hold="linear"
+                    estimate.states[first],
+                    t,
+                    u if u.shape[1] else None,
+                    mode=int(names[nodes.modes[first]]),
+                    input_hold="linear",
                 )
             )
         return cls(estimate, runs, names)
@@ -104,8 +104,7 @@ class FreeRollouts:
         A rollout that ends early, or is far off, counts as one that stays at the mean.
         """
         total, count = 0.0, 0
-        for course, run in zip(self.estimate.legs.courses, self.runs, strict=True):
-            y = course.record.y
+        for (_, y, _), run in zip(_samples(self.estimate), self.runs, strict=True):
             rolled = np.full(y.shape, np.inf)
             rolled[: len(run.x)] = run.x
             off = np.minimum(np.abs(y - rolled), np.nanstd(y, axis=0)) / noise
@@ -117,14 +116,19 @@ class FreeRollouts:
 
         `pairs` are the modes that each transition leads from and to.
         """
-        legs, missed = self.estimate.legs, []
-        parts = np.cumsum([len(course.instants) for course in legs.courses])[:-1]
-        instants = np.split(self.estimate.instants, parts)
-        for own, course, run in zip(instants, legs.courses, self.runs, strict=True):
-            for instant, number in zip(own, course.transitions, strict=True):
+        missed = []
+        for course, run in zip(self.estimate.nodes.stays, self.runs, strict=True):
+            for instant, number in zip(course.instants, course.transitions, strict=True):
                 source, target = self.names[list(pairs[number])]
                 seen = [
                     one.time for one in run.events if (one.before, one.after) == (source, target)
                 ]
                 missed.append(np.abs(np.array(seen) - instant).min(initial=np.inf))
         return np.array(missed)
+
+
+def _samples(estimate: JointEstimate) -> Iterator[tuple[Array, Array, Array]]:
+    """Times, measured states and inputs at the samples of each course."""
+    recordings = estimate.nodes.recordings
+    for k, (t, places) in enumerate(zip(recordings.times, recordings.sampled, strict=True)):
+        yield t[places], recordings.y[places, k], recordings.u[places, k]

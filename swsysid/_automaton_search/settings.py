@@ -78,6 +78,23 @@ class AutomatonSettings:
     about_to: float = 0.5
     # -- one surface for both ways: deviations by which what is missing may exceed its mean
     sure: float = 3.0
+    # -- all refined together: how tightly nodes are tied to each other, in units of the noise; by
+    # which switches may miss their guards, in intervals between samples; and turns for each. The
+    # last make the nodes one rollout, as chaos asks for; automata are judged with ties at which
+    # rounding counts for nothing, whose number is the next
+    ties: tuple[tuple[float, float, int], ...] = (
+        (0.05, 0.3, 10),
+        (0.0055, 0.03, 20),
+        (0.00055, 0.003, 20),
+        (0.000055, 0.0003, 20),
+    )
+    judged: int = 1
+    # part of the measured values that says something about the noise, at least; standard errors by
+    # which guards differ at most that are one; part by which rollouts of the recordings may be
+    # worse by chance
+    least_freedom: float = 0.1
+    equal_guards: float = 3.0
+    worse: float = 0.05
     # -- verdict: samples within which a guard explains a switch, and the part that it must explain;
     # samples that tell the first mode of a rollout
     near: float = 2.0

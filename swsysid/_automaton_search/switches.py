@@ -127,8 +127,8 @@ def switches_of(
         np.concatenate(certainty(found).instants),
         np.zeros(len(own), dtype=bool),
         np.column_stack([instants, instants]),
-        done.columns,
-        done.columns,
+        done.columns[:, :-2],
+        done.columns[:, :-2],
         np.full(len(own), -1),
     )
     later = np.flatnonzero(pieces.follows)

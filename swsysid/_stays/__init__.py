@@ -10,8 +10,8 @@ and doubts.
 
 In reading order: `given`, `pieces`, `sensors`, `origin` and `recordings` are what is measured;
 `stays` and `nodes` say modes, instants and a state at every time. `laws`, `polynomial_laws`,
-`sliding` and `guards` are vector fields and surfaces with derivatives. *Estimate*: `flow`,
-`equations`, `segments`, `arrow`, `lifted`, `descent`, all intervals in one pass. *Assign*:
+`sliding`, `guards` and `resets` are vector fields, surfaces and jumps with derivatives. *Estimate*:
+`flow`, `equations`, `segments`, `arrow`, `lifted`, `descent`, all intervals in one pass. *Assign*:
 `filtering`, `decoding`, `assign`. *Refit the surface*: `surfaces`, `monomials`. `start`,
 `identify`, `search`, `count`, `grown`, `merged`, `terms` are rounds, starts, numbers of modes and
 terms; `retold` and `visits` tell single stays otherwise; `intervals` and `exact` are for recordings

@@ -8,9 +8,10 @@ eliminated there,
 .. math:: H - \frac{g g^\top}{s}, \qquad r - \frac{g \, r_\tau}{s}, \qquad
           \delta_\tau = \frac{r_\tau - g^\top \delta}{s},
 
-which changes two nodes and the border, and no band gets wider. Nodes inside of stays are eliminated
-in pairs (`segments`); one banded Cholesky factor of the others with the border as further
-right-hand sides then solves everything (`arrow`).
+which changes two nodes and the border, and no band gets wider. An instant since which a clock runs
+that tells a later switch touches that one, too, and stays in the border. Nodes inside of stays are
+eliminated in pairs (`segments`); one banded Cholesky factor of the others with the border as
+further right-hand sides then solves everything (`arrow`).
 """
 
 from __future__ import annotations
@@ -34,16 +35,18 @@ from swsysid._stays.settings import LIMITS
 class NodeEquations:
     """The matrix, the negative gradient and the value, summed up from blocks of residuals.
 
-    States are in units in which the noise is one. Of the corner the first `n_laws` entries are
-    coefficients of laws, the others those of surfaces.
+    States are in units in which the noise is one. The corner are coefficients of laws, of guards
+    and of resets, and the instants that are not eliminated.
     """
 
     shape: tuple[int, int]  # (n_nodes, n_states)
     n_laws: int
     n_guards: int
+    n_resets: int
     unit: Array  # (n_states,): of the nodes
     at: Rows  # (n_switches,): node before each switch
     kept: NDArray[np.bool_]  # (n_nodes,): those that are not inside of a segment
+    since: Rows  # numbers of the switches since which a clock runs that tells another one
     hold: float  # what holds an instant where it is
     value: float = 0.0
     of_samples: Array = field(init=False)  # (n_states, n_nodes): diagonal of the samples
@@ -61,8 +64,8 @@ class NodeEquations:
     right_of_instants: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        (n_nodes, n), n_corner, n_switches = self.shape, self.n_laws + self.n_guards, len(self.at)
-        n_kept = int(self.kept.sum())
+        (n_nodes, n), n_switches, n_kept = self.shape, len(self.at), int(self.kept.sum())
+        n_corner = self.n_laws + self.n_guards + self.n_resets + len(self.since)
         self.place = np.cumsum(self.kept) - 1  # of kept nodes among these
         self.of_samples, self.right_of_samples, self.right = np.zeros((3, n, n_nodes))
         self.diagonal, self.below = np.zeros((n, n, n_kept)), np.zeros((n, n, n_kept))
@@ -146,8 +149,23 @@ class NodeEquations:
 
     def add_sides(self, matrix: Array, right: Array) -> None:
         """Equations of the coefficients of surfaces alone."""
-        self.corner[self.n_laws :, self.n_laws :] += matrix
-        self.right_of_corner[self.n_laws :] += right
+        own = slice(self.n_laws, self.n_laws + self.n_guards)
+        self.corner[own, own] += matrix
+        self.right_of_corner[own] += right
+
+    def keep_instants(self) -> None:
+        """Move what was said of the instants since which clocks run to the border."""
+        since, first = self.since, self.place[self.at[self.since]]
+        places = self.n_shared + np.arange(len(since))
+        before, after = np.split(self.own[since], 2, axis=1)
+        self.border[places, :, first] += before
+        self.border[places, :, first + 1] += after
+        self.corner[places] += self.shared[since]
+        self.corner[:, places] += self.shared[since].T
+        self.corner[places, places] += self.stiffness[since]
+        self.right_of_corner[places] += self.right_of_instants[since]
+        for part in (self.own, self.shared, self.stiffness, self.right_of_instants):
+            part[since] = 0.0
 
     def _in_units(self, legs: Legs) -> tuple[Array, Array]:
         """Derivatives by states and by laws, both of states in units of the noise."""
@@ -163,9 +181,11 @@ class NodeEquations:
         else keep whole trajectories where they are. Laws and surfaces are damped by what is known
         of them once nodes and instants are eliminated.
         """
+        least = LIMITS.rounding * np.diag(self.corner)
+        least[self.n_shared :] += self.hold * (1.0 + damping)
         try:
             matrix, right, turns = self._reduced(self.hold * (1.0 + damping), damping)
-            factor = matrix.factor(damping, LIMITS.rounding * np.diag(self.corner))
+            factor = matrix.factor(damping, least)
         except LinAlgError:  # not positive by rounding, or not finite
             return np.zeros(self._n_unknowns), 0.0
         nodes, corner = np.split(factor.solve(right), [len(right) - len(self.corner)])
@@ -177,22 +197,22 @@ class NodeEquations:
         s = self.stiffness + self.hold * (1.0 + damping)
         moves = (self.own * both).sum(axis=1) + self.shared @ corner
         instants = (self.right_of_instants - moves) / s
+        instants[self.since] = corner[self.n_shared :]
         gained = (self.right * states).sum() + self.right_of_corner @ corner
         gained += self.right_of_instants @ instants
         held = damping * (np.square(states).sum() + self.hold * np.square(instants).sum())
         promised = 0.5 * float(gained + held + factor.more @ np.square(corner))
-        laws, guards = np.split(corner, [self.n_laws])
-        moved = (states.T * self.unit).ravel()
-        step = np.concatenate([laws, moved, instants, guards])
+        laws, others = np.split(corner[: self.n_shared], [self.n_laws])
+        step = np.concatenate([laws, (states.T * self.unit).ravel(), instants, others])
         return (step, promised) if np.isfinite(step).all() else (np.zeros(len(step)), 0.0)
 
     @property
     def negative_gradient(self) -> Array:
         """By all unknowns, in the order of their steps."""
-        laws, guards = np.split(self.right_of_corner, [self.n_laws])
-        return np.concatenate([
-            laws, (self.right.T / self.unit).ravel(), self.right_of_instants, guards
-        ])  # fmt: skip
+        laws, others = np.split(self.right_of_corner[: self.n_shared], [self.n_laws])
+        instants = self.right_of_instants.copy()
+        instants[self.since] = self.right_of_corner[self.n_shared :]
+        return np.concatenate([laws, (self.right.T / self.unit).ravel(), instants, others])
 
     def covariance(self) -> Covariance:
         """That of the unknowns; what nothing tells is held a little."""
@@ -204,8 +224,8 @@ class NodeEquations:
             try:
                 factor = matrix.in_units(unit).factor(least=held)
                 return Covariance(
-                    factor, unit, held, self.n_laws, self.place[self.at], self.own, self.shared,
-                    self.stiffness + hold,
+                    factor, unit, held, self.n_laws, self.n_guards, self.place[self.at], self.own,
+                    self.shared, self.stiffness + hold, self.since,
                 )  # fmt: skip
             except LinAlgError:  # not positive by rounding
                 held *= LIMITS.more_rounding
@@ -248,8 +268,13 @@ class NodeEquations:
         return arrow, np.append(right.T.ravel(), right_of_corner), turns
 
     @property
+    def n_shared(self) -> int:
+        """Number of coefficients of laws, guards and resets."""
+        return self.n_laws + self.n_guards + self.n_resets
+
+    @property
     def _n_unknowns(self) -> int:
-        return self.right.size + len(self.right_of_corner) + len(self.at)
+        return self.right.size + self.n_shared + len(self.at)
 
 
 def _outer(first: Array, second: Array) -> Array:
@@ -265,16 +290,17 @@ class Covariance:
     unit: Array  # of the corner
     held: float  # the share of the diagonal that holds what the data do not tell
     n_laws: int
+    n_guards: int
     at: Rows  # what the equations say of instants: node before each, and their columns
     own: Array
     shared: Array
     stiffness: Array
+    since: Rows  # numbers of those that are in the corner
 
     @property
     def untold_laws(self) -> NDArray[np.bool_]:
         """Free coefficients of the laws of which nothing but what holds them tells."""
-        of_laws = np.diag(self._corner)[: self.n_laws]
-        return np.asarray(of_laws > LIMITS.untold / self.held)
+        return self._untold[: self.n_laws]
 
     @property
     def of_laws(self) -> Array:
@@ -285,20 +311,35 @@ class Covariance:
     @property
     def of_guards(self) -> Array:
         """Of the free coefficients of the surfaces."""
-        n = self.n_laws
-        return self._in_own_units[n:, n:]
+        n, n_guards = self.n_laws, self.n_guards
+        return self._in_own_units[n : n + n_guards, n : n + n_guards]
+
+    @property
+    def of_shared(self) -> Array:
+        """Of those of laws, guards and resets; the variance of what nothing tells is infinite."""
+        n = len(self.unit) - len(self.since)
+        own = self._in_own_units[:n, :n]
+        every = np.arange(n)
+        own[every, every] = np.where(self._untold[:n], np.inf, own[every, every])
+        return own
 
     @property
     def variances_of_instants(self) -> Array:
         """Of every instant."""
-        n_own = self.own.shape[1]
+        n_own, n_since = self.own.shape[1], len(self.since)
         places = self.at[:, None] * (n_own // 2) + np.arange(n_own)
         form = self.factor.quadratic_form(places, self.own, self.shared * self.unit)
-        return np.asarray(1.0 / self.stiffness + form / np.square(self.stiffness))
+        variances = 1.0 / self.stiffness + form / np.square(self.stiffness)
+        variances[self.since] = np.diag(self._in_own_units)[len(self.unit) - n_since :]
+        return np.asarray(variances)
 
     @cached_property
     def _corner(self) -> Array:
         return self.factor.inverse_of_corner
+
+    @property
+    def _untold(self) -> NDArray[np.bool_]:
+        return np.asarray(np.diag(self._corner) > LIMITS.untold / self.held)
 
     @property
     def _in_own_units(self) -> Array:

@@ -17,6 +17,7 @@ from swsysid._results import Array
 from swsysid._stays.guards import Crossings
 from swsysid._stays.laws import Laws, Modes, chained, slope_of
 from swsysid._stays.nodes import Nodes, Rows
+from swsysid._stays.resets import Resets
 from swsysid._stays.settings import LIMITS
 
 
@@ -29,7 +30,7 @@ class Legs(NamedTuple):
     rows: Rows  # numbers of the intervals
     ends: Array  # (n_rows, n_states)
     by_state: Array  # (n_states, n_states, n_rows): at the node where it begins
-    columns: NDArray[np.intp]  # of the free coefficients of laws and surfaces
+    columns: NDArray[np.intp]  # of the free coefficients of laws, surfaces and resets
     by_law: Array  # (n_columns, n_states, n_rows): by these
     n_joined: int = 1  # so many follow each other, the first ones of all segments first
 
@@ -64,28 +65,54 @@ def _steady(laws: Laws, mode: int, nodes: Nodes, segments: Rows, states: Array) 
     return Legs(rows, x, by_state, laws.columns_of(mode), by_law, len(segments))
 
 
-def switching(laws: Laws, nodes: Nodes, states: Array) -> Switching:
-    """Intervals with a switch, and what is so at their instants."""
+def switching(
+    laws: Laws,
+    nodes: Nodes,
+    states: Array,
+    resets: Resets | None = None,
+    first_of_resets: int = 0,
+) -> Switching:
+    """Intervals with a switch, and what is so at their instants.
+
+    The coefficients of resets are unknowns from a number on.
+    """
     at, n_states = _Parts.of(nodes, states, nodes.at), states.shape[1]
-    Z = np.zeros((len(nodes.at), n_states, n_states + laws.n_free + 1))
+    Z = np.zeros((len(nodes.at), n_states, n_states + laws.n_free))
     Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
     x, Z = laws.varied_step(at.old, at.x, Z, at.u, at.middle, at.share * at.steps)
     rate = slope_of(at.u, at.after, at.steps)
-    crossings = _crossings(laws, at, x, rate, Z.copy())
-    before = crossings.rates[:, :n_states]
-    Z[:, :, -1] = before - laws.velocities(at.new, x, at.middle, rate)
+    crossings = _crossings(laws, nodes, at, x, rate, Z)
+    moving = crossings.rates[:, :n_states, None]
+    if resets is not None:
+        Z = resets.varied(nodes.transitions, x, np.concatenate([moving, Z], axis=2))
+        x, (moving, Z) = resets.landed(nodes.transitions, x), np.split(Z, [1], axis=2)
+    moving = moving - laws.velocities(at.new, x, at.middle, rate)[:, :, None]
+    Z = np.concatenate([Z, moving], axis=2)
     x, Z = laws.varied_step(at.new, x, Z, at.middle, at.after, (1.0 - at.share) * at.steps)
-    by_state, by_law, by_instant = np.split(Z, [n_states, n_states + laws.n_free], axis=2)
-    every = np.arange(laws.n_free)
-    by_state, by_law = (part.transpose(2, 1, 0) for part in (by_state, by_law))
-    return Switching(Legs(nodes.at, x, by_state, every, by_law), by_instant[:, :, 0], crossings)
+    by_state, by_shared, by_instant = np.split(Z.transpose(2, 1, 0), [n_states, -1])
+    columns = np.arange(laws.n_free)
+    if resets is not None:
+        columns = np.append(columns, first_of_resets + np.arange(resets.n_free))
+    legs = Legs(nodes.at, x, by_state, columns, by_shared)
+    return Switching(legs, by_instant[0].T, crossings)
 
 
-def ends_of(laws: Laws, nodes: Nodes, states: Array, rows: Rows | None = None) -> Array:
+def ends_of(
+    laws: Laws,
+    nodes: Nodes,
+    states: Array,
+    rows: Rows | None = None,
+    resets: Resets | None = None,
+) -> Array:
     """Where intervals lead, all by default, (n_intervals, n_states), without derivatives."""
-    at = _Parts.of(nodes, states, np.arange(len(nodes.begins)) if rows is None else rows)
+    rows = np.arange(len(nodes.begins)) if rows is None else rows
+    at = _Parts.of(nodes, states, rows)
     x = laws.step(at.old, at.x, at.u, at.middle, at.share * at.steps)
     if (on := np.flatnonzero(at.share < 1.0)).size:
+        if resets is not None:
+            jumping = on[nodes.switch[rows[on]] >= 0]
+            transitions = nodes.transitions[nodes.switch[rows[jumping]]]
+            x[jumping] = resets.landed(transitions, x[jumping])
         left = (1.0 - at.share[on]) * at.steps[on]
         x[on] = laws.step(at.new[on], x[on], at.middle[on], at.after[on], left)
     return x
@@ -95,12 +122,16 @@ def crossings_of(laws: Laws, nodes: Nodes, states: Array) -> Crossings:
     """Where recordings switch, in the order of the instants."""
     at = _Parts.of(nodes, states, nodes.at)
     x = laws.step(at.old, at.x, at.u, at.middle, at.share * at.steps)
-    return _crossings(laws, at, x, slope_of(at.u, at.after, at.steps), None)
+    return _crossings(laws, nodes, at, x, slope_of(at.u, at.after, at.steps), None)
 
 
-def _crossings(laws: Laws, at: _Parts, x: Array, rate: Array, varied: Array | None) -> Crossings:
-    rates = np.hstack([laws.velocities(at.old, x, at.middle, rate), rate])
-    return Crossings(*laws.sides(at.old, at.new), np.hstack([x, at.middle]), rates, varied)
+def _crossings(
+    laws: Laws, nodes: Nodes, at: _Parts, x: Array, rate: Array, varied: Array | None
+) -> Crossings:
+    clocks = np.column_stack([nodes.instants - nodes.entered, nodes.instants])
+    columns = np.hstack([x, at.middle, clocks])
+    rates = np.hstack([laws.velocities(at.old, x, at.middle, rate), rate, np.ones(clocks.shape)])
+    return Crossings(*laws.sides(at.old, at.new), nodes.told_by, columns, rates, varied)
 
 
 class _Parts(NamedTuple):

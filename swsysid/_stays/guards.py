@@ -8,7 +8,7 @@ recording would take to the surface, whatever the scale of f.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,16 @@ from swsysid._surfaces.surface import Surface, is_linear
 
 
 class Crossings(NamedTuple):
-    """Where recordings switch, one row for each switch; modes that its surface separates."""
+    """Where recordings switch, one row for each switch; modes that its surface separates.
+
+    Columns are states, inputs, the time since the old mode was entered (NaN where nobody knows),
+    and the time.
+    """
 
     old: Modes
     new: Modes
-    columns: Array  # (n_switches, n_states + n_inputs)
+    told_by: Modes  # number of the transition whose guard tells it, -1 for none
+    columns: Array  # (n_switches, n_states + n_inputs + 2)
     rates: Array  # of the columns, in the old mode
     varied: Array | None  # of the states, (n_switches, n_states, n_unknowns)
 
@@ -42,11 +47,27 @@ class Misses(NamedTuple):
     """By how much crossings miss their surface, with derivatives; rows of the switches used."""
 
     switches: NDArray[np.intp]
-    surfaces: NDArray[np.intp]
     times: Array  # (n_used,): f / |df/dt|
-    by_columns: Array  # (n_used, n_states + n_inputs)
+    by_columns: Array  # (n_used, n_states + n_inputs + 2)
     by_instants: Array  # (n_used,): -1 or 1, less where the crossing grazes
-    by_coef: Array  # (n_used, n_surface_features)
+    by_coef: Array  # (n_used, n_free): by the free coefficients
+
+    @property
+    def since(self) -> NDArray[np.intp]:
+        """Switches since which a clock runs that tells one of these, the one after them."""
+        return self.switches[self._timed] - 1
+
+    @property
+    def by_since(self) -> Array:
+        """By the instants of these, (n_used, n_since): a later one shortens the stay."""
+        timed = self._timed
+        by_since = np.zeros((len(self.switches), len(timed)))
+        by_since[timed, np.arange(len(timed))] = -self.by_columns[timed, -2]
+        return by_since
+
+    @property
+    def _timed(self) -> NDArray[np.intp]:
+        return np.flatnonzero(self.by_columns[:, -2])
 
 
 @dataclass(frozen=True)
@@ -71,7 +92,7 @@ class Guards:
         guards = cls(form.coef, form.features, spread, form.mode_book, form.coef != 0.0)
         return guards.pivoted()
 
-    def pivoted(self, at: Crossings | None = None) -> Guards:
+    def pivoted(self, at: Crossings | None = None) -> Self:
         """The same, one coefficient of each surface held: it fixes the scale.
 
         That which adds most to the rate at which the surface is crossed, and so is surely there;
@@ -79,28 +100,51 @@ class Guards:
         """
         adds = np.abs(self.coef)
         if at is not None:
-            surfaces, switches = self._crossed(at)
-            _, slopes = slopes_of(self.features, at.columns[switches], self.spread)
-            rates = np.abs(np.einsum("kfc,kc->kf", slopes, at.rates[switches]))
+            surfaces, switches = self.crossed(at)
+            _, slopes, rates = self._crossing(at, switches)
             of_crossings = np.zeros(self.coef.shape)
-            np.add.at(of_crossings, surfaces, np.abs(self.coef[surfaces]) * rates)
+            each = np.abs(self.coef[surfaces] * np.einsum("kfc,kc->kf", slopes, rates))
+            np.add.at(of_crossings, surfaces, each)
             adds = np.where(of_crossings.any(axis=1, keepdims=True), of_crossings, adds)
         free = (self.coef != 0.0) | self.free
         free[np.arange(len(free)), adds.argmax(axis=1)] = False
         return replace(self, free=free)
 
-    def _crossed(self, at: Crossings) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def crossed(self, at: Crossings) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Surfaces that are crossed, and at which switches: where one alone separates the modes."""
         apart = self.mode_book[at.old] * self.mode_book[at.new] < 0
         used = np.flatnonzero(apart.sum(axis=1) == 1)
         return apart[used].argmax(axis=1), used
+
+    def usual_speeds(self, at: Crossings) -> Array:
+        """Median of the rates at which each surface is crossed; infinite where it is not."""
+        surfaces, switches = self.crossed(at)
+        _, slopes, moving = self._crossing(at, switches)
+        rates = np.abs(np.einsum("kf,kfc,kc->k", self.coef[surfaces], slopes, moving))
+        return self._medians(surfaces, rates)
+
+    def _medians(self, surfaces: NDArray[np.intp], rates: Array) -> Array:
+        medians = np.full(len(self.coef), np.inf)
+        for surface in np.unique(surfaces):
+            medians[surface] = np.median(rates[surfaces == surface])
+        return medians
+
+    def _crossing(self, at: Crossings, switches: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        """Features at some switches, their derivatives, and the rates of the columns they use."""
+        n_columns = len(self.spread)
+        columns = np.nan_to_num(at.columns[switches, :n_columns])
+        return *slopes_of(self.features, columns, self.spread), at.rates[switches, :n_columns]
+
+    def known(self) -> Self:
+        """The same with no coefficient free."""
+        return replace(self, free=np.zeros_like(self.free))
 
     @property
     def n_free(self) -> int:
         """Number of free coefficients."""
         return int(self.free.sum())
 
-    def moved(self, step: Array) -> Guards:
+    def moved(self, step: Array) -> Self:
         """Surfaces with other free coefficients."""
         coef = self.coef.copy()
         coef[self.free] += step
@@ -132,7 +176,7 @@ class Guards:
         """Gauss and Newton's matrix of half the squares of these, negative gradient, value."""
         wrong, n = self.wrong_sides(), self.n_free
         matrix, right = np.zeros((n, n)), np.zeros(n)
-        for surface, place in enumerate(self._own_places()):
+        for surface, place in enumerate(self.own_places()):
             rows = np.flatnonzero(wrong[surface])
             if self.sides is None or not rows.size:
                 continue
@@ -144,26 +188,21 @@ class Guards:
     def misses(self, at: Crossings) -> Misses:
         """Times to the surface, for switches between modes that one surface separates.
 
-        Rates far below their median, where a crossing grazes, count as a part of it.
+        Rates far below the median of their surface, where a crossing grazes, count as a part of it.
         """
-        surfaces, used = self._crossed(at)
-        basis, slopes = slopes_of(self.features, at.columns[used], self.spread)
+        surfaces, used = self.crossed(at)
+        basis, slopes, moving = self._crossing(at, used)
         coef = self.coef[surfaces]
         values = np.einsum("kf,kf->k", coef, basis)
         gradients = np.einsum("kf,kfc->kc", coef, slopes)
-        rates = np.einsum("kc,kc->k", gradients, at.rates[used])
-        size = np.maximum(
-            np.abs(rates), LIMITS.slowest_crossing * np.median(np.abs(rates)) if len(used) else 1.0
-        )
-        size = np.maximum(size, np.finfo(float).tiny)
-        return Misses(
-            used,
-            surfaces,
-            values / size,
-            gradients / size[:, None],
-            rates / size,
-            basis / size[:, None],
-        )
+        rates = np.einsum("kc,kc->k", gradients, moving)
+        slowest = LIMITS.slowest_crossing * self._medians(surfaces, np.abs(rates))[surfaces]
+        size = np.maximum(np.maximum(np.abs(rates), slowest), np.finfo(float).tiny)
+        by_columns = np.zeros((len(used), at.columns.shape[1]))
+        by_columns[:, : gradients.shape[1]] = gradients / size[:, None]
+        by_coef = np.zeros((len(used), *self.coef.shape))
+        by_coef[np.arange(len(used)), surfaces] = basis / size[:, None]
+        return Misses(used, values / size, by_columns, rates / size, by_coef[:, self.free])
 
     def log_probabilities(
         self, columns: Array, rates: Array, covariance: Array | None, blurred: float
@@ -179,7 +218,7 @@ class Guards:
         speeds = np.maximum(speeds, np.median(speeds, axis=0))
         variance = np.square(blurred * speeds)
         if covariance is not None:
-            for surface, place in enumerate(self._own_places()):
+            for surface, place in enumerate(self.own_places()):
                 varied = basis[:, self.free[surface]]
                 own = covariance[np.ix_(place, place)]
                 variance[:, surface] += np.einsum("kf,fg,kg->k", varied, own, varied)
@@ -188,7 +227,7 @@ class Guards:
         logs = np.where(self.mode_book == 0, 0.0, logs).sum(axis=2)
         return logs - logsumexp(logs, axis=1, keepdims=True)
 
-    def _own_places(self) -> list[NDArray[np.intp]]:
+    def own_places(self) -> list[NDArray[np.intp]]:
         """Places of the free coefficients of each surface among all of them."""
         counts = self.free.sum(axis=1)
         return np.split(np.arange(counts.sum()), np.cumsum(counts)[:-1])

@@ -82,18 +82,13 @@ class Laws:
         fourth = self.velocities(modes, x + h * third, after, slope)
         return x + h / 6 * (first + 2 * (second + third) + fourth)
 
-    def plain_step(
-        self, modes: Modes, x: Array, Z: Array, u: Array, after: Array, duration: Array
-    ) -> tuple[Array, Array]:
-        """States alone, the sensitivities as they were."""
-        return self.step(modes, x, u, after, duration), Z
-
     def varied_step(
         self, modes: Modes, x: Array, Z: Array, u: Array, after: Array, duration: Array
     ) -> tuple[Array, Array]:
         """The same with sensitivities (n_rows, n_states, n_unknowns).
 
-        The first n_states unknowns are states at some start, the next are the free coefficients.
+        The first n_states unknowns are states at some start, the next are the free coefficients,
+        and any others may follow.
         """
         h, middle, slope = duration[:, None], 0.5 * (u + after), slope_of(u, after, duration)
         hz = h[:, :, None]

@@ -17,27 +17,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
+from typing import Self
 
 import numpy as np
 
 from swsysid._results import Array
 from swsysid._stays.equations import NodeEquations
-from swsysid._stays.flow import Legs, Switching, crossings_of, ends_of, steady_legs, switching
-from swsysid._stays.guards import Crossings, Guards
+from swsysid._stays.flow import Legs, crossings_of, ends_of, steady_legs, switching
+from swsysid._stays.guards import Crossings, Guards, Misses
 from swsysid._stays.laws import Laws
 from swsysid._stays.nodes import Nodes, Rows
+from swsysid._stays.resets import Resets
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.sliding import SlidingLaws, with_slides
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Laws, nodes with their instants, the states of the nodes, and surfaces if any."""
+    """Laws, nodes with their instants, the states of the nodes, and surfaces and resets if any."""
 
     laws: Laws
     nodes: Nodes
     states: Array  # (n_nodes, n_states)
     guards: Guards | None = None
+    resets: Resets | None = None
 
     @property
     def motion(self) -> Laws:
@@ -50,6 +53,11 @@ class Estimate:
     def slides(self) -> bool:
         """True if a recording slides along a surface."""
         return any((stays.modes >= len(self.laws.coef)).any() for stays in self.nodes.stays)
+
+    @property
+    def beyond(self) -> int:
+        """Number of samples whose mode must have been left: none, since surfaces have sides."""
+        return 0
 
     def renamed(self, order: Rows) -> Estimate:
         """The same with mode ``order[k]`` called k."""
@@ -74,7 +82,7 @@ class Estimate:
         """Where recordings switch."""
         return crossings_of(self.motion, self.nodes, self.states)
 
-    def pivoted(self) -> Estimate:
+    def pivoted(self) -> Self:
         """The same, the scale of its surfaces held by what is crossed most surely."""
         if self.guards is None:
             return self
@@ -94,21 +102,32 @@ class Estimate:
         instants[misses.switches] += np.clip(move, -farthest, farthest)
         return replace(self, nodes=self.nodes.moved(instants))
 
-    def moved(self, step: Array) -> Estimate:
-        """Another estimate: coefficients, states, instants and surfaces, in this order."""
-        n_free, size, n_instants = self.laws.n_free, self.states.size, len(self.nodes.instants)
-        coef = self.laws.coef.copy()
-        coef[self.laws.places] += step[:n_free]
-        states = self.states + step[n_free : n_free + size].reshape(self.states.shape)
-        farthest = LIMITS.farthest_move * self.nodes.recordings.interval
-        by_instant, by_guard = np.split(step[n_free + size :], [n_instants])
-        instants = self.nodes.instants + np.clip(by_instant, -farthest, farthest)
-        guards = None if self.guards is None else self.guards.moved(by_guard)
-        nodes = self.nodes.moved(instants)
-        moved = Estimate(replace(self.laws, coef=coef), nodes, states, guards)
-        return moved.flown_to(np.flatnonzero(nodes.modes != self.nodes.modes))
+    def ends(self, rows: Rows | None = None) -> Array:
+        """Where intervals lead, all by default, (n_intervals, n_states)."""
+        return ends_of(self.motion, self.nodes, self.states, rows, self.resets)
 
-    def flown_to(self, rows: Rows) -> Estimate:
+    def moved(self, step: Array) -> Self:
+        """Another estimate: laws, states, instants, surfaces and resets, in this order."""
+        n_free, size, n_instants = self.laws.n_free, self.states.size, len(self.nodes.instants)
+        n_guards = 0 if self.guards is None else self.guards.n_free
+        of_laws, of_states, of_instants, of_guards, of_resets = np.split(
+            step, np.cumsum([n_free, size, n_instants, n_guards])
+        )
+        coef = self.laws.coef.copy()
+        coef[self.laws.places] += of_laws
+        farthest = LIMITS.farthest_move * self.nodes.recordings.interval
+        nodes = self.nodes.moved(self.nodes.instants + np.clip(of_instants, -farthest, farthest))
+        moved = replace(
+            self,
+            laws=replace(self.laws, coef=coef),
+            nodes=nodes,
+            states=self.states + of_states.reshape(self.states.shape),
+            guards=None if self.guards is None else self.guards.moved(of_guards),
+            resets=None if self.resets is None else self.resets.moved(of_resets),
+        )
+        return moved.flown_to(np.flatnonzero(nodes.names != self.nodes.names))
+
+    def flown_to(self, rows: Rows) -> Self:
         """The same with some nodes where the flow from the node before leads.
 
         A step takes an instant that passes a node on by the flow that it had before, and that node
@@ -117,13 +136,13 @@ class Estimate:
         rows = rows[np.isin(rows - 1, self.nodes.begins)]
         if not rows.size:
             return self
-        states, depth = self.states.copy(), rows - np.arange(len(rows))
+        flown, depth = replace(self, states=self.states.copy()), rows - np.arange(len(rows))
         run = np.arange(len(rows)) - np.searchsorted(depth, depth)  # place among neighbours
-        for place in range(min(int(run.max()) + 1, ceil(LIMITS.farthest_move))):
+        farthest = ceil(LIMITS.farthest_move * self.nodes.recordings.per_sample)
+        for place in range(min(int(run.max()) + 1, farthest)):
             own = rows[run == place]
-            intervals = np.searchsorted(self.nodes.begins, own - 1)
-            states[own] = ends_of(self.motion, self.nodes, states, intervals)
-        return replace(self, states=states)
+            flown.states[own] = flown.ends(np.searchsorted(self.nodes.begins, own - 1))
+        return flown
 
 
 def recombined(chosen: Sequence[Estimate]) -> Estimate:
@@ -141,6 +160,7 @@ class Objective:
     noise: Array
     tie: float
     guard_time: float = 1.0  # by which a crossing may miss its surface
+    most_beyond: int = 0  # samples whose mode must have been left: with more, modes are others
 
     def with_noise(self, noise: Array) -> Objective:
         """The same for other noise."""
@@ -156,20 +176,19 @@ class Objective:
         return float(len(self.noise) * (len(nodes.recordings) + of_nodes))
 
     def allows(self, estimate: Estimate) -> bool:
-        """True: a step may lead to any estimate."""
-        return True
+        """True of an estimate that a step may lead to."""
+        return estimate.beyond <= self.most_beyond
 
     def value(self, estimate: Estimate) -> float:
-        """Half the sum of squares."""
-        return float(self.by_recording(estimate).sum())
+        """Half the sum of squares; infinite where the estimate is not allowed."""
+        return float(self.by_recording(estimate).sum()) if self.allows(estimate) else np.inf
 
     def by_recording(self, estimate: Estimate) -> Array:
         """What each recording adds to the value, (n_recordings,)."""
         nodes, guards = estimate.nodes, estimate.guards
         misfit, _ = self._misfit(estimate)
         of_nodes = 0.5 * np.square(misfit).sum(axis=1)
-        ends = ends_of(estimate.motion, nodes, estimate.states)
-        gaps = (estimate.states[nodes.begins + 1] - ends) / self.noise
+        gaps = (estimate.states[nodes.begins + 1] - estimate.ends()) / self.noise
         of_nodes[nodes.begins] += 0.5 * (
             np.square(gaps).sum(axis=1) * np.square(self._weights(nodes))
         )
@@ -185,14 +204,23 @@ class Objective:
 
     def normal_equations(self, estimate: Estimate) -> NodeEquations:
         """Gauss and Newton's equations."""
-        nodes, states, guards = estimate.nodes, estimate.states, estimate.guards
+        nodes, states, guards, resets = (
+            estimate.nodes, estimate.states, estimate.guards, estimate.resets
+        )  # fmt: skip
+        n_laws, n_guards = estimate.laws.n_free, 0 if guards is None else guards.n_free
+        switches = None
+        if len(nodes.at):
+            switches = switching(estimate.motion, nodes, states, resets, n_laws + n_guards)
+        misses = None if switches is None or guards is None else guards.misses(switches.crossings)
         equations = NodeEquations(
             (len(nodes), states.shape[1]),
-            n_laws=estimate.laws.n_free,
-            n_guards=0 if guards is None else guards.n_free,
+            n_laws=n_laws,
+            n_guards=n_guards,
+            n_resets=0 if resets is None else resets.n_free,
             unit=self.noise,
             at=nodes.begins[nodes.at],
             kept=nodes.kept,
+            since=np.zeros(0, dtype=np.intp) if misses is None else misses.since,
             # half a nat for an interval: where the velocity is the same on both sides the data do
             # not say when a recording switches
             hold=nodes.recordings.interval**-2.0,
@@ -201,13 +229,13 @@ class Objective:
         weights = self._weights(nodes)
         for legs in steady_legs(estimate.motion, nodes, states):
             self._add_ties(equations, estimate, legs, weights)
-        if len(nodes.at):
-            switches = switching(estimate.motion, nodes, states)
+        if switches is not None:
             gaps = self._add_ties(equations, estimate, switches.legs, weights)
             own = weights[switches.legs.rows]
             equations.add_instants(switches.legs, switches.by_instant, gaps, own)
-            if guards is not None:
-                self._add_guards(equations, guards, switches)
+            if guards is not None and misses is not None:
+                self._add_guards(equations, guards, misses, switches.crossings)
+                equations.keep_instants()
         return equations
 
     def _add_ties(
@@ -219,23 +247,22 @@ class Objective:
         equations.add_ties(legs, first, gaps, weights[legs.rows])
         return gaps
 
-    def _add_guards(self, equations: NodeEquations, guards: Guards, switches: Switching) -> None:
-        """Add what crossings that miss their surface say; a far one counts less."""
-        crossings, n_states = switches.crossings, len(self.noise)
+    def _add_guards(
+        self, equations: NodeEquations, guards: Guards, misses: Misses, crossings: Crossings
+    ) -> None:
+        """Add what crossings say that miss their surface; a far one counts less."""
         assert crossings.varied is not None
-        misses = guards.misses(crossings)
+        n_states, n_laws, n_guards = len(self.noise), equations.n_laws, equations.n_guards
         times = misses.times / self.guard_time
         root = (1.0 + np.square(times / LIMITS.far_miss)) ** -0.25
         weight = root / self.guard_time
         varied = np.einsum(
             "kc,kcz->kz", misses.by_columns[:, :n_states], crossings.varied[misses.switches]
         )
-        shared = np.zeros((len(times), equations.n_laws + equations.n_guards))
-        n_shared = varied.shape[1] - n_states - 1
-        shared[:, :n_shared] = varied[:, n_states:-1]
-        by_coef = np.zeros((len(times), *guards.coef.shape))
-        by_coef[np.arange(len(times)), misses.surfaces] = misses.by_coef
-        shared[:, equations.n_laws :] += by_coef[:, guards.free]
+        shared = np.zeros((len(times), len(equations.corner)))
+        shared[:, : varied.shape[1] - n_states] = varied[:, n_states:]
+        shared[:, n_laws : n_laws + n_guards] += misses.by_coef
+        shared[:, equations.n_shared :] = misses.by_since
         equations.add_misses(
             misses.switches,
             root * times,

@@ -98,6 +98,29 @@ class Nodes:
                 self.kept[self.begins[rows[1:]]] = False
             steady, place, length = steady[~inside], place[~inside], length[~inside]
 
+    @property
+    def names(self) -> Rows:
+        """What tells the stay of every node from its neighbours, (n_nodes,)."""
+        pairs = zip(self.stays, self.recordings.times, strict=True)
+        return np.concatenate([stays.names(t) for stays, t in pairs])
+
+    @property
+    def transitions(self) -> Rows:
+        """Number of the transition of every switch, -1 where it has none."""
+        return np.concatenate([stays.transitions for stays in self.stays])
+
+    @property
+    def told_by(self) -> Rows:
+        """Number of the transition whose guard tells each switch, -1 for none."""
+        return np.concatenate([stays.told_by for stays in self.stays])
+
+    @property
+    def entered(self) -> Array:
+        """When the old mode of every switch was entered, NaN where a recording began in it."""
+        return np.concatenate([
+            np.append(np.nan, stays.instants)[: len(stays.instants)] for stays in self.stays
+        ])  # fmt: skip
+
     def shares(self) -> Array:
         """Part of each interval before its switch; where there is none, of the first step."""
         shares = np.full(len(self.begins), self.recordings.first_step)

@@ -17,6 +17,20 @@ class Stays:
     modes: NDArray[np.intp]  # (n_stays,), neighbours different
     instants: Array  # (n_stays - 1,): when each stay but the last one ends, increasing
 
+    @property
+    def transitions(self) -> NDArray[np.intp]:
+        """Number of the transition at each instant, -1 where it has none."""
+        return np.full(len(self.instants), -1)
+
+    @property
+    def told_by(self) -> NDArray[np.intp]:
+        """Number of the transition whose guard tells each instant, -1 for none."""
+        return np.full(len(self.instants), -1)
+
+    def names(self, t: Array) -> NDArray[np.intp]:
+        """What tells a stay from its neighbours, at any times: its mode."""
+        return self.at(t)
+
     @classmethod
     def of_intervals(cls, modes: NDArray[np.intp], t: Array) -> Stays:
         """Stays from the mode at the end of every interval between two samples."""

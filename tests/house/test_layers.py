@@ -19,7 +19,7 @@ _checks _rendering _results _ties _whole_or_nothing _noise _data _tables differe
 _solvers _losses relaxations _surfaces _classifier _pipelines effects _seeding _identification
 _simulation _automaton weak_form refinement _free_rollouts _regressor uncertainty _stays
 _trajectory_identifier
-_discrete_stays _automaton_shooting _automaton_search _automaton_regressor _effect_model
+_discrete_stays _automaton_search _automaton_regressor _effect_model
 _effect_regressor datasets
 _displays _residual_report _effect_search
 _saving diagnosis plotting report results __init__ _cli __main__
