@@ -45,7 +45,7 @@ class Course(Stays):
         first, last = self.window.T
         instants = np.clip(instants, first, np.maximum(first, np.nextafter(last, first)))
         instants = np.clip(instants, t[0], np.nextafter(t[-1], t[0]))
-        own = np.searchsorted(t, self.instants, side="right") - 1
+        own = np.minimum(np.searchsorted(t, self.instants, side="right"), len(t) - 1) - 1
         held = np.clip(instants, t[own], np.nextafter(t[own + 1], t[0]))
         while True:
             cells = np.searchsorted(t, instants, side="right") - 1

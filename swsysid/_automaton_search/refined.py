@@ -193,9 +193,10 @@ def _courses(
         inside = (switches.times >= first) & (switches.times <= last)
         own = np.flatnonzero((switches.recording == k) & inside)
         own = own[np.argsort(switches.times[own], kind="stable")]
+        # before the sample at which it is seen, and before the last one
         low, high = between[own].T
-        # before the sample at which it is seen
-        instants = np.clip(switches.times[own], low, np.maximum(low, np.nextafter(high, low)))
+        high = np.maximum(low, np.nextafter(np.minimum(high, last), first))
+        instants = np.clip(switches.times[own], low, high)
         modes = np.append(first_modes[begin], switches.target[own])
         courses.append(Course(modes, instants, number[own], told[own], between[own]))
         rows.append((int(k), slice(pieces.first[begin], pieces.last[end - 1] + 1)))

@@ -36,6 +36,13 @@ def test_switches_never_meet(moves, expected):
     assert moved.modes.tolist() == [0, 1, 2]
 
 
+def test_a_switch_at_the_last_sample_is_before_it():
+    at_the_end = course([1.5, 5.0])
+    moved = at_the_end.moved(at_the_end.instants + 0.1, T)
+    np.testing.assert_allclose(moved.instants, [1.6, 5.0], rtol=0.0, atol=1e-12)
+    assert moved.at(T).tolist() == [0, 0, 1, 1, 1, 2]
+
+
 def test_a_jump_stays_between_the_samples_at_which_it_is_seen():
     seen = course([2.5], [(2.0, 3.0)])
     early, late = (float(seen.moved(np.array([to]), T).instants[0]) for to in (1.0, 4.0))
