@@ -180,7 +180,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """
         fit = self.joint_fit_
         check_format(format, precision)
-        return laws_with_effects(fit, self._channel_names, self._quantity, precision, format)
+        return laws_with_effects(fit, self._channel_names, precision, format, self._quantity)
 
     def surface_equations(self, precision=3, format="text"):
         """The surfaces and the modes on their sides, or the guard with memory in their place.

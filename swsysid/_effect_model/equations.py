@@ -24,11 +24,11 @@ from swsysid.effects._types import Crossing, WithoutColumns
 
 
 def laws_with_effects(
-    fit: JointFit, names: Sequence[str], quantity: str | None, precision: int, style: str
+    fit: JointFit, names: Sequence[str], precision: int, style: str, quantity: str | None = None
 ) -> list[str]:
     """The law of every mode with the effects' terms, then what sensors and clocks do."""
-    # `names` are those of the channels, `quantity` is what laws that give no rate give, and
-    # `style` is "text" or "latex".
+    # `names` are those of the channels, `style` is "text" or "latex", and `quantity` is what laws
+    # that give no rate give.
 
     def added(mode: int, state: int) -> Iterator[tuple[float, str, float]]:
         for term, coef in zip(fit.terms, fit.coef, strict=True):
