@@ -74,8 +74,6 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
     0.3
     """
 
-    _quantity: str | None = None  # that the law gives, where it gives no rate
-
     def __init__(self, estimator, effects=()):
         self.estimator = estimator
         self.effects = effects
@@ -180,7 +178,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """
         fit = self.joint_fit_
         check_format(format, precision)
-        return laws_with_effects(fit, self._channel_names, precision, format, self._quantity)
+        return laws_with_effects(fit, self._channel_names, precision, format, self._given)
 
     def surface_equations(self, precision=3, format="text"):
         """The surfaces and the modes on their sides, or the guard with memory in their place.
@@ -255,7 +253,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """A copy with the numbers of what `stated` has given and a refinement has changed."""
         fit, one = with_numbers_of(self.joint_fit_, stated), self._one_target
         changed = EffectRegressor(self.estimator, fit.terms)
-        return changed.around(fit, self, self._channel_names, self._quantity, one_target=one)
+        return changed.around(fit, self, self._channel_names, self._given, one_target=one)
 
     # -- parts ---------------------------------------------------------------------------------
 
@@ -283,6 +281,11 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """The fit of the declared model and the effects, which predicts along whole records."""
         check_fitted(self, "estimator_")
         return self._fit
+
+    @property
+    def _given(self) -> str | None:
+        """The quantity that the law gives, where that is no rate; older files know of none."""
+        return getattr(self, "_quantity", None)
 
     def _adopt(self, fit: JointFit, channel_names: Sequence[str], quantity: str | None = None):
         self._fit = replace(fit, doubts=())  # of which the user is warned once

@@ -5,7 +5,13 @@ import pandas as pd
 import pytest
 from pysindy import PolynomialLibrary
 
-from swsysid import EffectRegressor, EffectSearchCV, SwitchingSystemRegressor
+from swsysid import (
+    EffectRegressor,
+    EffectSearchCV,
+    SwitchingSystemRegressor,
+    load_model,
+    save_model,
+)
 from swsysid._data.records import make_records
 from swsysid.datasets import make_undeclared
 from swsysid.effects import Backlash, CoulombFriction, Delay, Lag, StribeckFriction, Trigonometric
@@ -157,3 +163,12 @@ def test_a_force_is_no_rate_and_one_that_accelerates_a_mass_is_one():
         [np.gradient(motion.v[groups == run], t[groups == run]) for run in range(4)]
     )
     assert not static(motion[["v", "x"]].to_numpy(), 3.0 * acceleration, t, groups)
+
+
+def test_a_model_of_a_force_is_the_same_in_a_file(tmp_path):
+    motion, t, groups = strokes()
+    model = EffectRegressor(straight()).fit(
+        motion, force(motion, t, groups, "backlash"), t=t, groups=groups
+    )
+    save_model(model, tmp_path / "model.json")
+    assert load_model(tmp_path / "model.json").equations() == model.equations()
