@@ -26,7 +26,7 @@ from swsysid._effect_model.joint_fit import (
     warn_of_doubts,
     with_decoded_modes,
 )
-from swsysid._effect_model.models import check_declared, declared_model
+from swsysid._effect_model.models import check_declared, declared_model, with_quantity
 from swsysid._effect_model.refinable import as_stated_model, with_numbers_of
 from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._rendering.printing import check_format
@@ -86,7 +86,8 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         ----------
         X : array-like of shape (n_samples, n_states + n_inputs)
         y : array-like of shape (n_samples,) or (n_samples, n_states)
-            Xdot, the measured velocities (next states in discrete time).
+            Xdot, the measured velocities (next states in discrete time); or one quantity that is
+            no rate of the first column, such as a force: no column is a state then.
         t, groups : array-like of shape (n_samples,), default=None
             Times and trajectories, for effects that need them.
         signals : array-like of shape (n_samples, n_signals), default=None
@@ -99,19 +100,21 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """
         check_declared(self.estimator)
         terms = _checked_terms(self.effects)
+        given = y
         X, y = rows_and_velocities(self, X, y, reset=True)
         targets, rows = y.reshape(len(y), -1), np.arange(len(X))
         self._one_target, self._n_targets = y.ndim == 1, targets.shape[1]
         records = self._records(X, t, groups, signals, terms)
         start = None if modes is None else _checked_modes(modes, len(X))
         declared = declared_model(self.estimator, records)
+        records = with_quantity(declared, records, targets, given)
         stated = as_stated(declared, records)
         if stated is not None:
             decoded = with_decoded_modes(stated, records, rows, targets) if start is None else None
             records = replace(records, decoded_modes=start) if decoded is None else decoded
         fit = fit_jointly(declared, terms, records, rows, targets, start)
         warn_of_doubts(fit, 3)
-        return self._adopt(fit, records.names)
+        return self._adopt(fit, records.names, records.quantity)
 
     def predict(self, X, *, t=None, groups=None, signals=None):
         """Velocities, of the shape that `y` had in `fit`."""
@@ -175,7 +178,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """
         fit = self.joint_fit_
         check_format(format, precision)
-        return laws_with_effects(fit, self._channel_names, precision, format)
+        return laws_with_effects(fit, self._channel_names, precision, format, self._given)
 
     def surface_equations(self, precision=3, format="text"):
         """The surfaces and the modes on their sides, or the guard with memory in their place.
@@ -250,22 +253,28 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """A copy with the numbers of what `stated` has given and a refinement has changed."""
         fit, one = with_numbers_of(self.joint_fit_, stated), self._one_target
         changed = EffectRegressor(self.estimator, fit.terms)
-        return changed.around(fit, self, self._channel_names, one_target=one)
+        return changed.around(fit, self, self._channel_names, self._given, one_target=one)
 
     # -- parts ---------------------------------------------------------------------------------
 
     def around(
-        self, fit: JointFit, like: BaseEstimator, names: Sequence[str], one_target: bool = False
+        self,
+        fit: JointFit,
+        like: BaseEstimator,
+        names: Sequence[str],
+        quantity: str | None,
+        one_target: bool = False,
     ) -> EffectRegressor:
         """Itself, fitted as `fit` says to data that `like` has seen, to predict all states.
 
-        `names` are those of the channels; with `one_target` predictions have one dimension.
+        `names` are those of the channels, `quantity` is what the law gives if that is no rate;
+        with `one_target` predictions have one dimension.
         """
         for name in ("n_features_in_", "feature_names_in_"):
             if hasattr(like, name):
                 setattr(self, name, getattr(like, name))
         self._one_target, self._n_targets = one_target, fit.laws.coef.shape[1]
-        return self._adopt(fit, names)
+        return self._adopt(fit, names, quantity)
 
     @property
     def joint_fit_(self) -> JointFit:
@@ -273,9 +282,14 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         check_fitted(self, "estimator_")
         return self._fit
 
-    def _adopt(self, fit: JointFit, channel_names: Sequence[str]):
+    @property
+    def _given(self) -> str | None:
+        """The quantity that the law gives, where that is no rate; older files know of none."""
+        return getattr(self, "_quantity", None)
+
+    def _adopt(self, fit: JointFit, channel_names: Sequence[str], quantity: str | None = None):
         self._fit = replace(fit, doubts=())  # of which the user is warned once
-        self._channel_names = tuple(channel_names)
+        self._channel_names, self._quantity = tuple(channel_names), quantity
         self.estimator_ = fit.estimator
         self.effects_ = fit.terms
         self.effect_coef_ = fit.coef

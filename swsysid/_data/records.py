@@ -48,6 +48,9 @@ class Records:
         States whose equation is known to give their own rate, and no force of theirs.
     positions : frozenset of int
         States whose rate is known to be another state, as in x' = v.
+    quantity : str or None
+        What the one law gives where that is the rate of no state: a force, a torque, a current.
+        No column of X is a state then. None where the equations are those of states.
     """
 
     X: Array
@@ -61,6 +64,7 @@ class Records:
     decoded_modes: NDArray[np.intp] | None = None
     rates: frozenset[int] = frozenset()
     positions: frozenset[int] = frozenset()
+    quantity: str | None = None
 
     def __len__(self) -> int:
         return len(self.X)
@@ -76,14 +80,29 @@ class Records:
         return self.X.shape[1] - self.n_states
 
     @property
+    def static(self) -> bool:
+        """True if the law gives a quantity that is no rate."""
+        return self.quantity is not None
+
+    @property
     def states(self) -> range:
-        """Channels that are states."""
-        return range(min(self.n_states, self.X.shape[1]))
+        """Channels that are states; none of a static law."""
+        return range(0 if self.static else min(self.n_states, self.X.shape[1]))
 
     @property
     def inputs(self) -> range:
-        """Channels that are inputs."""
-        return range(self.n_states, self.X.shape[1])
+        """Channels that are inputs: of a static law all columns of X."""
+        return range(0 if self.static else self.n_states, self.X.shape[1])
+
+    @property
+    def variables(self) -> range:
+        """Channels that the laws are about: the states, of a static law all columns of X."""
+        return self.inputs if self.static else self.states
+
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """Names of what the laws give: those of the states, or of the quantity."""
+        return self.names[: self.n_states] if self.quantity is None else (self.quantity,)
 
     @property
     def signal_channels(self) -> range:

@@ -23,9 +23,12 @@ from swsysid.effects import GuardEffect, MeasurementEffect, PlacedEffect, ResetE
 from swsysid.effects._types import Crossing, WithoutColumns
 
 
-def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style: str) -> list[str]:
+def laws_with_effects(
+    fit: JointFit, names: Sequence[str], precision: int, style: str, quantity: str | None = None
+) -> list[str]:
     """The law of every mode with the effects' terms, then what sensors and clocks do."""
-    # `names` are those of the channels, `style` is "text" or "latex".
+    # `names` are those of the channels, `style` is "text" or "latex", and `quantity` is what laws
+    # that give no rate give.
 
     def added(mode: int, state: int) -> Iterator[tuple[float, str, float]]:
         for term, coef in zip(fit.terms, fit.coef, strict=True):
@@ -41,7 +44,8 @@ def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style
         precision,
         style,
         discrete_time=own.discrete_time,
-        states=names,
+        states=names if quantity is None else (quantity,),
+        static=quantity is not None,
         columns=own.column_names(names),
         added=added,
     )

@@ -102,9 +102,8 @@ class EffectData:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the states."""
-        listed = self.records.names[: self.records.n_states]
-        return tuple(listed[: self.measured.shape[1]])
+        """Names of what the laws give."""
+        return self.records.equations
 
     @cached_property
     def measured(self) -> Array:
@@ -179,6 +178,8 @@ class EffectData:
     @property
     def why_no_rollouts(self) -> str:
         """A sentence if there are none."""
+        if self.records.static:
+            return "the law gives no rate: there is nothing to roll out"
         if not self.stretches:
             return "the order of the rows is not known: give t or groups"
         if not (self.records.timed or self.discrete):
@@ -305,6 +306,7 @@ class EffectContents(Parts):
     alarms: tuple[str, ...] = ()
     set_aside: RowsSetAside | None = None
     discrete: bool = False
+    static: bool = False
     data: EffectData | None = None
 
     @property

@@ -142,10 +142,12 @@ class Panels:
         legend_above(ax, 3, **_SPACES)
 
     def _rate(self, state: int) -> str:
-        """Label of a velocity, or of a next state, with its unit."""
+        """Label of what an equation gives, with its unit."""
         name = self.data.names[state]
         if self.data.discrete:
             return f"next {axis_label(name, self.units)}"
+        if self.data.records.static:
+            return axis_label(name, self.units)
         return axis_label(f"d/dt {name}", self.units)
 
     def _held_out_axis(self) -> tuple[Array, list[float], str]:

@@ -60,7 +60,7 @@ def _found(
     """The forces that a structure leaves behind."""
     added, records = [], forces.context.data.records
     # a force acts on no position: that q' = v is what velocities are
-    forced = [one for one in records.states if one not in records.positions]
+    forced = [one for one in range(records.n_states) if one not in records.positions]
     for target in forced:
         found = forces.disturbance(structure, target)
         if found is not None:

@@ -223,7 +223,7 @@ def describe_findings(
                 error_before=float(before[gaining]),
                 error_after=float(after[gaining]),
                 rivals=_rivals(ladder, place, gaining),
-                meaning=term.effect.describe(label, records.names[term.target]),
+                meaning=term.effect.describe(label, records.equations[term.target]),
                 formula=term.effect.formula(label, parameters),
                 placed=term,
                 table=table_of(final, place, covariances[place], records, ladder.targets),

@@ -84,9 +84,10 @@ class _View:
 
     def rate(self, state: int) -> str:
         """The velocity of a state, with its unit."""
-        name, discrete = self.report.targets[state], self.report.discrete
-        unit = unit_of(name if discrete else f"d/dt {name}", self.units)
-        return f"{words.rate(name, discrete)} [{unit}]" if unit else words.rate(name, discrete)
+        name, report = self.report.targets[state], self.report
+        is_rate = not (report.discrete or report.static)
+        unit = unit_of(f"d/dt {name}" if is_rate else name, self.units)
+        return f"{words.law_of(name, report)} [{unit}]" if unit else words.law_of(name, report)
 
     @property
     def rates(self) -> list[str]:
@@ -220,7 +221,7 @@ def _residuals(view: _View) -> Iterable[str]:
                 leftover, equation=name, n_channels=1, units=view.units
             )
             display.figure_.suptitle("")  # the verdict stands above the picture
-            whose = f"Residual of {words.rate(name, view.report.discrete)} of the {model}"
+            whose = f"Residual of {words.law_of(name, view.report)} of the {model}"
             caption = f"{whose}, against what tells most about it."
             body.append(figure(display.figure_, caption))
         body.append(preformatted("all tests", str(leftover)))

@@ -24,6 +24,7 @@ from swsysid._effect_search.coloured_noise import Stretches
 from swsysid._effect_search.folds import exact_states
 from swsysid._effect_search.recording import Measured
 from swsysid._effect_search.settings import SETTINGS
+from swsysid._effect_search.words import rate
 from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array, Trajectory
 from swsysid._stays.given import check_channels, read_given
@@ -130,8 +131,7 @@ def _of_the_laws(
                 "is at rest: declare the model with loss='squared', or leave the samples at rest "
                 "out"
             )
-        name = records.names[state]
-        law = f"the next {name}" if fit.laws.discrete_time else f"{name}'"
+        law = rate(records.equations[state], fit.laws.discrete_time, records.static)
         sentences.append(
             f"The declared model explains {max(share, 0.0):.0%} of the variation of {law}; "
             f"{advice}."
@@ -189,7 +189,7 @@ def follow_the_states(records: Records, targets: Array, left: Array) -> bool:
     of one, and to more where a filter has smeared it. That of a velocity made of the states cannot
     lead away from them by more than their own noise.
     """
-    if not records.timed:
+    if not records.timed or records.static:
         return False
     assert records.t is not None
     order, n_steps = np.concatenate(records.trajectories), SETTINGS.adding_up

@@ -31,7 +31,7 @@ from swsysid._effect_search.recording import Measured
 from swsysid._effect_search.set_aside import Event, SetAside, Whereabouts, set_aside
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.text import report_lines, summary
-from swsysid._effect_search.words import named, title
+from swsysid._effect_search.words import named, rate, title
 from swsysid._rendering.parts import entries_of
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import ResidualSamples
@@ -101,6 +101,8 @@ class EffectReport(EffectContents):
         trajectory, its ``intervals``: a lid was opened, a load switched on.
     discrete : bool
         True if the targets are the next states.
+    static : bool
+        True if the target is a quantity that is no rate: there are no rollouts then.
     data : EffectData or None
         Rows for `plot` and `to_html`; not part of the dict.
     """
@@ -108,7 +110,11 @@ class EffectReport(EffectContents):
     _parts = (
         "summary",
         "clean",
-        *(name for name in EffectContents.__dataclass_fields__ if name not in ("discrete", "data")),
+        *(
+            name
+            for name in EffectContents.__dataclass_fields__
+            if name not in ("discrete", "static", "data")
+        ),
         "by_trajectory",
         "rollouts",
         "free_rollouts",
@@ -117,7 +123,7 @@ class EffectReport(EffectContents):
     @classmethod
     def nothing_done(cls, records: Records) -> EffectReport:
         """The report of a record too short to hold anything out."""
-        names = tuple(records.names[: records.n_states])
+        names = records.equations
         return cls(names, "nothing: the record is too short", len(records), 0)
 
     @classmethod
@@ -147,7 +153,7 @@ class EffectReport(EffectContents):
         rows = np.sort(np.concatenate([split.search, split.held_out]))
         gross = set_aside(last, ladder.context.data, ladder.targets, rows)
         return cls(
-            targets=tuple(records.names[: records.n_states]),
+            targets=records.equations,
             held_out=split.how,
             n_search=len(split.search),
             n_held_out=len(split.held_out),
@@ -168,10 +174,15 @@ class EffectReport(EffectContents):
             history=tuple(_round_in_words(one, records) for one in rounds),
             dropped=dropped(rounds, [*last.terms, *(one.candidate for one in tried)], records),
             tried=tuple(_tried_in_words(one, ladder) for one in tried),
-            exact=tuple(records.names[state] for state in sorted(ladder.context.data.exact_states)),
+            exact=tuple(
+                name
+                for state, name in enumerate(records.equations)
+                if state in ladder.context.data.exact_states
+            ),
             alarms=tuple(alarms),
             set_aside=_aside(last, gross, ladder, names),
             discrete=bool(first.laws.discrete_time),
+            static=records.static,
             data=EffectData(
                 records=records,
                 rows=split.held_out,
@@ -229,7 +240,8 @@ class EffectReport(EffectContents):
 
 def _in_words(term: PlacedEffect, records: Records) -> str:
     label = term.label(records.names)
-    return title(term.effect.kind, label, records.names[term.target], term.mode)
+    law = rate(records.equations[term.target], static=records.static)
+    return title(term.effect.kind, label, law, term.mode)
 
 
 def _aside(fit: JointFit, found: SetAside, ladder: Ladder, names: NDArray | None) -> RowsSetAside:
@@ -274,7 +286,8 @@ def _when(fit: JointFit, event: Event, records: Records, names: NDArray | None) 
             REPORT.precision,
             "text",
             discrete_time=laws.discrete_time,
-            states=records.names,
+            states=records.equations,
+            static=records.static,
             columns=laws.column_names(records.names),
         ),
     }

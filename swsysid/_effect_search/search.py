@@ -20,7 +20,13 @@ from swsysid._effect_model.joint_fit import (
     warn_of_doubts,
     with_decoded_surface,
 )
-from swsysid._effect_model.models import check_declared, declared_model, unfitted, with_seed
+from swsysid._effect_model.models import (
+    check_declared,
+    declared_model,
+    unfitted,
+    with_quantity,
+    with_seed,
+)
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import term_covariances
 from swsysid._effect_search.findings import Ladder, describe_findings
@@ -169,7 +175,10 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         y : array-like of shape (n_samples,) or (n_samples, n_states), default=None
             Xdot, the measured velocities (next states in discrete time). None makes them of the
             states and their times: the noise is then that of the states, and neighbours that
-            share it count as one.
+            share it count as one. One quantity of which the record shows that it is no rate of
+            the first column (a force, a torque, a current; it needs `t`) is the answer of a static
+            law: no column of X is a state then, memory effects are looked for in all of them,
+            and nothing is rolled out.
         t : array-like of shape (n_samples,), default=None
             Times in s, increasing along each trajectory.
         groups : array-like of shape (n_samples,), default=None
@@ -359,6 +368,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             self._declared = declared_model(self._seeded, recorded.records)
             return from_states(self._declared, recorded.records)
         refuse_inputs_beside_velocities(inputs)
+        given = y
         X, y = rows_and_velocities(self, X, y, reset=True)
         targets = y.reshape(len(y), -1)
         self._one_target = y.ndim == 1
@@ -367,6 +377,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         )
         self._trajectory_names = None if groups is None else np.unique(groups)
         self._declared = declared_model(self._seeded, records)
+        records = with_quantity(self._declared, records, targets, given)
         return with_velocities(self._declared, records, targets)
 
     def _handed_over(self, fit: JointFit, measured: Measured) -> EffectRegressor:
@@ -376,7 +387,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
         regressor = EffectRegressor(unfitted(self._seeded), fit.terms)
-        return regressor.around(fit, self, records.names)
+        return regressor.around(fit, self, records.names, records.quantity)
 
     def _check_parameters(self) -> None:
         check_declared(self.estimator)

@@ -15,8 +15,8 @@ from swsysid._effect_search.words import (
     error,
     first_of,
     interval,
+    law_of,
     probability,
-    rate,
 )
 from swsysid._noise import root_mean_square
 from swsysid._rendering.printing import text_table
@@ -95,7 +95,7 @@ def _modes_are_sure(report: EffectContents) -> bool:
 
 
 def _rate_of(report: EffectContents, state: int) -> str:
-    return rate(report.targets[state], report.discrete)
+    return law_of(report.targets[state], report)
 
 
 def _largest_fall(report: EffectContents, before: Array, after: Array) -> tuple[int, float]:
@@ -140,7 +140,7 @@ def _risen(report: EffectContents) -> list[str]:
         return []
     both = zip(report.targets, *(report.errors[end]["held_out"] for end in (0, -1)), strict=True)
     risen = [
-        f"{rate(name, report.discrete)} ({after:.4g} instead of {before:.4g}"
+        f"{law_of(name, report)} ({after:.4g} instead of {before:.4g}"
         f"{_on_the_surface(report, state)})"
         for state, (name, before, after) in enumerate(both)
         if name not in report.exact and after > (1.0 + REPORT.worth_telling) * before
@@ -211,7 +211,7 @@ def leftovers(report: EffectContents) -> list[tuple[str, ResidualReport]]:
 
 def verdicts(leftover: ResidualReport, report: EffectContents) -> list[tuple[str, str]]:
     """Velocities, and the sentence on what is left of each."""
-    return [(rate(name, report.discrete), said) for name, said in leftover.verdicts.items()]
+    return [(law_of(name, report), said) for name, said in leftover.verdicts.items()]
 
 
 def ends(rollout: Rollout) -> list[tuple[str, str]]:
@@ -230,7 +230,7 @@ def not_kept(report: EffectContents) -> list[str]:
     return [
         f"{one['effect']}: {probability(one['p_value'])}; held-out error "
         + ", ".join(
-            f"{rate(name, report.discrete)} {before:.4g} -> {after:.4g}"
+            f"{law_of(name, report)} {before:.4g} -> {after:.4g}"
             for name, before, after in zip(report.targets, one["before"], one["after"], strict=True)
         )
         + _of_rollouts(one["rollouts"])
@@ -297,7 +297,7 @@ def _errors(report: EffectContents) -> list[str]:
         exact = name in report.exact  # where rounding is left
         every = [row["held_out"][state] for row in report.errors]
         errors = ["exact" if exact else error(one, every[0]) for one in every]
-        columns.append((rate(name, report.discrete), ">12", errors))
+        columns.append((law_of(name, report), ">12", errors))
     return text_table(columns, gap="  ")
 
 

@@ -13,8 +13,10 @@ from swsysid.effects import FoundEffect, Rival
 from swsysid.effects._base import NOWHERE
 
 
-def rate(name: str, discrete: bool = False) -> str:
-    """What the law of a state gives: its velocity, or its next value."""
+def rate(name: str, discrete: bool = False, static: bool = False) -> str:
+    """What a law gives: the velocity of a state, its next value, or a quantity that is no rate."""
+    if static:
+        return name
     return f"next {name}" if discrete else f"{name}'"
 
 
@@ -23,16 +25,21 @@ def named(kind: str, place: str) -> str:
     return kind.replace("_", " ") + ("" if place in NOWHERE else f" of {place}")
 
 
-def title(kind: str, place: str, state: str, mode: int | None, discrete: bool = False) -> str:
-    """Kind, place, equation and mode of an effect in a few words."""
+def title(kind: str, place: str, law: str, mode: int | None) -> str:
+    """Kind, place, what the law gives and mode of an effect in a few words."""
     where = "" if mode is None else f", mode {mode}"
-    return f"{named(kind, place)} in {rate(state, discrete)}{where}"
+    return f"{named(kind, place)} in {law}{where}"
 
 
 def effect_title(effect: FoundEffect | Rival, report: EffectContents) -> str:
     """`title` of an effect that was found, or of its rival."""
-    state = report.targets[effect.target]
-    return title(effect.kind, effect.place, state, effect.mode, report.discrete)
+    law = law_of(report.targets[effect.target], report)
+    return title(effect.kind, effect.place, law, effect.mode)
+
+
+def law_of(name: str, report: EffectContents) -> str:
+    """What the equation of this name gives."""
+    return rate(name, report.discrete, report.static)
 
 
 def sentence(text: str, names: Sequence[str]) -> str:

@@ -28,6 +28,8 @@ class ReportData:
         The two channels of every pair.
     frequency : ndarray or None
     periodogram : dict of str to ndarray
+    static : bool
+        True if the residual is that of a quantity which is no rate.
     """
 
     residual: Array
@@ -35,6 +37,7 @@ class ReportData:
     pairs: dict[str, tuple[str, str]]
     frequency: Array | None
     periodogram: dict[str, Array]
+    static: bool = False
 
 
 @dataclass(frozen=True, eq=False, repr=False)

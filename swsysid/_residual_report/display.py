@@ -149,7 +149,7 @@ class ResidualReportDisplay(Display):
             peak=peaks[0].frequency if peaks and peaks[0].significant else None,
             verdict=report.verdicts[equation],
             labels=(
-                f"residual of {axis_label(f'd/dt {equation}', units)}",
+                f"residual of {axis_label(('' if data.static else 'd/dt ') + equation, units)}",
                 f"frequency ({_inverse((units or {}).get('time', 's'))})",
             ),
         )

@@ -251,4 +251,5 @@ def _data(
         },
         frequency=None if clock is None else clock.frequency,
         periodogram=spectra,
+        static=samples.records.static,
     )

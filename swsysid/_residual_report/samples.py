@@ -120,8 +120,8 @@ class ResidualSamples:
 
     @property
     def equations(self) -> list[str]:
-        """States whose velocities are predicted."""
-        names = self.records.names[: self.records.X.shape[1]]
+        """States whose velocities are predicted, or the quantity that a static law gives."""
+        names = self.records.equations[: self.records.X.shape[1]]
         n_equations = self.target.shape[1]
         return [names[i] if i < len(names) else f"output {i}" for i in range(n_equations)]
 

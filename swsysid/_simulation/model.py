@@ -201,13 +201,15 @@ def law_equations(
     *,
     discrete_time: bool,
     states: Sequence[str],
+    static: bool = False,
     columns: Sequence[str] | None = None,
     added: AddedTerms | None = None,
 ) -> list[str]:
     """One equation for every mode and state.
 
-    `states` and `columns` name the states and what the features are made of, the latter by default
-    as in the fit; ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
+    `states` and `columns` name the states (if `static`, what the laws give, which is no rate) and
+    what the features are made of, the latter by default as in the fit; ``added(mode, state)`` lists
+    further terms: coefficient, name, size on the data.
     """
     check_format(style, precision)
     lines = []
@@ -215,7 +217,8 @@ def law_equations(
         where = rf"\text{{mode }} {mode}: \; " if style == "latex" else f"mode {mode}: "
         laws = laws_of_mode(
             coef, mode, feature_map, precision, style,
-            discrete_time=discrete_time, states=states, columns=columns, added=added,
+            discrete_time=discrete_time, states=states, static=static, columns=columns,
+            added=added,
         )  # fmt: skip
         lines += [where + law for law in laws]
     return lines
@@ -230,6 +233,7 @@ def laws_of_mode(
     *,
     discrete_time: bool,
     states: Sequence[str],
+    static: bool = False,
     columns: Sequence[str] | None = None,
     added: AddedTerms | None = None,
     brief: bool = False,
@@ -245,6 +249,6 @@ def laws_of_mode(
             values, names, precision=precision, style=style, sizes=sizes, brief=brief
         )
         name = states[state] if state < len(states) else f"y{state}"
-        left = f"{symbol(name, style)}[k+1]" if discrete_time else rate(name, style)
-        lines.append(f"{left} = {law}")
+        left = symbol(name, style) if static or discrete_time else rate(name, style)
+        lines.append(f"{left}{'[k+1]' if discrete_time else ''} = {law}")
     return lines

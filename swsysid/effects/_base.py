@@ -247,6 +247,12 @@ class EffectSettings:
     sharpest: float = 0.02  # scale of a soft saturation, of the range of the channel
     softest: float = 2.0
     kinematic: float = 0.05  # of the squares of a rate, left by what it is: x' = v, or a difference
+    # Of the squares of steps, left by what is no rate: 1.25 to 6.4 by the force of a damper on five
+    # records, 1e8 by that of a piston; 1.2 at most by rates whose noise is as large as they are.
+    other_steps: float = 1.1
+    # Correlation of a state with the integral of its rates, at least: 0.87 where they are so noisy,
+    # 0.9 by an accelerometer that shakes, 0.72 at most by those forces.
+    same_course: float = 0.8
 
     # -- periods of a position in the range of the record -----------------------------------------
     fewest_ripples: float = 6.0  # where the search for slow ones ends

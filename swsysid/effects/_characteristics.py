@@ -51,21 +51,22 @@ class OfAVelocity(Effect):
     ----------
     velocities : list of str or int, default=None
         Channels that are velocities, by name or number. None is every state that takes both signs
-        and whose own rate is not another state (``x' = v``: x is a position).
+        and whose own rate is not another state (``x' = v``: x is a position); of a law that gives
+        no rate every column of X and every signal that takes both signs.
     """
 
     def __init__(self, velocities: Sequence[int | str] | None = None):
         self.velocities = velocities
 
     def places(self, records: Records) -> Sequence[Place]:
-        """The velocities that are named, or states that take both signs and are no positions."""
+        """The velocities that are named, or what takes both signs and is no position."""
         if self.velocities is not None:
             return [records.number(channel) for channel in self.velocities]
-        shares = np.minimum(np.mean(records.X > 0, axis=0), np.mean(records.X < 0, axis=0))
+        logged = records.signal_channels if records.static else ()
         return [
-            state
-            for state in records.states
-            if shares[state] >= SETTINGS.rare_sign and state not in records.positions
+            channel
+            for channel in (*records.variables, *logged)
+            if channel not in records.positions and _takes_both_signs(records.channel(channel))
         ]
 
     def acts_in(self, records: Records, place: Place, target: int) -> bool:
@@ -75,6 +76,11 @@ class OfAVelocity(Effect):
     def plausible(self, coef: Array) -> bool:
         """It opposes the motion."""
         return bool((coef > 0.0).all())
+
+
+def _takes_both_signs(values: Array) -> bool:
+    rarer = min(np.mean(values > 0.0), np.mean(values < 0.0))
+    return bool(rarer >= SETTINGS.rare_sign)
 
 
 class _Dry(OfAVelocity, OfAChannel):
@@ -246,7 +252,7 @@ class Overflow(OfAChannel):
     formulas = ("-max({0} - {1}, 0)",)
 
     def places(self, records: Records) -> range:
-        return records.states
+        return records.variables
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         levels = quantile_levels(records.channel(place), 0.04, 0.96, SETTINGS.n_levels)

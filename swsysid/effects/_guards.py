@@ -150,7 +150,7 @@ class GuardHysteresis(GuardEffect):
 
 def guards_of(records: Records, modes: Modes) -> list[_Banded]:
     """Guards that could have the modes: one state alone, and polynomials."""
-    guards = [Guard(((state,),), (1.0,), upper) for state in records.states for upper in (1, 0)]
+    guards = [Guard(((state,),), (1.0,), upper) for state in records.variables for upper in (1, 0)]
     channels = range(records.X.shape[1])
     for degree, turns in product((1, 2), (False, True)):
         found = _guard_with_memory(records, modes, tuple(products(channels, degree)), turns)

@@ -1,4 +1,4 @@
-"""What velocities say about states: whether they are their rates, and which states are positions.
+"""What velocities say about states: whether they are rates at all, and which are positions.
 
 A force against a motion can be told from a force against a position, and its sign from the other,
 only where that is known. A law of a force in terms of motions is a rate of nothing.
@@ -15,6 +15,57 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import SETTINGS
+
+
+def is_static(records: Records, targets: Array) -> bool:
+    """Whether the one column that was given as a velocity clearly is no rate of the state.
+
+    Either another column has the rates of the state. Or its steps are not those that the rates
+    make, up to noise of the state in which they vanish: those between jumps and gross errors count;
+    and its course along the trajectories is not their integral, up to noise of the rates, to an
+    offset or a factor of their sensor, or to an effect that is missing.
+    """
+    if targets.shape[1] != 1 or not (records.ordered and records.timed):
+        return False
+    steps = [np.diff(records.X[rows, 0]) for rows in records.trajectories]
+    if not any(one.any() for one in steps):
+        return False
+    made = _steps_made(records, targets[:, 0])
+    share, closer = _share_of_steps(steps, made), SETTINGS.kinematic
+    if share < closer:
+        return False
+    others = (_steps_made(records, column) for column in records.X[:, 1:].T)
+    if any(_share_of_steps(steps, other) < closer * share for other in others):
+        return True
+    if share < SETTINGS.other_steps:
+        return False
+    offset = np.mean(np.concatenate(made)) - np.mean(np.concatenate(steps))
+    course, integral = (
+        np.concatenate([along - along.mean() for along in map(np.cumsum, each) if len(along)])
+        for each in (steps, [one - offset for one in made])
+    )
+    left = float(np.sum((course - integral) ** 2)) / float(np.sum(course**2))
+    return left >= 1.0 and _correlation(course, integral) < SETTINGS.same_course
+
+
+def _steps_made(records: Records, rates: Array) -> list[Array]:
+    """The steps along each trajectory that rates make."""
+    assert records.t is not None
+    return [
+        0.5 * np.diff(records.t[rows]) * (rates[rows[1:]] + rates[rows[:-1]])
+        for rows in records.trajectories
+    ]
+
+
+def _share_of_steps(steps: list[Array], made: list[Array]) -> float:
+    every = np.concatenate(steps)
+    return _share(every - np.concatenate(made), every)
+
+
+def _correlation(values: Array, other: Array) -> float:
+    """Of values and others about zero; zero where one does not vary."""
+    sizes = float(np.linalg.norm(values) * np.linalg.norm(other))
+    return float(values @ other) / sizes if sizes > 0.0 else 0.0
 
 
 def with_kinematics(

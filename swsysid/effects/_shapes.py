@@ -275,5 +275,8 @@ def _knots(points: Array, count: int) -> tuple[tuple[float, ...], ...]:
         levels = np.interp(np.linspace(0.0, 2.0, count), midway, values)
         return tuple((level,) for level in np.unique(levels).tolist())
     warped = points / np.std(points, axis=0) + 4.0 * rankdata(points, axis=0) / len(points)
+    # in an order that does not tell which channel is the first: the clusters begin with some points
+    order = np.argsort(warped.sum(axis=1), kind="stable")
+    points, warped = points[order], warped[order]
     own = KMeans(count, n_init=1, random_state=0).fit(warped).labels_
     return tuple(tuple(points[own == number].mean(axis=0).tolist()) for number in np.unique(own))

@@ -167,8 +167,8 @@ class Ripple(_Wave):
         self.period = period
 
     def places(self, records: Records) -> Sequence[Place]:
-        """The states that are known to be positions, or all where none is."""
-        return sorted(records.positions) or records.states
+        """What is known to be a position, or all that the laws are about where nothing is."""
+        return sorted(records.positions) or records.variables
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         if self.period is not None:
