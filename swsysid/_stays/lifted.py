@@ -205,7 +205,8 @@ class Objective:
     def normal_equations(self, estimate: Estimate) -> NodeEquations:
         """Gauss and Newton's equations."""
         nodes, states, guards, resets = (
-            estimate.nodes, estimate.states, estimate.guards, estimate.resets
+            estimate.nodes.joined(self.tie >= LIMITS.tightly), estimate.states, estimate.guards,
+            estimate.resets,
         )  # fmt: skip
         n_laws, n_guards = estimate.laws.n_free, 0 if guards is None else guards.n_free
         switches = None

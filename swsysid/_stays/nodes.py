@@ -78,17 +78,25 @@ class Nodes:
         self.at = np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp))
         self.switch = np.full(len(self.begins), -1)
         self.switch[self.at] = np.arange(len(self.at))
-        self._join()
+        self._join(LIMITS.joined)
 
-    def _join(self) -> None:
-        """Segments of intervals without a switch, as long as a power of LIMITS.joined."""
+    def joined(self, as_usual: bool) -> Nodes:
+        """The same nodes in segments, or each interval by itself."""
+        if as_usual:
+            return self
+        apart = copy(self)
+        apart._join(LIMITS.joined[-1:])
+        return apart
+
+    def _join(self, lengths: Sequence[int]) -> None:
+        """Segments of intervals without a switch, as long as powers of 2."""
         steady = np.flatnonzero(self.switch < 0)
         follows = (np.diff(self.begins[steady]) == 1) & (np.diff(self.old[steady]) == 0)
         run = np.cumsum(np.append(0, ~follows))
         length = np.bincount(run)[run]
         place = np.arange(len(run)) - np.searchsorted(run, run)
         self.segments, self.kept = [], np.ones(len(self.y), dtype=bool)
-        for n_joined in LIMITS.joined:
+        for n_joined in lengths:
             whole = length // n_joined * n_joined
             inside = place < whole
             place, length = place - whole, length - whole

@@ -156,6 +156,9 @@ class Limits:
     # -- so many intervals of one mode that follow each other are joined, their nodes eliminated in
     # pairs; powers of 2
     joined: tuple[int, ...] = (8, 1)
+    # ties, in units of the noise, from which pairs are eliminated: at 1e-5 rounding takes 1.5e-6 of
+    # what a step promises, one interval after the other half of that
+    tightly: float = 1e-4
     shortest_step: float = 0.01
     # -- crossings: intervals that an instant may move at once, and by which a crossing may miss its
     # surface and is on it; standard deviations beyond which it counts less; of the median rate at

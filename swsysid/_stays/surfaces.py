@@ -143,4 +143,7 @@ def _refitted(
     model.use_features(start.switching_model.feature_map)  # those of the laws
     # the estimator counts modes from the most populated one
     joint = contingency(model.modes_, samples.modes[some], shape=(n_modes, n_modes))
-    return model, best_matching(joint)[1]
+    order = best_matching(joint)[1]
+    if len(model.modes_) < len(samples.modes):
+        model.modes_ = np.argsort(order)[samples.modes]
+    return model, order

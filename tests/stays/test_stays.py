@@ -47,14 +47,14 @@ def contact():
 def resting(y):
     """Samples of a state that does not move, with unit noise, and the nodes of highest likelihood.
 
-    A linear problem: one step leads there. Nodes are tied 200 times as tightly as by a fit.
+    A linear problem: one step leads there.
     """
     t = np.arange(float(len(y)))
     rest = Laws(np.zeros((1, 1, 1)), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
     recordings = Recordings.of([Record(t, y, np.empty((len(y), 0)))])
     nodes = Nodes(recordings, [Stays(np.zeros(1, dtype=np.intp), np.zeros(0))])
     estimate = Estimate(rest, nodes, np.zeros((len(y), 1)))
-    step, promised = Objective(np.ones(1), 3e-5).normal_equations(estimate).step(0.0)
+    step, promised = Objective(np.ones(1), 1e-5).normal_equations(estimate).step(0.0)
     return estimate.moved(step).states, promised
 
 
