@@ -26,9 +26,10 @@ from swsysid._effect_model.joint_fit import (
     warn_of_doubts,
     with_decoded_modes,
 )
-from swsysid._effect_model.models import check_declared, declared_model, with_quantity
+from swsysid._effect_model.models import check_declared, declared_model
 from swsysid._effect_model.refinable import as_stated_model, with_numbers_of
 from swsysid._effect_model.simulation import simulate_with_effects
+from swsysid._effect_model.velocities import with_quantity
 from swsysid._rendering.printing import check_format
 from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.effects import PlacedEffect
@@ -114,7 +115,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
             records = replace(records, decoded_modes=start) if decoded is None else decoded
         fit = fit_jointly(declared, terms, records, rows, targets, start)
         warn_of_doubts(fit, 3)
-        return self._adopt(fit, records.names, records.quantity)
+        return self._adopt(fit, records.names)
 
     def predict(self, X, *, t=None, groups=None, signals=None):
         """Velocities, of the shape that `y` had in `fit`."""
@@ -178,7 +179,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """
         fit = self.joint_fit_
         check_format(format, precision)
-        return laws_with_effects(fit, self._channel_names, precision, format, self._given)
+        return laws_with_effects(fit, self._channel_names, precision, format)
 
     def surface_equations(self, precision=3, format="text"):
         """The surfaces and the modes on their sides, or the guard with memory in their place.
@@ -253,28 +254,22 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         """A copy with the numbers of what `stated` has given and a refinement has changed."""
         fit, one = with_numbers_of(self.joint_fit_, stated), self._one_target
         changed = EffectRegressor(self.estimator, fit.terms)
-        return changed.around(fit, self, self._channel_names, self._given, one_target=one)
+        return changed.around(fit, self, self._channel_names, one_target=one)
 
     # -- parts ---------------------------------------------------------------------------------
 
     def around(
-        self,
-        fit: JointFit,
-        like: BaseEstimator,
-        names: Sequence[str],
-        quantity: str | None,
-        one_target: bool = False,
+        self, fit: JointFit, like: BaseEstimator, names: Sequence[str], one_target: bool = False
     ) -> EffectRegressor:
         """Itself, fitted as `fit` says to data that `like` has seen, to predict all states.
 
-        `names` are those of the channels, `quantity` is what the law gives if that is no rate;
-        with `one_target` predictions have one dimension.
+        `names` are those of the channels; with `one_target` predictions have one dimension.
         """
         for name in ("n_features_in_", "feature_names_in_"):
             if hasattr(like, name):
                 setattr(self, name, getattr(like, name))
         self._one_target, self._n_targets = one_target, fit.laws.coef.shape[1]
-        return self._adopt(fit, names, quantity)
+        return self._adopt(fit, names)
 
     @property
     def joint_fit_(self) -> JointFit:
@@ -282,14 +277,9 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         check_fitted(self, "estimator_")
         return self._fit
 
-    @property
-    def _given(self) -> str | None:
-        """The quantity that the law gives, where that is no rate; older files know of none."""
-        return getattr(self, "_quantity", None)
-
-    def _adopt(self, fit: JointFit, channel_names: Sequence[str], quantity: str | None = None):
+    def _adopt(self, fit: JointFit, channel_names: Sequence[str]):
         self._fit = replace(fit, doubts=())  # of which the user is warned once
-        self._channel_names, self._quantity = tuple(channel_names), quantity
+        self._channel_names = tuple(channel_names)
         self.estimator_ = fit.estimator
         self.effects_ = fit.terms
         self.effect_coef_ = fit.coef

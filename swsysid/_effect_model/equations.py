@@ -23,12 +23,9 @@ from swsysid.effects import GuardEffect, MeasurementEffect, PlacedEffect, ResetE
 from swsysid.effects._types import Crossing, WithoutColumns
 
 
-def laws_with_effects(
-    fit: JointFit, names: Sequence[str], precision: int, style: str, quantity: str | None = None
-) -> list[str]:
+def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style: str) -> list[str]:
     """The law of every mode with the effects' terms, then what sensors and clocks do."""
-    # `names` are those of the channels, `style` is "text" or "latex", and `quantity` is what laws
-    # that give no rate give.
+    # `names` are those of the channels, `style` is "text" or "latex".
 
     def added(mode: int, state: int) -> Iterator[tuple[float, str, float]]:
         for term, coef in zip(fit.terms, fit.coef, strict=True):
@@ -44,8 +41,8 @@ def laws_with_effects(
         precision,
         style,
         discrete_time=own.discrete_time,
-        states=names if quantity is None else (quantity,),
-        static=quantity is not None,
+        states=names if fit.quantity is None else (fit.quantity,),
+        static=fit.quantity is not None,
         columns=own.column_names(names),
         added=added,
     )

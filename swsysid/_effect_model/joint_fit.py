@@ -38,6 +38,7 @@ class JointFit:
     coef: tuple[Array, ...]  # of the columns of each term (`PlacedEffect.design`)
     modes: Modes  # of the rows of the fit, from the data
     doubts: tuple[Warning, ...] = ()  # what the declared model had to say of its fit
+    quantity: str | None = None  # that the law gives, where it gives no rate
 
     @property
     def laws(self) -> FittedLaws:
@@ -222,7 +223,7 @@ def fit_jointly(
         fitted = fitted_alone(declared, whole, rows, targets, modes)
         no_coef = tuple(np.zeros(0) for _ in terms)
         fit = JointFit(fitted.estimator, terms, no_coef, fitted.modes, fitted.doubts)
-        return _with_guards(fit, whole, rows)
+        return _of_the_record(fit, whole, rows)
     features, sharp = libraries(declared, whole, rows)
     if modes is None:
         sought = columns
@@ -254,7 +255,7 @@ def fit_jointly(
             break
     coef = _effect_coefficients(declared, features, terms, columns, targets, modes)
     fit = JointFit(fitted.estimator, terms, tuple(coef), modes, fitted.doubts)
-    return _with_guards(fit, whole, rows)
+    return _of_the_record(fit, whole, rows)
 
 
 def as_stated(declared: Declared, records: Records) -> JointFit | None:
@@ -329,15 +330,15 @@ def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:
 # -- the effects -----------------------------------------------------------------------------------
 
 
-def _with_guards(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> JointFit:
-    """The fit with the guards that remember found anew for its modes."""
+def _of_the_record(fit: JointFit, records: Records, rows: NDArray[np.intp]) -> JointFit:
+    """The fit with the guards that remember found anew for its modes, and what its law gives."""
     known, terms = known_modes(fit, records, rows), []
     for term in fit.terms:
         if isinstance(term.effect, GuardEffect):
             guard, theta = term.effect.refitted(term.place, records, known)
             term = replace(term, place=guard, theta=theta)
         terms.append(term)
-    return replace(fit, terms=tuple(terms))
+    return replace(fit, terms=tuple(terms), quantity=records.quantity)
 
 
 def _effect_coefficients(

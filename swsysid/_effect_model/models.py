@@ -7,7 +7,6 @@ record, and is a declared automaton from then on.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import singledispatch
 
 import numpy as np
@@ -25,10 +24,8 @@ from swsysid._effect_model.declared import (
     SwitchingLaws,
 )
 from swsysid._pipelines import seeded, switching_step
-from swsysid._results import Array
 from swsysid._stays.search import check_estimator
 from swsysid._trajectory_identifier import TrajectoryIdentifier
-from swsysid.effects._kinematics import is_static
 
 
 @singledispatch
@@ -116,14 +113,3 @@ def with_seed(estimator: object, seed: int | np.random.RandomState) -> object:
 def unfitted(estimator: object) -> object:
     """A copy that has not been fitted; an automaton is what it is."""
     return clone(estimator) if isinstance(estimator, BaseEstimator) else estimator
-
-
-def with_quantity(declared: Declared, records: Records, targets: Array, y: object) -> Records:
-    """The record, of which no column is a state if the laws give a quantity that is no rate.
-
-    `y` is what the user gave as `targets`; the quantity is called as it is, or "y".
-    """
-    if declared.discrete_time or declared.known is not None or not is_static(records, targets):
-        return records
-    (name,) = getattr(y, "columns", [getattr(y, "name", None)])
-    return replace(records, quantity=name if isinstance(name, str) else "y")

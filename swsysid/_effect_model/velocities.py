@@ -7,16 +7,19 @@ Velocities as late as the states they are made of are brought to time, with the 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._checks.arrays import names_of
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import SETTINGS, Declared, FittedDeclared, Modes
 from swsysid._effect_model.models import laws_of
 from swsysid._noise import robust_regression
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
+from swsysid.effects._kinematics import is_static
 from swsysid.effects._placed import late_records
 
 
@@ -129,3 +132,13 @@ def as_they_were(term: PlacedEffect, records: Records, shown: Modes) -> Modes:
 def _nearest(asked: Array, t: Array, values: Array) -> Array:
     """Of values at increasing times those nearest to some times."""
     return values[np.rint(np.interp(asked, t, np.arange(len(t)))).astype(np.intp)]
+
+
+def with_quantity(declared: Declared, records: Records, targets: Array, given: object) -> Records:
+    """The record, of which no column is a state if the law gives a quantity that is no rate.
+
+    The `targets` are what a user has `given`, by whose name the quantity is called.
+    """
+    if declared.discrete_time or declared.known is not None or not is_static(records, targets):
+        return records
+    return replace(records, quantity=names_of(given, 1, "y")[0])

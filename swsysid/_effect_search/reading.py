@@ -10,12 +10,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.signal import savgol_filter
 from sklearn.base import BaseEstimator
 
 from swsysid._checks.arrays import names_of, table
-from swsysid._checks.estimators import column_names, rows_of
+from swsysid._checks.estimators import column_names, rows_and_velocities, rows_of
 from swsysid._data.records import Records, make_records
 from swsysid._data.trajectories import label_text
 from swsysid._effect_model.declared import Declared
@@ -69,13 +69,27 @@ def read_recordings(
     return Recorded(records, np.array([label_text(label) for label in given.labels]))
 
 
-def refuse_inputs_beside_velocities(inputs: object) -> None:
-    """Inputs that come beside rows with velocities would be lost."""
+def read_rows(
+    search: BaseEstimator,
+    X: object,
+    y: object,
+    t: ArrayLike | None,
+    groups: ArrayLike | None,
+    signals: ArrayLike | None,
+    inputs: object,
+) -> tuple[Records, Array]:
+    """Check rows of states and inputs, and their velocities; `search` learns the columns."""
+    # inputs that come beside rows with velocities would be lost
     if inputs is not None:
         raise ValueError(
             "inputs are given beside velocities; make them the last columns of X, or leave the "
             "velocities out."
         )
+    rows, velocities = rows_and_velocities(search, X, y, reset=True)
+    n_states = velocities.shape[1] if velocities.ndim > 1 else 1
+    names = column_names(search)
+    records = make_records(rows, n_states, t=t, groups=groups, signals=signals, names=names)
+    return records, velocities
 
 
 def _in_order(signals: object, order: NDArray[np.intp]) -> Array:

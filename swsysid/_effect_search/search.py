@@ -10,9 +10,9 @@ from typing import TypeVar
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
-from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities
+from swsysid._checks.estimators import check_fitted, rows_and_velocities
 from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
-from swsysid._data.records import Records, make_records
+from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import (
     JointFit,
@@ -20,19 +20,14 @@ from swsysid._effect_model.joint_fit import (
     warn_of_doubts,
     with_decoded_surface,
 )
-from swsysid._effect_model.models import (
-    check_declared,
-    declared_model,
-    unfitted,
-    with_quantity,
-    with_seed,
-)
+from swsysid._effect_model.models import check_declared, declared_model, unfitted, with_seed
+from swsysid._effect_model.velocities import with_quantity
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import term_covariances
 from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
-from swsysid._effect_search.reading import alarms, read_recordings, refuse_inputs_beside_velocities
+from swsysid._effect_search.reading import alarms, read_recordings, read_rows
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
@@ -367,17 +362,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             self._one_target, self._trajectory_names = False, recorded.names
             self._declared = declared_model(self._seeded, recorded.records)
             return from_states(self._declared, recorded.records)
-        refuse_inputs_beside_velocities(inputs)
-        given = y
-        X, y = rows_and_velocities(self, X, y, reset=True)
-        targets = y.reshape(len(y), -1)
-        self._one_target = y.ndim == 1
-        records = make_records(
-            X, targets.shape[1], t=t, groups=groups, signals=signals, names=column_names(self)
-        )
+        records, velocities = read_rows(self, X, y, t, groups, signals, inputs)
+        targets, self._one_target = velocities.reshape(len(velocities), -1), velocities.ndim == 1
         self._trajectory_names = None if groups is None else np.unique(groups)
         self._declared = declared_model(self._seeded, records)
-        records = with_quantity(self._declared, records, targets, given)
+        records = with_quantity(self._declared, records, targets, y)
         return with_velocities(self._declared, records, targets)
 
     def _handed_over(self, fit: JointFit, measured: Measured) -> EffectRegressor:
@@ -387,7 +376,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _regressor(self, fit: JointFit, records: Records) -> EffectRegressor:
         regressor = EffectRegressor(unfitted(self._seeded), fit.terms)
-        return regressor.around(fit, self, records.names, records.quantity)
+        return regressor.around(fit, self, records.names)
 
     def _check_parameters(self) -> None:
         check_declared(self.estimator)

@@ -163,7 +163,7 @@ class FurtherMode:
     def equations(self) -> tuple[str, ...]:
         """Its laws, then the surfaces of the fit where these have equations."""
         names, style = self.records.names, (REPORT.precision, "text")
-        laws = laws_with_effects(self.final, names, *style, self.records.quantity)
+        laws = laws_with_effects(self.final, names, *style)
         own = [law for law in laws if law.startswith(f"mode {self.number}:")]
         try:
             guards = guards_with_effects(self.final, names, *style)

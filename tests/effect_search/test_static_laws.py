@@ -120,7 +120,7 @@ def test_a_regressor_of_a_force_calls_it_by_its_name():
     model = EffectRegressor(straight()).fit(motion, y, t=t, groups=groups)
     assert model.equations()[0].startswith("mode 0: F = ")
     unnamed = EffectRegressor(straight()).fit(motion, y.to_numpy(), t=t, groups=groups)
-    assert unnamed.equations()[0].startswith("mode 0: y = ")
+    assert unnamed.equations()[0].startswith("mode 0: y0 = ")
     exchangeable = EffectRegressor(straight()).fit(motion, y)  # nothing tells without times
     assert exchangeable.equations()[0].startswith("mode 0: x' = ")
 
