@@ -78,33 +78,37 @@ class Nodes:
         self.at = np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp))
         self.switch = np.full(len(self.begins), -1)
         self.switch[self.at] = np.arange(len(self.at))
-        self._join(LIMITS.joined)
+        self.segments, self.kept = self.segments_of(LIMITS.joined)
 
     def joined(self, as_usual: bool) -> Nodes:
         """The same nodes in segments, or each interval by itself."""
         if as_usual:
             return self
         apart = copy(self)
-        apart._join(LIMITS.joined[-1:])
+        apart.segments, apart.kept = self.segments_of(LIMITS.joined[-1:])
         return apart
 
-    def _join(self, lengths: Sequence[int]) -> None:
-        """Segments of intervals without a switch, as long as powers of 2."""
+    def segments_of(
+        self, lengths: Sequence[int]
+    ) -> tuple[list[tuple[int, Rows]], NDArray[np.bool_]]:
+        """Segments of intervals without a switch, as long as powers of 2, and the kept nodes."""
         steady = np.flatnonzero(self.switch < 0)
         follows = (np.diff(self.begins[steady]) == 1) & (np.diff(self.old[steady]) == 0)
         run = np.cumsum(np.append(0, ~follows))
         length = np.bincount(run)[run]
         place = np.arange(len(run)) - np.searchsorted(run, run)
-        self.segments, self.kept = [], np.ones(len(self.y), dtype=bool)
+        segments: list[tuple[int, Rows]] = []
+        kept = np.ones(len(self.y), dtype=bool)
         for n_joined in lengths:
             whole = length // n_joined * n_joined
             inside = place < whole
             place, length = place - whole, length - whole
             for mode in np.unique(self.old[steady[inside]]):
                 rows = steady[inside & (self.old[steady] == mode)].reshape(-1, n_joined).T
-                self.segments.append((int(mode), rows))
-                self.kept[self.begins[rows[1:]]] = False
+                segments.append((int(mode), rows))
+                kept[self.begins[rows[1:]]] = False
             steady, place, length = steady[~inside], place[~inside], length[~inside]
+        return segments, kept
 
     @property
     def names(self) -> Rows:
