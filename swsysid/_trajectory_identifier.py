@@ -8,12 +8,14 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
+from swsysid._data.input_steps import Hold
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._stays.certainty import certainty
 from swsysid._stays.given import Given, read_given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.input_holds import with_steps
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
 from swsysid._stays.reported import reported
@@ -80,6 +82,9 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         Their standard errors.
     noise_ : ndarray of shape (n_channels,)
         Standard deviation of the noise of each column of x.
+    input_holds_ : tuple of str
+        What each input does between two samples: ``"linear"`` on a line, ``"zero"`` it keeps its
+        value until the next one, ``"between"`` it steps at an instant that is estimated.
     coef_errors_ : ndarray of the shape of ``estimator_.coef_``
         Standard errors of the coefficients of the laws; 0 where fixed, infinite where the
         recordings tell nothing (rate and constant of a mode that rests).
@@ -162,7 +167,9 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         groups : array-like of shape (n_samples,), default=None
             Recording of each row. None is one recording, or several where the times begin anew.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Linear between the samples; they jump at an event.
+            Linear between the samples; they jump at an event. One that is constant by pieces keeps
+            its value until the next sample, or steps at an instant in between, if that is clearly
+            likelier (`input_holds_`).
 
         Returns
         -------
@@ -183,7 +190,14 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
             origin = Origin.of(given, estimator, order)
             counted = origin.counted(pieces.given)
             search = Search(estimator, counted, order, self.observed, settings, bar.update)
+            held = with_steps(search)
+            if held.given is not counted:
+                search = Search(
+                    estimator, held.given, order, self.observed, settings, bar.update,
+                    known=held.found,
+                )  # fmt: skip
             found = origin.told(weighted(search.identified(), search, origin))
+        self.input_holds_ = tuple(map(str, held.holds))
         self._store(found, search, origin, pieces)
         return self
 
@@ -198,9 +212,12 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
     def simulate(self, x0, t, inputs=None, **options):
         """Roll the identified system out; as `SwitchingSystemRegressor.simulate`.
 
-        Inputs are linear between their samples, as in `fit`.
+        Inputs keep their value until the next sample if all of them did so in `fit`; else they are
+        linear between their samples.
         """
-        return self._fitted.simulate(x0, t, inputs, **({"input_hold": "linear"} | options))
+        fitted, held = self._fitted, {Hold.ROW} == set(self.input_holds_)
+        hold = Hold.ROW if held else Hold.LINE
+        return fitted.simulate(x0, t, inputs, **({"input_hold": str(hold)} | options))
 
     @failing_in_words
     def score(self, x, t=None, groups=None, inputs=None):
@@ -220,8 +237,11 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
             1 is perfect; not above 0 is no better than the mean. Minus infinity where a rollout
             diverges.
         """
-        given = between_jumps(read_given(x, t, groups, inputs)).given
-        return rollout_score(self._fitted, given)
+        model, given = self._fitted, between_jumps(read_given(x, t, groups, inputs)).given
+        if given.n_inputs == len(self.input_holds_):
+            known = [Hold.ROW if one == Hold.ROW else Hold.LINE for one in self.input_holds_]
+            given = given.stepped(known)
+        return rollout_score(model, given)
 
     def set_params(self, **params):
         """Set parameters, those of the default estimator (``estimator__n_modes``) included."""
@@ -246,7 +266,8 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface
         self.noise_ = found.left[: given.n_channels]
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
-        self.report_ = reported(search, found, sure, self.modes_, origin)
+        holds = [Hold(one) for one in self.input_holds_]
+        self.report_ = reported(search, found, sure, self.modes_, origin, holds)
 
     @property
     def _fitted(self) -> SwitchingSystemRegressor:

@@ -27,7 +27,6 @@ from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces
 from swsysid._stays.resets import Resets
 from swsysid._stays.settings import StaySettings
-from swsysid.refinement._trajectories import Record
 
 
 def refined(
@@ -139,7 +138,7 @@ def _nodes_of_courses(
     records, guess = [], []
     for k, own in rows:
         whole = given.records[k]
-        records.append(Record(whole.t[own], whole.y[own], whole.u[own]))
+        records.append(whole.taken(own))
         guess.append(states[k][own])
     return nodes_of(courses, records, guess, recordings.per_sample, recordings.first_step)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._cli.guard_words import memory
 from swsysid._cli.held_out import HeldOut
+from swsysid._cli.input_holds import with_held_inputs
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import JUDGING, RECORDINGS
@@ -35,6 +36,7 @@ class FromRecordings:
     excess: Array  # what rollouts leave, in units of the noise that neighbouring samples show
     # of held-out samples, by a model of the others; None where these are too few
     free_of_held_out: FreeRollouts | None
+    samples: Samples  # with the limits of inputs that keep their value
 
     @property
     def free(self) -> FreeRollouts:
@@ -72,6 +74,7 @@ def identify_recordings(
                 f"rollouts of more than {most:,} samples of these terms take long (--decimate "
                 f"{fewer} makes them fewer)."
             )
+        samples = with_held_inputs(samples, terms, options)
         return _Identification(samples, terms, options).found(), ""
     except (_Unfit, ValueError, SolverError) as reason:
         return None, f"Identified from derivatives: {reason}"
@@ -115,6 +118,7 @@ class _Identification:
             given_up,
             identifier.report_.excess,
             self.held_out.free(self.by_others),
+            self.samples,
         )
 
     def _of_several(self, n_modes: int | str) -> tuple[TrajectoryIdentifier, Comparison]:

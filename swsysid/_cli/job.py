@@ -69,7 +69,7 @@ def run_job(table: Table, options: JobOptions) -> JobResult:
         modes=found.modes,
         declared=_regressor(found.terms, samples, options, options.modes),
         found=found,
-        samples=samples,
+        samples=found.samples,
         options=options,
         terms=found.terms,
         split=found.split,

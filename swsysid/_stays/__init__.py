@@ -8,7 +8,8 @@ measured; with the laws given, the stays are decoded.
 library, surface and number of modes. *Out*: a `StayIdentification` with its model, standard errors
 and doubts.
 
-In reading order: `given`, `pieces`, `sensors`, `origin` and `recordings` are what is measured;
+In reading order: `given`, `pieces`, `sensors`, `origin` and `recordings` are what is measured,
+`input_holds` says when inputs step;
 `stays` and `nodes` say modes, instants and a state at every time. `laws`, `polynomial_laws`,
 `sliding`, `guards` and `resets` are vector fields, surfaces and jumps with derivatives. *Estimate*:
 `flow`, `equations`, `segments`, `arrow`, `lifted`, `descent`, all intervals in one pass. *Assign*:

@@ -42,7 +42,7 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     coef = errors_of(laws.coef.shape, laws.places, of_laws, change)
     coef[_held(found, origin)[:, None, :] & (coef > 0.0)] = np.inf
     counts = [len(stays.instants) for stays in estimate.nodes.stays]
-    errors = _errors(together * covariance.variances_of_instants)
+    errors = _errors(together * covariance.variances_of_instants)[: sum(counts)]
     instants = np.split(errors, np.cumsum(counts)[:-1])
     return Certainty(coef, _of_surface(found, together), instants, together)
 

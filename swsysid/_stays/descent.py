@@ -82,7 +82,8 @@ class Reached:
         estimate = self.estimate
         of_guards = 0 if estimate.guards is None else estimate.guards.n_free
         told = self.objective.n_states_told(estimate.nodes)
-        return estimate.laws.n_free + len(estimate.nodes.instants) + of_guards + told
+        n_instants = len(estimate.nodes.intervals_of_instants)
+        return estimate.laws.n_free + n_instants + of_guards + told
 
 
 def most_likely(

@@ -125,9 +125,9 @@ class FitLeft:
         sizes = np.abs(np.vstack(parts))
         n_values = max(1, int(np.isfinite(sizes).sum()))
         far = np.nan_to_num(sizes) > norm.isf(LIMITS.by_chance / (2.0 * n_values))
-        apart = far.any(axis=1)
-        places = np.flatnonzero(apart)
-        if len(places) > LIMITS.most_apart * len(apart):
+        n_samples = int(np.isfinite(sizes).any(axis=1).sum())  # rows of inputs alone are none
+        places = np.flatnonzero(far.any(axis=1))
+        if len(places) > LIMITS.most_apart * n_samples:
             places = places[:0]
         sizes[places] = np.nan
         count = np.maximum(1, np.isfinite(sizes).sum(axis=0))
@@ -137,7 +137,7 @@ class FitLeft:
         if len(places):
             owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[places[0]]
             first = label_text(given.labels[owner]), float(_times(estimate)[places[0]])
-        return cls(excess, len(places), len(apart), first)
+        return cls(excess, len(places), n_samples, first)
 
     def sentences(self) -> Iterator[str]:
         """How many samples follow no law, and where the first is."""

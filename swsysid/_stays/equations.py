@@ -130,6 +130,12 @@ class NodeEquations:
         self.stiffness += (square * np.square(by_instant)).sum(axis=1)
         self.right_of_instants += (square * by_instant * gaps).sum(axis=1)
 
+    def hold_instants(self, ends: Array) -> None:
+        """Leave those where they are that cannot be later (1) or sooner (-1), and would be."""
+        held = ends * self.right_of_instants > 0.0
+        for part in (self.own, self.shared, self.stiffness, self.right_of_instants):
+            part[held] = 0.0
+
     def add_misses(
         self, switches: Rows, left: Array, by_state: Array, by_corner: Array, by_instant: Array
     ) -> None:

@@ -36,11 +36,11 @@ class Legs(NamedTuple):
 
 
 class Switching(NamedTuple):
-    """The intervals with a switch, in the order of the instants."""
+    """The intervals with a switch, in the order of the instants, and those where an input steps."""
 
     legs: Legs
-    by_instant: Array  # (n_switches, n_states)
-    crossings: Crossings
+    by_instant: Array  # (n_switches + n_stepping, n_states)
+    crossings: Crossings  # of the switches
 
 
 def steady_legs(laws: Laws, nodes: Nodes, states: Array) -> Iterator[Legs]:
@@ -74,18 +74,21 @@ def switching(
 ) -> Switching:
     """Intervals with a switch, and what is so at their instants.
 
-    The coefficients of resets are unknowns from a number on.
+    Where an input steps that is a switch to the same mode with another input. The coefficients of
+    resets are unknowns from a number on.
     """
-    at, n_states = _Parts.of(nodes, states, nodes.at), states.shape[1]
-    Z = np.zeros((len(nodes.at), n_states, n_states + laws.n_free))
+    rows, n_states = nodes.intervals_of_instants, states.shape[1]
+    at = _Parts.of(nodes, states, rows)
+    Z = np.zeros((len(rows), n_states, n_states + laws.n_free))
     Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
     x, Z = laws.varied_step(at.old, at.x, Z, at.u, at.middle, at.share * at.steps)
     rate = slope_of(at.u, at.after, at.steps)
-    crossings = _crossings(laws, nodes, at, x, rate, Z)
-    moving = crossings.rates[:, :n_states, None]
+    crossings = _crossings(laws, nodes, at, x, Z)
+    moving = laws.velocities(at.old, x, at.before, rate)[:, :, None]
     if resets is not None:
-        Z = resets.varied(nodes.transitions, x, np.concatenate([moving, Z], axis=2))
-        x, (moving, Z) = resets.landed(nodes.transitions, x), np.split(Z, [1], axis=2)
+        taken = np.append(nodes.transitions, np.full(len(nodes.stepping), -1))
+        Z = resets.varied(taken, x, np.concatenate([moving, Z], axis=2))
+        x, (moving, Z) = resets.landed(taken, x), np.split(Z, [1], axis=2)
     moving = moving - laws.velocities(at.new, x, at.middle, rate)[:, :, None]
     Z = np.concatenate([Z, moving], axis=2)
     x, Z = laws.varied_step(at.new, x, Z, at.middle, at.after, (1.0 - at.share) * at.steps)
@@ -93,7 +96,7 @@ def switching(
     columns = np.arange(laws.n_free)
     if resets is not None:
         columns = np.append(columns, first_of_resets + np.arange(resets.n_free))
-    legs = Legs(nodes.at, x, by_state, columns, by_shared)
+    legs = Legs(rows, x, by_state, columns, by_shared)
     return Switching(legs, by_instant[0].T, crossings)
 
 
@@ -122,24 +125,27 @@ def crossings_of(laws: Laws, nodes: Nodes, states: Array) -> Crossings:
     """Where recordings switch, in the order of the instants."""
     at = _Parts.of(nodes, states, nodes.at)
     x = laws.step(at.old, at.x, at.u, at.middle, at.share * at.steps)
-    return _crossings(laws, nodes, at, x, slope_of(at.u, at.after, at.steps), None)
+    return _crossings(laws, nodes, at, x, None)
 
 
-def _crossings(
-    laws: Laws, nodes: Nodes, at: _Parts, x: Array, rate: Array, varied: Array | None
-) -> Crossings:
+def _crossings(laws: Laws, nodes: Nodes, at: _Parts, x: Array, varied: Array | None) -> Crossings:
+    """Those of the first of some intervals, in which modes switch."""
+    n, rate = len(nodes.at), slope_of(at.u, at.after, at.steps)
     clocks = np.column_stack([nodes.instants - nodes.entered, nodes.instants])
-    columns = np.hstack([x, at.middle, clocks])
-    rates = np.hstack([laws.velocities(at.old, x, at.middle, rate), rate, np.ones(clocks.shape)])
-    return Crossings(*laws.sides(at.old, at.new), nodes.told_by, columns, rates, varied)
+    columns = np.hstack([x[:n], at.middle[:n], clocks])
+    velocities = laws.velocities(at.old, x, at.middle, rate)
+    rates = np.hstack([velocities[:n], rate[:n], np.ones(clocks.shape)])
+    sides = laws.sides(at.old[:n], at.new[:n])
+    return Crossings(*sides, nodes.told_by, columns, rates, None if varied is None else varied[:n])
 
 
 class _Parts(NamedTuple):
-    """Intervals, each parted at its switch or after its first step."""
+    """Intervals, each parted at its switch or after its first step, or behind a step of inputs."""
 
     x: Array  # states where they begin
-    u: Array  # inputs there, where they are parted and where they end
+    u: Array  # inputs there, where they are parted, that before they step, and where they end
     middle: Array
+    before: Array
     after: Array
     old: Modes
     new: Modes
@@ -152,5 +158,11 @@ class _Parts(NamedTuple):
         first, share = nodes.begins[rows], nodes.shares()[rows]
         u, after = nodes.u[first], nodes.u[first + 1]
         middle = u + share[:, None] * (after - u)
-        old, new = nodes.old[rows], nodes.new[rows]
-        return cls(states[first], u, middle, after, old, new, share, nodes.steps[rows])
+        old, before = nodes.old[rows], middle
+        if len(nodes.stepping):
+            own = np.flatnonzero(np.isin(rows, nodes.stepping))
+            left, before = nodes.before_steps(first[own]), middle.copy()
+            old[own], before[own] = nodes.modes[left], nodes.u[left]
+        return cls(
+            states[first], u, middle, before, after, old, nodes.new[rows], share, nodes.steps[rows]
+        )

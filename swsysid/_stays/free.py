@@ -54,7 +54,7 @@ def courses_of(
     recordings, states = estimate.nodes.recordings, states_of(estimate)
     for k, first, last in recordings.stretches(stretch or int(recordings.lengths.max())):
         start = states[first, k]
-        rows = slice(first, last + 1)
+        rows = slice(first, last + 1, recordings.per_sample)
         t, y = recordings.times[k][rows], recordings.y[rows, k, :n_channels].copy()
         if last < recordings.lengths[k] - 1:
             y[-1] = np.nan  # a sample where two parts meet counts in the second

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
+from swsysid._data.input_steps import Hold
 from swsysid._data.trajectories import group_labels, is_coarse, trajectories
 from swsysid._results import Array, Trajectory
 from swsysid.refinement._trajectories import Record
@@ -22,14 +23,15 @@ class Given:
     """Checked recordings, and which rows of the user's data they are."""
 
     records: list[Record]
-    rows: list[NDArray[np.intp]]  # of each recording, in the order in which all data are given
+    # of each recording, in the order in which all data are given; -1 for those of inputs that step
+    rows: list[NDArray[np.intp]]
     labels: list[object]  # names of the recordings
     names: list[str] | None  # of measured channels and inputs; None if the data have none
 
     @property
     def n_samples(self) -> int:
         """Number of rows of all recordings."""
-        return sum(len(rows) for rows in self.rows)
+        return sum(int((rows >= 0).sum()) for rows in self.rows)
 
     @property
     def n_recordings(self) -> int:
@@ -48,10 +50,32 @@ class Given:
 
     def by_rows(self, parts: list[NDArray]) -> NDArray:
         """Rows of all recordings in the order of the user's data."""
-        joined = np.concatenate(parts)
-        ordered = np.empty_like(joined)
-        ordered[np.concatenate(self.rows)] = joined
+        joined, rows = np.concatenate(parts), np.concatenate(self.rows)
+        ordered = np.empty_like(joined[rows >= 0])
+        ordered[rows[rows >= 0]] = joined[rows >= 0]
         return ordered
+
+    @property
+    def measured(self) -> Given:
+        """The same without rows where inputs step."""
+        if all((own >= 0).all() for own in self.rows):
+            return self
+        kept = [own >= 0 for own in self.rows]
+        pairs = list(zip(self.records, self.rows, kept, strict=True))
+        records = [Record(one.t[own], one.y[own], one.u[own]) for one, _, own in pairs]
+        return replace(self, records=records, rows=[rows[own] for _, rows, own in pairs])
+
+    def stepped(self, holds: Sequence[Hold]) -> Given:
+        """The same with rows where inputs step that keep their value."""
+        if all(one is Hold.LINE for one in holds):
+            return self
+        records, rows = [], []
+        for record, own in zip(self.records, self.rows, strict=True):
+            longer, places = record.stepped(holds)
+            records.append(longer)
+            rows.append(np.full(len(longer.t), -1))
+            rows[-1][places] = own
+        return replace(self, records=records, rows=rows)
 
 
 def read_given(x: object, t: object, groups: object, inputs: object) -> Given:

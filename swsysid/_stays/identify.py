@@ -243,7 +243,7 @@ class Alternation:
         return better
 
     def _at(self, found: StayIdentification) -> Recordings:
-        return self.recordings.with_guess(states_of(found.estimate))
+        return found.estimate.nodes.recordings.with_guess(states_of(found.estimate))
 
     def _go_on_from(self, found: StayIdentification, prior: Array | None) -> None:
         self.laws, self.noise = found.estimate.laws, noise_of(found.reached, self.first_noise)
@@ -340,7 +340,7 @@ class Alternation:
         self.last = StayIdentification(model, reached, (), criterion)
         self.found.append(self.last)
         self.laws = reached.estimate.laws
-        self.recordings = self.recordings.with_guess(states_of(reached.estimate))
+        self.recordings = self._at(self.last)
         self.noise = noise_of(reached, self.noise)
         if self._separates:
             trust = self.settings.trust[min(stage + 1, len(self.settings.trust) - 1)]

@@ -109,23 +109,35 @@ class Estimate:
     def moved(self, step: Array) -> Self:
         """Another estimate: laws, states, instants, surfaces and resets, in this order."""
         n_free, size, n_instants = self.laws.n_free, self.states.size, len(self.nodes.instants)
+        n_steps = len(self.nodes.stepping)
         n_guards = 0 if self.guards is None else self.guards.n_free
-        of_laws, of_states, of_instants, of_guards, of_resets = np.split(
-            step, np.cumsum([n_free, size, n_instants, n_guards])
+        of_laws, of_states, of_instants, of_steps, of_guards, of_resets = np.split(
+            step, np.cumsum([n_free, size, n_instants, n_steps, n_guards])
         )
         coef = self.laws.coef.copy()
         coef[self.laws.places] += of_laws
         farthest = LIMITS.farthest_move * self.nodes.recordings.interval
-        nodes = self.nodes.moved(self.nodes.instants + np.clip(of_instants, -farthest, farthest))
+        nodes, later = self.nodes.stepped(of_steps)
+        nodes = nodes.moved(nodes.instants + np.clip(of_instants, -farthest, farthest))
         moved = replace(
             self,
             laws=replace(self.laws, coef=coef),
             nodes=nodes,
-            states=self.states + of_states.reshape(self.states.shape),
+            states=self.states + of_states.reshape(self.states.shape) + self._going_on(later),
             guards=None if self.guards is None else self.guards.moved(of_guards),
             resets=None if self.resets is None else self.resets.moved(of_resets),
         )
         return moved.flown_to(np.flatnonzero(nodes.names != self.nodes.names))
+
+    def _going_on(self, later: Array) -> Array:
+        """What the states of nodes change by that are later, where an input steps later."""
+        change, rows = np.zeros_like(self.states), np.flatnonzero(later)
+        if rows.size:
+            before = self.nodes.before_steps(rows)
+            u, modes = self.nodes.u[before], self.nodes.modes[before]
+            own = self.motion.velocities(modes, self.states[rows], u, np.zeros_like(u))
+            change[rows] = own * later[rows, None]
+        return change
 
     def flown_to(self, rows: Rows) -> Self:
         """The same with some nodes where the flow from the node before leads.
@@ -148,7 +160,10 @@ class Estimate:
 def recombined(chosen: Sequence[Estimate]) -> Estimate:
     """Each recording, k, as in the k-th of these estimates of the same recordings."""
     first = chosen[0]
-    nodes = first.nodes.with_stays([one.nodes.stays[k] for k, one in enumerate(chosen)])
+    times = [one.nodes.recordings.step_times for one in chosen]
+    own = [of_all[k] for k, of_all in enumerate(times) if of_all]
+    recordings = first.nodes.recordings.with_step_times(own)
+    nodes = Nodes(recordings, [one.nodes.stays[k] for k, one in enumerate(chosen)])
     states = np.stack([one.states for one in chosen])
     return Estimate(first.laws, nodes, states[nodes.recording, np.arange(len(nodes))])
 
@@ -210,7 +225,8 @@ class Objective:
         )  # fmt: skip
         n_laws, n_guards = estimate.laws.n_free, 0 if guards is None else guards.n_free
         switches = None
-        if len(nodes.at):
+        rows = nodes.intervals_of_instants
+        if len(rows):
             switches = switching(estimate.motion, nodes, states, resets, n_laws + n_guards)
         misses = None if switches is None or guards is None else guards.misses(switches.crossings)
         equations = NodeEquations(
@@ -219,7 +235,7 @@ class Objective:
             n_guards=n_guards,
             n_resets=0 if resets is None else resets.n_free,
             unit=self.noise,
-            at=nodes.begins[nodes.at],
+            at=nodes.begins[rows],
             kept=nodes.kept,
             since=np.zeros(0, dtype=np.intp) if misses is None else misses.since,
             # half a nat for an interval: where the velocity is the same on both sides the data do
@@ -234,6 +250,7 @@ class Objective:
             gaps = self._add_ties(equations, estimate, switches.legs, weights)
             own = weights[switches.legs.rows]
             equations.add_instants(switches.legs, switches.by_instant, gaps, own)
+            equations.hold_instants(np.append(np.zeros(len(nodes.at)), nodes.ends_of_steps))
             if guards is not None and misses is not None:
                 self._add_guards(equations, guards, misses, switches.crossings)
                 equations.keep_instants()

@@ -29,7 +29,7 @@ class Nodes:
         Measured states, NaN where there is none, and inputs.
     sizes : ndarray of shape (n_nodes, n_states)
         Noise of the samples, by that of their channel.
-    recording : ndarray of shape (n_nodes,)
+    recording, t : ndarray of shape (n_nodes,)
     begins : ndarray of shape (n_intervals,)
         Node at which each interval begins; it ends at the next one.
     steps : ndarray of shape (n_intervals,)
@@ -39,6 +39,8 @@ class Nodes:
         Modes at both ends, and the number of the switch between them, -1 where there is none.
     instants, at : ndarray of shape (n_switches,)
         When recordings switch, and in which interval.
+    stepping : ndarray of shape (n_stepping,)
+        Intervals without a switch that begin where an input steps, at a time not quite known.
     segments : list of (int, ndarray of shape (n_joined, n_segments))
         Mode and intervals of stretches without a switch that follow each other.
     kept : ndarray of shape (n_nodes,)
@@ -46,8 +48,8 @@ class Nodes:
     """
 
     def __init__(self, recordings: Recordings, stays: Sequence[Stays]):
-        self.recordings, self.stays = recordings, list(stays)
-        self.y, self.u = recordings.in_a_row(recordings.y), recordings.in_a_row(recordings.u)
+        self.stays = list(stays)
+        self.y = recordings.in_a_row(recordings.y)
         sizes = recordings.sizes
         self.sizes = np.ones_like(self.y) if sizes is None else recordings.in_a_row(sizes)
         lengths = recordings.lengths
@@ -57,13 +59,17 @@ class Nodes:
         inside = np.ones(len(self.y), dtype=bool)
         inside[ends - 1] = False
         self.begins = np.flatnonzero(inside)
-        t = np.concatenate(recordings.times)
-        self.steps = np.diff(t)[self.begins]
+        self.place_times(recordings)
+        self.place_switches()
+
+    def place_times(self, recordings: Recordings) -> None:
+        """Durations of the intervals, and the inputs at the nodes."""
+        self.recordings, self.u = recordings, recordings.in_a_row(recordings.u)
+        self.t = np.concatenate(recordings.times)
+        self.steps = np.diff(self.t)[self.begins]
         # an event takes no time, and what it may leave of the state is not infinitely sure
         least = LIMITS.shortest_step * recordings.interval
         self.parts = np.maximum(self.steps, least) / recordings.interval
-        self._t = t
-        self.place_switches()
 
     def place_switches(self) -> None:
         """Modes before and after the switch of each interval, and where it is."""
@@ -78,6 +84,8 @@ class Nodes:
         self.at = np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp))
         self.switch = np.full(len(self.begins), -1)
         self.switch[self.at] = np.arange(len(self.at))
+        self.stepping = np.searchsorted(self.begins, self._where_inputs_step)
+        self.stepping = self.stepping[self.switch[self.stepping] < 0]
         self.segments, self.kept = self.segments_of(LIMITS.joined)
 
     def joined(self, as_usual: bool) -> Nodes:
@@ -92,7 +100,9 @@ class Nodes:
         self, lengths: Sequence[int]
     ) -> tuple[list[tuple[int, Rows]], NDArray[np.bool_]]:
         """Segments of intervals without a switch, as long as powers of 2, and the kept nodes."""
-        steady = np.flatnonzero(self.switch < 0)
+        alone = self.switch < 0
+        alone[self.stepping] = False
+        steady = np.flatnonzero(alone)
         follows = (np.diff(self.begins[steady]) == 1) & (np.diff(self.old[steady]) == 0)
         run = np.cumsum(np.append(0, ~follows))
         length = np.bincount(run)[run]
@@ -133,10 +143,22 @@ class Nodes:
             np.append(np.nan, stays.instants)[: len(stays.instants)] for stays in self.stays
         ])  # fmt: skip
 
+    @property
+    def intervals_of_instants(self) -> Rows:
+        """Those of the instants, and then those in which inputs step at unknown times."""
+        return np.append(self.at, self.stepping)
+
+    @property
+    def _where_inputs_step(self) -> Rows:
+        """Nodes at which an input steps at a time that is not quite known."""
+        pairs = zip(self.first, self.recordings.unknown, strict=False)
+        return np.concatenate([np.zeros(0, dtype=np.intp), *(first + own for first, own in pairs)])
+
     def shares(self) -> Array:
         """Part of each interval before its switch; where there is none, of the first step."""
         shares = np.full(len(self.begins), self.recordings.first_step)
-        shares[self.at] = (self.instants - self._t[self.begins[self.at]]) / self.steps[self.at]
+        shares[self.at] = (self.instants - self.t[self.begins[self.at]]) / self.steps[self.at]
+        shares[self.stepping] = 0.0
         return shares
 
     def with_stays(self, stays: Sequence[Stays]) -> Nodes:
@@ -145,6 +167,42 @@ class Nodes:
         other.stays = list(stays)
         other.place_switches()
         return other
+
+    @property
+    def ends_of_steps(self) -> NDArray[np.intp]:
+        """1 for a step of an input that cannot be later, -1 for one that cannot be sooner, or 0."""
+        own, n = self.begins[self.stepping], self.recordings.per_sample
+        first, last = self.t[own - 2 * n], self.t[own + n]
+        share, end = (self.t[own] - first) / (last - first), 1.01 * LIMITS.shortest_step
+        return (share >= 1.0 - end).astype(np.intp) - (share <= end)
+
+    def before_steps(self, rows: Rows) -> Rows:
+        """Some nodes, the last before the moment of a step in the place of those in it."""
+        n, before = self.recordings.per_sample, np.arange(len(self))
+        moment = self._where_inputs_step[:, None] - np.arange(n)
+        before[moment] = moment[:, -1:] - 1
+        return before[rows]
+
+    def stepped(self, moves: Array) -> tuple[Nodes, Array]:
+        """The same nodes where inputs step so much later, and by how much later each node is.
+
+        A switch in the moment of a step goes with it.
+        """
+        if not len(moves):
+            return self, np.zeros(len(self))
+        at = self._where_inputs_step
+        every = np.zeros(len(at))
+        every[np.isin(at, self.begins[self.stepping])] = moves
+        lengths = [len(own) for own in self.recordings.unknown]
+        parts = np.split(every, np.cumsum(lengths)[:-1])
+        times = [t + move for t, move in zip(self.recordings.step_times, parts, strict=True)]
+        other = copy(self)
+        other.place_times(self.recordings.with_step_times(times))
+        later = other.t - self.t
+        own = self.begins[self.at]
+        share = (self.instants - self.t[own]) / self.steps[self.at]
+        instants = self.instants + later[own] + share * (later[own + 1] - later[own])
+        return other.moved(instants), later
 
     def moved(self, instants: Array) -> Nodes:
         """The same nodes with other instants; a switch may enter another interval."""

@@ -23,7 +23,6 @@ from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import LIMITS
 from swsysid._surfaces.surface import Classifier, MovableClassifier, is_movable
-from swsysid.refinement._trajectories import Record
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class Origin:
         """Recordings with columns counted from here."""
         n_states = len(self.offset) - given.n_inputs
         of_y, of_u = self.offset[: given.n_channels], self.offset[n_states:]
-        records = [Record(one.t, one.y - of_y, one.u - of_u) for one in given.records]
+        records = [replace(one, y=one.y - of_y, u=one.u - of_u) for one in given.records]
         return replace(given, records=records)
 
     def change(self, features: FeatureMap) -> Array:

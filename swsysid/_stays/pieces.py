@@ -17,7 +17,6 @@ from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
 from swsysid.differentiation import estimate_noise
-from swsysid.refinement._trajectories import Record
 
 
 def noise_between_events(given: Given) -> Array:
@@ -114,7 +113,7 @@ def cut_at(given: Given, jumps: list[NDArray[np.intp]], fewest: int = FEWEST_SAM
     for k, (record, own, after) in enumerate(zip(given.records, given.rows, jumps, strict=True)):
         for part in np.split(np.arange(len(record.t)), after + 1):
             if len(part) >= fewest:
-                records.append(Record(record.t[part], record.y[part], record.u[part]))
+                records.append(record.taken(part))
                 rows.append(own[part])
                 labels.append(given.labels[k])
                 places.append((k, part[0], part[-1]))

@@ -40,6 +40,8 @@ class Recordings:
     u: Array  # (n_times, n_recordings, n_inputs): inputs, linear between samples
     guess: Array  # like y: all states, roughly
     sizes: Array | None = None  # like y: noise of the samples by that of their channel; None is 1
+    # of each recording, places of the times at which an input steps that are not quite known
+    unknown: tuple[NDArray[np.intp], ...] = ()
     first_step: float = 0.5  # part of a step that is integrated at once: a half, or 1
     per_sample: int = 1  # steps between two samples that follow each other as usual
 
@@ -70,7 +72,12 @@ class Recordings:
             u[:n, place], u[n:, place] = record.u, record.u[-1]
             rough[:n, place], rough[n:, place] = states, states[-1]
         times = tuple(record.t for record, _, _ in parts)
-        return cls(times, tuple(places for _, _, places in parts), steps, y, u, rough)
+        unknown = tuple(
+            np.searchsorted(t, np.zeros(0) if record.unknown is None else record.unknown)
+            for t, record in zip(times, records, strict=True)
+        )
+        sampled = tuple(places for _, _, places in parts)
+        return cls(times, sampled, steps, y, u, rough, unknown=unknown)
 
     def __len__(self) -> int:
         return len(self.times)
@@ -123,8 +130,10 @@ class Recordings:
     def stretches(self, length: int) -> Iterator[tuple[int, int, int]]:
         """Recording, first and last time of parts of about so many samples."""
         for k, n in enumerate(self.lengths):
-            count = max(1, round((n - 1) / (length * self.per_sample)))
-            edges = np.linspace(0, n - 1, count + 1).round().astype(int).tolist()
+            n_samples = (n - 1) // self.per_sample
+            count = max(1, round(n_samples / length))
+            edges = np.linspace(0, n_samples, count + 1).round().astype(int) * self.per_sample
+            edges = edges.tolist()
             yield from ((k, *one) for one in zip(edges[:-1], edges[1:], strict=True))
 
     def cut(self, length: int, overlap: int) -> tuple[Recordings, list[Piece]]:
@@ -147,8 +156,9 @@ class Recordings:
             sizes = pieces_of(sizes, pieces, further=1)
             sizes[sizes == 0.0] = 1.0  # after the end
         return replace(
-            self, times=times, sampled=sampled, steps=steps, y=y, u=u, guess=guess, sizes=sizes
-        )
+            self, times=times, sampled=sampled, steps=steps, y=y, u=u, guess=guess, sizes=sizes,
+            unknown=(),
+        )  # fmt: skip
 
     def with_long_steps(self) -> Recordings:
         """The same, every step integrated at once."""
@@ -172,10 +182,46 @@ class Recordings:
             times=tuple(np.interp(fine[: (len(t) - 1) * parts + 1], np.arange(len(t)), t)
                         for t in self.times),
             sampled=tuple(places * parts for places in self.sampled),
+            unknown=tuple(places * parts for places in self.unknown),
             steps=np.repeat(self.steps, parts, axis=0) / parts,
             y=y, u=u, guess=guess, sizes=sizes,
             per_sample=self.per_sample * parts,
         )  # fmt: skip
+
+    @property
+    def step_times(self) -> list[Array]:
+        """When inputs step at times that are not quite known, of each recording."""
+        return [t[own] for t, own in zip(self.times, self.unknown, strict=False)]
+
+    def with_step_times(self, asked: Sequence[Array]) -> Recordings:
+        """The same where inputs step at other times, each between the samples around it.
+
+        What lies between a sample and a step goes with it.
+        """
+        if not any(map(len, self.unknown)):
+            return self
+        times, steps, u, n = list(self.times), self.steps.copy(), self.u.copy(), self.per_sample
+        share = np.arange(n + 1)[:, None] / n
+        for k, (own, wanted) in enumerate(zip(self.unknown, asked, strict=True)):
+            t = self.times[k].copy()
+            first, left, last = own - 2 * n, own - n, own + n
+            moment = t[own] - t[left]
+            room = LIMITS.shortest_step * (t[last] - t[first])
+            now = np.clip(wanted, t[first] + room, t[last] - room)
+            jumps = np.abs(self.u[own, k] - self.u[left, k])
+            smooth = jumps <= LIMITS.difference * np.abs(self.u[last, k] - self.u[first, k])
+            for begin, ends in ((first, (t[first], now - moment)), (left, (now - moment, now)),
+                                (own, (now, t[last]))):  # fmt: skip
+                between = ends[0] + share * (ends[1] - ends[0])
+                between[-1] = ends[1]
+                places = begin + np.arange(n + 1)[:, None]
+                on_line = (between - t[first]) / (t[last] - t[first])
+                slope = self.u[last, k] - self.u[first, k]
+                line = self.u[first, k] + on_line[:, :, None] * slope
+                u[places, k] = np.where(smooth, line, u[places, k])
+                t[places] = between
+            times[k], steps[: len(t) - 1, k] = t, np.diff(t)
+        return replace(self, times=tuple(times), steps=steps, u=u)
 
     def with_guess(self, guess: Array) -> Recordings:
         """The same with other rough states."""
@@ -205,7 +251,7 @@ def _filled_in(
     y = np.full((len(t), record.y.shape[1]), np.nan)
     y[places] = record.y
     u, states = (_between(t, record.t, columns) for columns in (record.u, guess))
-    return Record(t, y, u), states, places
+    return Record(t, y, u, record.unknown), states, places
 
 
 def _between(t: Array, known: Array, columns: Array) -> Array:

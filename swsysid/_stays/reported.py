@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.input_steps import Hold
 from swsysid._rendering.printing import determined, sum_with_errors
 from swsysid._stays.certainty import Certainty
 from swsysid._stays.doubts import FitLeft, mode_doubts, surface_doubts
 from swsysid._stays.free import judged
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.input_holds import hold_sentence
 from swsysid._stays.origin import Origin
 from swsysid._stays.recording_report import RecordingReport, advice_of
 from swsysid._stays.search import Search
@@ -25,6 +27,7 @@ def reported(
     sure: Certainty,
     modes: NDArray[np.intp],
     origin: Origin,
+    holds: Sequence[Hold] = (),
 ) -> RecordingReport:
     """What was found, with how certain it is, and what free rollouts say of it.
 
@@ -42,6 +45,7 @@ def reported(
         *mode_doubts(n_modes, search.estimator.n_modes, search.counts[-1]),
         *noise.sentences(channels),
         *left.sentences(),
+        *_steps(found, holds, names[-given.n_inputs :]),
     ]
     has_surfaces = n_modes > 1 and has_equations(found.model.surface_)
     return RecordingReport(
@@ -60,6 +64,14 @@ def reported(
         doubts=tuple(doubts),
         advice=advice_of(left.excess, channels, together, rollouts),
     )
+
+
+def _steps(found: StayIdentification, holds: Sequence[Hold], names: Sequence[str]) -> Iterator[str]:
+    """What inputs do between two samples."""
+    unknown = sum(map(len, found.estimate.nodes.recordings.unknown))
+    for name, hold in zip(names, holds, strict=False):
+        if hold is not Hold.LINE:
+            yield hold_sentence(name, hold, unknown)
 
 
 def _laws(found: StayIdentification, sure: Certainty, names: Sequence[str]) -> list[str]:

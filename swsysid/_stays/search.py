@@ -78,7 +78,7 @@ class ExactStart:
 
 
 class Search:
-    """One search; `told` is called now and then, to show that it goes on."""
+    """One search; `told` is called now and then, to show that it goes on, `known` is a start."""
 
     def __init__(
         self,
@@ -89,11 +89,12 @@ class Search:
         settings: StaySettings,
         told: Callable[[], object],
         surfaces: bool = True,
+        known: StayIdentification | None = None,
     ):
         check_channels(given)
         _check_observed(observed, given)
         self.estimator, self.given, self.order = estimator, given, order
-        self.settings, self.told, self.surfaces = settings, told, surfaces
+        self.settings, self.told, self.surfaces, self.known = settings, told, surfaces, known
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}
         self._by_count: dict[object, tuple[SwitchingSystemRegressor, NDArray[np.bool_]]] = {}
@@ -196,12 +197,24 @@ class Search:
         both = {n_modes: found, n_modes - 1: self.with_modes(n_modes - 1)}
         return both[least_of(both, lambda n: criterion(n, both[n]).criterion)]
 
+    @property
+    def usual_count(self) -> int:
+        """As many modes as are asked for, or two where their number is to be found."""
+        return int(self.counts[:2][-1])
+
+    def begun(self, n_modes: int) -> StayIdentification:
+        """What the first rounds say of so many modes."""
+        return next(self._starts(n_modes, None)).begin()
+
     def _starts(self, n_modes: object, fewer: StayIdentification | None) -> Iterator[Alternation]:
-        """One for each window of differentiation.
+        """One from what is known of so many modes, and one for each window of differentiation.
 
         Where no surface separates modes one goes on from the answer with one mode fewer.
         """
         windows = set()
+        if self.known is not None and len(self.known.estimate.laws.coef) == n_modes:
+            laws, recordings = self.known.estimate.laws, self.base.recordings
+            yield self.alternation(self.known.model, laws.free, recordings)
         for stretch in self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]:
             base = self._differentiated(stretch)
             # there may be no shorter window than the automatic one

@@ -11,7 +11,6 @@ from swsysid._data.trajectories import how_to_unwrap, turn_of
 from swsysid._results import IdentificationWarning
 from swsysid._stays.given import Given
 from swsysid.differentiation import inspect_sensors
-from swsysid.refinement._trajectories import Record
 
 
 def warn_of_turns(given: Given) -> None:
@@ -45,7 +44,7 @@ def without_clipped(given: Given) -> Given:
     )
     parts = np.split(clipped, np.cumsum(lengths)[:-1])
     records = [
-        Record(record.t, np.where(part, np.nan, record.y), record.u)
+        replace(record, y=np.where(part, np.nan, record.y))
         for record, part in zip(given.records, parts, strict=True)
     ]
     return replace(given, records=records)

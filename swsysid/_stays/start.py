@@ -40,7 +40,11 @@ class Differentiated:
 
 
 def differentiated(given: Given, order: int, stretch: float = 1.0) -> Differentiated:
-    """Smooth and differentiate; `stretch` makes the window longer than the automatic one."""
+    """Smooth and differentiate; `stretch` makes the window longer than the automatic one.
+
+    A filter does not stop where an input steps: between two steps it may find too few samples.
+    """
+    recorded, given = given, given.measured
     filled = [record.filled for record in given.records]
     t = [record.t for record in given.records]
     labels = _pieces(t)
@@ -65,7 +69,12 @@ def differentiated(given: Given, order: int, stretch: float = 1.0) -> Differenti
         ])
         for record, own in zip(given.records, _labels_of(t, labels), strict=True)
     ]  # fmt: skip
-    return Differentiated(rows, Recordings.of(given.records, guess), noise)
+    if recorded is not given:
+        guess = [
+            np.column_stack([np.interp(longer.t, record.t, column) for column in own.T])
+            for longer, record, own in zip(recorded.records, given.records, guess, strict=True)
+        ]
+    return Differentiated(rows, Recordings.of(recorded.records, guess), noise)
 
 
 def start_from(

@@ -27,7 +27,8 @@ def weighted(found: StayIdentification, search: Search, origin: Origin) -> StayI
         own = origin.states(states[:, k])[:, :n_channels]
         sizes[:, k, :n_channels] = noise.at(own, name)
     sizes /= np.sqrt(np.square(sizes).mean(axis=(0, 1)))
-    again = search.refitted(found, replace(search.base.recordings, guess=states, sizes=sizes))
+    known = search.base.recordings.with_step_times(recordings.step_times)
+    again = search.refitted(found, replace(known, guess=states, sizes=sizes))
     # a share, or noise by recording, costs half a logarithm of the number of samples a channel
     n_values = np.isfinite(recordings.y).sum()
     price = 0.5 * float(np.log(max(2, n_values))) * n_channels

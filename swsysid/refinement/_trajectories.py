@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks.arrays import column, numbers, refuse_overflow, refuse_vanishing, table
 from swsysid._checks.parameters import real, shown
+from swsysid._data.input_steps import Hold, stepped
 from swsysid._data.trajectories import (
     between_limits,
     events_in,
@@ -30,6 +31,7 @@ class Record:
     t: Array
     y: Array
     u: Array
+    unknown: Array | None = None  # times of right limits at which inputs step, roughly known
 
     @classmethod
     def of(cls, t: Array, y: Array, u: Array) -> Record:
@@ -53,10 +55,23 @@ class Record:
                 channel[:] = 0.0
         return filled
 
+    def stepped(self, holds: Sequence[Hold]) -> tuple[Record, NDArray[np.intp]]:
+        """The same with rows where inputs step, and the places of those that were there before."""
+        found = stepped(self.t, self.u, holds)
+        y = np.full((len(found.t), self.y.shape[1]), np.nan)
+        y[found.places] = self.y
+        return Record(found.t, y, found.u, found.unknown), found.places
+
     def part(self, first: int, length: int) -> Record:
         """So many steps from a sample on."""
-        rows = slice(first, first + length + 1)
-        return Record(self.t[rows], self.y[rows], self.u[rows])
+        return self.taken(slice(first, first + length + 1))
+
+    def taken(self, rows: slice | NDArray) -> Record:
+        """Some of the rows, which follow each other."""
+        t, unknown = self.t[rows], self.unknown
+        if unknown is not None:  # both limits are there, and what follows them
+            unknown = unknown[np.isin(unknown, t[2:-1])]
+        return Record(t, self.y[rows], self.u[rows], unknown)
 
 
 # A trajectory as a user gives it: a mapping with t, x, inputs and groups, or a simulated one.

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
+from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
 from swsysid._free_rollouts.courses import Course
 from swsysid._stays import free_runs
 from swsysid._stays.free_runs import FreeRuns
@@ -79,3 +80,14 @@ def test_pieces_of_a_rollout_meet(name, monkeypatch):
         np.testing.assert_allclose(run.x, expected.x, atol=1e-6 * spread.max())
         np.testing.assert_array_equal(run.modes, expected.modes)
         assert [one.kind for one in run.events] == [one.kind for one in expected.events]
+
+
+def test_long_recordings_in_steps_shorter_than_their_samples_are_rolled_out_in_pieces():
+    turn, step, n = 2.0, 0.6, 700  # ten samples a turn
+    t = step * np.arange(n)
+    x = np.exp(-0.02 * t)[:, None] * np.column_stack([np.cos(turn * t), -np.sin(turn * t)])
+    noisy = x + 0.002 * np.random.default_rng(0).standard_normal(x.shape)
+    estimator = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
+    found = TrajectoryIdentifier(estimator).fit(noisy, t)
+    assert found.report_.rollouts.holds
+    np.testing.assert_allclose(found.states_, x, atol=0.002)
