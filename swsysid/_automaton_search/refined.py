@@ -19,6 +19,7 @@ from swsysid._automaton_search.refinement import AutomatonRefinement, FreeRollou
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches
 from swsysid._automaton_search.transition_guards import TransitionGuards
+from swsysid._data.trajectories import Record
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
@@ -27,7 +28,6 @@ from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces
 from swsysid._stays.resets import Resets
 from swsysid._stays.settings import StaySettings
-from swsysid.refinement._trajectories import Record
 
 
 def refined(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import JUDGING, RECORDINGS
-from swsysid._data.trajectories import label_text, trajectories
+from swsysid._data.trajectories import Record, label_text, trajectories
 from swsysid._free_rollouts.courses import Course, switches_of_samples
 from swsysid._free_rollouts.judge import FreeRollouts, free_rollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
@@ -18,7 +18,6 @@ from swsysid._results import Array
 from swsysid._stays.given import FEWEST_SAMPLES, read_given
 from swsysid._stays.rollout_score import start_of
 from swsysid.differentiation import estimate_noise
-from swsysid.refinement._trajectories import Record
 
 
 def free_of_samples(

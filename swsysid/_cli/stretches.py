@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._cli.settings import JUDGING
+from swsysid._data.trajectories import Record
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
 from swsysid.refinement._rollout import Segments, rollout, substeps_for
 from swsysid.refinement._settings import SETTINGS as ROLLOUTS
 from swsysid.refinement._system import Maps, ParameterSets, RowSystem
-from swsysid.refinement._trajectories import Record
 
 
 @dataclass(frozen=True)

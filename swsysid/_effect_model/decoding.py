@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_search.jumps import jumps_of
 from swsysid._data.records import Records
+from swsysid._data.trajectories import Record
 from swsysid._effect_model.declared import SETTINGS as MODEL
 from swsysid._effect_model.declared import Added, FittedLaws, Modes
 from swsysid._noise import exact_below, robust_scale
@@ -25,7 +26,6 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import SETTINGS
 from swsysid.differentiation._noise import noise_in
-from swsysid.refinement._trajectories import Record
 
 Rows = NDArray[np.intp]
 

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.trajectories import Record
 from swsysid._free_rollouts.courses import Course
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._stays.guards import Guards
@@ -29,7 +30,6 @@ from swsysid._stays.recordings import Piece, Recordings
 from swsysid._stays.samples import states_of
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.sliding import SlidingLaws, pairs_of
-from swsysid.refinement._trajectories import Record
 
 
 @dataclass

@@ -16,6 +16,7 @@ import numpy as np
 
 from swsysid._data.coordinates import Extent, shifted_monomials
 from swsysid._data.features import FeatureMap
+from swsysid._data.trajectories import Record
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
 from swsysid._stays.given import Given, check_channels
@@ -23,7 +24,6 @@ from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import LIMITS
 from swsysid._surfaces.surface import Classifier, MovableClassifier, is_movable
-from swsysid.refinement._trajectories import Record
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.trajectories import Record
 from swsysid._results import Array
 from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
 from swsysid.differentiation import estimate_noise
-from swsysid.refinement._trajectories import Record
 
 
 def noise_between_events(given: Given) -> Array:

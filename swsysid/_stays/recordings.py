@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.trajectories import events_in
+from swsysid._data.trajectories import Record, events_in
 from swsysid._results import Array
 from swsysid._stays.settings import LIMITS
-from swsysid.refinement._trajectories import Record
 
 
 class Piece(NamedTuple):

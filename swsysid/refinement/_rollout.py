@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.trajectories import Record, spread
 from swsysid._results import Array
 from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._steps import cross_smoothly, switched_step
 from swsysid.refinement._system import Maps, ParameterSets, RowSystem
-from swsysid.refinement._trajectories import Record, spread
 
 
 class Segments:

@@ -6,12 +6,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 from swsysid import PolynomialSurfaceClassifier, Status, SwitchingSystemRegressor
+from swsysid._data.trajectories import Record
 from swsysid.differentiation import differentiate
 from swsysid.refinement import ParametricLibrary, StatedModel, StatedSurface, initial_states, refine
 from swsysid.refinement._estimation import Estimation
 from swsysid.refinement._rollout import Segments, rollout
 from swsysid.refinement._system import Maps, ParameterSets
-from swsysid.refinement._trajectories import Record
 
 NOISE = 0.02
 

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
+from swsysid._data.trajectories import Record
 from swsysid._free_rollouts.courses import Course
 from swsysid._stays import free_runs
 from swsysid._stays.free_runs import FreeRuns
@@ -15,7 +16,6 @@ from swsysid._stays.origin import Origin
 from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
-from swsysid.refinement._trajectories import Record
 
 
 def side_by_side(name, offset, guess=()):
