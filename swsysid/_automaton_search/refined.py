@@ -19,7 +19,7 @@ from swsysid._automaton_search.refinement import AutomatonRefinement, FreeRollou
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches
 from swsysid._automaton_search.transition_guards import TransitionGuards
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification

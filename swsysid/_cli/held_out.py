@@ -15,7 +15,7 @@ from swsysid._cli.settings import JUDGING
 from swsysid._cli.stretches import Stretches
 from swsysid._cli.terms import Terms
 from swsysid._cli.verdict import Split, hold_out
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._results import Array, SolverError
 from swsysid._stays.given import read_given

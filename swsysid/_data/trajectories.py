@@ -6,7 +6,6 @@ Encoders and arctangents give angles that begin anew after a turn.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,45 +19,6 @@ _LARGEST_STEP = 0.4
 # The step over the end of the range, in the largest of the others: one that is longer is a jump.
 _LIKE_OTHERS = 2.0
 _NOISE = 0.05  # of a turn, by which noise added to a wrapped angle exceeds its range
-
-
-@dataclass(frozen=True)
-class Record:
-    """One trajectory: times, measured channels (NaN where missing) and inputs.
-
-    Rows that follow each other at once are the limits of an event, before and after it.
-    """
-
-    t: Array
-    y: Array
-    u: Array
-
-    @classmethod
-    def of(cls, t: Array, y: Array, u: Array) -> Record:
-        """Rows as they were measured; of several at one time the first and the last are limits."""
-        return cls(limits_apart(t), between_limits(y, t), between_limits(u, t))
-
-    @property
-    def events(self) -> NDArray[np.intp]:
-        """Samples after which an event is."""
-        return events_in(self.t)
-
-    @property
-    def filled(self) -> Array:
-        """Measured channels with the missing values interpolated, zero where there are none."""
-        filled = self.y.copy()
-        for channel in filled.T:
-            known = np.isfinite(channel)
-            if known.any():
-                channel[~known] = np.interp(self.t[~known], self.t[known], channel[known])
-            else:
-                channel[:] = 0.0
-        return filled
-
-    def part(self, first: int, length: int) -> Record:
-        """So many steps from a sample on."""
-        rows = slice(first, first + length + 1)
-        return Record(self.t[rows], self.y[rows], self.u[rows])
 
 
 def spread(columns: Array) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.lagged import Labels, LaggedRows, lagged_rows

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.jumps import jumps_of
+from swsysid._data.recordings import Record
 from swsysid._data.records import Records
-from swsysid._data.trajectories import Record
 from swsysid._effect_model.declared import SETTINGS as MODEL
 from swsysid._effect_model.declared import Added, FittedLaws, Modes
 from swsysid._noise import exact_below, robust_scale

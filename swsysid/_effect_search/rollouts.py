@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.recordings import Record
 from swsysid._data.records import Records
-from swsysid._data.trajectories import Record
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.settings import REPORT
 from swsysid._free_rollouts.courses import Course, switches_of_samples

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from swsysid._data.trajectories import Record, label_text
+from swsysid._data.recordings import Record
+from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.courses import SLIDES, Course, switches_of_stays
 from swsysid._free_rollouts.judge import FreeRollouts, ModelRuns
 from swsysid._free_rollouts.judge import judged as judged_rollouts

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
-from swsysid._data.trajectories import Record, group_labels, is_coarse, trajectories
+from swsysid._data.recordings import Record
+from swsysid._data.trajectories import group_labels, is_coarse, trajectories
 from swsysid._results import Array, Trajectory
 
 INPUTS = ("u", "U", "input")  # what others call inputs

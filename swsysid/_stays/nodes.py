@@ -27,6 +27,8 @@ class Nodes:
     ----------
     y, u : ndarray of shape (n_nodes, n_states), (n_nodes, n_inputs)
         Measured states, NaN where there is none, and inputs.
+    after : ndarray of shape (n_nodes, n_inputs)
+        Inputs at the end of the interval that begins at each node, before they may jump there.
     sizes : ndarray of shape (n_nodes, n_states)
         Noise of the samples, by that of their channel.
     recording : ndarray of shape (n_nodes,)
@@ -48,6 +50,8 @@ class Nodes:
     def __init__(self, recordings: Recordings, stays: Sequence[Stays]):
         self.recordings, self.stays = recordings, list(stays)
         self.y, self.u = recordings.in_a_row(recordings.y), recordings.in_a_row(recordings.u)
+        ahead = np.concatenate([recordings.after, recordings.u[-1:]])
+        self.after = recordings.in_a_row(ahead)
         sizes = recordings.sizes
         self.sizes = np.ones_like(self.y) if sizes is None else recordings.in_a_row(sizes)
         lengths = recordings.lengths
@@ -75,10 +79,13 @@ class Nodes:
             cells.append(first + np.minimum(own, len(t) - 2))
         self.modes = np.concatenate(modes)
         self.old, self.new = self.modes[self.begins], self.modes[self.begins + 1]
-        self.at = np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp))
-        self.switch = np.full(len(self.begins), -1)
-        self.switch[self.at] = np.arange(len(self.at))
+        self.place_at(np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp)))
         self.segments, self.kept = self.segments_of(LIMITS.joined)
+
+    def place_at(self, intervals: Rows) -> None:
+        """Put the switches into their intervals."""
+        self.at, self.switch = intervals, np.full(len(self.begins), -1)
+        self.switch[intervals] = np.arange(len(intervals))
 
     def joined(self, as_usual: bool) -> Nodes:
         """The same nodes in segments, or each interval by itself."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from swsysid._data.coordinates import Extent, shifted_monomials
 from swsysid._data.features import FeatureMap
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
 from swsysid._stays.given import Given, check_channels

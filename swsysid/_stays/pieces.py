@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._results import Array
 from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.settings import LIMITS

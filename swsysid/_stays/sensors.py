@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from swsysid._data.trajectories import Record, how_to_unwrap, turn_of
+from swsysid._data.recordings import Record
+from swsysid._data.trajectories import how_to_unwrap, turn_of
 from swsysid._results import IdentificationWarning
 from swsysid._stays.given import Given
 from swsysid.differentiation import inspect_sensors

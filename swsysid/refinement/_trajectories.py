@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks.arrays import column, numbers, refuse_overflow, refuse_vanishing, table
 from swsysid._checks.parameters import real, shown
-from swsysid._data.trajectories import Record, group_labels, spread, trajectories
+from swsysid._data.recordings import Record
+from swsysid._data.trajectories import group_labels, spread, trajectories
 from swsysid._results import Array, Trajectory
 
 # A trajectory as a user gives it: a mapping with t, x, inputs and groups, or a simulated one.

@@ -11,7 +11,7 @@ from swsysid._automaton_search.courses import Course, nodes_of
 from swsysid._automaton_search.elsewhere import errors_from
 from swsysid._automaton_search.joint import JointEstimate, jointly
 from swsysid._automaton_search.transition_guards import TransitionGuards
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._stays.guards import Crossings
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Objective

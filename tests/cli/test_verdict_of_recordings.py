@@ -13,7 +13,7 @@ from swsysid._cli.settings import JUDGING
 from swsysid._cli.stretches import Stretches
 from swsysid._cli.text import render
 from swsysid._cli.verdict import Verdict, certainty
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._tables.table import Table
 from swsysid.refinement import StatedModel, StatedSurface
 

@@ -14,7 +14,7 @@ from lagged_plants import (
     thermostat,
 )
 
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows
 from swsysid._discrete_stays.settings import SETTINGS

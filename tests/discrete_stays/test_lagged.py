@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.lagged import lagged_rows
 
 

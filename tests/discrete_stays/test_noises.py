@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.certainty import DiscreteCertainty
 from swsysid._discrete_stays.identify import identify_stays
 

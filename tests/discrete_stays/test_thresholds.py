@@ -5,7 +5,7 @@ import pytest
 from lagged_plants import switched_arx, thermostat
 
 from swsysid._data.features import FeatureMap
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._free_rollouts.breaks import first_breaks, leave_more
 from swsysid._free_rollouts.courses import (
     Course,

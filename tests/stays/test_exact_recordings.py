@@ -5,7 +5,7 @@ import pytest
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
 from swsysid._data.features import Monomials
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._stays.exact import exact_modes
 from swsysid._stays.intervals import Intervals, along_flows, laws_of, without_equal
 from swsysid._stays.laws import Laws

@@ -10,7 +10,7 @@ from benchmarks.trajectories.figures import figures
 from benchmarks.trajectories.methods import METHODS, identified
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._stays.assign import assign, disturbances, prior_of_guards
 from swsysid._stays.flow import crossings_of, ends_of, steady_legs, switching
 from swsysid._stays.guards import Guards

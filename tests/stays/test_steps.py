@@ -8,7 +8,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._stays.flow import ends_of
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws

@@ -9,7 +9,7 @@ from benchmarks.trajectories.figures import figures
 from benchmarks.trajectories.methods import METHODS
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
-from swsysid._data.trajectories import Record
+from swsysid._data.recordings import Record
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
