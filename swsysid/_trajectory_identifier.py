@@ -19,13 +19,13 @@ from swsysid._stays.input_holds import with_steps
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
 from swsysid._stays.reported import reported
-from swsysid._stays.rollout_score import rollout_score
 from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
 from swsysid._stays.sensors import warn_of_turns
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.weighted import weighted
 from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
+from swsysid.refinement._rollout_score import rollout_score
 
 
 class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.recordings import Record
 from swsysid._results import Array
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.stays import Stays
-from swsysid.refinement._trajectories import Record
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._data.recordings import Record
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.pieces import jumps_at_events, noise_between_events
-from swsysid.refinement._trajectories import Record
 
 
 def jumps_of(given: Given) -> list[NDArray[np.intp]]:

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.apart import by_samples
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import flown
+from swsysid._data.recordings import Record
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws
 from swsysid._stays.pieces import Pieces
-from swsysid.refinement._trajectories import Record
 
 
 def better_places(

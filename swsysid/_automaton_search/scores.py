@@ -6,13 +6,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from swsysid._automaton.model import HybridAutomaton
+from swsysid._data.recordings import Record
+from swsysid._data.trajectories import spread
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.pieces import without_limits
-from swsysid._stays.rollout_score import determination
 from swsysid._stays.settings import LIMITS
 from swsysid._ties import first_least
-from swsysid.refinement._trajectories import Record, spread
+from swsysid.refinement._rollout_score import determination
 
 
 def rollout_score(automaton: HybridAutomaton, given: Given) -> float:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import JUDGING, RECORDINGS
+from swsysid._data.recordings import Record
 from swsysid._data.trajectories import label_text, trajectories
 from swsysid._free_rollouts.courses import Course, switches_of_samples
 from swsysid._free_rollouts.judge import FreeRollouts, free_rollouts
@@ -16,9 +17,8 @@ from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.given import FEWEST_SAMPLES, read_given
-from swsysid._stays.rollout_score import start_of
 from swsysid.differentiation import estimate_noise
-from swsysid.refinement._trajectories import Record
+from swsysid.refinement._rollout_score import start_of
 
 
 def free_of_samples(

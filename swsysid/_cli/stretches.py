@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._cli.settings import JUDGING
+from swsysid._data.recordings import Record
+from swsysid._data.trajectories import spread
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
-from swsysid.refinement._rollout import Segments, rollout, substeps_for
-from swsysid.refinement._settings import SETTINGS as ROLLOUTS
-from swsysid.refinement._system import Maps, ParameterSets, RowSystem
-from swsysid.refinement._trajectories import Record
+from swsysid.refinement._parameters import Parametrization
+from swsysid.refinement._shooting import Pieces, Shooting, Units
+from swsysid.refinement._system import System, substeps_for
 
 
 @dataclass(frozen=True)
@@ -46,67 +47,50 @@ class Stretches:
         The start of every stretch is the one of highest likelihood, by Levenberg and Marquardt's
         steps for all stretches at once. `noise` are the standard deviations of the channels.
         """
-        shots, size = _Shots(system, self, noise), np.vstack(self.guess).std(axis=0)
-        size = np.maximum(size, np.finfo(float).tiny)
-        starts = np.array([rough[0] for rough in self.guess])
-        left, slopes = shots.varied(starts, size)
+        shooting, every = self._shooting(System(system), noise), len(self.parts)
+        starts = shooting.begins / shooting.units.states
+        left, slopes = shooting.residuals(starts.ravel()), shooting.slopes(starts.ravel())
         damping = np.full(len(starts), JUDGING.damping)
         for _ in range(JUDGING.turns):
-            trial = starts - size * _damped(slopes, left, damping)
-            again, varied = shots.varied(trial, size)
-            better = np.square(again).sum(axis=1) < np.square(left).sum(axis=1)
+            trial = starts - _damped(slopes, left, shooting.segment, damping)
+            again = shooting.residuals(trial.ravel())
+            varied = shooting.slopes(trial.ravel())
+            sums = (np.bincount(shooting.segment, one**2, every) for one in (again, left))
+            better = np.less(*sums)
             damping *= np.where(better, 0.2, 5.0)
-            starts[better], left[better], slopes[better] = (
-                new[better] for new in (trial, again, varied)
-            )
-        return shots.rows(left)
+            starts[better], own = trial[better], better[shooting.segment]
+            left[own], slopes[own] = again[own], varied[own]
+        found = np.full(shooting.y.shape, np.nan)
+        found[shooting.measured] = left
+        return found * noise
 
-
-class _Shots:
-    """All stretches side by side under one model; residuals are in units of the noise."""
-
-    def __init__(self, system: SwitchingModel, stretches: Stretches, noise: Array):
-        maps, parts = Maps(system), stretches.parts
-        surface = np.empty((0, 0)) if maps.linear is None else maps.linear.coef
-        n_owners = maps.n_states + 1
-        self.maps, self.noise = maps, noise
-        self.sets = ParameterSets(
-            np.tile(system.coef, (n_owners, 1, 1, 1)), {}, np.tile(surface, (n_owners, 1, 1))
+    def _shooting(self, system: System, noise: Array) -> Shooting:
+        """Rollouts of all stretches, of which nothing but their starts is free."""
+        guess, u = np.vstack(self.guess), np.vstack([part.u for part in self.parts])
+        columns, n_states = np.hstack([guess, u]), guess.shape[1]
+        sizes, places = spread(columns), np.arange(len(self.parts))
+        longest = max(float(np.diff(part.t).max()) for part in self.parts)
+        return Shooting(
+            system,
+            Parametrization(system, np.zeros(system.model.coef.shape, bool), False, frozen=True),
+            Pieces(self.parts, self.guess, places, 0 * places, places < 0),
+            np.arange(len(noise)),
+            Units(
+                np.zeros(0), sizes[:n_states], sizes[n_states:], noise, np.full(n_states, np.inf)
+            ),
+            substeps_for(system.known(sizes)[0], columns, longest),
+            linear=True,
         )
-        x, u = np.vstack(stretches.guess), np.vstack([part.u for part in parts])
-        rows = np.unique(np.linspace(0, len(x) - 1, ROLLOUTS.most_rows).astype(int))
-        at_rows = RowSystem(maps, self.sets, np.zeros(len(rows), dtype=np.intp))
-        longest = max(float(np.diff(part.t).max()) for part in parts)
-        substeps = substeps_for(at_rows, x[rows], u[rows], longest)
-        most = max(len(part.t) for part in parts)
-        self.segments = Segments(parts, most, linear=True, substeps=substeps)
-        self.bound = ROLLOUTS.diverged * np.maximum(np.abs(x).max(axis=0), x.std(axis=0))
-        self.lengths = [len(part.t) for part in parts]
-
-    def varied(self, starts: Array, size: Array) -> tuple[Array, Array]:
-        """Residuals (n_stretches, n_values), zero where none, and slopes by starts over `size`."""
-        moves = ROLLOUTS.step * np.vstack([np.zeros(len(size)), np.diag(size)])
-        moved = starts + moves[:, None]
-        states, _ = rollout(self.maps, self.sets, self.segments, moved, self.bound)
-        y = self.segments.y
-        left = np.nan_to_num((states[..., : y.shape[2]] - y[:, None]) / self.noise)
-        left = left.transpose(1, 2, 0, 3).reshape(len(moves), len(starts), -1)
-        return left[0], (left[1:] - left[0]).transpose(1, 2, 0) / ROLLOUTS.step
-
-    def rows(self, left: Array) -> Array:
-        """Residuals in the units of the channels, the samples one after the other."""
-        y = self.segments.y
-        each = left.reshape(len(left), len(y), y.shape[2]) * self.noise
-        each = np.where(np.isfinite(y.transpose(1, 0, 2)), each, np.nan)
-        return np.concatenate([own[:n] for own, n in zip(each, self.lengths, strict=True)])
 
 
-def _damped(slopes: Array, left: Array, damping: Array) -> Array:
+def _damped(slopes: Array, left: Array, stretch: NDArray[np.intp], damping: Array) -> Array:
     """Steps of all stretches, unknowns in units in which the diagonal is one."""
-    matrix = slopes.transpose(0, 2, 1) @ slopes
-    right = (slopes.transpose(0, 2, 1) @ left[:, :, None])[:, :, 0]
+    n = slopes.shape[1]
+    matrix, right = np.zeros((len(damping), n, n)), np.zeros((len(damping), n))
+    np.add.at(matrix, stretch, slopes[:, :, None] * slopes[:, None, :])
+    np.add.at(right, stretch, slopes * left[:, None])
     diagonal = np.einsum("sii->si", matrix)
     unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = matrix * unit[:, :, None] * unit[:, None]
-    scaled += (damping[:, None] + 1e-12)[:, :, None] * np.eye(matrix.shape[1])
+    scaled += (damping[:, None] + 1e-12)[:, :, None] * np.eye(n)
     return np.linalg.solve(scaled, (right * unit)[:, :, None])[:, :, 0] * unit

@@ -21,6 +21,13 @@ _LIKE_OTHERS = 2.0
 _NOISE = 0.05  # of a turn, by which noise added to a wrapped angle exceeds its range
 
 
+def spread(columns: Array) -> Array:
+    """Standard deviation of each column; its size where it is constant, 1 where it is zero."""
+    deviation = np.nanstd(columns, axis=0)
+    size = np.nanmax(np.abs(columns), axis=0)
+    return np.where(deviation > 0.0, deviation, np.where(size > 0.0, size, 1.0))
+
+
 def group_labels(groups: object, n_rows: int, name: str = "groups") -> NDArray:
     """The trajectory of each row, checked; None means one trajectory."""
     return np.zeros(n_rows, dtype=int) if groups is None else labels(name, groups, n_rows)

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.features import FeatureMap
+from swsysid._data.trajectories import spread
 from swsysid._discrete_stays.lagged import Labels, LaggedRows
 from swsysid._discrete_stays.rows import RowProblem
 from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._results import Array
-from swsysid.refinement._trajectories import spread
 
 
 @dataclass(frozen=True)

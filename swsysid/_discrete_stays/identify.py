@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.known_guard import KnownGuard
 from swsysid._discrete_stays.lagged import Labels, LaggedRows, lagged_rows
@@ -26,7 +27,6 @@ from swsysid._discrete_stays.search import (
 from swsysid._discrete_stays.settings import SETTINGS, DiscreteSettings
 from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
-from swsysid.refinement._trajectories import Record
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.recordings import Record
 from swsysid._results import Array
-from swsysid.refinement._trajectories import Record
 
 Labels = NDArray[np.intp]
 
@@ -87,7 +87,7 @@ def lagged_rows(
     Examples
     --------
     >>> import numpy as np
-    >>> from swsysid.refinement._trajectories import Record
+    >>> from swsysid._data.recordings import Record
     >>> x = np.array([[1.0], [2.0], [4.0], [8.0]])
     >>> rows = lagged_rows([Record(np.arange(4.0), x, np.empty((4, 0)))], lags=1)
     >>> rows.names, rows.columns.tolist(), rows.targets.tolist()

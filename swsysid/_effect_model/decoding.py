@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.jumps import jumps_of
+from swsysid._data.recordings import Record
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import SETTINGS as MODEL
 from swsysid._effect_model.declared import Added, FittedLaws, Modes
@@ -25,7 +26,6 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import SETTINGS
 from swsysid.differentiation._noise import noise_in
-from swsysid.refinement._trajectories import Record
 
 Rows = NDArray[np.intp]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -94,7 +95,7 @@ class LawsAndEffects(ParametricLibrary):
         own = [part.title for part in self.parts]
         return np.array([*laws.feature_map.names(names), *own], dtype=object)
 
-    @property
+    @cached_property
     def parts(self) -> list[_Part]:
         """What the effects add, in the order of the terms."""
         return [

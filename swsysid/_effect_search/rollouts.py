@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.recordings import Record
 from swsysid._data.records import Records
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.settings import REPORT
@@ -16,7 +17,6 @@ from swsysid._free_rollouts.judge import FreeRollouts, judged
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._noise import root_mean_square
 from swsysid._results import Array, Status, Trajectory
-from swsysid.refinement._trajectories import Record
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.recordings import Record
 from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory
-from swsysid.refinement._trajectories import Record
 
 SLIDES = -1  # the mode of a state that slides along a surface
 

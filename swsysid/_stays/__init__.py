@@ -17,5 +17,6 @@ In reading order: `given`, `pieces`, `sensors`, `origin` and `recordings` are wh
 `identify`, `search`, `count`, `grown`, `merged`, `terms` are rounds, starts, numbers of modes and
 terms; `retold` and `visits` tell single stays otherwise; `intervals` and `exact` are for recordings
 without noise. `weighted` counts samples by their noise; `certainty`, `doubts`, `free`, `free_runs`
-and `reported` say how sure all that is.
+and `reported` say how sure all that is. `rollouts` and `sensitivities` are whole rollouts with
+their derivatives, on which `refine` stands.
 """

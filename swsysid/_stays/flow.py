@@ -54,7 +54,7 @@ def steady_legs(laws: Laws, nodes: Nodes, states: Array) -> Iterator[Legs]:
 def _steady(laws: Laws, mode: int, nodes: Nodes, segments: Rows, states: Array) -> Legs:
     rows = segments.ravel()
     first = nodes.begins[rows]
-    x, u, after, steps = states[first], nodes.u[first], nodes.u[first + 1], nodes.steps[rows]
+    x, u, after, steps = states[first], nodes.u[first], nodes.after[first], nodes.steps[rows]
     if nodes.recordings.first_step == 1.0:
         x, by_state, by_law = laws.flow(mode, x, u, after, steps)
     else:
@@ -156,7 +156,7 @@ class _Parts(NamedTuple):
     def of(cls, nodes: Nodes, states: Array, rows: Rows) -> _Parts:
         """Some intervals from given states of the nodes."""
         first, share = nodes.begins[rows], nodes.shares()[rows]
-        u, after = nodes.u[first], nodes.u[first + 1]
+        u, after = nodes.u[first], nodes.after[first]
         middle = u + share[:, None] * (after - u)
         old, before = nodes.old[rows], middle
         if len(nodes.stepping):

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from swsysid._data.recordings import Record
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.courses import SLIDES, Course, switches_of_stays
 from swsysid._free_rollouts.judge import FreeRollouts, ModelRuns
@@ -17,7 +18,6 @@ from swsysid._stays.identification import StayIdentification
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import left_over, states_of
-from swsysid.refinement._trajectories import Record
 
 
 def judged(

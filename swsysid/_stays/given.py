@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
 from swsysid._data.input_steps import Hold
+from swsysid._data.recordings import Record
 from swsysid._data.trajectories import group_labels, is_coarse, trajectories
 from swsysid._results import Array, Trajectory
-from swsysid.refinement._trajectories import Record
 
 INPUTS = ("u", "U", "input")  # what others call inputs
 FEWEST_SAMPLES = 8  # of a recording: a filter of five with two more to each side than it needs

@@ -12,7 +12,7 @@ are integrated together by the classical method of Runge and Kutta.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,8 @@ class Laws:
     features: Features
     spread: Array  # (n_states,): typical size of each state
     free: NDArray[np.bool_]  # of the shape of coef: the coefficients that are unknown
+    # derivatives of the features by unknowns inside them, which come after the coefficients
+    inside: tuple[Features, ...] = field(default=(), kw_only=True)
 
     @cached_property
     def places(self) -> tuple[Modes, Modes, Modes]:
@@ -42,7 +44,12 @@ class Laws:
 
     def known(self) -> Laws:
         """The same laws with no coefficient free."""
-        return replace(self, free=np.zeros_like(self.free))
+        return replace(self, free=np.zeros_like(self.free), inside=())
+
+    @property
+    def leaps(self) -> bool:
+        """True if a step goes to its end at once, whatever surface is in between."""
+        return False
 
     @property
     def modes(self) -> range:
@@ -51,8 +58,8 @@ class Laws:
 
     @property
     def n_free(self) -> int:
-        """Number of free coefficients."""
-        return len(self.places[0])
+        """Number of unknowns, free coefficients and those inside of features."""
+        return len(self.places[0]) + len(self.inside)
 
     def error_of_steps(self, x: Array, u: Array, after: Array, duration: Array) -> Array:
         """By how much steps miss two of half their length, at most in any mode; shape of `x`."""
@@ -87,8 +94,8 @@ class Laws:
     ) -> tuple[Array, Array]:
         """The same with sensitivities (n_rows, n_states, n_unknowns).
 
-        The first n_states unknowns are states at some start, the next are the free coefficients,
-        and any others may follow.
+        The first n_states unknowns are states at some start, the next are those of the laws, and
+        any others may follow.
         """
         h, middle, slope = duration[:, None], 0.5 * (u + after), slope_of(u, after, duration)
         hz = h[:, :, None]
@@ -106,25 +113,28 @@ class Laws:
         return x, Z + hz / 6 * (z_first + 2 * (z_second + z_third) + z_fourth)
 
     def columns_of(self, mode: int) -> Modes:
-        """Numbers of the free coefficients that a mode has."""
-        return np.flatnonzero(self.places[0] == mode)
+        """Numbers of the unknowns that a mode has."""
+        n_coef = len(self.places[0])
+        inside = n_coef + np.arange(len(self.inside))
+        return np.append(np.flatnonzero(self.places[0] == mode), inside)
 
     def flow(
         self, mode: int, x: Array, u: Array, after: Array, duration: Array
     ) -> tuple[Array, Array, Array]:
         r"""States of rows of one mode after steps, and their derivatives, rows last.
 
-        By the states before, (n_states, n_states, n_rows), and by the coefficients of
-        `columns_of` the mode, (n_columns, n_states, n_rows), each entry by the first index of the
-        second one. With the features :math:`\Phi_i` of the four stages of a step and what a
-        velocity added there changes, :math:`M_i`, the latter are :math:`\sum_i M_i \Phi_i`.
+        By the states before, (n_states, n_states, n_rows), and by the unknowns of `columns_of` the
+        mode, (n_columns, n_states, n_rows), each entry by the first index of the second one. With
+        the features :math:`\Phi_i` of the four stages of a step and what a velocity added there
+        changes, :math:`M_i`, those by coefficients are :math:`\sum_i M_i \Phi_i`.
         """
         h, middle = duration, 0.5 * (u + after)
-        values, jacobians = [], []
+        stages, values, jacobians = [], [], []
         rates: list[Array] = []
         for ahead, at in ((0.0, u), (0.5, middle), (0.5, middle), (1.0, after)):
             now = x + (ahead * h)[:, None] * rates[-1] if rates else x
-            value, jacobian = self.linear(mode, np.concatenate([now, at], axis=1))
+            stages.append(np.concatenate([now, at], axis=1))
+            value, jacobian = self.linear(mode, stages[-1])
             rates.append((self.coef[mode] @ value).T)
             values.append(value)
             jacobians.append(jacobian)
@@ -137,8 +147,15 @@ class Laws:
             changes[stage, every, every] += weight / 6.0 * h
         by_state = np.einsum("ibcr,icar->bar", np.array(jacobians), changes)
         by_state[every, every] += 1.0
-        by_law = np.einsum("isar,ifr->sfar", changes, np.array(values), order="C")
-        return ends, by_state, by_law[self.free[mode]]
+        return ends, by_state, self._by_unknowns(mode, stages, np.array(values), changes)
+
+    def _by_unknowns(self, mode: int, stages: list[Array], values: Array, changes: Array) -> Array:
+        """What unknowns change, with features of stages and what velocities added there change."""
+        by_law = np.einsum("isar,ifr->sfar", changes, values, order="C")[self.free[mode]]
+        if not self.inside:
+            return by_law
+        rates = [[self.coef[mode] @ one(stage).T for stage in stages] for one in self.inside]
+        return np.concatenate([by_law, np.einsum("isar,pisr->par", changes, np.array(rates))])
 
     def linear(self, mode: int, columns: Array) -> tuple[Array, Array]:
         """Features of rows (n_features, n_rows), and derivatives of velocities by states.
@@ -159,7 +176,30 @@ class Laws:
         mode, state, feature = self.places
         unknowns = x.shape[1] + np.arange(len(mode))
         rates[:, state, unknowns] += features[:, feature] * (modes[:, None] == mode)
+        for number, one in enumerate(self.inside, x.shape[1] + len(mode)):
+            rates[:, :, number] += np.matmul(coef, one(columns)[:, :, None])[:, :, 0]
         return np.matmul(coef, features[:, :, None])[:, :, 0], rates
+
+
+@dataclass(frozen=True)
+class Maps(Laws):
+    """Laws in discrete time, C_j Phi(x, u) the next state: a step is one turn, however long."""
+
+    @property
+    def leaps(self) -> bool:
+        return True
+
+    def step(self, modes: Modes, x: Array, u: Array, after: Array, duration: Array) -> Array:
+        return np.where(duration[:, None] > 0.0, self.velocities(modes, x, u), x)
+
+    def flow(
+        self, mode: int, x: Array, u: Array, after: Array, duration: Array
+    ) -> tuple[Array, Array, Array]:
+        columns = np.concatenate([x, u], axis=1)
+        value, by_state = self.linear(mode, columns)
+        changes = np.tile(np.eye(x.shape[1])[None, :, :, None], (1, 1, 1, len(x)))
+        by_unknowns = self._by_unknowns(mode, [columns], value[None], changes)
+        return (self.coef[mode] @ value).T, by_state, by_unknowns
 
 
 def chained(by: Array, further: Array) -> Array:

@@ -27,6 +27,8 @@ class Nodes:
     ----------
     y, u : ndarray of shape (n_nodes, n_states), (n_nodes, n_inputs)
         Measured states, NaN where there is none, and inputs.
+    after : ndarray of shape (n_nodes, n_inputs)
+        Inputs at the end of the interval that begins at each node, before they may jump there.
     sizes : ndarray of shape (n_nodes, n_states)
         Noise of the samples, by that of their channel.
     recording, t : ndarray of shape (n_nodes,)
@@ -65,6 +67,8 @@ class Nodes:
     def place_times(self, recordings: Recordings) -> None:
         """Durations of the intervals, and the inputs at the nodes."""
         self.recordings, self.u = recordings, recordings.in_a_row(recordings.u)
+        ahead = np.concatenate([recordings.after, recordings.u[-1:]])
+        self.after = recordings.in_a_row(ahead)
         self.t = np.concatenate(recordings.times)
         self.steps = np.diff(self.t)[self.begins]
         # an event takes no time, and what it may leave of the state is not infinitely sure
@@ -81,12 +85,15 @@ class Nodes:
             cells.append(first + np.minimum(own, len(t) - 2))
         self.modes = np.concatenate(modes)
         self.old, self.new = self.modes[self.begins], self.modes[self.begins + 1]
-        self.at = np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp))
-        self.switch = np.full(len(self.begins), -1)
-        self.switch[self.at] = np.arange(len(self.at))
+        self.place_at(np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp)))
         self.stepping = np.searchsorted(self.begins, self._where_inputs_step)
         self.stepping = self.stepping[self.switch[self.stepping] < 0]
         self.segments, self.kept = self.segments_of(LIMITS.joined)
+
+    def place_at(self, intervals: Rows) -> None:
+        """Put the switches into their intervals."""
+        self.at, self.switch = intervals, np.full(len(self.begins), -1)
+        self.switch[intervals] = np.arange(len(intervals))
 
     def joined(self, as_usual: bool) -> Nodes:
         """The same nodes in segments, or each interval by itself."""

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.recordings import Record
 from swsysid._data.trajectories import events_in
 from swsysid._results import Array
 from swsysid._stays.settings import LIMITS
-from swsysid.refinement._trajectories import Record
 
 
 class Piece(NamedTuple):
@@ -44,6 +44,7 @@ class Recordings:
     unknown: tuple[NDArray[np.intp], ...] = ()
     first_step: float = 0.5  # part of a step that is integrated at once: a half, or 1
     per_sample: int = 1  # steps between two samples that follow each other as usual
+    held: bool = False  # inputs stay what they are from one sample to the next
 
     @classmethod
     def of(
@@ -51,15 +52,20 @@ class Recordings:
         records: Sequence[Record],
         guess: Sequence[Array] | None = None,
         between: Sequence[Array] | None = None,
+        *,
+        held: bool = False,
     ) -> Recordings:
         """Records of any lengths; by default their own values are the rough ones.
 
-        `between` are further times of each, between its samples.
+        `between` are further times of each, between its samples; `held` says that inputs are not
+        linear there but stay what they are.
         """
         guess = [record.filled for record in records] if guess is None else guess
         interval = float(np.median(np.concatenate([np.diff(record.t) for record in records])))
         further = [np.zeros(0)] * len(records) if between is None else between
-        parts = [_filled_in(*own, interval) for own in zip(records, guess, further, strict=True)]
+        parts = [
+            _filled_in(*own, interval, held) for own in zip(records, guess, further, strict=True)
+        ]
         count, n_times = len(records), max(len(record.t) for record, _, _ in parts)
         n_states, n_inputs = guess[0].shape[1], records[0].u.shape[1]
         steps = np.zeros((n_times - 1, count))
@@ -77,7 +83,7 @@ class Recordings:
             for t, record in zip(times, records, strict=True)
         )
         sampled = tuple(places for _, _, places in parts)
-        return cls(times, sampled, steps, y, u, rough, unknown=unknown)
+        return cls(times, sampled, steps, y, u, rough, unknown=unknown, held=held)
 
     def __len__(self) -> int:
         return len(self.times)
@@ -86,6 +92,11 @@ class Recordings:
     def lengths(self) -> NDArray[np.intp]:
         """Number of times of each recording."""
         return np.array([len(t) for t in self.times])
+
+    @property
+    def after(self) -> Array:
+        """Inputs at the ends of the steps, before they may jump there."""
+        return self.u[:-1] if self.held else self.u[1:]
 
     @property
     def interval(self) -> float:
@@ -172,6 +183,7 @@ class Recordings:
         low = np.minimum(fine.astype(int), len(self.steps) - 1)
         share = (fine - low)[:, None, None]
         u, guess = (one[low] + share * (one[low + 1] - one[low]) for one in (self.u, self.guess))
+        u = self.u[fine.astype(int)] if self.held else u
         y, sizes = np.full(guess.shape, np.nan), None
         y[::parts] = self.y
         if self.sizes is not None:
@@ -239,7 +251,7 @@ def pieces_of(padded: NDArray, pieces: Sequence[Piece], further: int = 0) -> NDA
 
 
 def _filled_in(
-    record: Record, guess: Array, further: Array, interval: float
+    record: Record, guess: Array, further: Array, interval: float, held: bool
 ) -> tuple[Record, Array, NDArray[np.intp]]:
     """A record with times between far samples, its rough states, and places of its samples."""
     counts = np.ceil(np.diff(record.t) / (LIMITS.longest_step * interval)).astype(int)
@@ -251,6 +263,8 @@ def _filled_in(
     y = np.full((len(t), record.y.shape[1]), np.nan)
     y[places] = record.y
     u, states = (_between(t, record.t, columns) for columns in (record.u, guess))
+    if held:
+        u = record.u[np.searchsorted(record.t, t, side="right") - 1]
     return Record(t, y, u, record.unknown), states, places
 
 

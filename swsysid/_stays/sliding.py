@@ -68,7 +68,8 @@ class SlidingLaws(Laws):
     @classmethod
     def of(cls, laws: Laws, guards: Guards) -> SlidingLaws:
         """The laws, with the surfaces along which their modes slide."""
-        return cls(laws.coef, laws.features, laws.spread, laws.free, guards)
+        own = laws.coef, laws.features, laws.spread, laws.free, guards
+        return cls(*own, inside=laws.inside)
 
     @property
     def modes(self) -> range:
@@ -77,13 +78,13 @@ class SlidingLaws(Laws):
 
     @property
     def n_free(self) -> int:
-        """Number of free coefficients of laws and surfaces."""
+        """Number of unknowns of laws and surfaces."""
         return super().n_free + self.guards.n_free
 
     def known(self) -> SlidingLaws:
         """The same with no coefficient free."""
         guards = replace(self.guards, free=np.zeros_like(self.guards.free))
-        return replace(self, free=np.zeros_like(self.free), guards=guards)
+        return replace(self, free=np.zeros_like(self.free), inside=(), guards=guards)
 
     def sides(self, old: Modes, new: Modes) -> tuple[Modes, Modes]:
         """Modes that the surface of each switch separates; the same one where there is none.

@@ -17,7 +17,6 @@ from sklearn.utils.validation import has_fit_parameter
 from swsysid._results import Array
 from swsysid._surfaces.fitted import FittedSurfaces
 from swsysid._surfaces.margin_program import SurfaceFit
-from swsysid._surfaces.mode_books import decisions
 
 
 class Surface(Protocol):
@@ -125,11 +124,6 @@ class LinearForm:
     scale: Array
     mode_book: NDArray[np.int64]  # (n_modes, n_surfaces)
     classes: NDArray[np.intp]  # (n_modes,)
-
-    def decisions(self, X: Array, coef: Array) -> Array:
-        """Decision of every class at every row, which has coefficients of its own."""
-        values = np.einsum("rlf,rf->rl", coef, self.features(X))
-        return decisions(values, self.mode_book, self.scale)
 
 
 class LinearSurface(Surface, Protocol):

@@ -16,9 +16,10 @@ from sklearn.utils import Bunch
 
 from swsysid._checks.parameters import one_of, random_numbers, real, whole
 from swsysid._results import Array
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.rollouts import rolled_out
 from swsysid.refinement import StatedModel, StatedSurface
-from swsysid.refinement._steps import cross_exactly, switched_step
-from swsysid.refinement._system import Maps, ParameterSets, RowSystem
+from swsysid.refinement._system import System
 
 # Gigabytes of rows: more are no data set to try something on.
 MOST_ROWS = 10**8
@@ -345,18 +346,20 @@ def integrate_grid(model: StatedModel, x0: Array, n_steps: int, step: float) -> 
 
     Steps in which the guard changes sign are cut there; the cut itself is no sample.
     """
-    maps = Maps(model.switching_model)
-    assert maps.linear is not None, "a stated surface is linear in its coefficients"
-    sets = ParameterSets(model.coef_[np.newaxis], {}, maps.linear.coef[np.newaxis])
-    system = RowSystem(maps, sets, np.zeros(len(x0), dtype=np.intp))
-    no_inputs, steps = np.empty((len(x0), 0)), np.full((len(x0), 1), step)
-    states, modes = [x0], system.modes(x0, no_inputs)
-    for _ in range(n_steps):
-        x, modes = switched_step(
-            system, states[-1], no_inputs, no_inputs, steps, modes, cross_exactly
-        )
-        states.append(x)
-    return np.stack(states, axis=1)
+    n_trajectories, n_states = x0.shape
+    times, shape = step * np.arange(n_steps + 1), (n_steps + 1, n_trajectories)
+    nothing = np.broadcast_to(np.nan, (*shape, n_states))
+    grid = Recordings(
+        times=(times,) * n_trajectories,
+        sampled=(np.arange(len(times)),) * n_trajectories,
+        steps=np.broadcast_to(step, (n_steps, n_trajectories)),
+        y=nothing,
+        u=np.empty((*shape, 0)),
+        guess=nothing,
+        first_step=1.0,
+    )
+    laws, guards = System(model.switching_model).known(np.ones(n_states))
+    return np.stack([run.states for run in rolled_out(laws, guards, grid, x0)])
 
 
 def check_disturbance(noise: float, outliers: float, kind: str = "gaussian") -> None:

@@ -1,4 +1,4 @@
-r"""Refinement of a model on the error of its rollouts, by multiple shooting.
+r"""Refinement of a model on the error of its rollouts.
 
 Regression on velocities is biased where the velocities are: where sensors are too slow or too
 coarse to differentiate, or states are hidden. `refine` starts from its coefficients and minimises
@@ -9,10 +9,9 @@ the error of what the model is used for, its rollouts,
     \min_{\theta, s} \sum_{i} \rho\Big( \frac{y_i - h(x(t_i; \theta, s))}{\sigma} \Big)
     \quad \text{with} \quad \dot x = C_j \Phi(x, u) \;\text{in mode}\; j,
 
-over the free parameters :math:`\theta` and the initial states :math:`s`. Trajectories are cut
-into segments whose initial states are unknowns as well, tied to the ends of the segments before
-them by a penalty that is tightened in steps: a poor start cannot run away (multiple shooting),
-and at the end the segments are one rollout.
+over the free parameters :math:`\theta` and the initial states :math:`s`. Where the rollouts of the
+start are poor, segments of them, each with an initial state of its own, come first: a poor start
+cannot run away. Rollouts and their derivatives are those of the engine for recordings (`_stays`).
 """
 
 from swsysid.refinement._refine import initial_states, refine

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
 from swsysid._checks.arrays import truth_values
+from swsysid._data.trajectories import spread
 from swsysid._results import Array, Status
 from swsysid._simulation.model import FittedModel, SwitchingModel, fitted_system
+from swsysid._stays.guards import Guards
+from swsysid._stays.laws import Laws
+from swsysid._stays.rollouts import modes_at
 from swsysid.refinement._certainty import robust_covariance
-from swsysid.refinement._continuous import WholeRollouts
-from swsysid.refinement._losses import LOSSES, inner_scale, robust_loss
+from swsysid.refinement._losses import LOSSES, inner_scale
 from swsysid.refinement._parameters import Parametrization, fitted_and_free, output_of
 from swsysid.refinement._result import RefinementResult
-from swsysid.refinement._rollout import Segments, guessed_states, substeps_for
 from swsysid.refinement._settings import SETTINGS
-from swsysid.refinement._shooting import Shooting, Units
+from swsysid.refinement._shooting import Pieces, Rollout, Shooting, Units, grid_of
 from swsysid.refinement._stated import StatedModel
-from swsysid.refinement._system import Maps, RowSystem
+from swsysid.refinement._system import System, substeps_for
 from swsysid.refinement._trajectories import (
     Observed,
     Recording,
@@ -30,7 +31,6 @@ from swsysid.refinement._trajectories import (
     first_states,
     observed_states,
     read_trajectories,
-    spread,
 )
 
 
@@ -59,36 +59,36 @@ class Estimation:
         frozen: bool = False,
         integrated: Callable[[], object] = int,
     ):
-        system = fitted_system(model)
-        self.integrated = integrated
+        fitted = fitted_system(model)
+        self.model, self.integrated = model, integrated
         self.loss, self.linear, self.joined = loss, linear, joined
-        self.maps = maps = Maps(system, output_of(model))
-        chosen = _free(model, system, free)
-        self.parameters = Parametrization(model, maps, chosen, fit_surface, frozen)
+        self.system = system = System(fitted, output_of(model))
+        chosen = _free(model, fitted, free)
+        self.parameters = Parametrization(system, chosen, fit_surface, frozen)
         if not frozen and not len(self.parameters):
             raise ValueError("no parameter is free; free a coefficient or name a parameter.")
-        names = system.feature_map.names_in
-        states = names[: maps.n_states]
-        self.observed = self._channels(states, len(names), observed)
-        self.records = read_trajectories(
-            trajectories, len(names) - maps.n_states, len(self.observed)
-        )
+        names, n_states = fitted.feature_map.names_in, system.n_states
+        self.observed = self._channels(names[:n_states], len(names), observed)
+        self.records = read_trajectories(trajectories, len(names) - n_states, len(self.observed))
         self.limits = self.parameters.bounds({} if bounds is None else bounds)
         deviations = channel_noise(self.records, noise)
-        starts = first_states(initial_states, states, len(self.records))
-        measured = self.observed if maps.output is None else self.observed[:0]
-        sets = self.parameters.sets(self.start[None])
-        guess, bound = guessed_states(maps, sets, self.records, starts, measured, linear)
+        starts = first_states(initial_states, names[:n_states], len(self.records))
+        measured = self.observed if system.output is None else self.observed[:0]
+        self.guess, bound = self._guessed(starts, measured)
         # units of states and parameters, and the steps of the integration, from some points
-        x, u = np.vstack(guess), np.vstack([record.u for record in self.records])
+        x, u = np.vstack(self.guess), np.vstack([record.u for record in self.records])
+        self.columns = spread(np.hstack([x, u]))
         rows = np.unique(np.linspace(0, len(x) - 1, SETTINGS.most_rows).astype(int))
         self._points = x[rows], u[rows]
-        at_points = self._at_points(self.start)
-        velocities = at_points.field(at_points.modes(*self._points))(*self._points)
-        self._typical = at_points.features(*self._points), velocities
-        self.units = Units(self.parameters.sizes(*self._typical), spread(x), deviations, bound)
+        laws, guards = self._laws_and_guards(self.start)
+        modes = modes_at(guards, *self._points)
+        at_points = np.hstack(self._points)
+        self._typical = laws.features(at_points), laws.velocities(modes, *self._points)
+        own, inputs = np.split(self.columns, [n_states])
+        sizes = self.parameters.sizes(*self._typical)
+        self.units = Units(sizes, own, inputs, deviations, bound)
         self.substeps = self._needed_substeps(self.start)
-        self._cut(guess, segment_length)
+        self._cut(segment_length)
 
     # -- preparation -----------------------------------------------------------------------
 
@@ -101,37 +101,68 @@ class Estimation:
         self, states: list[str], n_columns: int, observed: Observed | None
     ) -> NDArray[np.intp]:
         """Columns of the output that are measured."""
-        if self.maps.output is None:
+        if self.system.output is None:
             return observed_states(observed, states)
         if observed is not None:
             raise ValueError(
                 "observed is given for a model with an output; leave it out, the output says what "
                 "the columns of x measure."
             )
-        sets = self.parameters.sets(self.start[None])
-        return np.arange(self.maps.output(np.ones((1, n_columns)), sets.named).shape[1])
+        named = self.parameters.at(self.start).named
+        return np.arange(self.system.read(np.ones((1, n_columns)), named).shape[1])
 
-    def _at_points(self, vector: Array) -> RowSystem:
-        """The system at the points at which rates and sizes are looked at."""
-        owners = np.zeros(len(self._points[0]), dtype=np.intp)
-        return RowSystem(self.maps, self.parameters.sets(vector[None]), owners)
+    def _laws_and_guards(self, vector: Array) -> tuple[Laws, Guards]:
+        """For some parameters, none of them free."""
+        return self.system.known(self.columns, self.parameters.at(vector))
+
+    def _guessed(self, starts: Array, measured: NDArray[np.intp]) -> tuple[list[Array], Array]:
+        """States of each record, (n_samples, n_states), and the bound of one that has diverged.
+
+        Where the initial states `starts` are NaN, `measured` states, those that the channels of
+        the records are, start as measured and others at 0. Hidden states are carried by the given
+        model, with the measured ones reset at every sample.
+        """
+        given, records, n_states = np.isfinite(starts), self.records, self.system.n_states
+        largest = np.nanmax(np.abs(np.vstack([record.y for record in records])), axis=0)
+        guess = []
+        for record, start, known in zip(records, np.nan_to_num(starts), given, strict=True):
+            states = np.zeros((len(record.t), n_states))
+            states[:, measured] = record.filled[:, : len(measured)]
+            states[0] = np.where(known, start, states[0])
+            guess.append(states)
+        first = np.abs([states[0] for states in guess]).max(axis=0)
+        limit = np.maximum(first, max(1.0, float(largest.max())))
+        limit[measured] = np.maximum(largest[: len(measured)], first[measured])
+        bound = SETTINGS.diverged * np.where(limit > 0.0, limit, 1.0)
+        self.columns = np.ones(n_states + records[0].u.shape[1])
+        if len(measured) == n_states:
+            return guess, bound
+        laws, guards = self._laws_and_guards(self.start)
+        grid = grid_of(self.system, records, guess, held=not self.linear)
+        carried, seen = grid.guess.copy(), np.zeros(grid.guess.shape[:2], dtype=bool)
+        for k, places in enumerate(grid.sampled):
+            seen[places, k] = True
+        for k, (u, after, steps) in enumerate(zip(grid.u, grid.after, grid.steps, strict=False), 1):
+            x = carried[k - 1]
+            with np.errstate(all="ignore"):
+                x = np.nan_to_num(laws.step(modes_at(guards, x, u), x, u, after, steps))
+            x[:, measured] = np.where(seen[k, :, None], carried[k][:, measured], x[:, measured])
+            carried[k] = np.clip(x, -bound, bound)
+        return [carried[places, k] for k, places in enumerate(grid.sampled)], bound
 
     def _needed_substeps(self, vector: Array) -> int:
         longest = max(float(np.quantile(np.diff(record.t), 0.99)) for record in self.records)
-        return substeps_for(self._at_points(vector), *self._points, longest)
+        return substeps_for(self._laws_and_guards(vector)[0], np.hstack(self._points), longest)
 
-    def _cut(self, guess: list[Array], length: int | None) -> None:
-        """Segments of which the given model stays bounded on each."""
+    def _cut(self, length: int | None) -> None:
+        """Pieces of which the given model stays bounded on each."""
         n_steps = [len(record.t) - 1 for record in self.records]
         chosen = length or max(SETTINGS.shortest, -(-sum(n_steps) // SETTINGS.n_segments))
         self.length = min(chosen, max(n_steps))
         while True:
-            self.shooting = self._shooting(self.length)
-            nodes = [guess[k][i] for k, i in self.shooting.segments.places]
-            self.nodes = np.clip(np.array(nodes), -self.units.bound, self.units.bound)
-            _, _, bounded = self.shooting.outputs(self.start[None], self.nodes[None])
-            if bounded.all():
-                return
+            apart = self._shooting(self.length)
+            if apart.rolled(apart.join(self.start, apart.begins)).bounded.all():
+                break
             if length is not None or self.length == 1:
                 where = f"segments of {self.length} samples" if self.length > 1 else "one sample"
                 raise ValueError(
@@ -139,59 +170,55 @@ class Estimation:
                     "segment_length (None chooses one), or better coefficients to start from."
                 )
             self.length = max(1, self.length // 2)
+        self._join()
 
-    def _shooting(self, length: int | None = None) -> Shooting:
-        """Segments of a length; None leaves the records uncut."""
-        length = max(len(record.t) for record in self.records) if length is None else length
-        segments = Segments(self.records, length, linear=self.linear, substeps=self.substeps)
-        return Shooting(self.maps, self.parameters, segments, self.observed, self.units)
+    def _join(self) -> None:
+        """The problem of whole rollouts, or that of pieces that stay apart."""
+        whole = max(len(record.t) for record in self.records)
+        self.whole = self._shooting(whole if self.joined else self.length)
+
+    def _shooting(self, length: int) -> Shooting:
+        pieces = Pieces.of(self.records, self.guess, length)
+        return Shooting(
+            self.system, self.parameters, pieces, self.observed, self.units, self.substeps,
+            self.linear,
+        )  # fmt: skip
 
     # -- stages ----------------------------------------------------------------------------
 
     def refined(self, max_nfev: int) -> RefinementResult:
         """Fit the segments by themselves, then whole rollouts; keep what makes these better."""
-        vector, nodes, nfev = self.start, self.nodes, 0
-        for weight in SETTINGS.earlier_weights if self._starts_poorly() else ():
-            answer = self._least_squares(
-                partial(self.shooting.residuals, weight=weight),
-                partial(self.shooting.jacobian, weight=weight),
-                self.shooting.join(vector, nodes),
-                max(1, (max_nfev - nfev) // 4),
-            )
-            vector, nodes = self.shooting.split(answer.x)
-            nfev += answer.nfev
+        vector, starts, nfev = self.start, self.whole.begins, 0
+        if self._starts_poorly():
+            apart = self._shooting(self.length)
+            answer = self._least_squares(apart, vector, apart.begins, max(1, max_nfev // 4))
+            (vector, nodes), nfev = apart.split(answer.x), answer.nfev
+            starts = nodes[apart.pieces.first == 0]
             vector, _ = self._settled(vector)
         for _ in range(SETTINGS.most_rounds):
-            whole = self.whole(nodes)
-            answer = self._fit_whole(whole, vector, max(1, max_nfev - nfev))
-            (vector, starts), nodes = self.shooting.split(answer.x), whole.nodes
-            nodes[whole.first] = starts
+            answer = self._least_squares(self.whole, vector, starts, max(1, max_nfev - nfev))
+            vector, starts = self.whole.split(answer.x)
             nfev += answer.nfev
             vector, settled = self._settled(vector)
             if settled or nfev >= max_nfev:
                 break
         status = Status.OPTIMAL if answer.status > 0 else Status.ITERATION_LIMIT
-        return self._result(vector, nodes, nfev, status)
+        return self._result(vector, starts, nfev, status)
 
     def initial_states(self, max_nfev: int) -> Array:
         """Initial states of whole rollouts of the given model, (n_records, n_states)."""
-        answer = self._fit_whole(self.whole(self.nodes), self.start, max_nfev)
-        return self.shooting.split(answer.x)[1]
-
-    def whole(self, nodes: Array) -> WholeRollouts:
-        """The problem of whole rollouts, their segments beginning about `nodes`."""
-        return WholeRollouts(self.shooting, self._shooting(), nodes, self.joined)
+        answer = self._least_squares(self.whole, self.start, self.whole.begins, max_nfev)
+        return self.whole.split(answer.x)[1]
 
     def _starts_poorly(self) -> bool:
         """True if whole rollouts of the given model are worse than the mean of the channels."""
         if not self.joined:
             return False
-        uncut = self._shooting()
-        nodes = self.nodes[self.shooting.segments.first == 0]
-        read, _, bounded = uncut.outputs(self.start[None], nodes[None])
-        error = np.sqrt(np.nanmean(np.square(read[0] - uncut.segments.y), axis=(0, 1)))
+        found = self.whole.rolled(self.whole.join(self.start, self.whole.begins))
+        with np.errstate(all="ignore"):
+            error = np.sqrt(np.nanmean(np.square(found.read - self.whole.y), axis=0))
         usual = spread(np.vstack([record.y for record in self.records]))
-        return not bounded.all() or bool((error > usual).any())
+        return not found.bounded.all() or bool((error > usual).any())
 
     def _settled(self, vector: Array) -> tuple[Array, bool]:
         """The parameters, and whether they are still those of the problem that was solved.
@@ -205,23 +232,20 @@ class Estimation:
         if not settled:
             self.substeps = max(needed, self.substeps)
             self.units = replace(self.units, parameters=self.parameters.sizes(*self._typical))
-            self.shooting = self._shooting(self.length)
+            self._join()
         return pivoted, settled
 
-    def _fit_whole(self, whole: WholeRollouts, vector: Array, max_nfev: int) -> OptimizeResult:
-        start = self.shooting.join(vector, whole.nodes[whole.first])
-        return self._least_squares(whole.residuals, whole.jacobian, start, max_nfev)
-
     def _least_squares(
-        self, function: Callable, jacobian: Callable, start: Array, max_nfev: int
+        self, problem: Shooting, vector: Array, starts: Array, max_nfev: int
     ) -> OptimizeResult:
-        first, n_residuals = function(start), len(self.shooting.segment)
-        self.f_scale = inner_scale(first[:n_residuals]) if self.loss != "linear" else 1.0
+        start = problem.join(vector, starts)
+        first = problem.residuals(start)
+        self.f_scale = inner_scale(first) if self.loss != "linear" else 1.0
 
         def residuals(trial):
             self.integrated()
             try:
-                return function(trial)
+                return problem.residuals(trial)
             except ValueError:  # the features have no value there: the step was too long
                 return np.full_like(first, SETTINGS.refused)
 
@@ -234,9 +258,9 @@ class Estimation:
         return least_squares(
             residuals,
             np.clip(start, low, high),
-            jacobian,
+            problem.jacobian,
             bounds=(low, high),
-            loss=robust_loss(self.loss, n_residuals),
+            loss=self.loss,
             f_scale=self.f_scale,
             x_scale="jac",
             **dict.fromkeys(("ftol", "xtol", "gtol"), SETTINGS.tolerance),
@@ -247,31 +271,29 @@ class Estimation:
 
     # -- verdict and certainty -------------------------------------------------------------
 
-    def _result(self, vector: Array, nodes: Array, nfev: int, status: Status) -> RefinementResult:
+    def _result(self, vector: Array, starts: Array, nfev: int, status: Status) -> RefinementResult:
         """Compare whole rollouts of the given model, of it from the new starts, and of the new."""
-        whole, parameters = self.whole(nodes), self.parameters
-        judge = whole.whole if self.joined else self.shooting
-        vectors = np.stack([self.start, self.start, vector])
-        starts = np.stack([self.nodes, nodes, nodes])[:, whole.first]
-        read, _, bounded = judge.outputs(vectors, starts)
-        costs = np.array([self._cost(judge, *one) for one in zip(read, bounded, strict=True)])
-        best = 2 if costs[2] < costs[:2].min() else 0
-        vector, nodes = vectors[best], nodes if best else self.nodes
-        covariance = self._covariance(vector, nodes)
+        whole, parameters, own = self.whole, self.parameters, self.whole.begins
+        tried = [(self.start, own), (self.start, starts), (vector, starts)]
+        runs = [whole.rolled(whole.join(*one)) for one in tried]
+        costs = [self._cost(run) for run in runs]
+        best = 2 if costs[2] < min(costs[:2]) else 0
+        vector, starts = tried[best]
+        covariance = self._covariance(vector, starts)
         errors = np.zeros(len(parameters.values))
         errors[parameters.free] = np.sqrt(np.diag(covariance))
         names = parameters.names
         return RefinementResult(
-            model=parameters.apply(vector),
+            model=parameters.apply(self.model, vector),
             names=names,
             values=vector,
             covariance=covariance,
             coef_standard_errors=parameters.split(errors)[0],
-            initial_states=nodes[self.shooting.segments.first == 0],
-            cost_before=float(costs[0]),
-            cost_after=float(costs[best]),
-            rmse_before=self._rmse(judge, read[0], bounded[0]),
-            rmse_after=self._rmse(judge, read[best], bounded[best]),
+            initial_states=starts[whole.pieces.first == 0],
+            cost_before=costs[0],
+            cost_after=costs[best],
+            rmse_before=self._rmse(runs[0]),
+            rmse_after=self._rmse(runs[best]),
             nfev=nfev,
             segment_length=self.length,
             substeps=self.substeps,
@@ -279,30 +301,30 @@ class Estimation:
             advice=_advice(names, covariance, costs[best] < costs[0], status),
         )
 
-    def _cost(self, judge: Shooting, read: Array, bounded: NDArray[np.bool_]) -> float:
-        if not bounded.all():
+    def _cost(self, run: Rollout) -> float:
+        if not run.bounded.all():
             return float("inf")
-        z = np.square(judge.misfit(read[None])[0] / self.f_scale)
+        z = np.square(self.whole.misfit(run.read) / self.f_scale)
         return float(0.5 * self.f_scale**2 * LOSSES[self.loss](z)[0].sum())
 
-    def _rmse(self, judge: Shooting, read: Array, bounded: NDArray[np.bool_]) -> Array:
+    def _rmse(self, run: Rollout) -> Array:
         """Errors of each record and channel."""
-        error = np.square(read - judge.segments.y)
+        with np.errstate(all="ignore"):
+            error = np.square(run.read - self.whole.y)
         table = np.empty((len(self.records), len(self.observed)))
+        record = self.whole.pieces.record
         for k in range(len(self.records)):
-            own = judge.segments.record == k
-            seen = error[:, own].reshape(-1, error.shape[2])
-            table[k] = np.sqrt(np.nanmean(seen, axis=0)) if bounded[own].all() else np.inf
+            own = np.nanmean(error[record[self.whole.piece] == k], axis=0)
+            table[k] = np.sqrt(own) if run.bounded[record == k].all() else np.inf
         return table
 
-    def _covariance(self, vector: Array, nodes: Array) -> Array:
+    def _covariance(self, vector: Array, starts: Array) -> Array:
         """Covariance of the parameters; infinite where the data say nothing."""
-        whole = self.whole(nodes)
-        unknowns = self.shooting.join(vector, nodes[whole.first])
-        slopes, residuals, piece = whole.information(unknowns)
+        whole, unknowns = self.whole, self.whole.join(vector, starts)
+        slopes, residuals = whole.information(unknowns), whole.residuals(unknowns)
         weight = LOSSES[self.loss](np.square(residuals / self.f_scale))[1]
         scaled = robust_covariance(
-            slopes, residuals, weight, piece, len(self.observed), len(unknowns)
+            slopes, residuals, weight, whole.segment, len(self.observed), len(unknowns)
         )
         unit = self.units.parameters
         return scaled * np.outer(unit, unit)

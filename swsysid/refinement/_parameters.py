@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from swsysid._checks.arrays import numbers
 from swsysid._checks.parameters import shown
 from swsysid._results import Array
-from swsysid._simulation.model import FittedModel, SwitchingModel
+from swsysid._simulation.model import FittedModel
 from swsysid._surfaces.surface import is_linear
 from swsysid.refinement._settings import SETTINGS
-from swsysid.refinement._stated import Output, ParametricLibrary, StatedModel
-from swsysid.refinement._system import Maps, ParameterSets
+from swsysid.refinement._stated import Output, StatedModel
+from swsysid.refinement._system import System, Values
 
 
 class Parametrization:
@@ -30,17 +30,15 @@ class Parametrization:
 
     def __init__(
         self,
-        model: FittedModel,
-        maps: Maps,
+        system: System,
         free_coef: NDArray[np.bool_],
         fit_surface: bool,
         frozen: bool = False,
     ):
-        self.model, self.system = model, model.switching_model
-        libraries = _libraries(model, self.system)
-        named = {name: v for each in libraries for name, v in (each.parameters or {}).items()}
-        surface = np.empty((0, 0)) if maps.linear is None else maps.linear.coef
-        if maps.linear is None and fit_surface:
+        self.system, linear = system.model, system.linear
+        named = {n: v for each in system.libraries for n, v in (each.parameters or {}).items()}
+        surface = np.empty((0, 0)) if linear is None else linear.coef
+        if linear is None and fit_surface:
             raise ValueError(
                 "fit_surface=True needs a surface that is linear in its coefficients; use "
                 "PolynomialSurfaceClassifier or StatedSurface, or fit_surface=False."
@@ -70,16 +68,16 @@ class Parametrization:
         """The vector of the given model."""
         return self.values[self.free]
 
-    def _filled(self, vectors: Array) -> Array:
-        """All values for the rows of `vectors`."""
-        every = np.tile(self.values, (len(vectors), 1))
-        every[:, self.free] = vectors
+    def _filled(self, vector: Array) -> Array:
+        """All values for those that are free."""
+        every = self.values.copy()
+        every[self.free] = vector
         return every
 
-    def sets(self, vectors: Array) -> ParameterSets:
-        """Parameter sets for the rows of `vectors`, (n_owners, n_parameters)."""
-        coef, named, surface = self.split(self._filled(vectors))
-        return ParameterSets(coef, dict(zip(self.named, named.T, strict=True)), surface)
+    def at(self, vector: Array) -> Values:
+        """All parameters for those that are free, (n_parameters,)."""
+        coef, named, surface = self.split(self._filled(vector))
+        return Values(coef, dict(zip(self.named, named.tolist(), strict=True)), surface)
 
     def sizes(self, features: Array, velocities: Array) -> Array:
         """What a change of each parameter has to be for the model to notice.
@@ -99,7 +97,7 @@ class Parametrization:
         A coefficient that the data want to be zero must not be the one that fixes the scale: the
         others would have to grow without end. The largest gets the value that it had at the start.
         """
-        every = self._filled(vector[None])[0]
+        every = self._filled(vector)
         parts = (self.split(values)[2] for values in (every, self.values, self.free))
         for row, given, free in zip(*parts, strict=True):
             pivot = int(np.abs(row).argmax())
@@ -146,17 +144,16 @@ class Parametrization:
             low[place], high[place] = least, most
         return low[self.free], high[self.free]
 
-    def apply(self, vector: Array) -> FittedModel:
+    def apply(self, model: FittedModel, vector: Array) -> FittedModel:
         """A copy of the model with the parameters of a vector."""
-        coef, named, surface = self.split(self._filled(vector[None])[0])
-        values = dict(zip(self.named, named.tolist(), strict=True))
-        refined = copy.deepcopy(self.model)
-        refined.coef_ = coef.copy()
+        values, refined = self.at(vector), copy.deepcopy(model)
+        refined.coef_ = values.coef.copy()
         system = refined.switching_model
-        for library in _libraries(refined, system):
-            library.set_params(parameters={name: values[name] for name in library.parameters or {}})
+        for library in System(system, output_of(refined)).libraries:
+            own = {name: values.named[name] for name in library.parameters or {}}
+            library.set_params(parameters=own)
         if self.split(self.free)[2].any() and is_linear(system.surface):
-            system.surface.use_coef(surface.copy())
+            system.surface.use_coef(values.surface.copy())
         return refined
 
 
@@ -174,12 +171,6 @@ def fitted_and_free(coef: Array) -> NDArray[np.bool_]:
 def output_of(model: FittedModel) -> Output | None:
     """What the sensors of a stated model read."""
     return model.output if isinstance(model, StatedModel) else None
-
-
-def _libraries(model: FittedModel, system: SwitchingModel) -> list[ParametricLibrary]:
-    """Feature map and output, where they have named parameters; equal names are one parameter."""
-    given = (system.feature_map.library, output_of(model))
-    return [library for library in given if isinstance(library, ParametricLibrary)]
 
 
 def _size(columns: Array) -> Array:

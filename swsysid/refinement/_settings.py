@@ -12,13 +12,8 @@ class Settings:
     # -- segments: a thirty-second of the data, but no fewer samples than decide about a state
     n_segments: int = 32
     shortest: int = 10
-    # weights of the defects in the stages before whole rollouts, where the start's are poor
-    earlier_weights: tuple[float, ...] = (1.0, 10.0)
     # rounds in which steps or the scale of a surface may turn out to need another look
     most_rounds: int = 3
-    # Newton passes that close the defects, and the defect in units of the state that counts as none
-    most_passes: int = 8
-    closed: float = 1e-9
 
     # -- which coefficients are free: what a fitted law differs from another column by rounding
     rounding: float = 1e-9
@@ -27,8 +22,6 @@ class Settings:
     # its fifth power over 120, 3e-6
     step_rate: float = 0.2
     most_substeps: int = 50
-    # regula falsi with the Illinois rule gains more than a digit a turn on steps of a data set
-    n_false_positions: int = 8
     # rows at which rates and sizes are looked at
     most_rows: int = 500
     # a state so many times larger than anything measured has diverged

@@ -1,118 +1,167 @@
-"""Many parameter sets of one switching system, evaluated on rows at once.
-
-A row is a point (states, inputs) together with the number of its *owner*, the parameter set that
-it is to be evaluated with. All segments of all trajectories under all perturbations of the
-parameters are rows of the same batch: numpy sees a few thousand of them at a time.
-"""
+"""A model as laws and surfaces with derivatives by what is free of it, and as a map of sensors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
-from swsysid._surfaces.surface import decisions_of, is_linear
+from swsysid._stays.guards import Guards
+from swsysid._stays.laws import Laws, Maps
+from swsysid._stays.polynomial_laws import laws_of
+from swsysid._stays.rollouts import nowhere
+from swsysid._surfaces.surface import LinearForm, Surface, decisions_of, is_linear
+from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._stated import Output, ParametricLibrary
 
-Rows = NDArray[np.intp]
-RowMap = Callable[[Array, Mapping[str, Array]], Array]
+FAR = 1e100
 
 
 @dataclass(frozen=True)
-class ParameterSets:
-    """Values of all parameters, one set for each owner."""
+class Values:
+    """Values of all parameters of a model, or for each of them whether it is free."""
 
-    coef: Array  # (n_owners, n_modes, n_states, n_features)
-    named: dict[str, Array]  # parameters inside features and outputs, (n_owners,)
-    # (n_owners, n_surfaces, n_surface_features) in the coordinates in which the surface was
-    # fitted; not used where it is known only as a classifier
-    surface: Array
+    coef: NDArray  # (n_modes, n_states, n_features)
+    named: dict[str, float]  # parameters inside features and outputs
+    # (n_surfaces, n_surface_features) in the coordinates in which the surface was fitted; empty
+    # where it is known only as a classifier
+    surface: NDArray
 
 
-class Maps:
-    """Feature map, surface and output of a system as functions of rows.
+@dataclass(frozen=True)
+class System:
+    """Feature map, surface and output of a model as functions of rows and parameters.
 
-    `output` maps rows (states, inputs) to the measured channels; None where states are measured.
+    `output` is what is measured of rows (states, inputs); None where states are measured.
     """
 
-    def __init__(self, system: SwitchingModel, output: Output | None = None):
-        self.n_modes, self.n_states, _ = system.coef.shape
-        self.discrete_time = bool(system.discrete_time)
-        library = system.feature_map.library
-        self.features: RowMap = lambda X, named: system.feature_map.at_rows(X)
+    model: SwitchingModel
+    output: Output | None = None
+
+    @property
+    def n_states(self) -> int:
+        """Number of states."""
+        return int(self.model.coef.shape[1])
+
+    @property
+    def libraries(self) -> list[ParametricLibrary]:
+        """Feature map and output, where they have named parameters; equal names are one."""
+        given = (self.model.feature_map.library, self.output)
+        return [library for library in given if isinstance(library, ParametricLibrary)]
+
+    @cached_property
+    def linear(self) -> LinearForm | None:
+        """The surface as a function of its coefficients; None where it is only a classifier."""
+        surface = self.model.surface
+        n_columns = len(self.model.feature_map.names_in)
+        return surface.linear_form(n_columns) if is_linear(surface) else None
+
+    def read(self, X: Array, named: Mapping[str, float]) -> Array:
+        """What the sensors read at rows (states, inputs)."""
+        if self.output is None:
+            return X[:, : self.n_states]
+        if isinstance(self.output, ParametricLibrary):
+            return self.output.evaluate(X, named)
+        return np.asarray(self.output(X), dtype=float).reshape(len(X), -1)
+
+    def features(self, X: Array, named: Mapping[str, float]) -> Array:
+        """Features of rows (states, inputs)."""
+        library = self.model.feature_map.library
         if isinstance(library, ParametricLibrary):
-            self.features = library.evaluate
-        self.output: RowMap | None = None
-        if isinstance(output, ParametricLibrary):
-            self.output = output.evaluate
-        elif output is not None:
-            self.output = lambda X, named: np.asarray(output(X), dtype=float).reshape(len(X), -1)
-        self.surface = surface = system.surface
-        n_columns = len(system.feature_map.names_in)
-        self.linear = surface.linear_form(n_columns) if is_linear(surface) else None
+            return library.evaluate(X, named)
+        return self.model.feature_map.at_rows(X)
 
-    def decisions(self, X: Array, coef: Array) -> Array:
-        """Decision of every mode, (n_rows, n_modes); the active mode has the largest."""
-        decided = np.full((len(X), self.n_modes), -np.inf)
-        if self.linear is not None:
-            decided[:, self.linear.classes] = self.linear.decisions(X, coef)
-        elif (given := decisions_of(self.surface, X)) is not None:
-            decided[:, self.surface.classes_] = given
-        else:
-            decided = np.eye(self.n_modes)[self.surface.predict(X)]
-        return decided
+    def laws(
+        self, values: Values, free: NDArray[np.bool_], named: Mapping[str, float], spread: Array
+    ) -> Laws:
+        """The laws of `classes`, of which coefficients are free and named parameters.
+
+        `named` has names and sizes of the latter, `spread` the sizes of the states.
+        """
+        coef, free = values.coef[self.classes], free[self.classes]
+        features = partial(self.features, named=values.named)
+        inside = tuple(
+            partial(self._slope, values.named, name, SETTINGS.step * size)
+            for name, size in named.items()
+        )
+        if self.model.discrete_time:
+            return Maps(coef, features, spread, free, inside=inside)
+        if self.libraries:
+            return Laws(coef, features, spread, free, inside=inside)
+        return laws_of(coef, self.model.feature_map, spread, free)
+
+    def _slope(self, named: Mapping[str, float], name: str, move: float, X: Array) -> Array:
+        """Derivatives of the features by a named parameter."""
+        higher, lower = ({**named, name: named[name] + sign * move} for sign in (1.0, -1.0))
+        return (self.features(X, higher) - self.features(X, lower)) / (2.0 * move)
+
+    def guards(self, surface: Array, free: NDArray[np.bool_], spread: Array) -> Guards:
+        """The surfaces between `classes`, for sizes of states and inputs."""
+        form = self.linear
+        if form is None:
+            return _decisions_as_guards(self.model.surface, spread)
+        if not len(form.coef):
+            return nowhere(spread)
+        coef = surface / form.scale[:, None]
+        return Guards(coef, form.features, spread, form.mode_book, free)
+
+    def known(self, spread: Array, values: Values | None = None) -> tuple[Laws, Guards]:
+        """Laws and surfaces as they are, or of some values, for sizes of states and inputs."""
+        if values is None:
+            form = self.linear
+            surface = np.empty((0, 0)) if form is None else form.coef
+            values = Values(self.model.coef, {}, surface)
+        none = [np.zeros(one.shape, dtype=bool) for one in (values.coef, values.surface)]
+        laws = self.laws(values, none[0], {}, spread[: self.n_states])
+        return laws, self.guards(values.surface, none[1], spread)
+
+    @property
+    def classes(self) -> NDArray[np.intp]:
+        """Modes that the surface tells."""
+        form = self.linear
+        return np.asarray(self.model.surface.classes_ if form is None else form.classes)
 
 
-@dataclass(frozen=True)
-class RowSystem:
-    """Fields, modes and outputs of rows, each under the parameters of its owner."""
+def substeps_for(laws: Laws, columns: Array, duration: float) -> int:
+    """Runge-Kutta steps in a duration that the fastest rate of the laws asks for.
 
-    maps: Maps
-    sets: ParameterSets
-    owners: Rows
+    The rate is the spectral radius of the field's Jacobian that nine of ten points stay below, in
+    the fastest mode; a root or a kink may make it infinite at a few.
+    """
+    if laws.leaps:
+        return 1
+    rows = np.unique(np.linspace(0, len(columns) - 1, SETTINGS.most_rows).astype(int))
+    rate, columns = 0.0, columns[rows]
+    for mode in laws.modes:
+        slopes = np.nan_to_num(laws.linear(mode, columns)[1].transpose(2, 1, 0))
+        radius = np.abs(np.linalg.eigvals(slopes)).max(axis=1)
+        rate = max(rate, float(np.quantile(radius, 0.9)))
+    steps = np.ceil(duration * rate / SETTINGS.step_rate)
+    return int(np.clip(steps, 1, SETTINGS.most_substeps))
 
-    def part(self, rows: Rows) -> RowSystem:
-        """The system of some of the rows."""
-        return RowSystem(self.maps, self.sets, self.owners[rows])
 
-    def features(self, x: Array, u: Array) -> Array:
-        """Features of every row."""
-        return self.maps.features(np.concatenate([x, u], axis=1), self._named)
+def _decisions_as_guards(surface: Surface, spread: Array) -> Guards:
+    """Between every two classes a surface where their decisions are equal."""
+    n = len(surface.classes_)
+    if n == 1:
+        return nowhere(spread)
+    first, second = np.triu_indices(n, 1)
+    book = np.zeros((n, len(first)), dtype=np.int64)
+    book[first, np.arange(len(first))], book[second, np.arange(len(first))] = 1, -1
+    place = np.argsort(surface.classes_)
 
-    def field(self, modes: Rows) -> Callable[[Array, Array], Array]:
-        """Velocity (next state in discrete time) of every row, each in a given mode."""
-        coef = self.sets.coef[self.owners, modes]
-        return lambda x, u: np.matmul(coef, self.features(x, u)[:, :, None])[:, :, 0]
+    def leads(X: Array) -> Array:
+        X = np.nan_to_num(X, posinf=FAR, neginf=-FAR)  # classifiers refuse what has diverged
+        decided = decisions_of(surface, X)
+        if decided is None:
+            given = np.searchsorted(surface.classes_, surface.predict(X), sorter=place)
+            decided = np.eye(n)[place[given]]
+        return decided[:, first] - decided[:, second]
 
-    def modes(self, x: Array, u: Array) -> Rows:
-        """Active mode of every row."""
-        if self.maps.n_modes == 1:
-            return np.zeros(len(x), dtype=np.intp)
-        return self._decisions(x, u).argmax(axis=1)
-
-    def lead(self, old: Rows, new: Rows, x: Array, u: Array) -> Array:
-        """By how much the decision for the old mode exceeds that for the new one, (n_rows, 1)."""
-        decided, rows = self._decisions(x, u), np.arange(len(x))
-        return (decided[rows, old] - decided[rows, new])[:, None]
-
-    def output(self, x: Array, u: Array) -> Array:
-        """What a sensor reads at every row."""
-        if self.maps.output is None:
-            return x
-        return self.maps.output(np.concatenate([x, u], axis=1), self._named)
-
-    def _decisions(self, x: Array, u: Array) -> Array:
-        return self.maps.decisions(np.concatenate([x, u], axis=1), self._surface)
-
-    @cached_property
-    def _surface(self) -> Array:
-        return self.sets.surface[self.owners]
-
-    @cached_property
-    def _named(self) -> dict[str, Array]:
-        return {name: values[self.owners] for name, values in self.sets.named.items()}
+    every = np.eye(len(first))
+    return Guards(every, leads, spread, book, np.zeros(every.shape, dtype=bool))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid._automaton_search.courses import Course, nodes_of
-from swsysid.refinement._trajectories import Record
+from swsysid._data.recordings import Record
 
 T = np.arange(6.0)
 ANYTIME = (-np.inf, np.inf)

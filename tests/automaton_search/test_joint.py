@@ -11,6 +11,7 @@ from swsysid._automaton_search.courses import Course, nodes_of
 from swsysid._automaton_search.elsewhere import errors_from
 from swsysid._automaton_search.joint import JointEstimate, jointly
 from swsysid._automaton_search.transition_guards import TransitionGuards
+from swsysid._data.recordings import Record
 from swsysid._stays.guards import Crossings
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Objective
@@ -18,7 +19,6 @@ from swsysid._stays.nodes import Nodes
 from swsysid._stays.origin import Origin
 from swsysid._stays.resets import Resets
 from swsysid._stays.settings import StaySettings
-from swsysid.refinement._trajectories import Record
 
 THERMOSTAT = HybridAutomaton.stated(
     [{"T": "-0.1 (T - 30)"}, {"T": "-0.1 (T - 10)"}],

@@ -13,9 +13,9 @@ from swsysid._cli.settings import JUDGING
 from swsysid._cli.stretches import Stretches
 from swsysid._cli.text import render
 from swsysid._cli.verdict import Verdict, certainty
+from swsysid._data.recordings import Record
 from swsysid._tables.table import Table
 from swsysid.refinement import StatedModel, StatedSurface
-from swsysid.refinement._trajectories import Record
 
 T = np.arange(0.0, 7.5, 0.05)
 NOISE = 0.01

@@ -14,11 +14,11 @@ from lagged_plants import (
     thermostat,
 )
 
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows
 from swsysid._discrete_stays.settings import SETTINGS
 from swsysid.metrics._modes import best_matching, contingency
-from swsysid.refinement._trajectories import Record
 
 EXACT = 1e-9  # of a coefficient, with clean data
 RIGHT, RIGHT_WITH_NOISE = 0.999, 0.99  # share of the rows in the right mode

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.lagged import lagged_rows
-from swsysid.refinement._trajectories import Record
 
 
 def record(x, u=None):

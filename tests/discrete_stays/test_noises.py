@@ -5,9 +5,9 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.certainty import DiscreteCertainty
 from swsysid._discrete_stays.identify import identify_stays
-from swsysid.refinement._trajectories import Record
 
 
 def autoregression(law, n, *, sensor, equation, inputs, seed):

@@ -5,12 +5,12 @@ import pytest
 from lagged_plants import switched_arx, thermostat
 
 from swsysid._data.features import FeatureMap
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows
 from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.thresholds import Thresholds, best_thresholds
-from swsysid.refinement._trajectories import Record
 
 
 def data_of(recordings, lags=0):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton
+from swsysid._data.recordings import Record
 from swsysid._free_rollouts.breaks import first_breaks, leave_more
 from swsysid._free_rollouts.courses import (
     Course,
@@ -17,7 +18,6 @@ from swsysid._free_rollouts.courses import (
 from swsysid._free_rollouts.judge import free_rollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid.refinement import StatedModel, StatedSurface
-from swsysid.refinement._trajectories import Record
 
 NOISE = np.array([0.02, 0.02])
 T = np.linspace(0.0, 12.0, 301)

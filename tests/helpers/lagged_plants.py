@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swsysid.refinement._trajectories import Record
+from swsysid._data.recordings import Record
 
 
 @dataclass

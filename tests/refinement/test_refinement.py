@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
+from sklearn.base import clone
+from sklearn.linear_model import LogisticRegression
+from sklearn.svm import SVC
 
 from swsysid import PolynomialSurfaceClassifier, Status, SwitchingSystemRegressor
 from swsysid.differentiation import differentiate
 from swsysid.refinement import ParametricLibrary, StatedModel, StatedSurface, initial_states, refine
-from swsysid.refinement._estimation import Estimation
-from swsysid.refinement._rollout import Segments, rollout
-from swsysid.refinement._system import Maps, ParameterSets
-from swsysid.refinement._trajectories import Record
 
 NOISE = 0.02
 
@@ -36,76 +35,6 @@ def _samples(model, starts, times, noise=NOISE, seed=0, columns=slice(None)):
 
 STARTS = ((2.0, 0.0), (0.0, -2.0), (-1.5, 1.0), (1.0, 2.0))
 COARSE = np.arange(0.0, 12.0, 0.8)  # eight samples a period
-
-
-# --- the integration --------------------------------------------------------------------------
-
-
-def test_a_batch_rolls_out_as_the_simulation_does():
-    """Switches cost no order: the error falls with the fourth power of the step, as between them.
-
-    From 16 to 32 substeps it shrinks 13-fold or more (16 in the limit).
-    """
-    model, times = _oscillator(), np.linspace(0.0, 12.0, 16)
-    exact = np.stack([model.simulate(start, times, rtol=1e-12).x for start in STARTS], axis=1)
-    errors = []
-    for substeps in (16, 32):
-        records = [Record(times, np.empty((16, 2)), np.empty((16, 0)))] * len(STARTS)
-        segments = Segments(records, 15, linear=False, substeps=substeps)
-        sets = ParameterSets(model.coef_[None], {}, model.surface.coef_[None])
-        states, bounded = rollout(
-            Maps(model.switching_model), sets, segments, np.array(STARTS)[None], np.full(2, 1e3)
-        )
-        assert bounded.all()
-        errors.append(np.abs(states[:, 0] - exact).max())
-    assert errors[1] < 1e-6
-    assert errors[0] / errors[1] > 13
-
-
-def test_a_batch_sticks_and_slides_as_the_simulation_does():
-    """Dry friction of 1 under a force that exceeds it at times; the mass rests in between."""
-    library = ParametricLibrary({"1": lambda v: np.ones_like(v), "u": lambda u: u}, ["v", "u"])
-    surface = StatedSurface([[0.0, 1.0, 0.0]])
-    model = StatedModel(
-        library, [[[1.0, 1.0]], [[-1.0, 1.0]]], states=["v"], inputs=["u"], surface=surface
-    )
-    times = np.linspace(0.0, 10.0, 201)
-    force = 1.5 * np.sin(times)[:, None]
-    exact = model.simulate([0.3], times, force, input_hold="linear")
-    assert any(event.kind == "sliding" for event in exact.events)
-    segments = Segments([Record(times, exact.x, force)], 200, linear=True, substeps=2)
-    sets = ParameterSets(model.coef_[None], {}, surface.coef_[None])
-    maps = Maps(model.switching_model)
-    states, _ = rollout(maps, sets, segments, np.array([[[0.3]]]), np.full(1, 1e3))
-    np.testing.assert_allclose(states[:, 0, 0], exact.x, atol=1e-4)
-    at_rest = np.abs(exact.x[:, 0]) < 1e-9
-    assert at_rest.sum() > 20
-    np.testing.assert_allclose(states[at_rest, 0, 0, 0], 0.0, atol=1e-9)
-
-
-def test_slopes_are_those_of_a_rollout_that_is_integrated_again():
-    """Condensed Jacobian against central differences of long rollouts, switches included."""
-    records = _samples(_oscillator(), STARTS, np.arange(0.0, 12.0, 0.2))
-    estimation = Estimation(
-        _oscillator((0.15, 0.4)),
-        records,
-        segment_length=5,
-        fit_surface=True,
-    )
-    whole = estimation.whole(estimation.nodes)
-    point = whole.shooting.join(estimation.start, estimation.nodes[whole.first])
-    slopes = whole.jacobian(point)
-
-    def uncut(unknowns):
-        return whole.shooting.misfit(whole.uncut(*whole.shooting.split(unknowns))[0][None])[0]
-
-    np.testing.assert_allclose(whole.residuals(point), uncut(point), atol=1e-8)
-    step = 1e-5
-    for k, column in enumerate(slopes.T):
-        moved = np.zeros_like(point)
-        moved[k] = step
-        expected = (uncut(point + moved) - uncut(point - moved)) / (2 * step)
-        np.testing.assert_allclose(column, expected, atol=2e-5 * np.abs(expected).max())
 
 
 # --- hand cases and planted truths ------------------------------------------------------------
@@ -223,6 +152,24 @@ def test_zeros_stay_zero_and_only_free_coefficients_move():
     only = refine(start, records, free=chosen)
     assert only.names == ["mode 1: v', v"]
     np.testing.assert_array_equal(only.model.coef_[~chosen], start.coef_[~chosen])
+
+
+@pytest.mark.parametrize("classifier", [SVC(), LogisticRegression(C=1e4)])
+def test_a_surface_may_be_any_classifier(classifier):
+    """Three modes of which the classifier, trained beside q = 0, knows two."""
+    X = np.random.default_rng(0).uniform(-3.0, 3.0, (600, 2))
+    classifier = clone(classifier).fit(X, 2 * (X[:, 0] < 0.0))
+    coef = np.array([[[0.0, 1.0], [-1.0, -d]] for d in (0.1, 0.3, 0.5)])
+    free = np.array([[[0, 0], [1, 1]]] * 3, bool)
+    truth, start = (
+        StatedModel(None, given, states=["q", "v"], surface=classifier, free=free)
+        for given in (coef, coef * np.array([[1.0, 1.0], [1.1, 1.5]]))
+    )
+    result = refine(start, _samples(truth, STARTS, COARSE))
+    error = np.abs(result.model.coef_ - coef)
+    assert error[[0, 2]].max() < 0.05
+    np.testing.assert_array_equal(np.isinf(result.standard_errors), [0, 0, 1, 1, 0, 0])
+    np.testing.assert_allclose(result.rmse_after, NOISE, rtol=0.5)
 
 
 # --- hidden states, outputs, parameters inside terms, missing values ----------------------------

@@ -5,12 +5,12 @@ import pytest
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
 from swsysid._data.features import Monomials
+from swsysid._data.recordings import Record
 from swsysid._stays.exact import exact_modes
 from swsysid._stays.intervals import Intervals, along_flows, laws_of, without_equal
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import StaySettings
-from swsysid.refinement._trajectories import Record
 
 # x' = 1 and x' = -x + 3 y, y' = -3 x - y, in the features 1, x, y
 STRAIGHT = [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]

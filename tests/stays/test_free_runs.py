@@ -8,15 +8,15 @@ import pytest
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
 from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid._data.recordings import Record
 from swsysid._free_rollouts.courses import Course
-from swsysid._stays import free_runs
+from swsysid._stays import rollouts
 from swsysid._stays.free_runs import FreeRuns
 from swsysid._stays.guards import Guards
 from swsysid._stays.origin import Origin
 from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
-from swsysid.refinement._trajectories import Record
 
 
 def side_by_side(name, offset, guess=()):
@@ -69,10 +69,10 @@ def test_pieces_of_a_rollout_meet(name, monkeypatch):
     whole, campaign, _ = side_by_side(name, 0.0)
     spread, rng = campaign.states.std(axis=0), np.random.default_rng(0)
     guess = [run.x + 0.01 * spread * rng.standard_normal(run.x.shape) for run in whole]
-    monkeypatch.setattr(free_runs, "LIMITS", replace(LIMITS, piece_of_runs=40))
-    used, in_pieces = [], free_runs._in_pieces
+    monkeypatch.setattr(rollouts, "LIMITS", replace(LIMITS, piece_of_runs=40))
+    used, in_pieces = [], rollouts.in_pieces
     monkeypatch.setattr(
-        free_runs, "_in_pieces", lambda *args: used.append(in_pieces(*args)) or used[-1]
+        rollouts, "in_pieces", lambda *args: used.append(in_pieces(*args)) or used[-1]
     )
     found, _, _ = side_by_side(name, 0.0, guess)
     assert used[0] is not None

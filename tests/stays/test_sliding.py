@@ -10,6 +10,7 @@ from benchmarks.trajectories.figures import figures
 from benchmarks.trajectories.methods import METHODS, identified
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
+from swsysid._data.recordings import Record
 from swsysid._stays.assign import assign, disturbances, prior_of_guards
 from swsysid._stays.flow import crossings_of, ends_of, steady_legs, switching
 from swsysid._stays.guards import Guards
@@ -21,7 +22,7 @@ from swsysid._stays.samples import modes_of
 from swsysid._stays.settings import SETTINGS
 from swsysid._stays.sliding import SlidingLaws, pairs_of, slides_there, with_slides
 from swsysid._stays.stays import Stays
-from swsysid.refinement._trajectories import Record, read_trajectories
+from swsysid.refinement._trajectories import read_trajectories
 
 FRICTION, RAMP = 0.4, 0.2
 # v = .2 - .4 t + .1 t^2 until it is zero; the force exceeds the friction at t = 2

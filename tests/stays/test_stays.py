@@ -9,6 +9,7 @@ from benchmarks.trajectories.figures import figures
 from benchmarks.trajectories.methods import METHODS
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
+from swsysid._data.recordings import Record
 from swsysid._stays.count import order_of_switches
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import FlowFilter
@@ -18,7 +19,7 @@ from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
-from swsysid.refinement._trajectories import Record, read_trajectories
+from swsysid.refinement._trajectories import read_trajectories
 
 NOISE = 0.01
 

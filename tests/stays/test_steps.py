@@ -8,6 +8,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid._data.recordings import Record
 from swsysid._stays.flow import ends_of
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
@@ -18,7 +19,6 @@ from swsysid._stays.settings import SETTINGS
 from swsysid._stays.stays import Stays
 from swsysid._stays.steps import in_exact_steps
 from swsysid.refinement import StatedModel, StatedSurface
-from swsysid.refinement._trajectories import Record
 
 DECAY = Laws(np.array([[[-1.0]]]), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
 SPRINGS = StatedModel(

@@ -9,6 +9,7 @@ from benchmarks.trajectories.figures import figures
 from benchmarks.trajectories.methods import METHODS
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
+from swsysid._data.recordings import Record
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
@@ -16,7 +17,6 @@ from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.stays import Stays
 from swsysid._stays.visits import Turns, with_visits, without_visits
-from swsysid.refinement._trajectories import Record
 
 NEAR, BEYOND_SLIDE, NOISE = 2.0, 0.2, np.full(2, 0.01)
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from swsysid._data.recordings import Record
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.settings import LIMITS
-from swsysid.refinement import initial_states
-from swsysid.refinement._trajectories import Record
+from swsysid.refinement._refine import initial_states
 
 
 def rollout_score(model: SwitchingSystemRegressor, given: Given) -> float:
