@@ -70,6 +70,7 @@ LABORATORY = "python -m benchmarks.laboratory --docs docs"
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
     Page("measured_effects.md", "measured", "make bench-measured", measured.effects),
+    Page("measured_by_default.md", "measured", "make bench-measured", measured.by_default),
     Page("undeclared_tables.md", "undeclared", "make bench-undeclared", undeclared.tables),
     Page("fresh_table.md", "fresh", FRESH, fresh.fresh_tables),
     Page("unlisted_table.md", "unlisted", UNLISTED, unlisted.unlisted_tables),

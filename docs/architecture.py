@@ -33,7 +33,8 @@ STOREYS = [
     ),
     (
         "The loop:\nresidual, effect,\nbefore and after",
-        "_effect_search _effect_regressor _effect_model effects _residual_report _displays",
+        "_effect_search _output_error _effect_regressor _effect_model effects _residual_report "
+        "_displays",
     ),
     (
         "A fitted model",

@@ -46,6 +46,7 @@ exclude_patterns = [
     "laboratory_table.md",
     "sensitivity_table.md",
     "unlisted_table.md",
+    "measured_by_default.md",
     "measured_effects.md",
     "measured_tables.md",
     "quality_summary.md",

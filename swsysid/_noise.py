@@ -13,9 +13,11 @@ how broad the outliers is for the user of the model to say, with the measurement
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaln, ndtri
 
 from swsysid._results import Array
@@ -28,6 +30,7 @@ _SMALLEST = 1e-150  # its square is still a number
 # Errors below this share of the spread of a velocity are roundoff as far as effects go.
 _EXACT = 1e-4
 _REWEIGHTINGS = 8
+_SETTLED = 5.0  # correlation times: a sum of correlations up to there is complete
 
 
 def weighted_quantile(values: Array, weight: Array, share: float | Array, axis: int = -1) -> Array:
@@ -160,3 +163,20 @@ def robust_regression(
         coef = np.linalg.lstsq(left, right, rcond=1e-10)[0]
         weight = robust_weights((target - scaled @ coef)[:, None])
     return coef / size
+
+
+def memory(values: Array, series: Sequence[NDArray[np.intp]]) -> float:
+    """Integrated correlation time of the values of rows that follow each other, at least 1."""
+    # `series` are the rows of each trajectory in the order of time, none if that is not known.
+    longest = max(map(len, series), default=0)
+    if longest < 2:
+        return 1.0
+    size = int(2 ** np.ceil(np.log2(2 * longest)))
+    centred = values - values.mean()
+    power = sum(np.abs(np.fft.rfft(centred[rows], size)) ** 2 for rows in series)
+    products = np.fft.irfft(power, size)[:longest]
+    if products[0] <= 0.0:
+        return 1.0
+    times = 1.0 + 2.0 * np.cumsum(products[1:] / products[0])
+    settled = np.arange(1, longest) >= _SETTLED * times
+    return max(1.0, float(times[np.argmax(settled)] if settled.any() else times.max()))

@@ -114,6 +114,31 @@ class Found:
     left: str = ""
 
 
+@dataclass(frozen=True)
+class ByDefault:
+    """What a search by default settings says of a recording.
+
+    Attributes
+    ----------
+    data, lacks : str
+        Name of the set, and what its README says that the declared law lacks.
+    found, verdict : str
+        Kinds and places of the effects; "right" where all of them are lacking, "partly" where the
+        first one is, "wrong" where it is not, or "nothing".
+    before, after : float
+        Errors of the declared law and of that with the effects on what was held out.
+    cpu_seconds : float
+    """
+
+    data: str
+    lacks: str
+    found: str
+    verdict: str
+    before: float
+    after: float
+    cpu_seconds: float
+
+
 def published_errors(published, unit: str) -> dict[str, tuple[float, ...]]:
     """Published errors, as `FreeRun` takes them, from a data set's own."""
     errors, kinds = published[f"test_rmse_{unit}"], ("linear", "readable", "best")

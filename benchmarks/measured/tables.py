@@ -7,7 +7,7 @@ from benchmarks.markdown import table
 from benchmarks.measured.rows import LEFT_OUT
 from benchmarks.results import origins
 
-__all__ = ["effects", "free_runs"]
+__all__ = ["by_default", "effects", "free_runs"]
 
 
 def free_runs(parts: dict[str, dict]) -> str:
@@ -17,7 +17,7 @@ def free_runs(parts: dict[str, dict]) -> str:
     """
     head = ["data set", "change", "before", "after"]
     head += [f"published, {name}" for name in ("linear", "one can read", "best")]
-    runs = {name: part for name, part in parts.items() if name != "effects"}
+    runs = {name: part for name, part in parts.items() if name not in ("effects", "by_default")}
     every = [row for part in runs.values() for row in part["rows"]]
     lines = table([*head, "against these two"], [_free_run(row) for row in every], "l")
     scored = [f"without {n}" if n else "all samples" for n in LEFT_OUT]
@@ -48,6 +48,18 @@ def effects(parts: dict[str, dict]) -> str:
     )
     lines = [*table(head, rows, "l"), "", _cost({"effects": parts["effects"]}), "", told, ""]
     lines += table(["data set and target", "errors", "what is left over"], ladder, "l")
+    return "\n".join(lines) + "\n"
+
+
+def by_default(parts: dict[str, dict]) -> str:
+    """What a search by default settings says of each recording."""
+    head = ["recording", "lacks", "found by default", "", "error before", "after", "CPU s"]
+    rows = [
+        [row["data"], row["lacks"], row["found"].replace("_", " "), row["verdict"]]
+        + [_errors([row["before"]]), _errors([row["after"]]), f"{row['cpu_seconds']:.0f}"]
+        for row in parts["by_default"]["rows"]
+    ]
+    lines = [*table(head, rows, "l"), "", _cost({"by default": parts["by_default"]})]
     return "\n".join(lines) + "\n"
 
 

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit, known_modes
-from swsysid._effect_search.chance import Slope, memory
+from swsysid._effect_search.chance import Slope
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Background, Regression, SharedSums
 from swsysid._effect_search.switches import at_smeared_switches
-from swsysid._noise import STUDENT, robust_weights
+from swsysid._noise import STUDENT, memory, robust_weights
 from swsysid._results import Array
 from swsysid._ties import ROUNDING
 from swsysid.effects import Effect, PlacedEffect

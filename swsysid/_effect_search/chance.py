@@ -22,6 +22,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
+from swsysid._noise import memory
 from swsysid._results import Array
 
 Rows = NDArray[np.intp]
@@ -160,23 +161,6 @@ def chance_of_bets(values: Array, blocks: Rows, remembered: float) -> float:
         won = np.bincount(blocks, np.log1p(stake * values)) / remembered
         wealth.append(float(won.sum() - max(won.max(), 0.0)))
     return float(min(1.0, len(wealth) * np.exp(-logsumexp(wealth))))
-
-
-def memory(values: Array, series: list[Rows], settings: SearchSettings = SETTINGS) -> float:
-    """Integrated correlation time of the values of rows that follow each other, at least 1."""
-    # `series` are the rows of each trajectory in the order of time, none if that is not known.
-    longest = max(map(len, series), default=0)
-    if longest < 2:
-        return 1.0
-    size = int(2 ** np.ceil(np.log2(2 * longest)))
-    centred = values - values.mean()
-    power = sum(np.abs(np.fft.rfft(centred[rows], size)) ** 2 for rows in series)
-    products = np.fft.irfft(power, size)[:longest]
-    if products[0] <= 0.0:
-        return 1.0
-    times = 1.0 + 2.0 * np.cumsum(products[1:] / products[0])
-    settled = np.arange(1, longest) >= settings.settled * times
-    return max(1.0, float(times[np.argmax(settled)] if settled.any() else times.max()))
 
 
 def independent_blocks(

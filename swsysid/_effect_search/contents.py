@@ -306,6 +306,7 @@ class EffectContents(Parts):
     alarms: tuple[str, ...] = ()
     set_aside: RowsSetAside | None = None
     discrete: bool = False
+    of_rollouts: bool = False
     static: bool = False
     data: EffectData | None = None
 

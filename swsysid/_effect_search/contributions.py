@@ -27,10 +27,9 @@ from scipy.optimize import approx_fprime
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.candidates import row_weights
-from swsysid._effect_search.chance import memory
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.settings import REPORT, SETTINGS
-from swsysid._noise import STUDENT, root_mean_square
+from swsysid._noise import STUDENT, memory, root_mean_square
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect, ResetEffect, UnknownFunction
 from swsysid.effects._placed import corrected

@@ -28,9 +28,9 @@ from scipy.ndimage import maximum_filter1d
 from swsysid._data.records import Records
 from swsysid._data.windows import Windows
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._effect_search.chance import independent_blocks, memory
+from swsysid._effect_search.chance import independent_blocks
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
-from swsysid._noise import exact_below, robust_scale, robust_weights, root_mean_square
+from swsysid._noise import exact_below, memory, robust_scale, robust_weights, root_mean_square
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
 

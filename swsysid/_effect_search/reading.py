@@ -6,7 +6,7 @@ but made of the samples that they are given with; and declared laws may explain 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from sklearn.base import BaseEstimator
 
 from swsysid._checks.arrays import names_of, table
 from swsysid._checks.estimators import column_names, rows_and_velocities, rows_of
+from swsysid._checks.parameters import shown
 from swsysid._data.records import Records, make_records
 from swsysid._data.trajectories import label_text
 from swsysid._effect_model.declared import Declared
@@ -29,6 +30,7 @@ from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array, Trajectory
 from swsysid._stays.given import check_channels, read_given
 from swsysid._stays.start import named
+from swsysid.effects import Effect, all_effects
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,19 @@ class Recorded:
 
     records: Records
     names: NDArray | None  # of the recordings; None if there is one without a name
+
+
+def listed_effects(effects: object) -> list[Effect]:
+    """The library of a search: 'all' or a list of effects."""
+    if isinstance(effects, str) and effects == "all":
+        return all_effects()
+    listed = list(effects) if isinstance(effects, Iterable) else [None]
+    library = [effect for effect in listed if isinstance(effect, Effect)]
+    if isinstance(effects, str) or len(library) < len(listed):
+        raise ValueError(
+            f"effects={shown(effects)} must be 'all' or a list of swsysid.effects.Effect."
+        )
+    return library
 
 
 def read_recordings(

@@ -24,6 +24,7 @@ from swsysid._effect_search.contents import (
 from swsysid._effect_search.contents import Round as RoundInWords
 from swsysid._effect_search.display import EffectReportDisplay
 from swsysid._effect_search.findings import Ladder
+from swsysid._effect_search.folds import Split
 from swsysid._effect_search.greedy import Round
 from swsysid._effect_search.outcome import Tried
 from swsysid._effect_search.page import effect_page
@@ -101,6 +102,9 @@ class EffectReport(EffectContents):
         trajectory, its ``intervals``: a lid was opened, a load switched on.
     discrete : bool
         True if the targets are the next states.
+    of_rollouts : bool
+        True if errors are those of free rollouts of recordings, in the units of the states, and not
+        those of velocities.
     static : bool
         True if the target is a quantity that is no rate: there are no rollouts then.
     data : EffectData or None
@@ -113,7 +117,7 @@ class EffectReport(EffectContents):
         *(
             name
             for name in EffectContents.__dataclass_fields__
-            if name not in ("discrete", "static", "data")
+            if name not in ("discrete", "of_rollouts", "static", "data")
         ),
         "by_trajectory",
         "rollouts",
@@ -167,8 +171,8 @@ class EffectReport(EffectContents):
                 if (reason := ladder.context.why_not(effect)) is not None
             },
             not_identifiable=tuple(named(*one) for one in ladder.context.spanned()),
-            residual_before=_leftover(first, ladder, names),
-            residual_after=_leftover(last, ladder, names),
+            residual_before=leftover(first, records, ladder.targets, split, names),
+            residual_after=leftover(last, records, ladder.targets, split, names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
             lost_modes=max(n_declared - models[2].joint_fit_.n_modes, 0),
             history=tuple(_round_in_words(one, records) for one in rounds),
@@ -238,7 +242,7 @@ class EffectReport(EffectContents):
         return "\n".join(report_lines(self))
 
 
-def _in_words(term: PlacedEffect, records: Records) -> str:
+def in_words(term: PlacedEffect, records: Records) -> str:
     label = term.label(records.names)
     law = rate(records.equations[term.target], static=records.static)
     return title(term.effect.kind, label, law, term.mode)
@@ -310,7 +314,7 @@ def dropped(rounds: list[Round], kept: Sequence[PlacedEffect], records: Records)
 
     last = rounds[-1].structure.terms if rounds else ()
     others = {identity(term) for term in kept}
-    return tuple(_in_words(term, records) for term in last if identity(term) not in others)
+    return tuple(in_words(term, records) for term in last if identity(term) not in others)
 
 
 def _rung_errors(ladder: Ladder, effects: Sequence[FoundEffect]) -> list[RungErrors]:
@@ -325,10 +329,10 @@ def _rung_errors(ladder: Ladder, effects: Sequence[FoundEffect]) -> list[RungErr
 def _round_in_words(one: Round, records: Records) -> RoundInWords:
     """What a round of the search has added, and all effects after it."""
     return {
-        "added": _in_words(one.finding.candidate, records),
+        "added": in_words(one.finding.candidate, records),
         "p_value": float(one.finding.p_value),
         "n_candidates": one.n_candidates,
-        "effects": [_in_words(term, records) for term in one.structure.terms],
+        "effects": [in_words(term, records) for term in one.structure.terms],
     }
 
 
@@ -338,7 +342,7 @@ def _tried_in_words(one: Tried, ladder: Ladder) -> TriedEffect:
     if isinstance(term.effect, StructureEffect):
         term = replace(term, target=ladder.gaining(one.before, one.after))
     return {
-        "effect": _in_words(term, ladder.records),
+        "effect": in_words(term, ladder.records),
         "p_value": one.p_value,
         "before": one.before.tolist(),
         "after": one.after.tolist(),
@@ -346,20 +350,22 @@ def _tried_in_words(one: Tried, ladder: Ladder) -> TriedEffect:
     }
 
 
-def _leftover(fit: JointFit, ladder: Ladder, names: NDArray | None) -> ResidualReport | None:
+def leftover(
+    fit: JointFit, records: Records, targets: Array, split: Split, names: NDArray | None
+) -> ResidualReport | None:
     """The residual report of a fit on the held-out rows, None if these are too few for one."""
-    records, rows = ladder.records, ladder.split.held_out
+    rows = split.held_out
     if len(rows) < SETTINGS.fewest_rows:
         return None
     # Where the states have told the modes, a surface that is a little off is no finding.
     modes = fit.predict_modes(records)
     if records.decoded_modes is not None:
-        known = known_modes(fit, records, ladder.split.search)
+        known = known_modes(fit, records, split.search)
         modes = np.where(known >= 0, known, modes)
     samples = ResidualSamples.of(
         fit.estimator,
         records.take(rows),
-        ladder.targets[rows],
+        targets[rows],
         fit.predict(records, modes, rows),  # whose memory has seen the rows before
         modes[rows],
         [None] if names is None else names.tolist(),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import wraps
 from typing import TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
 from swsysid._checks.estimators import check_fitted, rows_and_velocities
-from swsysid._checks.parameters import function, jobs, random_numbers, real, shown, verbosity, whole
+from swsysid._checks.parameters import function, jobs, random_numbers, real, verbosity, whole
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import (
@@ -27,13 +27,14 @@ from swsysid._effect_search.contributions import term_covariances
 from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
-from swsysid._effect_search.reading import alarms, read_recordings, read_rows
+from swsysid._effect_search.reading import alarms, listed_effects, read_recordings, read_rows
+from swsysid._effect_search.recorded import is_rolled_out, searched_recordings
+from swsysid._effect_search.recorded_report import recorded_report
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
 from swsysid._results import IdentificationWarning
 from swsysid._whole_or_nothing import whole_or_nothing
-from swsysid.effects import Effect, all_effects
 from swsysid.metrics._scorers import explained
 
 Answer = TypeVar("Answer")
@@ -168,12 +169,12 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             States, then inputs. Without `y` measured states alone, NaN where a value is missing,
             or a list of recordings as `TrajectoryIdentifier.fit` takes them.
         y : array-like of shape (n_samples,) or (n_samples, n_states), default=None
-            Xdot, the measured velocities (next states in discrete time). None makes them of the
-            states and their times: the noise is then that of the states, and neighbours that
-            share it count as one. One quantity of which the record shows that it is no rate of
-            the first column (a force, a torque, a current; it needs `t`) is the answer of a static
-            law: no column of X is a state then, memory effects are looked for in all of them,
-            and nothing is rolled out.
+            Xdot, the measured velocities (next states in discrete time). None for recordings: one
+            law is rolled out; where several follow each other velocities are made of the states,
+            and neighbours that share their noise count as one. A quantity of which the record
+            shows that it is no rate of the first column (a force, a torque, a current; it needs
+            `t`) is the answer of a static law: no column of X is a state then, memory effects are
+            looked for in all of them, and nothing is rolled out.
         t : array-like of shape (n_samples,), default=None
             Times in s, increasing along each trajectory.
         groups : array-like of shape (n_samples,), default=None
@@ -224,14 +225,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             self._alarms = alarms(self._declared, plain, measured, rows)
             for alarm in self._alarms:
                 warnings.warn(alarm, IdentificationWarning, stacklevel=3)
-            again = self._searched_again(measured, parts, plain, rng)
-            if again is None:
-                found = self._search(measured, parts, plain, rng, self.max_effects)
+            if is_rolled_out(self._declared, measured):
+                final = self._rolled_out(measured, parts, plain)
             else:
-                measured, found = again
-                final = measured.fitted(self._declared)
-                self.declared_estimator_ = self._handed_over(final, measured)
-            final = self._concluded(measured, found, final)
+                searched = self._between_switches(measured, parts, (plain, final), rng)
+                final = self._concluded(*searched)
         else:
             warnings.warn(
                 f"{len(measured.rows)} samples are too few to hold any out: the declared model is "
@@ -269,28 +267,39 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         check_fitted(self, "best_estimator_")
         return self.best_estimator_.automaton_
 
-    # -- parts of fit ------------------------------------------------------------------------------
+    def _rolled_out(self, measured: Measured, parts: Split, plain: JointFit) -> JointFit:
+        """Effects that free rollouts of recordings ask for."""
+        effects, limits = listed_effects(self.effects), (self.significance, self.max_effects)
+        found = searched_recordings(plain, measured, parts, effects, *limits)
+        declared, *ends, final = found.joint_fits
+        self.declared_estimator_ = self._handed_over(declared, measured)
+        self.best_estimator_, self.effects_ = self._handed_over(final, measured), found.effects
+        models = [*(self._regressor(one, measured.records) for one in ends), self.best_estimator_]
+        self.report_ = recorded_report(found, models, effects, self._trajectory_names, self._alarms)
+        return final
 
-    def _searched_again(
-        self, measured: Measured, parts: Split, plain: JointFit, rng: np.random.RandomState
-    ) -> tuple[Measured, Outcome] | None:
-        """The record as it is known with a first effect inside, and what a search finds in it.
+    def _between_switches(
+        self, measured: Measured, parts: Split, fits: tuple[JointFit, JointFit], rng
+    ) -> tuple[Measured, Outcome, JointFit]:
+        """The record as it is known, what velocities ask for, the declared model of all rows.
 
-        Fewer modes and velocities are wrong there, and perhaps the effect is another one. None if
-        nothing tells more of the record, or if it then shows nothing at all.
+        Without a first effect inside fewer modes and velocities are wrong, and perhaps the effect
+        is another one: a record is read anew with it, if that tells more and then shows anything.
         """
-        if measured.records.decoded_modes is None or not self.max_effects:
-            return None
-        first = self._search(measured, parts, plain, rng, 1, is_last=False).structure.fit
-        stated = self._declared
-        self._declared, better = beside_effects(stated, measured, first)
-        if better is not None and better.is_enough(parts):
-            start = better.fitted(self._declared, parts.of(better.rows).search)
-            found = self._search(better, parts, start, rng, self.max_effects)
-            if found.structure.terms:
-                return better, found
-        self._declared = stated
-        return None
+        stated, (plain, final) = self._declared, fits
+        if measured.records.decoded_modes is not None and self.max_effects:
+            first = self._search(measured, parts, plain, rng, 1, is_last=False).structure.fit
+            self._declared, better = beside_effects(stated, measured, first)
+            if better is not None and better.is_enough(parts):
+                start = better.fitted(self._declared, parts.of(better.rows).search)
+                found = self._search(better, parts, start, rng, self.max_effects)
+                if found.structure.terms:
+                    again = better.fitted(self._declared)
+                    self.declared_estimator_ = self._handed_over(again, better)
+                    return better, found, again
+            self._declared = stated
+        found = self._search(measured, parts, plain, rng, self.max_effects)
+        return measured, found, final
 
     def _search(
         self,
@@ -303,7 +312,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
     ) -> Outcome:
         """So many effects at most beside the declared model, fitted alone to the same rows."""
         choices = Choices(
-            all_effects() if isinstance(self.effects, str) else list(self.effects),
+            listed_effects(self.effects),
             self.cv,
             self.significance,
             self.n_jobs,
@@ -380,12 +389,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _check_parameters(self) -> None:
         check_declared(self.estimator)
-        listed = isinstance(self.effects, Iterable) and not isinstance(self.effects, str)
-        known = listed and all(isinstance(effect, Effect) for effect in self.effects)
-        if not known and not (isinstance(self.effects, str) and self.effects == "all"):
-            raise ValueError(
-                f"effects={shown(self.effects)} must be 'all' or a list of swsysid.effects.Effect."
-            )
+        listed_effects(self.effects)
         if isinstance(self.cv, (str, bytes)) or not hasattr(self.cv, "split"):
             whole("cv", self.cv, least=2, also=(None,))
         function("scoring", self.scoring, "y_true and y_pred", also=(None,))

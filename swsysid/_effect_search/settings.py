@@ -19,7 +19,6 @@ class SearchSettings:
     fewest_trajectories: int = 6  # with fewer, stretches are held out instead of whole ones
     n_stretches: int = 16
     memories: float = 4.0  # of a block: its sum has nine tenths of the variance of a long one's
-    settled: float = 5.0  # correlation times: a sum of correlations up to there is complete
     forgotten: float = 2.0  # rows: what remembers no more than the next one leaves no gap
     excited: float = 0.2  # of a channel's spread: where it moves less nothing of it is learned
     stakes: tuple[float, ...] = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a wealth: one of them is near best

@@ -69,7 +69,8 @@ def _outcome(report: EffectContents) -> str:
 def _fall(report: EffectContents, with_them: str) -> str:
     """By how much the effects lower an error, with gross rows and, where they hide it, without."""
     every = [np.array(report.errors[place]["held_out"]) for place in (0, -1)]
-    usual = every if report.data is None else report.data.usual_errors
+    has_others = report.data is not None and not report.of_rollouts
+    usual = report.data.usual_errors if has_others and report.data is not None else every
     lead, unsure = f"{with_them} the held-out error of", " or whose mode is not sure"
     which = f"without the rows set aside{'' if _modes_are_sure(report) else unsure}"
     (target, fall), (other, usual_fall) = (_largest_fall(report, *one) for one in (every, usual))
@@ -90,12 +91,18 @@ def _instead(errors: Sequence[Array], state: int) -> str:
     return f"{error(after[state], before[state])} instead of {before[state]:.4g}"
 
 
+def _judged(report: EffectContents, name: str) -> str:
+    """What errors are of: a state that was rolled out, or its velocity."""
+    return name if report.of_rollouts else law_of(name, report)
+
+
 def _modes_are_sure(report: EffectContents) -> bool:
     return report.data is None or bool(report.data.mode_known.all())
 
 
 def _rate_of(report: EffectContents, state: int) -> str:
-    return law_of(report.targets[state], report)
+    name = report.targets[state]
+    return f"free rollouts of {name}" if report.of_rollouts else law_of(name, report)
 
 
 def _largest_fall(report: EffectContents, before: Array, after: Array) -> tuple[int, float]:
@@ -140,7 +147,7 @@ def _risen(report: EffectContents) -> list[str]:
         return []
     both = zip(report.targets, *(report.errors[end]["held_out"] for end in (0, -1)), strict=True)
     risen = [
-        f"{law_of(name, report)} ({after:.4g} instead of {before:.4g}"
+        f"{_judged(report, name)} ({after:.4g} instead of {before:.4g}"
         f"{_on_the_surface(report, state)})"
         for state, (name, before, after) in enumerate(both)
         if name not in report.exact and after > (1.0 + REPORT.worth_telling) * before
@@ -150,7 +157,7 @@ def _risen(report: EffectContents) -> list[str]:
 
 def _on_the_surface(report: EffectContents, state: int) -> str:
     """What a rise is without the rows on a surface, which are in any mode by luck."""
-    if report.data is None:
+    if report.data is None or report.of_rollouts:
         return ""
     known = report.data.mode_known
     if known.all() or not known.any():
@@ -230,7 +237,7 @@ def not_kept(report: EffectContents) -> list[str]:
     return [
         f"{one['effect']}: {probability(one['p_value'])}; held-out error "
         + ", ".join(
-            f"{law_of(name, report)} {before:.4g} -> {after:.4g}"
+            f"{_judged(report, name)} {before:.4g} -> {after:.4g}"
             for name, before, after in zip(report.targets, one["before"], one["after"], strict=True)
         )
         + _of_rollouts(one["rollouts"])
@@ -292,12 +299,13 @@ def report_lines(report: EffectContents) -> Iterator[str]:
 
 def _errors(report: EffectContents) -> list[str]:
     """Held-out errors of every equation, one line a model."""
-    columns = [("held-out RMS error", "<1", [row["model"] for row in report.errors])]
+    what = "RMS error, free rollouts held out" if report.of_rollouts else "held-out RMS error"
+    columns = [(what, "<1", [row["model"] for row in report.errors])]
     for state, name in enumerate(report.targets):
         exact = name in report.exact  # where rounding is left
         every = [row["held_out"][state] for row in report.errors]
         errors = ["exact" if exact else error(one, every[0]) for one in every]
-        columns.append((law_of(name, report), ">12", errors))
+        columns.append((_judged(report, name), ">12", errors))
     return text_table(columns, gap="  ")
 
 

@@ -220,6 +220,10 @@ class NodeEquations:
         instants[self.since] = self.right_of_corner[self.n_shared :]
         return np.concatenate([laws, (self.right.T / self.unit).ravel(), instants, others])
 
+    def reduced(self) -> tuple[Arrow, Array]:
+        """The matrix of nodes, laws and surfaces, instants eliminated, and what is right of it."""
+        return self._reduced(LIMITS.rounding * self.hold, LIMITS.rounding)[:2]
+
     def covariance(self) -> Covariance:
         """That of the unknowns; what nothing tells is held a little."""
         hold = LIMITS.rounding * self.hold

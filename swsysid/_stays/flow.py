@@ -7,7 +7,7 @@ the sensitivity to the instant is the difference of the two velocities, carried 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -49,6 +49,17 @@ def steady_legs(laws: Laws, nodes: Nodes, states: Array) -> Iterator[Legs]:
         count = max(1, round(rows.size / LIMITS.chunk))
         for chunk in np.array_split(rows, count, axis=1):
             yield _steady(laws, mode, nodes, chunk, states)
+
+
+def joined_legs(parts: Iterable[Legs]) -> Legs:
+    """Legs of one mode, chunk by chunk, as one."""
+    listed = list(parts)
+    rows, ends = (
+        np.concatenate([getattr(one, name) for one in listed]) for name in ("rows", "ends")
+    )
+    by_state = np.concatenate([one.by_state for one in listed], axis=2)
+    by_law = np.concatenate([one.by_law for one in listed], axis=2)
+    return Legs(rows, ends, by_state, listed[0].columns, by_law)
 
 
 def _steady(laws: Laws, mode: int, nodes: Nodes, segments: Rows, states: Array) -> Legs:

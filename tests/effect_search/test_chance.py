@@ -10,8 +10,8 @@ from swsysid._effect_search.chance import (
     chance_of_bets,
     chance_of_slope,
     independent_blocks,
-    memory,
 )
+from swsysid._noise import memory
 
 
 def autoregressive(rng, factor, n_series, length):

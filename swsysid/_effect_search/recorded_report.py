@@ -1,0 +1,77 @@
+"""What a search in recordings of one law has to say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from numpy.typing import NDArray
+
+from swsysid._effect_regressor import EffectRegressor
+from swsysid._effect_search.contents import EffectData
+from swsysid._effect_search.recorded import RecordedOutcome
+from swsysid._effect_search.report import EffectReport, in_words, leftover
+from swsysid._effect_search.words import named
+from swsysid.effects import Effect
+
+
+def recorded_report(
+    outcome: RecordedOutcome,
+    models: Sequence[EffectRegressor],
+    sought: Sequence[Effect],
+    trajectory_names: NDArray | None,
+    alarms: Sequence[str],
+) -> EffectReport:
+    """The report of a search; `models` as `EffectReport.of` takes them."""
+    measured, split = outcome.measured, outcome.split.of(outcome.measured.rows)
+    records, targets = outcome.search.stretches.seen, measured.targets
+    seen, names, effects = measured.records, trajectory_names, outcome.effects
+    leftovers = [leftover(fit, seen, targets, split, names) for fit in outcome.joint_fits[1:3]]
+    models_in_words = ["declared model", *(f"+ {named(one.kind, one.place)}" for one in effects)]
+    return EffectReport(
+        targets=tuple(records.names[: records.n_states]),
+        held_out=split.how,
+        n_search=len(outcome.search.stretches.rows),
+        n_held_out=len(outcome.held_out.rows),
+        n_candidates=max((one.n_candidates for one in outcome.findings), default=0),
+        errors=[
+            {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
+            for model, (inside, outside) in zip(models_in_words, outcome.errors, strict=True)
+        ],
+        effects=tuple(effects),
+        skipped=outcome.search.skipped(sought),
+        residual_before=leftovers[0],
+        residual_after=leftovers[1],
+        history=tuple(
+            {
+                "added": in_words(one.candidate, records),
+                "p_value": float(one.p_value),
+                "n_candidates": one.n_candidates,
+                "effects": [in_words(term, records) for term in model.law.terms],
+            }
+            for one, model in zip(outcome.findings, outcome.models[1:], strict=True)
+        ),
+        tried=tuple(
+            {
+                "effect": in_words(one.candidate, records),
+                "p_value": float(one.p_value),
+                "before": before.tolist(),
+                "after": after.tolist(),
+                "rollouts": None,
+            }
+            for one, before, after in outcome.tried
+        ),
+        alarms=tuple(alarms),
+        of_rollouts=True,
+        data=EffectData(
+            records=seen,
+            rows=split.held_out,
+            samples=split.held_out_samples,
+            targets=targets,
+            models=(models[0], models[1]),
+            final=models[2],
+            covariances=tuple(outcome.covariances),
+            trajectory_names=names,
+            states=measured.recorded.X[:, : records.n_states] if measured.recorded else None,
+            noise=None if measured.noise is None else measured.noise.states,
+        ),
+    )

@@ -1,0 +1,98 @@
+"""Effects at every place and in every equation where they can act, and their scanned values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from swsysid._data.records import Records
+from swsysid._output_error.law import Law
+from swsysid._results import Array
+from swsysid.effects import (
+    Effect,
+    GuardEffect,
+    MeasurementEffect,
+    PlacedEffect,
+    Quantisation,
+    ResetEffect,
+    StructureEffect,
+    UnknownFunction,
+    UnmeasuredDisturbance,
+)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place in an equation, and the values at which it is scanned."""
+
+    placed: PlacedEffect  # without values
+    grid: Array  # (n_values, n_theta)
+
+    def trials(self, seen: Records, missed: Array) -> list[PlacedEffect]:
+        """The effect at every value that may explain what velocities (n_samples, n_states) miss."""
+        effect, own = self.placed.effect, missed[:, [self.placed.target]]
+        values = effect.shortlist(seen, self.grid, own).tolist()
+        return [replace(self.placed, theta=tuple(one)) for one in values]
+
+
+def is_sought(effect: Effect) -> bool:
+    """True of what can be told in recordings of one law."""
+    return is_of_a_sensor(effect) or is_of_a_law(effect) or isinstance(effect, UnknownFunction)
+
+
+def is_of_a_law(effect: Effect) -> bool:
+    """True of what adds columns to a law."""
+    others = (GuardEffect, MeasurementEffect, ResetEffect, StructureEffect, UnmeasuredDisturbance)
+    return not isinstance(effect, others) and bool(effect.terms)
+
+
+def is_of_a_sensor(effect: Effect) -> bool:
+    """True of what changes the record by a number that a fit can find."""
+    return isinstance(effect, MeasurementEffect) and not isinstance(effect, Quantisation)
+
+
+def candidates(
+    effects: Sequence[Effect], records: Records, targets: Sequence[int]
+) -> Iterator[Candidate]:
+    """All of them, the simplest explanation first."""
+    for effect in effects:
+        if not is_of_a_law(effect) or effect.missing(records) is not None:
+            continue
+        for place in effect.places(records):
+            ranges = effect.parameters(records, place)
+            grid = np.array(list(product(*(one.values for one in ranges))), dtype=float)
+            if not len(grid):
+                continue
+            for target in targets:
+                if effect.acts_in(records, place, target):
+                    yield Candidate(PlacedEffect(effect, place, target), grid)
+
+
+def variants(placed: PlacedEffect, law: Law, linear: dict[int, int], records: Records) -> list:
+    """The effect beside the channel's own term, in its place, or both, as its role says."""
+    place = placed.place
+    feature = linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
+    has = feature is not None and bool(law.declared[placed.target, feature])
+    taken = {(term.target, term.replaced) for term in law.terms}
+    role = placed.effect.role_at(records, place)
+    listed = []
+    if has and role in ("replaces", "either", "instead") and (placed.target, feature) not in taken:
+        listed.append(replace(placed, replaced=feature))
+    if {"replaces": not has, "beside": has, "instead": False}.get(role, True):
+        listed.append(placed)
+    return listed
+
+
+def linear_features(features: Array, X: Array) -> dict[int, int]:
+    """Which feature is a multiple of which channel."""
+    sizes = np.outer(np.linalg.norm(X, axis=0), np.linalg.norm(features, axis=0))
+    cosine = np.abs(X.T @ features) / np.where(sizes > 0, sizes, np.inf)
+    best = cosine.argmax(axis=1)
+    return {
+        channel: int(feature)
+        for channel, feature in enumerate(best)
+        if cosine[channel, feature] > 1.0 - 1e-10
+    }

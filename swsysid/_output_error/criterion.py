@@ -1,0 +1,91 @@
+r"""Two models compared by what their rollouts leave of stretches that neither was fitted to.
+
+*Size* is the share of the squares that the second takes away. *Evidence* is the logarithm of the
+ratio of their likelihoods, with the deviations :math:`\sigma` that each had where it was fitted and
+as many independent samples as the memory m of what is left allows,
+
+.. math:: \frac1m \sum_k \log\frac{\sigma_0}{\sigma_1}
+          + \frac{e_{0,k}^2}{2 \sigma_0^2} - \frac{e_{1,k}^2}{2 \sigma_1^2} .
+
+If the first model is right the ratio is no larger than 1 in the mean, so that one of L has no more
+probability than 1 / L (universal inference: Wasserman, Ramdas and Balakrishnan, 2020).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._noise import memory
+from swsysid._output_error.settings import SETTINGS
+from swsysid._results import Array
+from swsysid._stays.nodes import Rows
+
+
+@dataclass(frozen=True)
+class Left:
+    """What rollouts of a model leave of stretches, and what they left where it was fitted."""
+
+    samples: Array  # (n_samples, n_states)
+    sizes: Array  # (n_states,)
+    series: tuple[Rows, ...]  # numbers of the samples of each stretch
+
+    @property
+    def errors(self) -> Array:
+        """Root mean squares, (n_states,)."""
+        return np.asarray(np.sqrt(np.nanmean(np.square(self.samples), axis=0)))
+
+    @property
+    def memory(self) -> float:
+        """Samples that are worth one, at most of any state."""
+        finite = np.where(np.isfinite(self.samples), self.samples, 0.0)
+        return max(memory(column, list(self.series)) for column in finite.T)
+
+
+@dataclass(frozen=True)
+class Fall:
+    """By how much what is left falls from one model to another."""
+
+    blocks: Array  # (n_blocks,): of the squared error, each in units of the mean before
+    nats: float  # of evidence
+
+    @property
+    def share(self) -> float:
+        """Of the squared error of all samples."""
+        return float(self.blocks.mean())
+
+    @property
+    def error(self) -> float:
+        """Standard error of the share, from block to block."""
+        return float(self.blocks.std(ddof=1) / np.sqrt(len(self.blocks)))
+
+    @property
+    def p_value(self) -> float:
+        """Most probability of so much evidence, where the first model is right."""
+        return float(np.exp(min(0.0, -self.nats)))
+
+
+def fall(before: Left, after: Left) -> Fall:
+    """From one model to another, each state by what the first leaves of it in the mean."""
+    sizes = _mean_squares(before.samples)
+    squares = [_capped(one.samples, sizes) for one in (before, after)]
+    change = np.nan_to_num(np.nanmean(squares[0] - squares[1], axis=1))
+    blocks = np.array([part.mean() for part in np.array_split(change, SETTINGS.blocks)])
+    tiny = np.finfo(float).tiny
+    nats = sum(
+        sign * np.nansum(np.log(one.sizes) + 0.5 * _capped(one.samples, np.square(one.sizes)))
+        for sign, one in ((1.0, before), (-1.0, after))
+    )
+    longest = max(before.memory, after.memory)
+    return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), float(nats / longest))
+
+
+def _mean_squares(samples: Array) -> Array:
+    known = np.where(np.isfinite(samples), samples, np.nan)
+    return np.maximum(np.nanmean(np.square(known), axis=0), np.finfo(float).tiny)
+
+
+def _capped(samples: Array, sizes: Array) -> Array:
+    """Squares in units of some, no larger than one sample counts at most."""
+    return np.asarray(np.minimum(np.square(samples) / sizes, SETTINGS.cap))

@@ -1,0 +1,218 @@
+r"""Coefficients of least output error, and what a law leaves of stretches.
+
+Rollouts of a real plant go astray by what nobody has declared. So the ties leave the states a
+little disturbance, in all of a stretch a share of the noise, and what that takes counts as misfit:
+what is minimised is the likelihood of a law with a small disturbance of its own, which bends far
+less than that of rigid rollouts where a law breaks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._output_error.criterion import Left
+from swsysid._output_error.law import Law
+from swsysid._output_error.settings import SETTINGS
+from swsysid._output_error.stretches import Stretches
+from swsysid._results import Array
+from swsysid._stays.descent import Reached, most_likely
+from swsysid._stays.flow import joined_legs, steady_legs
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.nodes import Nodes
+from swsysid._stays.settings import SETTINGS as STAYS
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A law with the coefficients of least output error on some stretches."""
+
+    law: Law
+    reached: Reached
+    left: Array  # what it leaves of the samples, (n_samples, n_states)
+
+    @property
+    def errors(self) -> Array:
+        """Root mean squares of that, (n_states,)."""
+        return np.asarray(np.sqrt(np.nanmean(np.square(self.left), axis=0)))
+
+    @property
+    def misfits(self) -> Array:
+        """Measured less estimated states, (n_samples, n_states)."""
+        nodes = self.reached.estimate.nodes
+        return of_samples(nodes, nodes.y - self.reached.estimate.states)
+
+    @property
+    def noise(self) -> Array:
+        """What misfits are measured in."""
+        return self.reached.noise
+
+    def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, list[NDArray[np.intp]]]:
+        """Covariance of free coefficients of the law with further columns, and their places.
+
+        The places are those of the columns of each effect.
+        """
+        estimate, _ = _begun(wider, stretches, self)
+        with np.errstate(all="ignore"):
+            equations = self.reached.objective.normal_equations(estimate)
+        ends = np.cumsum([wider.declared.shape[1], *(len(t.effect.terms) for t in wider.terms)])
+        _, _, feature = estimate.laws.places
+        places = [
+            np.flatnonzero((feature >= low) & (feature < high))
+            for low, high in zip(ends[:-1], ends[1:], strict=True)
+        ]
+        return equations.covariance().of_laws, places
+
+
+def fitted(
+    law: Law,
+    stretches: Stretches,
+    start: Fitted | None = None,
+    noise: Array | None = None,
+    turns: int = SETTINGS.noise_turns,
+) -> Fitted:
+    """Coefficients of least output error.
+
+    `start` are states of nearly the same law on the same stretches. Without it states begin where
+    they were measured: from rollouts of a law that lacks an effect that jumps, the one with it is
+    not reached. Misfits are measured in what rollouts leave of each state, found in turns from
+    `noise`; with `turns` 1 they are measured in that.
+    """
+    estimate, spread = _begun(law, stretches, start)
+    if noise is None:
+        noise = 0.3 * spread if start is None else start.noise
+    for turn in range(turns):
+        reached = _reached(estimate, noise, near=start is not None or turn > 0)
+        left = _left(reached)
+        own = np.sqrt(np.nanmean(np.square(left), axis=0))
+        own = np.maximum(own, SETTINGS.least_noise * spread)
+        estimate = reached.estimate
+        if turn + 1 == turns or not np.isfinite(own).all():
+            break
+        # what counts is the noise of states relative to each other, once its size is about right
+        change = np.log(own / noise)
+        if np.ptp(change) < SETTINGS.settled and np.abs(change).max() < np.log(SETTINGS.about):
+            break
+        noise = own
+    coef = reached.estimate.laws.coef[0]
+    return Fitted(replace(law, coef=coef), reached, left)
+
+
+def some_of(fit: Fitted, numbers: Sequence[int]) -> Fitted:
+    """States and noise of some of the stretches, as a start of fits to these."""
+    nodes = fit.reached.estimate.nodes
+    rows = np.isin(nodes.recording, numbers)
+    estimate = replace(fit.reached.estimate, states=fit.reached.estimate.states[rows])
+    return replace(fit, reached=replace(fit.reached, estimate=estimate))
+
+
+def left_over(fit: Fitted, stretches: Stretches, start: Fitted | None = None) -> Left:
+    """What a fitted law leaves of other stretches, from the best starts."""
+    left = _left(_fixed(fit, stretches, start))
+    return Left(left, fit.errors, stretches.series)
+
+
+def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
+    """Measured states less free rollouts of a fitted law, from the best starts."""
+    estimate = _fixed(fit, stretches, None).estimate
+    rollouts = Rollouts(estimate.laws, estimate.nodes, estimate.states).rolled_out()
+    ties = ((_tie(rollouts, SETTINGS.of_a_rollout), SETTINGS.turns_of_starts),)
+    with np.errstate(all="ignore"):
+        reached = most_likely(rollouts, fit.noise, replace(STAYS.roughly(), ties=ties)).estimate
+    left = reached.nodes.y - reached.states
+    return of_samples(reached.nodes, left)
+
+
+def _fixed(fit: Fitted, stretches: Stretches, start: Fitted | None) -> Reached:
+    estimate, _ = _begun(fit.law, stretches, start)
+    fixed = replace(estimate, laws=estimate.laws.known())
+    return _reached(fixed, fit.noise, near=start is not None)
+
+
+def _begun(law: Law, stretches: Stretches, start: Fitted | None) -> tuple[Estimate, Array]:
+    stretches = stretches.corrected(law.terms)
+    nodes = stretches.nodes(law.further(stretches.seen))
+    recordings = nodes.recordings
+    spread = stretches.records.X[:, : law.n_states].std(axis=0)
+    spread = np.where(spread > 0.0, spread, 1.0)
+    states = recordings.in_a_row(recordings.guess)
+    if start is not None:
+        states = start.reached.estimate.states
+    return Estimate(law.laws(stretches, spread), nodes, states), spread
+
+
+class Rollouts(Estimate):
+    """An estimate in which every recording is one rollout from its first node.
+
+    A step linearises the flow of every interval. What nodes then miss is no small thing where a law
+    breaks, and tied tightly they do not get across. So only the first nodes are moved by a step,
+    and the others go where the flow leads (the lifted method of Albersmeyer and Diehl, 2010).
+    """
+
+    def moved(self, step: Array) -> Rollouts:
+        return super().moved(step).rolled_out()
+
+    def rolled_out(self) -> Rollouts:
+        """The same with all nodes but the first ones where the flow leads.
+
+        By Newton's method on the gaps of all intervals at once, so that nothing steps through time
+        but products of small matrices.
+        """
+        nodes, states, known = (
+            self.nodes.joined(as_usual=False),
+            self.states.copy(),
+            self.laws.known(),
+        )
+        first, begins = nodes.first, nodes.begins
+        longest = int(nodes.recordings.lengths.max())
+        for _ in range(SETTINGS.turns_of_rollouts):
+            legs = joined_legs(steady_legs(known, nodes, states))
+            gaps, slopes = np.zeros_like(states), np.zeros((len(states), *legs.by_state.shape[:2]))
+            gaps[begins + 1] = legs.ends - states[begins + 1]
+            slopes[begins + 1] = legs.by_state.transpose(2, 1, 0)
+            if np.abs(gaps / known.spread).max() < SETTINGS.closed:
+                break
+            for place in range(1, longest):
+                rows = first[nodes.recordings.lengths > place] + place
+                gaps[rows] += np.matmul(slopes[rows], gaps[rows - 1][:, :, None])[:, :, 0]
+            states += gaps
+        return replace(self, states=states)
+
+
+def _reached(estimate: Estimate, noise: Array, near: bool) -> Reached:
+    """With nodes that are tied ever more tightly."""
+    settings = STAYS.roughly()
+    looser, (_, n_turns) = settings.ties[:-1], settings.ties[-1]
+    ties = (*(looser[-1:] if near else looser), (_tie(estimate, SETTINGS.disturbance), n_turns))
+    with np.errstate(all="ignore"):  # a trial step that diverges is not taken
+        return most_likely(estimate, noise, replace(settings, ties=ties))
+
+
+def _tie(estimate: Estimate, share: float) -> float:
+    """Of a node to the next, that leave so much of the noise free over the longest stretch."""
+    return float(share / np.sqrt(estimate.nodes.recordings.lengths.max()))
+
+
+def _left(reached: Reached) -> Array:
+    """Misfits with the disturbances that the ties allowed, in units of the states.
+
+    Infinite where a rollout has diverged, NaN where nothing was measured.
+    """
+    estimate, nodes = reached.estimate, reached.estimate.nodes
+    weights = 1.0 / (reached.objective.tie * np.sqrt(nodes.parts))
+    with np.errstate(all="ignore"):
+        left = (nodes.y - estimate.states) / nodes.sizes
+        gaps = np.zeros_like(left)
+        gaps[nodes.begins + 1] = estimate.states[nodes.begins + 1] - estimate.ends()
+        gaps[nodes.begins + 1] *= weights[:, None]
+        both = np.hypot(left, gaps)
+    return of_samples(nodes, np.where(np.isfinite(nodes.y) & ~np.isfinite(both), np.inf, both))
+
+
+def of_samples(nodes: Nodes, rows: Array) -> Array:
+    """Rows of the nodes at which something was measured."""
+    pairs = zip(nodes.first, nodes.recordings.sampled, strict=True)
+    return rows[np.concatenate([first + places for first, places in pairs])]

@@ -1,0 +1,199 @@
+"""A declared law with effects in it, as one law that is linear in its coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._data.records import Records
+from swsysid._output_error.breaks import Break, BreakingLaws
+from swsysid._output_error.stretches import Stretches
+from swsysid._results import Array
+from swsysid._stays.laws import Laws
+from swsysid.effects import Effect, PlacedEffect
+from swsysid.effects._base import Place
+
+Library = Callable[[Array], Array]
+_BEYOND = 1e-9  # of a spread: beyond a level, for a law that jumps there
+
+
+@dataclass(frozen=True)
+class Law:
+    """x' = coef . (library, columns of effects).
+
+    What remembers is computed along whole recordings beforehand, and stands beside the inputs.
+
+    Attributes
+    ----------
+    library : callable
+        Features of states and inputs, (n_rows, n_features).
+    declared : ndarray of shape (n_states, n_features), bool
+        Coefficients of the library that are sought.
+    known : ndarray of shape (n_states, n_features)
+        The others, such as that of x' = v.
+    terms : tuple of PlacedEffect
+    coef : ndarray of shape (n_states, n_features + n_columns)
+    """
+
+    library: Library
+    declared: NDArray[np.bool_]
+    known: Array
+    terms: tuple[PlacedEffect, ...]
+    coef: Array
+
+    @classmethod
+    def of(cls, library: Library, declared: NDArray[np.bool_], known: Array) -> Law:
+        """The declared law, its coefficients not known yet."""
+        return cls(library, declared, known, (), known.copy())
+
+    @property
+    def n_states(self) -> int:
+        """Number of states."""
+        return len(self.coef)
+
+    @property
+    def n_parameters(self) -> int:
+        """Of the effects, less those of the declared law in whose place they stand."""
+        return sum(term.n_parameters for term in self.terms) - int(self.replaced.sum())
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Coefficients that are sought, of the shape of `coef`."""
+        own = self.declared.copy()
+        for term in self.terms:
+            if term.replaced is not None:
+                own[term.target, term.replaced] = False
+        blocks = [own]
+        for term in self.terms:
+            block = np.zeros((self.n_states, len(term.effect.terms)), dtype=bool)
+            block[term.target] = True
+            blocks.append(block)
+        return np.hstack(blocks)
+
+    def beside(self, more: Sequence[PlacedEffect]) -> Law:
+        """The same law with further effects, their coefficients zero."""
+        n_more = sum(len(term.effect.terms) for term in more)
+        coef = np.hstack([self.coef, np.zeros((self.n_states, n_more))])
+        wider = replace(self, terms=(*self.terms, *more), coef=coef)
+        replaced = wider.replaced & (self.known == 0.0)
+        coef[:, : replaced.shape[1]][replaced] = 0.0
+        return wider
+
+    def without(self, place: int) -> Law:
+        """The same law without one of its effects."""
+        ends = np.cumsum([self.declared.shape[1], *(len(t.effect.terms) for t in self.terms)])
+        kept = np.ones(self.coef.shape[1], dtype=bool)
+        kept[ends[place] : ends[place + 1]] = False
+        terms = (*self.terms[:place], *self.terms[place + 1 :])
+        return replace(self, terms=terms, coef=self.coef[:, kept])
+
+    def exchanged(self, place: int, term: PlacedEffect) -> Law:
+        """The same law with other nonlinear parameters of one of its effects."""
+        return replace(self, terms=(*self.terms[:place], term, *self.terms[place + 1 :]))
+
+    def coefficients(self, place: int) -> Array:
+        """Of one of the effects, (n_terms,)."""
+        start = self.declared.shape[1] + sum(len(t.effect.terms) for t in self.terms[:place])
+        term = self.terms[place]
+        return self.coef[term.target, start : start + len(term.effect.terms)]
+
+    @property
+    def replaced(self) -> NDArray[np.bool_]:
+        """Features in whose place an effect stands, of the shape of `declared`."""
+        replaced = np.zeros(self.declared.shape, dtype=bool)
+        for term in self.terms:
+            if term.replaced is not None:
+                replaced[term.target, term.replaced] = True
+        return replaced
+
+    # -- as the engine takes it ------------------------------------------------------------------
+
+    def further(self, seen: Records) -> Array:
+        """Columns of what remembers, along whole recordings, (n_samples, n_further)."""
+        columns = [
+            term.effect.columns(seen, term.place, *term.theta)
+            for term in self.terms
+            if remembers(term)
+        ]
+        return np.hstack([np.zeros((len(seen), 0)), *columns])
+
+    @property
+    def breaks(self) -> tuple[Break, ...]:
+        """Levels of states at which effects jump."""
+        pairs = [
+            Break(int(channel), float(level))
+            for term in self.terms
+            for channel, level in term.effect.breaks(term.place, *term.theta)
+            if channel < self.n_states
+        ]
+        return tuple(dict.fromkeys(pairs))
+
+    def laws(self, stretches: Stretches, spread: Array) -> Laws:
+        """Vector field of states, inputs, signals and further columns."""
+        breaks = self.breaks
+        features = self._features(stretches.seen, breaks, spread)
+        arguments = self.coef[None], features, spread, self.free[None]
+        return BreakingLaws(*arguments, breaks) if breaks else Laws(*arguments)
+
+    def _features(self, seen: Records, breaks: Sequence[Break], spread: Array) -> Library:
+        n_columns, n_signals = seen.X.shape[1], seen.signals.shape[1]
+
+        def features(columns: Array) -> Array:
+            X, signals = columns[:, :n_columns], columns[:, n_columns : n_columns + n_signals]
+            here = replace(
+                seen, X=X, signals=signals, t=None, groups=None, average=None, decoded_modes=None
+            )
+            sides = columns[:, columns.shape[1] - len(breaks) :]
+            on_sides = _on_sides(here, breaks, sides, spread) if breaks else here
+            parts, place = [self.library(X)], n_columns + n_signals
+            for term in self.terms:
+                count = len(term.effect.terms)
+                if remembers(term):
+                    parts.append(columns[:, place : place + count])
+                    place += count
+                else:
+                    parts.append(term.effect.columns(on_sides, term.place, *term.theta))
+            return np.hstack(parts)
+
+        return features
+
+
+class Slope(Effect):
+    """The derivative of what an effect contributes by one of its nonlinear parameters."""
+
+    kind = "slope"
+    terms = ("slope",)
+
+    def __init__(self, placed: PlacedEffect, coef: Array, number: int, step: float):
+        self.placed, self.coef, self.number, self.step = placed, coef, number, step
+
+    @property
+    def needs(self) -> frozenset[str]:  # type: ignore[override]
+        """What the effect needs."""
+        return self.placed.effect.needs
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = list(self.placed.theta)
+            moved[self.number] += sign * self.step
+            ends.append(self.placed.effect.columns(records, place, *moved) @ self.coef)
+        return np.asarray((ends[0] - ends[1]) / (2.0 * self.step))[:, None]
+
+
+def _on_sides(records: Records, breaks: Sequence[Break], sides: Array, spread: Array) -> Records:
+    """The records, a state no farther than its level where it counts as on the other side."""
+    X = records.X.copy()
+    for (state, level), side in zip(breaks, sides.T, strict=True):
+        nearest = _BEYOND * spread[state]
+        above = np.maximum(X[:, state], level + nearest)
+        X[:, state] = np.where(side > 0.0, above, np.minimum(X[:, state], level - nearest))
+    return replace(records, X=X)
+
+
+def remembers(term: PlacedEffect) -> bool:
+    """True if the columns of an effect depend on more than the present of its channels."""
+    return bool(term.effect.needs & {"order", "time"})

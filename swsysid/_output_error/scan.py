@@ -1,0 +1,223 @@
+r"""The score test: what each candidate would explain, by one step of Gauss and Newton.
+
+Candidates stand in the law with the coefficient zero. With states and starts eliminated, S is the
+information on the law's own coefficients (first block) and on those of the candidates (second), g
+the negative gradient there. The squares that a candidate explains beside the law are
+
+.. math:: \tilde g^\top \tilde S^{-1} \tilde g, \quad \tilde g = g_2 - S_{21} S_{11}^{-1} g_1, \quad
+          \tilde S = S_{22} - S_{21} S_{11}^{-1} S_{12} .
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from swsysid._data.records import Records
+from swsysid._output_error.candidates import Candidate
+from swsysid._output_error.estimate import Fitted, of_samples
+from swsysid._output_error.settings import SETTINGS
+from swsysid._output_error.stretches import Stretches
+from swsysid._results import Array
+from swsysid._stays.arrow import Arrow
+from swsysid._stays.descent import most_likely
+from swsysid._stays.flow import joined_legs, steady_legs
+from swsysid._stays.lifted import Estimate, Objective
+from swsysid._stays.nodes import Nodes, Rows
+from swsysid._stays.settings import SETTINGS as STAYS
+from swsysid._ties import largest_first
+from swsysid.effects import Effect, MeasurementEffect, PlacedEffect
+
+
+def shortlist(fit: Fitted, stretches: Stretches, listed: Sequence[Candidate]) -> list[PlacedEffect]:
+    """The candidates that explain most over some number of samples, each at its best values."""
+    stretches = stretches.corrected(fit.law.terms)
+    scores = [Score.of(fit, tie) for tie in SETTINGS.ties]
+    rates = scores[0].missed_rates(stretches)
+    parts = [candidate.trials(stretches.seen, rates) for candidate in listed]
+    trials = [trial for part in parts for trial in part]
+    owner = np.repeat(np.arange(len(listed)), [len(part) for part in parts])
+    nodes = fit.reached.estimate.nodes
+    moves = [_moves(_columns(trial, stretches.seen)[stretches.rows], nodes) for trial in trials]
+    chosen: dict[tuple, PlacedEffect] = {}
+    for score in scores:
+        gains = score.gains(trials, moves)
+        best = [
+            int(np.flatnonzero(owner == k)[gains[owner == k].argmax()]) for k in range(len(listed))
+        ]
+        # what has one coefficient and nothing else explains less, and may be all there is
+        plain = [k for k, trial in enumerate(trials) if trial.n_parameters == 1 and not trial.theta]
+        first = [best[k] for k in largest_first(gains[best])[: SETTINGS.n_shortlisted]]
+        for trial, gain in ((trials[k], gains[k]) for k in (*first, *plain)):
+            if gain > SETTINGS.promising * score.squares:
+                chosen[(*trial.signature, trial.theta)] = trial
+    return list(chosen.values())
+
+
+def of_sensors(
+    fit: Fitted, stretches: Stretches, effects: Sequence[Effect]
+) -> Iterator[PlacedEffect]:
+    """Corrections of states that explain a share worth it of what rollouts leave of these.
+
+    A sensor is right or wrong beside others: with one state it says no more than a delay does.
+    """
+    seen = stretches.corrected(fit.law.terms).seen
+    for effect, place in ((one, place) for one in effects for place in one.places(seen)):
+        if len(fit.noise) < 2 or effect.missing(seen) is not None:
+            continue
+        (parameter,) = effect.parameters(seen, place)
+        slope = slope_of_sensor(PlacedEffect(effect, place, int(place), theta=(0.0,)), stretches)
+        left = fit.misfits[:, place]
+        size = -(left @ slope) / (slope @ slope)
+        if size * (left @ slope) < -SETTINGS.worthwhile * (left @ left):
+            nearest = parameter.values[np.abs(parameter.values - size).argmin()]
+            if nearest != 0.0:
+                yield PlacedEffect(effect, place, int(place), theta=(float(nearest),))
+
+
+def slope_of_sensor(term: PlacedEffect, stretches: Stretches) -> Array:
+    """By how much a corrected state moves with the one number of its sensor, (n_samples,)."""
+    effect, seen, (value,) = term.effect, stretches.seen, term.theta
+    assert isinstance(effect, MeasurementEffect)
+    (parameter,) = effect.parameters(seen, term.place)
+    step = np.abs(parameter.values[parameter.values != 0.0]).min()
+    there, back = (effect.corrected(seen, term.place, value + one) for one in (step, -step))
+    moved = there.channel(term.place) - back.channel(term.place)
+    return np.asarray(moved[stretches.rows] / (2.0 * step))
+
+
+def _columns(trial: PlacedEffect, seen: Records) -> Array:
+    """Columns of a candidate along whole recordings, (n_samples, n_terms)."""
+    return np.nan_to_num(trial.effect.columns(seen, trial.place, *trial.theta))
+
+
+def _moves(columns: Array, nodes: Nodes) -> Array:
+    """What columns (n_samples, n_terms) of unit coefficient add to the end of each interval."""
+    recordings, at_nodes = nodes.recordings, columns
+    if len(columns) < len(nodes):  # times at which nothing was measured stand between samples
+        at_nodes = np.empty((len(nodes), columns.shape[1]))
+        done, first = 0, 0
+        for t, places in zip(recordings.times, recordings.sampled, strict=True):
+            own = columns[done : done + len(places)]
+            for column, values in zip(at_nodes[first : first + len(t)].T, own.T, strict=True):
+                column[:] = np.interp(np.arange(len(t)), places, values)
+            done, first = done + len(places), first + len(t)
+    begins = nodes.begins
+    return 0.5 * nodes.steps[:, None] * (at_nodes[begins] + at_nodes[begins + 1])
+
+
+@dataclass(frozen=True)
+class Score:
+    """Equations of a law at states that follow the recordings over about 1 / tie samples."""
+
+    followed: Estimate
+    arrow: Arrow
+    right: Array  # of the nodes, and of the coefficients of the law
+    by_law: Array  # (n_states, n_own, n_intervals): of the ends of intervals, in units of the noise
+    by_state: Array  # (n_states, n_states, n_intervals), likewise
+    gaps: Array  # (n_intervals, n_states)
+    square: Array  # (n_intervals,): squared weights of the ties
+    noise: Array
+    squares: float  # that are left
+
+    @classmethod
+    def of(cls, fit: Fitted, tie: float) -> Score:
+        """Of a fitted law, its states let go as the tie allows."""
+        settings = replace(STAYS.roughly(), ties=((tie, SETTINGS.turns_of_scan),))
+        with np.errstate(all="ignore"):
+            followed = most_likely(fit.reached.estimate, fit.noise, settings).estimate
+            followed = replace(followed, nodes=followed.nodes.joined(as_usual=False))
+            equations = Objective(fit.noise, tie).normal_equations(followed)
+            arrow, right = equations.reduced()
+            legs = joined_legs(steady_legs(followed.laws, followed.nodes, followed.states))
+        unit = fit.noise[:, None, None]
+        nodes = followed.nodes
+        return cls(
+            followed,
+            arrow,
+            right,
+            legs.by_law.swapaxes(0, 1) / unit,
+            legs.by_state.swapaxes(0, 1) * fit.noise[None, :, None] / unit,
+            (followed.states[nodes.begins + 1] - legs.ends) / fit.noise,
+            1.0 / (np.square(tie) * nodes.parts),
+            fit.noise,
+            2.0 * equations.value,
+        )
+
+    def missed_rates(self, stretches: Stretches) -> Array:
+        """What the law lacks of the velocities of its states, zero at other samples."""
+        nodes, rates = self.followed.nodes, np.zeros(self.followed.states.shape)
+        rates[nodes.begins] = self.gaps * self.noise / nodes.steps[:, None]
+        missed = np.zeros((len(stretches.seen), len(self.noise)))
+        missed[stretches.rows] = of_samples(nodes, rates)
+        return missed
+
+    def gains(self, trials: Sequence[PlacedEffect], moves: Sequence[Array]) -> Array:
+        """Squares that each trial explains, in units of the noise.
+
+        `moves` is what its columns of unit coefficient add to the end of each interval.
+        """
+        band = cholesky_banded(self.arrow.band, lower=True, check_finite=False)
+        n_band = len(self.arrow.border)
+        b, d = np.split(self.right, [n_band])
+        own = cho_solve_banded(
+            (band, True), np.column_stack([self.arrow.border, b]), check_finite=False
+        )
+        seen = self.arrow.border.T @ own
+        information, gradient = self.arrow.corner - seen[:, :-1], d - seen[:, -1]
+        unit = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+        inverse = np.linalg.pinv(information / unit / unit[:, None], rcond=1e-12, hermitian=True)
+        inverse = inverse / unit / unit[:, None]
+        gains = np.zeros(len(trials))
+        for some in _at_once(trials):
+            own_moves = [moves[k] for k in some]
+            counts = [move.shape[1] for move in own_moves]
+            targets = np.repeat([trials[k].target for k in some], counts)
+            border, beside, of_gaps = self._rows(targets, np.hstack(own_moves))
+            reached = cho_solve_banded((band, True), border, check_finite=False)
+            across = beside - self.arrow.border.T @ reached
+            left = of_gaps - border.T @ own[:, -1] - across.T @ (inverse @ gradient)
+            start = 0
+            for k, move in zip(some, own_moves, strict=True):
+                theirs = slice(start, start + move.shape[1])
+                start = theirs.stop
+                alone = move.T @ (self.square[:, None] * move) / self.noise[trials[k].target] ** 2
+                block = alone - border[:, theirs].T @ reached[:, theirs]
+                block = block - across[:, theirs].T @ inverse @ across[:, theirs]
+                gains[k] = _explained(block, left[theirs], np.diag(alone))
+        return gains
+
+    def _rows(self, targets: Rows, moves: Array) -> tuple[Array, Array, Array]:
+        """Border, products with the law's own coefficients and with the gaps, of all columns."""
+        n_states, begins, count = len(self.noise), self.followed.nodes.begins, len(targets)
+        weighted = self.square[:, None] * moves / self.noise[targets]
+        border = np.zeros((len(self.followed.nodes), n_states, count))
+        for state in range(n_states):
+            border[begins, state] = self.by_state[targets, state].T * weighted
+            own = np.flatnonzero(targets == state)
+            border[(begins + 1)[:, None], state, own] -= weighted[:, own]
+        beside, of_gaps = np.zeros((self.by_law.shape[1], count)), np.zeros(count)
+        for state in range(n_states):
+            own = targets == state
+            beside[:, own] = self.by_law[state] @ weighted[:, own]
+            of_gaps[own] = self.gaps[:, state] @ weighted[:, own]
+        return border.reshape(-1, count), beside, of_gaps
+
+
+def _explained(block: Array, left: Array, alone: Array) -> float:
+    # what the law can say itself explains nothing more
+    unit = np.sqrt(np.maximum(alone, np.finfo(float).tiny))
+    block, left = block / unit / unit[:, None], left / unit
+    if not np.isfinite(block).all() or (np.diag(block) <= SETTINGS.spanned).any():
+        return 0.0
+    return max(0.0, float(left @ np.linalg.pinv(block, rcond=1e-8, hermitian=True) @ left))
+
+
+def _at_once(trials: Sequence[PlacedEffect]) -> list[list[int]]:
+    """Numbers of as many trials as are worked together."""
+    ends = np.cumsum([len(trial.effect.terms) for trial in trials])
+    group = ends // SETTINGS.columns_at_once
+    return [np.flatnonzero(group == one).tolist() for one in np.unique(group)]

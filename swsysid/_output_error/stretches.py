@@ -1,0 +1,186 @@
+"""The parts of recordings that are rolled out, each from a start of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from swsysid._data.recordings import Record
+from swsysid._data.records import Records
+from swsysid._output_error.settings import SETTINGS
+from swsysid._results import Array
+from swsysid._stays.laws import Laws
+from swsysid._stays.nodes import Nodes
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.settings import SETTINGS as STAYS
+from swsysid._stays.stays import Stays
+from swsysid._stays.steps import in_exact_steps
+from swsysid.differentiation import estimate_noise
+from swsysid.effects import PlacedEffect
+from swsysid.effects._placed import corrected
+
+Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Rows of a record that follow each other, one array a stretch, thinned alike.
+
+    `records` are the states as they were measured, `seen` the same less noisy: there functions of
+    them are computed along whole recordings.
+    """
+
+    records: Records
+    seen: Records
+    parts: tuple[Rows, ...]
+    sizes: Array  # (n_samples,): noise of each sample as it counts, by that of a usual one
+    first_step: float = 0.5  # part of an interval that is integrated at once: a half, or 1
+
+    @classmethod
+    def of(cls, records: Records, seen: Records, rows: Rows) -> Stretches:
+        """Runs of some rows, cut where there are too few to leave some out."""
+        runs = []
+        for trajectory in records.trajectories:
+            own = np.flatnonzero(np.isin(trajectory, rows))
+            cuts = np.flatnonzero(np.diff(own) > 1) + 1
+            runs += [trajectory[run] for run in np.split(own, cuts) if len(run) > 2]
+        longest = _horizon(records, runs)
+        usual = min(longest, max(sum(map(len, runs)) / SETTINGS.fewest_stretches, 3.0))
+        parts = [
+            part for run in runs for part in np.array_split(run, max(1, round(len(run) / usual)))
+        ]
+        every = _thinning(records, parts)
+        return cls(records, seen, tuple(part[::every] for part in parts), _sizes(records))
+
+    def __len__(self) -> int:
+        return len(self.parts)
+
+    @property
+    def rows(self) -> Rows:
+        """All rows, one stretch after the other."""
+        return np.concatenate(self.parts)
+
+    @property
+    def series(self) -> tuple[Rows, ...]:
+        """Places of the rows of each stretch among all rows."""
+        ends = np.cumsum([len(part) for part in self.parts])[:-1]
+        return tuple(np.split(np.arange(len(self.rows)), ends))
+
+    def some(self, numbers: Sequence[int]) -> Stretches:
+        """Some of the stretches."""
+        chosen = tuple(self.parts[number] for number in numbers)
+        return replace(self, parts=chosen)
+
+    def corrected(self, terms: Sequence[PlacedEffect]) -> Stretches:
+        """The same as they would be without what some terms say of sensors and clocks."""
+        records = corrected(terms, self.records)
+        if records is self.records:
+            return self
+        return replace(self, records=records, seen=corrected(terms, self.seen))
+
+    def stepped(self, laws: Laws, noise: Array) -> Stretches:
+        """The same in steps as long as a law allows whose rollouts err by less than the noise."""
+        nodes = self.nodes(np.zeros((len(self.records), 0)))
+        fine = in_exact_steps(nodes.recordings, laws, noise, STAYS)
+        return replace(self, first_step=fine.first_step)
+
+    def folds(self) -> list[tuple[list[int], list[int]]]:
+        """Stretches to fit and those to judge by, of about as many samples each."""
+        count = min(SETTINGS.n_folds, len(self))
+        order = np.argsort([-len(part) for part in self.parts], kind="stable")
+        fold = np.empty(len(self), dtype=np.intp)
+        fold[order] = np.arange(len(self)) % count
+        every = np.arange(len(self))
+        return [(every[fold != one].tolist(), every[fold == one].tolist()) for one in range(count)]
+
+    def nodes(self, further: Array) -> Nodes:
+        """Nodes with inputs, signals and further columns (n_samples, n_further) beside them."""
+        n_states = self.records.n_states
+        beside = np.hstack([self.records.X[:, n_states:], self.records.signals, further])
+        t = self.records.t
+        assert t is not None
+        recordings = Recordings.of(
+            [Record(t[part], self.records.X[part, :n_states], beside[part]) for part in self.parts]
+        )
+        sizes = np.ones(recordings.y.shape)
+        for k, (part, places) in enumerate(zip(self.parts, recordings.sampled, strict=True)):
+            sizes[places, k] = self.sizes[part, None]
+        recordings = replace(recordings, sizes=sizes, first_step=self.first_step)
+        alone = Stays(np.zeros(1, dtype=np.intp), np.zeros(0))
+        return Nodes(recordings, [alone] * len(self.parts))
+
+
+def _horizon(records: Records, runs: Sequence[Rows]) -> float:
+    """Rows in which a state goes to and fro so often that its start is forgotten.
+
+    Over longer stretches what adds up is what nobody has declared, and hides what an effect does.
+    """
+    low, high = np.quantile(records.X[:, : records.n_states], SETTINGS.to_and_fro, axis=0)
+    turns = np.zeros(records.n_states)
+    for run in runs:
+        X = records.X[run, : records.n_states]
+        for state, side in enumerate(((X > high).astype(int) - (X < low)).T):
+            turns[state] += np.count_nonzero(np.diff(side[side != 0]))
+    slowest = sum(map(len, runs)) / max(1.0, float(turns.min()))
+    return SETTINGS.turns_of_a_stretch * slowest
+
+
+def _sizes(records: Records) -> Array:
+    """Samples of a long rest count less: all of it as so many as are kept.
+
+    Where nothing moves a force is below a threshold, or balanced, and a minute of that says no more
+    than a second: it would decide every sum of squares.
+    """
+    columns = np.hstack([records.X, records.signals])
+    near, sizes = SETTINGS.near, np.ones(len(columns))
+    spread = columns.std(axis=0)
+    for rows in records.trajectories:
+        if len(rows) <= 2 * near:
+            continue
+        still = np.maximum(
+            SETTINGS.still * estimate_noise(columns[rows]), SETTINGS.still_share * spread
+        )
+        ends = (one(columns[rows], 2 * near + 1, axis=0) for one in (maximum_filter1d,
+                                                                     minimum_filter1d))  # fmt: skip
+        high, low = ends
+        moves = (high - low > still).any(axis=1)
+        cuts = np.flatnonzero(np.diff(moves)) + 1
+        for run in np.split(np.arange(len(rows)), cuts):
+            if not moves[run[0]] and len(run) > SETTINGS.kept:
+                sizes[rows[run]] = np.sqrt(len(run) / SETTINGS.kept)
+    return sizes
+
+
+def _thinning(records: Records, parts: Sequence[Rows]) -> int:
+    """Every how many rows are enough.
+
+    As many as keep all columns straight lines between them, and no more than can be worked.
+    """
+    count = sum(map(len, parts))
+    columns = np.hstack([records.X, records.signals])
+    spread = columns[np.concatenate(parts)].std(axis=0)
+    every = 1
+    while count / every > SETTINGS.most_nodes:
+        coarser = every + 1
+        if any(_lost(columns[part], spread, coarser) > SETTINGS.lost for part in parts):
+            break
+        every = coarser
+    return every
+
+
+def _lost(columns: Array, spread: Array, every: int) -> float:
+    """The largest share of a spread that lines between every so many rows lose, in the mean."""
+    places = np.arange(0, len(columns), every)
+    if len(places) < 2:
+        return np.inf
+    rows = np.arange(places[-1] + 1)
+    lost = [
+        np.sqrt(np.mean(np.square(column[rows] - np.interp(rows, places, column[places])))) / size
+        for column, size in zip(columns.T, spread, strict=True)
+        if size > 0.0
+    ]
+    return max(lost, default=0.0)
