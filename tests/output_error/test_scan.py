@@ -1,0 +1,57 @@
+"""The score test promises what an estimate then keeps."""
+
+import numpy as np
+import pytest
+
+from swsysid._data.records import make_records
+from swsysid._output_error.candidates import Candidate
+from swsysid._output_error.estimate import fitted
+from swsysid._output_error.law import Law
+from swsysid._output_error.scan import Score, shortlist
+from swsysid._output_error.stretches import Stretches
+from swsysid.effects import Bias, PlacedEffect, QuadraticDrag
+
+
+def decays(drag=0.03, seed=0):
+    """v' = -0.5 v - drag v |v| from twelve starts, with noise of a hundredth."""
+    rng, t = np.random.default_rng(seed), np.linspace(0.0, 3.0, 61)
+    parts = []
+    for start in rng.uniform(-2.0, 2.0, 12):
+        # closed form of v' = -a v - b v |v|
+        decay = np.exp(-0.5 * t)
+        parts.append(start * decay / (1.0 + drag / 0.5 * abs(start) * (1.0 - decay)))
+    v = np.concatenate(parts)
+    groups = np.repeat(np.arange(12), len(t))
+    noisy = v + 0.01 * rng.standard_normal(len(v))
+    return make_records(noisy[:, None], 1, t=np.tile(t, 12), groups=groups, names=["v"])
+
+
+@pytest.fixture(scope="module")
+def declared():
+    records = decays()
+    stretches = Stretches.of(records, records, np.arange(len(records)))
+    law = Law.of(lambda X: X[:, :1], np.ones((1, 1), dtype=bool), np.zeros((1, 1)))
+    return stretches, fitted(law, stretches)
+
+
+def test_one_step_promises_the_squares_that_the_estimate_takes_away(declared):
+    stretches, fit = declared
+    drag = Candidate(PlacedEffect(QuadraticDrag(), 0, 0), np.zeros((1, 0)))
+    [found] = shortlist(fit, stretches, [drag])
+    score = Score.of(fit, 0.0055)
+    columns = found.effect.columns(stretches.seen, 0)[stretches.rows]
+    begins, steps = score.followed.nodes.begins, score.followed.nodes.steps
+    moves = 0.5 * steps[:, None] * (columns[begins] + columns[begins + 1])
+    promised = float(score.gains([found], [moves])[0])
+    after = fitted(fit.law.beside([found]), stretches, fit, fit.noise, turns=1)
+    kept = (np.sum(fit.left**2) - np.sum(after.left**2)) / fit.noise[0] ** 2
+    assert promised == pytest.approx(kept, rel=0.1)
+    # .03, and what 732 samples of that noise leave open
+    assert after.law.coefficients(0)[0] == pytest.approx(0.03, abs=0.006)
+
+
+def test_what_explains_nothing_is_not_estimated(declared):
+    stretches, fit = declared
+    with_drag = fitted(fit.law.beside([PlacedEffect(QuadraticDrag(), 0, 0)]), stretches)
+    bias = Candidate(PlacedEffect(Bias(), "constant", 0), np.zeros((1, 0)))
+    assert shortlist(with_drag, stretches, [bias]) == []
