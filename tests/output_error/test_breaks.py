@@ -50,7 +50,9 @@ def test_a_velocity_that_is_driven_through_zero_goes_on_more_slowly():
     assert by_state[0, 0, 0] == pytest.approx(1.0 / 3.0, abs=1e-9)
     # (c u - f) (0.2 - 0.1 / (c u + f)) by c and by f, where c u + f = 3 and c u - f = 1
     left = 0.2 - 0.1 / 3.0
-    np.testing.assert_allclose(by_law[:, 0, 0], [2.0 * left + 0.2 / 9.0, 0.1 / 9.0 - left], atol=1e-8)
+    np.testing.assert_allclose(
+        by_law[:, 0, 0], [2.0 * left + 0.2 / 9.0, 0.1 / 9.0 - left], atol=1e-8
+    )
 
 
 def test_slopes_are_those_of_differences_where_some_pass_and_some_stick():
