@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,20 @@ from swsysid._stays.nodes import Nodes
 from swsysid._stays.settings import SETTINGS as STAYS
 
 
+class Course(NamedTuple):
+    """States of a stretch at the times of its nodes."""
+
+    t: Array
+    states: Array
+
+    def at(self, t: Array) -> Array:
+        """At other times, on lines between these."""
+        return np.column_stack([np.interp(t, self.t, column) for column in self.states.T])
+
+
+Courses = Sequence[Course]
+
+
 @dataclass(frozen=True)
 class Fitted:
     """A law with the coefficients of least output error on some stretches."""
@@ -38,6 +53,13 @@ class Fitted:
     def errors(self) -> Array:
         """Root mean squares of that, (n_states,)."""
         return np.asarray(np.sqrt(np.nanmean(np.square(self.left), axis=0)))
+
+    @property
+    def courses(self) -> Courses:
+        """The states of every stretch."""
+        nodes, states = self.reached.estimate.nodes, self.reached.estimate.states
+        parts = np.split(states, nodes.first[1:])
+        return [Course(*pair) for pair in zip(nodes.recordings.times, parts, strict=True)]
 
     @property
     def misfits(self) -> Array:
@@ -55,7 +77,7 @@ class Fitted:
 
         The places are those of the columns of each effect.
         """
-        estimate, _ = _begun(wider, stretches, self)
+        estimate, _ = _begun(wider, stretches, self.courses)
         with np.errstate(all="ignore"):
             equations = self.reached.objective.normal_equations(estimate)
         ends = np.cumsum([wider.declared.shape[1], *(len(t.effect.terms) for t in wider.terms)])
@@ -70,7 +92,7 @@ class Fitted:
 def fitted(
     law: Law,
     stretches: Stretches,
-    start: Fitted | None = None,
+    start: Courses | None = None,
     noise: Array | None = None,
     turns: int = SETTINGS.noise_turns,
 ) -> Fitted:
@@ -83,7 +105,7 @@ def fitted(
     """
     estimate, spread = _begun(law, stretches, start)
     if noise is None:
-        noise = 0.3 * spread if start is None else start.noise
+        noise = 0.3 * spread
     for turn in range(turns):
         reached = _reached(estimate, noise, near=start is not None or turn > 0)
         left = _left(reached)
@@ -101,15 +123,7 @@ def fitted(
     return Fitted(replace(law, coef=coef), reached, left)
 
 
-def some_of(fit: Fitted, numbers: Sequence[int]) -> Fitted:
-    """States and noise of some of the stretches, as a start of fits to these."""
-    nodes = fit.reached.estimate.nodes
-    rows = np.isin(nodes.recording, numbers)
-    estimate = replace(fit.reached.estimate, states=fit.reached.estimate.states[rows])
-    return replace(fit, reached=replace(fit.reached, estimate=estimate))
-
-
-def left_over(fit: Fitted, stretches: Stretches, start: Fitted | None = None) -> Left:
+def left_over(fit: Fitted, stretches: Stretches, start: Courses | None = None) -> Left:
     """What a fitted law leaves of other stretches, from the best starts."""
     left = _left(_fixed(fit, stretches, start))
     return Left(left, fit.errors, stretches.series)
@@ -126,13 +140,13 @@ def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
     return of_samples(reached.nodes, left)
 
 
-def _fixed(fit: Fitted, stretches: Stretches, start: Fitted | None) -> Reached:
+def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
     estimate, _ = _begun(fit.law, stretches, start)
     fixed = replace(estimate, laws=estimate.laws.known())
     return _reached(fixed, fit.noise, near=start is not None)
 
 
-def _begun(law: Law, stretches: Stretches, start: Fitted | None) -> tuple[Estimate, Array]:
+def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estimate, Array]:
     stretches = stretches.corrected(law.terms)
     nodes = stretches.nodes(law.further(stretches.seen))
     recordings = nodes.recordings
@@ -140,7 +154,9 @@ def _begun(law: Law, stretches: Stretches, start: Fitted | None) -> tuple[Estima
     spread = np.where(spread > 0.0, spread, 1.0)
     states = recordings.in_a_row(recordings.guess)
     if start is not None:
-        states = start.reached.estimate.states
+        states = np.concatenate(
+            [course.at(t) for course, t in zip(start, recordings.times, strict=True)]
+        )
     return Estimate(law.laws(stretches, spread), nodes, states), spread
 
 

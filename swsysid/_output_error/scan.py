@@ -70,7 +70,7 @@ def of_sensors(
             continue
         (parameter,) = effect.parameters(seen, place)
         slope = slope_of_sensor(PlacedEffect(effect, place, int(place), theta=(0.0,)), stretches)
-        left = fit.misfits[:, place]
+        left = np.nan_to_num(fit.misfits[:, place])
         size = -(left @ slope) / (slope @ slope)
         if size * (left @ slope) < -SETTINGS.worthwhile * (left @ left):
             nearest = parameter.values[np.abs(parameter.values - size).argmin()]

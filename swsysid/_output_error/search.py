@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from swsysid._output_error.candidates import Candidate, candidates, is_of_a_sensor, variants
 from swsysid._output_error.criterion import Fall, Left, fall
-from swsysid._output_error.estimate import Fitted, fitted, left_over, some_of
+from swsysid._output_error.estimate import Fitted, fitted, left_over
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import of_sensors, shortlist
 from swsysid._output_error.settings import SETTINGS
@@ -78,9 +78,9 @@ class Search:
         """A law fitted to all stretches, and fold by fold."""
         left, stretches = [], []
         for train, test in self.stretches.folds():
-            start = some_of(fit, train)
-            part = fitted(fit.law, self.stretches.some(train), start, fit.noise, turns=1)
-            left.append(left_over(part, self.stretches.some(test), some_of(fit, test)).samples)
+            known, unknown = ([fit.courses[number] for number in one] for one in (train, test))
+            part = fitted(fit.law, self.stretches.some(train), known, fit.noise, turns=1)
+            left.append(left_over(part, self.stretches.some(test), unknown).samples)
             stretches += test
         unseen = Left(np.vstack(left), fit.errors, self.stretches.some(stretches).series)
         return Model(fit, unseen)
@@ -145,7 +145,7 @@ class Search:
             for variant in variants(one, now.law, self.linear, seen):
                 law, noise = now.law.beside([variant]), now.fit.noise
                 # from rollouts without a jump those with it are not reached
-                near = now.fit if law.breaks == now.law.breaks else None
+                near = now.fit.courses if law.breaks == now.law.breaks else None
                 fit = fitted(law, self.stretches, near, noise, turns=2)
                 if self._is_plausible(fit):
                     yield fit
@@ -224,7 +224,7 @@ class Search:
             values = np.unique(parameter.values)
             if not parameter.exact and len(values) > 1:
                 fit = self._refined_one(fit, number, values)
-        return fitted(fit.law, self.stretches, fit)
+        return fitted(fit.law, self.stretches, fit.courses, fit.noise)
 
     def _refined_one(self, fit: Fitted, number: int, values: Array) -> Fitted:
         """One of them, between its neighbours among some values and from there on."""
@@ -235,7 +235,7 @@ class Search:
             term = best.law.terms[place]
             theta = (*term.theta[:number], float(value), *term.theta[number + 1 :])
             law = best.law.exchanged(place, replace(term, theta=theta))
-            other = fitted(law, self.stretches, best, fit.noise, turns=1)
+            other = fitted(law, self.stretches, best.courses, fit.noise, turns=1)
             cost = self._cost(other)
             best = other if cost < self._cost(best) else best
             return cost

@@ -12,6 +12,7 @@ class Settings:
     # nodes of all stretches, and of a column's spread what straight lines between these may lose
     most_nodes: int = 2000
     lost: float = 0.03
+    far_away: float = 5.0  # of the size of usual moves from sample to sample (their quantile .95)
     # rows to both sides within which something is to move, and what is no motion: deviations of the
     # noise (31 normal values span 4.1 of them, 7 in one window of 10,000), and a share of a spread
     near: int = 15

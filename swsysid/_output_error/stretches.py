@@ -38,12 +38,14 @@ class Stretches:
     seen: Records
     parts: tuple[Rows, ...]
     sizes: Array  # (n_samples,): noise of each sample as it counts, by that of a usual one
+    gross: NDArray[np.bool_]  # (n_samples, n_states): measured values that are no motion
     first_step: float = 0.5  # part of an interval that is integrated at once: a half, or 1
 
     @classmethod
     def of(cls, records: Records, seen: Records, rows: Rows) -> Stretches:
         """Runs of some rows, cut where there are too few to leave some out."""
-        runs = []
+        gross = _spikes(records)
+        records, runs = _without(records, gross), []
         for trajectory in records.trajectories:
             own = np.flatnonzero(np.isin(trajectory, rows))
             cuts = np.flatnonzero(np.diff(own) > 1) + 1
@@ -54,7 +56,8 @@ class Stretches:
             part for run in runs for part in np.array_split(run, max(1, round(len(run) / usual)))
         ]
         every = _thinning(records, parts)
-        return cls(records, seen, tuple(part[::every] for part in parts), _sizes(records))
+        thinned = tuple(part[::every] for part in parts)
+        return cls(records, seen, thinned, _sizes(records), gross)
 
     def __len__(self) -> int:
         return len(self.parts)
@@ -103,8 +106,11 @@ class Stretches:
         beside = np.hstack([self.records.X[:, n_states:], self.records.signals, further])
         t = self.records.t
         assert t is not None
+        states = self.records.X[:, :n_states]
+        measured = np.where(self.gross, np.nan, states)
         recordings = Recordings.of(
-            [Record(t[part], self.records.X[part, :n_states], beside[part]) for part in self.parts]
+            [Record(t[part], measured[part], beside[part]) for part in self.parts],
+            [states[part] for part in self.parts],
         )
         sizes = np.ones(recordings.y.shape)
         for k, (part, places) in enumerate(zip(self.parts, recordings.sampled, strict=True)):
@@ -112,6 +118,30 @@ class Stretches:
         recordings = replace(recordings, sizes=sizes, first_step=self.first_step)
         alone = Stays(np.zeros(1, dtype=np.intp), np.zeros(0))
         return Nodes(recordings, [alone] * len(self.parts))
+
+
+def _spikes(records: Records) -> NDArray[np.bool_]:
+    """Values that go away and back at once by far more than a state ever moves."""
+    gross = np.zeros((len(records), records.n_states), dtype=bool)
+    moves = [np.diff(records.X[rows, : records.n_states], axis=0) for rows in records.trajectories]
+    sizes = np.abs(np.concatenate(moves))
+    sizes[sizes == 0.0] = np.nan  # rests and steps of a sensor do not say how far a state moves
+    usual = np.nanquantile(np.vstack([sizes, np.full(sizes.shape[1], np.inf)]), 0.95, axis=0)
+    for rows, move in zip(records.trajectories, moves, strict=True):
+        there, back = move[:-1], move[1:]
+        least = np.minimum(np.abs(there), np.abs(back))
+        gross[rows[1:-1]] = (there * back < 0.0) & (least > SETTINGS.far_away * usual)
+    return gross
+
+
+def _without(records: Records, gross: NDArray[np.bool_]) -> Records:
+    """The records with lines between their neighbours where values are gross."""
+    X = records.X.copy()
+    for rows in records.trajectories:
+        for state in np.flatnonzero(gross[rows].any(axis=0)):
+            known = np.flatnonzero(~gross[rows, state])
+            X[rows, state] = np.interp(np.arange(len(rows)), known, X[rows[known], state])
+    return replace(records, X=X)
 
 
 def _horizon(records: Records, runs: Sequence[Rows]) -> float:

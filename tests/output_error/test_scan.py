@@ -43,7 +43,7 @@ def test_one_step_promises_the_squares_that_the_estimate_takes_away(declared):
     begins, steps = score.followed.nodes.begins, score.followed.nodes.steps
     moves = 0.5 * steps[:, None] * (columns[begins] + columns[begins + 1])
     promised = float(score.gains([found], [moves])[0])
-    after = fitted(fit.law.beside([found]), stretches, fit, fit.noise, turns=1)
+    after = fitted(fit.law.beside([found]), stretches, fit.courses, fit.noise, turns=1)
     kept = (np.sum(fit.left**2) - np.sum(after.left**2)) / fit.noise[0] ** 2
     assert promised == pytest.approx(kept, rel=0.1)
     # .03, and what 732 samples of that noise leave open

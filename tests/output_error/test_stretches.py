@@ -39,6 +39,17 @@ def test_a_long_rest_counts_as_sixty_rows():
     assert np.sum(1.0 / np.square(sizes[2050:])) == pytest.approx(60.0, rel=0.1)
 
 
+def test_values_that_no_motion_reaches_are_not_measured():
+    records = oscillation()
+    X = records.X.copy()
+    X[500, 0] += 10.0
+    stretches = of(make_records(X, 2, t=records.t, names=["q", "v"]))
+    assert np.argwhere(stretches.gross).tolist() == [[500, 0]]
+    assert stretches.records.X[500, 0] == pytest.approx(X[[499, 501], 0].mean())
+    nodes = stretches.nodes(np.zeros((len(records), 0)))
+    assert np.count_nonzero(np.isnan(nodes.y)) == 1
+
+
 def test_a_position_is_what_a_velocity_adds_up_to():
     assert positions(of(oscillation())) == {0: 1}
 
