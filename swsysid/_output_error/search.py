@@ -112,14 +112,10 @@ class Search:
             if self.gain(now, one).share >= SETTINGS.worthwhile
             and self.gain(first, one).share - done >= SETTINGS.worth_telling
         ]
-        if not models:
+        found = self._chosen(models, now)
+        if found is None:
             return None
-        chosen, _ = self._simplest(models, now)
-        # what is simpler may be as good once its nonlinear parameters are no longer those of a grid
-        few = chosen.law.n_parameters
-        models = [one if one.law.n_parameters >= few else self._closer(one, now) for one in models]
-        chosen, level = self._simplest(models, now)
-        chosen = self._closer(chosen, now)
+        chosen, level = found
         p_value = min(1.0, len(listed) * self.gain(now, chosen).p_value)
         if p_value > self.significance:
             return None
@@ -149,6 +145,37 @@ class Search:
                 fit = fitted(law, self.stretches, near, noise, turns=2)
                 if self._is_plausible(fit):
                     yield fit
+
+    def _chosen(self, models: list[Model], now: Model) -> tuple[Model, list[Model]] | None:
+        """The simplest that is as good as any, its nonlinear parameters refined, and its rivals."""
+        while models:
+            first, _ = self._simplest(models, now)
+            # what is simpler may be as good once its parameters are no longer those of a grid
+            few = first.law.n_parameters
+            models = [
+                one if one.law.n_parameters >= few else self._closer(one, now) for one in models
+            ]
+            first, level = self._simplest(models, now)
+            chosen = self._closer(first, now)
+            if not self._is_at_an_end(chosen):
+                return chosen, level
+            models = [one for one in models if one is not first]
+        return None
+
+    def _is_at_an_end(self, model: Model) -> bool:
+        """Whether a nonlinear parameter of the last effect is as far as it is looked for.
+
+        What fits best there has its optimum beyond, where the effect is another one or none.
+        """
+        term = model.law.terms[-1]
+        ranges = term.effect.parameters(self.stretches.seen, term.place)
+        for value, parameter in zip(term.theta, ranges, strict=True):
+            values = np.unique(parameter.values)
+            if not parameter.exact and len(values) > 2:
+                gaps = np.diff(values)[[0, -1]]
+                if (np.abs(value - values[[0, -1]]) < SETTINGS.at_an_end * gaps).any():
+                    return True
+        return False
 
     def _simplest(self, models: Sequence[Model], now: Model) -> tuple[Model, list[Model]]:
         """Of those that are as good as the best the one with the fewest parameters, and these."""

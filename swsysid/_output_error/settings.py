@@ -34,6 +34,7 @@ class Settings:
     n_compared: int = 6  # on stretches that they were not fitted to
     turns_of_refinement: int = 12  # of a value between its neighbours, and how often these move on
     brackets: int = 4
+    at_an_end: float = 0.02  # of the distance to its neighbour: as far as a value is looked for
     noise_turns: int = 3  # of the noise that misfits are measured in, and of its share to settle
     settled: float = 0.05
     about: float = 3.0
