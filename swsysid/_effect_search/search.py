@@ -183,8 +183,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         signals : array-like of shape (n_samples, n_signals), default=None
             Logged channels that the declared model does not use.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Inputs beside measured states, linear between the samples; with `y` they are columns
-            of X.
+            Inputs beside measured states, linear between samples; with `y` columns of X.
 
         Returns
         -------
@@ -222,10 +221,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         if measured.is_enough(parts):
             rows = parts.of(measured.rows).search
             plain = measured.fitted(self._declared, rows)
-            self._alarms = alarms(self._declared, plain, measured, rows)
+            rolled_out = is_rolled_out(self._declared, measured)  # then `plain` is not what counts
+            self._alarms = [] if rolled_out else alarms(self._declared, plain, measured, rows)
             for alarm in self._alarms:
                 warnings.warn(alarm, IdentificationWarning, stacklevel=3)
-            if is_rolled_out(self._declared, measured):
+            if rolled_out:
                 final = self._rolled_out(measured, parts, plain)
             else:
                 searched = self._between_switches(measured, parts, (plain, final), rng)
