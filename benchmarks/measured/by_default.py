@@ -42,14 +42,19 @@ def searched(name: str) -> ByDefault:
     errors = [model["held_out"][0] for model in search.report_["errors"]]
     kinds = [effect.kind for effect in search.effects_]
     found = ", ".join(f"{effect.kind} of {effect.place}" for effect in search.effects_)
-    verdict = "right" if kinds and all(kind in right for kind in kinds) else "partly"
-    if not kinds:
-        verdict = "nothing"
-    elif kinds[0] not in right:
-        verdict = "wrong"
+    verdict = _verdict([kind in right for kind in kinds])
     return ByDefault(
         name, lacks, found or "nothing", verdict, float(errors[0]), float(errors[-1]), seconds
     )
+
+
+def _verdict(lacking: list[bool]) -> str:
+    """By which of the effects that were found are lacking indeed."""
+    if not lacking:
+        return "nothing"
+    if not lacking[0]:
+        return "wrong"
+    return "right" if all(lacking) else "partly"
 
 
 def _table(path: str) -> pd.DataFrame:

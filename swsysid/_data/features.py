@@ -17,6 +17,7 @@ from swsysid._checks.estimators import check_fitted, column_names, rows_of
 from swsysid._checks.parameters import shown, whole
 from swsysid._data import coordinates
 from swsysid._data.coordinates import Extent, Monomials
+from swsysid._results import Array
 
 # More columns than that are days of work at best, and terabytes at worst.
 _MOST_FEATURES = 3000
@@ -360,3 +361,15 @@ def _holds_custom_library(library) -> bool:
     if any(base.__name__ == "CustomLibrary" for base in type(library).__mro__):
         return True
     return any(_holds_custom_library(part) for part in getattr(library, "libraries", None) or ())
+
+
+def linear_features(features: Array, X: Array) -> dict[int, int]:
+    """Which feature is a multiple of which channel."""
+    sizes = np.outer(np.linalg.norm(X, axis=0), np.linalg.norm(features, axis=0))
+    cosine = np.abs(X.T @ features) / np.where(sizes > 0, sizes, np.inf)
+    best = cosine.argmax(axis=1)
+    return {
+        channel: int(feature)
+        for channel, feature in enumerate(best)
+        if cosine[channel, feature] > 1.0 - 1e-10
+    }

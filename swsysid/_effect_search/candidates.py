@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.features import linear_features
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_search.chance import Slope
@@ -314,7 +315,7 @@ def candidate_context(
         fit=fit,
         data=replace(data, records=records),
         regression=regression,
-        linear=_linear_features(fit.library(records)[data.rows], records.X[data.rows]),
+        linear=linear_features(fit.library(records)[data.rows], records.X[data.rows]),
         other_terms=tuple(
             (term, slice(*ends[place : place + 2])) for place, term in enumerate(others)
         ),
@@ -350,15 +351,3 @@ def _is_decoded(fit: JointFit, data: SearchData) -> NDArray[np.bool_]:
     n_terms = fit.laws.support.sum(axis=2).max(axis=1)
     enough = n_rows >= data.settings.rows_a_column * n_terms
     return np.asarray((enough | ~enough.any())[fit.modes])
-
-
-def _linear_features(features: Array, X: Array) -> dict[int, int]:
-    """Which feature is a multiple of which channel."""
-    sizes = np.outer(np.linalg.norm(X, axis=0), np.linalg.norm(features, axis=0))
-    cosine = np.abs(X.T @ features) / np.where(sizes > 0, sizes, np.inf)
-    best = cosine.argmax(axis=1)
-    return {
-        channel: int(feature)
-        for channel, feature in enumerate(best)
-        if cosine[channel, feature] > 1.0 - 1e-10
-    }

@@ -31,7 +31,7 @@ from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._noise import STUDENT, memory, root_mean_square
 from swsysid._results import Array
-from swsysid.effects import PlacedEffect, ResetEffect, UnknownFunction
+from swsysid.effects import Parameter, PlacedEffect, ResetEffect, UnknownFunction
 from swsysid.effects._placed import corrected
 
 
@@ -90,13 +90,18 @@ def linearised(
     parts = [columns(term.theta)]
     ranges = term.effect.parameters(records, term.place)
     for number, (value, parameter) in enumerate(zip(term.theta, ranges, strict=True)):
-        step = SETTINGS.step * _spacing(parameter.values, value) or 1e-6 * (abs(value) or 1.0)
+        step = small_step(parameter, value)
         ends = [
             columns((*term.theta[:number], value + sign * step, *term.theta[number + 1 :])) @ coef
             for sign in (1.0, -1.0)
         ]
         parts.append(((ends[0] - ends[1]) / (2.0 * step))[:, None])
     return np.column_stack(parts)
+
+
+def small_step(parameter: Parameter, value: float) -> float:
+    """Of a nonlinear parameter, over which an effect is nearly linear."""
+    return SETTINGS.step * _spacing(parameter.values, value) or 1e-6 * (abs(value) or 1.0)
 
 
 def _spacing(values: Array, value: float) -> float:

@@ -6,31 +6,30 @@ one law is rolled out freely instead (`_output_error`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from swsysid._data.features import linear_features
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._effect_search.contributions import parameter_intervals
+from swsysid._effect_search.contributions import parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
-from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import memory
-from swsysid._output_error.candidates import is_sought, linear_features
 from swsysid._output_error.criterion import fall
 from swsysid._output_error.estimate import Fitted, fitted, left_over, rolled_out
-from swsysid._output_error.kinematics import positions
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import slope_of_sensor
 from swsysid._output_error.search import Finding, Search
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import Effect, FoundEffect, PlacedEffect, Rival
+from swsysid.effects._kinematics import positions_along
 
 
 @dataclass(frozen=True)
@@ -64,8 +63,8 @@ class RecordedOutcome:
     def joint_fits(self) -> tuple[JointFit, JointFit, JointFit, JointFit]:
         """The declared law of all samples, those of the search before and after, and the last."""
         declared, last = self.models[0], self.models[-1]
-        fits = self.refitted(declared.law), declared, last, self.final
-        return tuple(map(self.joint_fit, fits))  # type: ignore[return-value]
+        of_all, joint = self.refitted(declared.law), self.joint_fit
+        return joint(of_all), joint(declared), joint(last), joint(self.final)
 
     def joint_fit(self, fit: Fitted) -> JointFit:
         """A fitted law as a regressor has it."""
@@ -178,7 +177,7 @@ def searched_recordings(
     effects: Sequence[Effect],
     significance: float,
     most: int,
-    told: Callable[[], object] = lambda: None,
+    verbose: bool,
 ) -> RecordedOutcome:
     """So many effects at most that free rollouts of recordings ask for."""
     recorded = measured.recorded
@@ -197,8 +196,7 @@ def searched_recordings(
     stretches = stretches.stepped(first.reached.estimate.laws, first.noise)
     targets = [state for state in range(recorded.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
-    sought = [one for one in effects if is_sought(one)]
-    search = Search(stretches, sought, targets, linear, significance, most, told)
+    search = Search(stretches, effects, targets, linear, significance, most, verbose)
     models, findings = search.run(law)
     outcome = RecordedOutcome(
         search,
@@ -252,7 +250,9 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
     linear = linear_features(features, X)
     sought = np.ones((n_states, features.shape[1]), dtype=bool)
     known = np.zeros(sought.shape)
-    moved = {q: v for q, v in positions(stretches).items() if v in linear}
+    moved = {
+        q: v for q, v in positions_along(stretches.seen, stretches.parts).items() if v in linear
+    }
     for state, velocity in moved.items():
         column, feature = X[:, velocity], linear[velocity]
         sought[state] = False
@@ -262,8 +262,5 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
 
 def _steps(term: PlacedEffect, seen: Records) -> list[float]:
     """Differences of the nonlinear parameters over which an effect is nearly linear."""
-    steps = []
-    for parameter in term.effect.parameters(seen, term.place):
-        spacing = np.diff(np.unique(parameter.values))
-        steps.append(float(SETTINGS.step * np.median(spacing)) if len(spacing) else 1e-6)
-    return steps
+    ranges = term.effect.parameters(seen, term.place)
+    return [small_step(*pair) for pair in zip(ranges, term.theta, strict=True)]

@@ -11,13 +11,11 @@ from swsysid._effect_search.contents import EffectData
 from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.report import EffectReport, in_words, leftover
 from swsysid._effect_search.words import named
-from swsysid.effects import Effect
 
 
 def recorded_report(
     outcome: RecordedOutcome,
     models: Sequence[EffectRegressor],
-    sought: Sequence[Effect],
     trajectory_names: NDArray | None,
     alarms: Sequence[str],
 ) -> EffectReport:
@@ -38,7 +36,7 @@ def recorded_report(
             for model, (inside, outside) in zip(models_in_words, outcome.errors, strict=True)
         ],
         effects=tuple(effects),
-        skipped=outcome.search.skipped(sought),
+        skipped=outcome.search.skipped,
         residual_before=leftovers[0],
         residual_after=leftovers[1],
         history=tuple(

@@ -61,25 +61,20 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
         if not np.isfinite(columns).all():
             continue
         feature = context.linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
-        role = effect.role_at(records, place)
-        problem = context.regression
-        added = [
-            target
+        stands = {
+            target: effect.stands(records, place, context.regression.has(target, feature))
             for target in context.targets
-            for linear in [problem.has(target, feature)]
             if effect.acts_in(records, place, target)
-            and {"replaces": not linear, "beside": linear, "instead": False}.get(role, True)
-        ]
+        }
+        added = [target for target, (beside, _) in stands.items() if beside]
         if added:
             yield from _scan(context, effect, place, grid, columns, one_by_one, added)
-        if feature is not None and role in ("replaces", "either", "instead"):
+        if feature is not None and effect.stands(records, place, has_linear=True)[1]:
             each: list[tuple[Mode, ...]] = [tuple(range(n_modes))]
             theirs = [
                 target
-                for target in context.targets
-                if problem.has(target, feature)
-                and (target, feature) not in context.replaced
-                and effect.acts_in(records, place, target)
+                for target, (_, in_its_place) in stands.items()
+                if in_its_place and (target, feature) not in context.replaced
             ]
             yield from _scan(context, effect, place, grid, columns, each, theirs, feature)
 

@@ -269,13 +269,13 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def _rolled_out(self, measured: Measured, parts: Split, plain: JointFit) -> JointFit:
         """Effects that free rollouts of recordings ask for."""
-        effects, limits = listed_effects(self.effects), (self.significance, self.max_effects)
-        found = searched_recordings(plain, measured, parts, effects, *limits)
+        limits = self.significance, self.max_effects, bool(self.verbose)
+        found = searched_recordings(plain, measured, parts, listed_effects(self.effects), *limits)
         declared, *ends, final = found.joint_fits
         self.declared_estimator_ = self._handed_over(declared, measured)
         self.best_estimator_, self.effects_ = self._handed_over(final, measured), found.effects
         models = [*(self._regressor(one, measured.records) for one in ends), self.best_estimator_]
-        self.report_ = recorded_report(found, models, effects, self._trajectory_names, self._alarms)
+        self.report_ = recorded_report(found, models, self._trajectory_names, self._alarms)
         return final
 
     def _between_switches(

@@ -19,5 +19,5 @@ they were found, the errors of free rollouts before and after, a fitted model.
 In reading order: `stretches` are the parts of recordings that are rolled out, `law` the declared
 law with effects in it, `estimate` its coefficients, `scan` the score test over `candidates`,
 `breaks` what a law does where an effect jumps, `criterion` the comparison of two models, `search`
-the rounds. `kinematics` finds positions, `settings` has the numbers.
+the rounds. `settings` has the numbers.
 """

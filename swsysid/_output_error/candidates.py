@@ -11,17 +11,7 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._output_error.law import Law
 from swsysid._results import Array
-from swsysid.effects import (
-    Effect,
-    GuardEffect,
-    MeasurementEffect,
-    PlacedEffect,
-    Quantisation,
-    ResetEffect,
-    StructureEffect,
-    UnknownFunction,
-    UnmeasuredDisturbance,
-)
+from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, Quantisation
 
 
 @dataclass(frozen=True)
@@ -39,14 +29,8 @@ class Candidate:
 
 
 def is_sought(effect: Effect) -> bool:
-    """True of what can be told in recordings of one law."""
-    return is_of_a_sensor(effect) or is_of_a_law(effect) or isinstance(effect, UnknownFunction)
-
-
-def is_of_a_law(effect: Effect) -> bool:
-    """True of what adds columns to a law."""
-    others = (GuardEffect, MeasurementEffect, ResetEffect, StructureEffect, UnmeasuredDisturbance)
-    return not isinstance(effect, others) and bool(effect.terms)
+    """True of what can be told in recordings of one law: columns of it, and what sensors do."""
+    return bool(effect.terms) or is_of_a_sensor(effect)
 
 
 def is_of_a_sensor(effect: Effect) -> bool:
@@ -59,7 +43,7 @@ def candidates(
 ) -> Iterator[Candidate]:
     """All of them, the simplest explanation first."""
     for effect in effects:
-        if not is_of_a_law(effect) or effect.missing(records) is not None:
+        if not effect.terms or effect.missing(records) is not None:
             continue
         for place in effect.places(records):
             ranges = effect.parameters(records, place)
@@ -71,28 +55,18 @@ def candidates(
                     yield Candidate(PlacedEffect(effect, place, target), grid)
 
 
-def variants(placed: PlacedEffect, law: Law, linear: dict[int, int], records: Records) -> list:
+def variants(
+    placed: PlacedEffect, law: Law, linear: dict[int, int], records: Records
+) -> list[PlacedEffect]:
     """The effect beside the channel's own term, in its place, or both, as its role says."""
     place = placed.place
     feature = linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
     has = feature is not None and bool(law.declared[placed.target, feature])
     taken = {(term.target, term.replaced) for term in law.terms}
-    role = placed.effect.role_at(records, place)
+    beside, in_its_place = placed.effect.stands(records, place, has)
     listed = []
-    if has and role in ("replaces", "either", "instead") and (placed.target, feature) not in taken:
+    if in_its_place and (placed.target, feature) not in taken:
         listed.append(replace(placed, replaced=feature))
-    if {"replaces": not has, "beside": has, "instead": False}.get(role, True):
+    if beside:
         listed.append(placed)
     return listed
-
-
-def linear_features(features: Array, X: Array) -> dict[int, int]:
-    """Which feature is a multiple of which channel."""
-    sizes = np.outer(np.linalg.norm(X, axis=0), np.linalg.norm(features, axis=0))
-    cosine = np.abs(X.T @ features) / np.where(sizes > 0, sizes, np.inf)
-    best = cosine.argmax(axis=1)
-    return {
-        channel: int(feature)
-        for channel, feature in enumerate(best)
-        if cosine[channel, feature] > 1.0 - 1e-10
-    }

@@ -14,6 +14,7 @@ probability than 1 / L (universal inference: Wasserman, Ramdas and Balakrishnan,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,7 +37,7 @@ class Left:
         """Root mean squares, (n_states,)."""
         return np.asarray(np.sqrt(np.nanmean(np.square(self.samples), axis=0)))
 
-    @property
+    @cached_property
     def memory(self) -> float:
         """Samples that are worth one, at most of any state."""
         finite = np.where(np.isfinite(self.samples), self.samples, 0.0)

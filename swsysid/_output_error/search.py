@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from swsysid._output_error.candidates import Candidate, candidates, is_of_a_sensor, variants
+from swsysid._output_error.candidates import (
+    Candidate,
+    candidates,
+    is_of_a_sensor,
+    is_sought,
+    variants,
+)
 from swsysid._output_error.criterion import Fall, Left, fall
 from swsysid._output_error.estimate import Fitted, fitted, left_over
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import of_sensors, shortlist
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
+from swsysid._rendering.progress import progress
 from swsysid._results import Array
 from swsysid._ties import least_of
 from swsysid.effects import Effect, PlacedEffect, UnknownFunction
@@ -47,38 +54,40 @@ class Finding:
 
 @dataclass(frozen=True)
 class Search:
-    """One search in the searched part of recordings.
+    """One search in the searched part of recordings, of those effects of a library that show there.
 
     `targets` are the states whose equations may lack something, `linear` the features that are
     multiples of channels.
     """
 
     stretches: Stretches
-    effects: Sequence[Effect]
+    library: Sequence[Effect]
     targets: list[int]
     linear: dict[int, int]
     significance: float
     most: int
-    told: Callable[[], object]
+    verbose: bool = False
 
     def run(self, declared: Law) -> tuple[list[Model], list[Finding]]:
         """The declared model and those with one effect more each; the effects."""
         models = [self.model(fitted(declared, self.stretches))]
         findings: list[Finding] = []
-        while len(findings) < self.most:
-            better = self.round(models[-1], models[0])
-            if better is None:
-                break
-            model, finding = better
-            models.append(model)
-            findings.append(finding)
+        with progress(self.most, "rounds of the search", self.verbose) as bar:
+            while len(findings) < self.most:
+                better = self.round(models[-1], models[0])
+                bar.update()
+                if better is None:
+                    break
+                model, finding = better
+                models.append(model)
+                findings.append(finding)
         return models, findings
 
     def model(self, fit: Fitted) -> Model:
         """A law fitted to all stretches, and fold by fold."""
-        left, stretches = [], []
+        left, stretches, courses = [], [], fit.courses
         for train, test in self.stretches.folds():
-            known, unknown = ([fit.courses[number] for number in one] for one in (train, test))
+            known, unknown = ([courses[number] for number in one] for one in (train, test))
             part = fitted(fit.law, self.stretches.some(train), known, fit.noise, turns=1)
             left.append(left_over(part, self.stretches.some(test), unknown).samples)
             stretches += test
@@ -101,10 +110,8 @@ class Search:
                 key = (own.effect.kind, own.place, own.target)
                 if key not in best_of or self._cost(fit) < self._cost(best_of[key]):
                     best_of[key] = fit
-        models = []
-        for fit in sorted(best_of.values(), key=self._cost)[: SETTINGS.n_compared]:
-            models.append(self.model(fit))
-            self.told()
+        likeliest = sorted(best_of.values(), key=self._cost)[: SETTINGS.n_compared]
+        models = [self.model(fit) for fit in likeliest]
         done = self.gain(first, now).share
         models = [
             one
@@ -196,6 +203,11 @@ class Search:
         return fall(before.unseen, after.unseen)
 
     @cached_property
+    def effects(self) -> list[Effect]:
+        """What is looked for."""
+        return [effect for effect in self.library if is_sought(effect)]
+
+    @cached_property
     def candidates(self) -> list[Candidate]:
         """What may be missing, the simplest explanation first."""
         seen = self.stretches.seen
@@ -204,14 +216,15 @@ class Search:
             named += [shape for shape in shapes(seen) if len(shape.channels) == 1]
         return list(candidates(named, seen, self.targets))
 
-    def skipped(self, library: Sequence[Effect]) -> dict[str, str]:
-        """Kinds of a library that are not looked for in recordings of one law, and why."""
+    @property
+    def skipped(self) -> dict[str, str]:
+        """Kinds that are not looked for in recordings of one law, and why."""
         seen, reasons = self.stretches.seen, {}
-        for effect in library:
+        for effect in self.library:
             missing = effect.missing(seen)
             if missing is not None:
                 reasons[effect.kind] = missing
-            elif effect not in self.effects:
+            elif not is_sought(effect):
                 reasons[effect.kind] = "is not looked for in recordings of one law"
         return reasons
 

@@ -34,7 +34,9 @@ class Settings:
     n_compared: int = 6  # on stretches that they were not fitted to
     turns_of_refinement: int = 12  # of a value between its neighbours, and how often these move on
     brackets: int = 4
-    at_an_end: float = 0.02  # of the distance to its neighbour: as far as a value is looked for
+    # of the distance to its neighbour: there a value is at the end of what is looked for. Twelve
+    # turns of a golden section end .003 of it away
+    at_an_end: float = 0.02
     noise_turns: int = 3  # of the noise that misfits are measured in, and of its share to settle
     settled: float = 0.05
     about: float = 3.0
@@ -51,7 +53,6 @@ class Settings:
     worth_telling: float = 0.01  # and of what the declared law has left of them
     blocks: int = 20  # in which two models are compared
     cap: float = 25.0  # squares in units of the mean that one sample counts at most
-    kinematic: float = 0.01  # of the squares of a position, left by what its velocity adds up to
     # turns of instants at which a law breaks, of cubics that begin them; and by how much of the
     # velocity of a state that passes others may change, where a level is grazed
     turns_of_breaks: int = 2

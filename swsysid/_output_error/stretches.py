@@ -14,7 +14,7 @@ from swsysid._data.records import Records
 from swsysid._output_error.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.laws import Laws
-from swsysid._stays.nodes import Nodes
+from swsysid._stays.nodes import Nodes, Rows
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._stays.stays import Stays
@@ -22,8 +22,6 @@ from swsysid._stays.steps import in_exact_steps
 from swsysid.differentiation import estimate_noise
 from swsysid.effects import PlacedEffect
 from swsysid.effects._placed import corrected
-
-Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)

@@ -115,6 +115,15 @@ class Effect(BaseEstimator):
         """`role` of the effect at a place."""
         return self.role
 
+    def stands(self, records: Records, place: Place, has_linear: bool) -> tuple[bool, bool]:
+        """Whether it may stand beside what a law has, and in the place of a channel's linear term.
+
+        By its role at a place, in a law that has such a term or not.
+        """
+        role = self.role_at(records, place)
+        beside = {"replaces": not has_linear, "beside": has_linear, "instead": False}
+        return beside.get(role, True), has_linear and role in ("replaces", "either", "instead")
+
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Nonlinear parameters and the values at which they are scanned."""
         return ()
@@ -246,6 +255,7 @@ class EffectSettings:
     most_monomials: int = 60  # in several channels
     sharpest: float = 0.02  # scale of a soft saturation, of the range of the channel
     softest: float = 2.0
+    summed: float = 0.01  # of the squares of a position, left by what its velocity adds up to
     kinematic: float = 0.05  # of the squares of a rate, left by what it is: x' = v, or a difference
     # Of the squares of steps, left by what is no rate: 1.25 to 6.4 by the force of a damper on five
     # records, 1e8 by that of a piston; 1.2 at most by rates whose noise is as large as they are.

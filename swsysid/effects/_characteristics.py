@@ -165,10 +165,6 @@ class _TwoSided(OfAChannel):
     terms = ("gain",)
     role = "replaces"
 
-    def acts_in(self, records: Records, place: Place, target: int) -> bool:
-        """What bends the damping of a velocity is friction, which has names of its own."""
-        return place != target or not records.positions or place in records.positions
-
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Thresholds that the channel passes, on the side where it goes farther."""
         values, used, levels = records.channel(place), _sides(records, place), np.empty(0)

@@ -6,6 +6,7 @@ only where that is known. A law of a force in terms of motions is a rate of noth
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
 
@@ -30,31 +31,47 @@ def is_static(records: Records, targets: Array) -> bool:
     steps = [np.diff(records.X[rows, 0]) for rows in records.trajectories]
     if not any(one.any() for one in steps):
         return False
-    made = _steps_made(records, targets[:, 0])
+    made = _steps_made(records, targets[:, 0], records.trajectories)
     share, closer = _share_of_steps(steps, made), SETTINGS.kinematic
     if share < closer:
         return False
-    others = (_steps_made(records, column) for column in records.X[:, 1:].T)
+    whole = records.trajectories
+    others = (_steps_made(records, column, whole) for column in records.X[:, 1:].T)
     if any(_share_of_steps(steps, other) < closer * share for other in others):
         return True
     if share < SETTINGS.other_steps:
         return False
     offset = np.mean(np.concatenate(made)) - np.mean(np.concatenate(steps))
-    course, integral = (
-        np.concatenate([along - along.mean() for along in map(np.cumsum, each) if len(along)])
-        for each in (steps, [one - offset for one in made])
-    )
+    course, integral = (_courses(each) for each in (steps, [one - offset for one in made]))
     left = float(np.sum((course - integral) ** 2)) / float(np.sum(course**2))
     return left >= 1.0 and _correlation(course, integral) < SETTINGS.same_course
 
 
-def _steps_made(records: Records, rates: Array) -> list[Array]:
-    """The steps along each trajectory that rates make."""
+def positions_along(records: Records, parts: Sequence[NDArray[np.intp]]) -> dict[int, int]:
+    """Positions and their velocities, by what a velocity adds up to along parts of recordings.
+
+    Differences of neighbours are noise where a plant is slow against its samples; sums are not.
+    """
+    found: dict[int, int] = {}
+    for state, other in permutations(records.states, 2):
+        course = _courses([np.diff(records.X[rows, state]) for rows in parts])
+        integral = _courses(_steps_made(records, records.X[:, other], parts))
+        left = np.sum(np.square(course - integral))
+        if state not in found and left < SETTINGS.summed * np.sum(np.square(course)):
+            found[state] = other
+    return found
+
+
+def _courses(steps: Sequence[Array]) -> Array:
+    """What steps add up to along each trajectory, about its mean there."""
+    sums = (np.cumsum(one) for one in steps if len(one))
+    return np.concatenate([one - one.mean() for one in sums])
+
+
+def _steps_made(records: Records, rates: Array, parts: Sequence[NDArray[np.intp]]) -> list[Array]:
+    """The steps that rates make along parts of the trajectories."""
     assert records.t is not None
-    return [
-        0.5 * np.diff(records.t[rows]) * (rates[rows[1:]] + rates[rows[:-1]])
-        for rows in records.trajectories
-    ]
+    return [0.5 * np.diff(records.t[rows]) * (rates[rows[1:]] + rates[rows[:-1]]) for rows in parts]
 
 
 def _share_of_steps(steps: list[Array], made: list[Array]) -> float:

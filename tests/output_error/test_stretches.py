@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from swsysid._data.records import make_records
-from swsysid._output_error.kinematics import positions
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
+from swsysid.effects._kinematics import positions_along
 
 
 def oscillation(n_periods=40, rest=0):
@@ -51,7 +51,8 @@ def test_values_that_no_motion_reaches_are_not_measured():
 
 
 def test_a_position_is_what_a_velocity_adds_up_to():
-    assert positions(of(oscillation())) == {0: 1}
+    stretches = of(oscillation())
+    assert positions_along(stretches.seen, stretches.parts) == {0: 1}
 
 
 def test_stretches_of_one_fold_are_those_of_no_other():

@@ -118,3 +118,16 @@ def test_the_bar_of_a_search_that_finds_less_ends_full(capsys):
     search.fit(X, y)
     ends = [line for line in _last(capsys.readouterr().err) if line.startswith("rounds")]
     assert ends and all("100%" in line for line in ends)
+
+
+def test_a_search_that_rolls_recordings_out_has_a_bar_as_well(capsys):
+    t = np.arange(0.0, 12.0, 0.02)
+    u = np.repeat(np.random.default_rng(0).uniform(-2.0, 2.0, 20), 30)
+    x = np.zeros(len(t))
+    for k in range(len(t) - 1):
+        x[k + 1] = x[k] + 0.02 * (u[k] - x[k])
+    x += 0.01 * np.random.default_rng(1).standard_normal(len(x))
+    plain = SwitchingSystemRegressor(n_modes=1, feature_library=1)
+    search = EffectSearchCV(plain, effects=[CoulombFriction()], random_state=0, verbose=1)
+    search.fit(x[:, None], t=t, inputs=u[:, None])
+    assert "rounds of the search: 100%" in capsys.readouterr().err
