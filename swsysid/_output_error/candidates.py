@@ -11,7 +11,7 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._output_error.law import Law
 from swsysid._results import Array
-from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, Quantisation
+from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, Quantisation, UnknownFunction
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,9 @@ class Candidate:
 
 def is_sought(effect: Effect) -> bool:
     """True of what can be told in recordings of one law: columns of it, and what sensors do."""
-    return bool(effect.terms) or is_of_a_sensor(effect)
+    # a function without a name has columns once its channel is known
+    has_columns = bool(effect.terms) or isinstance(effect, UnknownFunction)
+    return has_columns or is_of_a_sensor(effect)
 
 
 def is_of_a_sensor(effect: Effect) -> bool:
