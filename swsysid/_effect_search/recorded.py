@@ -28,7 +28,7 @@ from swsysid._output_error.scan import slope_of_sensor
 from swsysid._output_error.search import Finding, Search
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
-from swsysid.effects import Effect, FoundEffect, PlacedEffect, Rival
+from swsysid.effects import Effect, FoundEffect, PlacedEffect, RateEffect, Rival
 from swsysid.effects._kinematics import positions_along
 
 
@@ -48,9 +48,7 @@ class RecordedOutcome:
     @cached_property
     def held_out(self) -> Stretches:
         """The stretches that took part in no choice."""
-        own = self.search.stretches
-        other = Stretches.of(own.records, own.seen, self.split.held_out_samples)
-        return replace(other, first_step=own.first_step)
+        return self.search.stretches.of_rows(self.split.held_out_samples)
 
     @cached_property
     def errors(self) -> list[tuple[Array, Array]]:
@@ -99,17 +97,31 @@ class RecordedOutcome:
                 rows = np.concatenate([places[place], *places[slope : slope + len(term.theta)]])
                 slope += len(term.theta)
                 answers.append(longer * covariance[np.ix_(rows, rows)])
+            elif isinstance(term.effect, RateEffect):
+                answers.append(longer * self._variance(place))
             else:  # of a sensor, beside laws that are known
                 unit = slope_of_sensor(term, every) / fit.noise[term.place]
                 answers.append(np.array([[longer / (unit @ unit)]]))
         return answers
 
+    def _variance(self, place: int) -> Array:
+        """Of the one nonlinear parameter of an effect, all else fitted, (1, 1)."""
+        fit, every = self.final, self.every
+        term = fit.law.terms[place]
+        (step,) = _steps(term, every.seen)
+        squares = []
+        for move in (-step, 0.0, step):
+            law = fit.law.exchanged(place, replace(term, theta=(term.theta[0] + move,)))
+            left = fitted(law, every, fit.courses, fit.noise, turns=1).left / fit.noise
+            squares.append(np.nansum(np.square(left)))
+        bend = max(squares[0] + squares[2] - 2.0 * squares[1], np.finfo(float).tiny)
+        return np.array([[2.0 * step**2 / bend]])
+
     @cached_property
     def every(self) -> Stretches:
         """All samples."""
         own = self.search.stretches
-        every = Stretches.of(own.records, own.seen, np.arange(len(own.records)))
-        return replace(every, first_step=own.first_step)
+        return own.of_rows(np.arange(len(own.records)))
 
     def refitted(self, law: Law) -> Fitted:
         """A law fitted to all samples."""
@@ -197,16 +209,10 @@ def searched_recordings(
     targets = [state for state in range(recorded.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
     search = Search(stretches, effects, targets, linear, significance, most, verbose)
-    models, findings = search.run(law)
+    done = search.run(law)
+    models = tuple(one.fit for one in done.models)
     outcome = RecordedOutcome(
-        search,
-        measured,
-        split,
-        declared,
-        tuple(one.fit for one in models),
-        tuple(findings),
-        (),
-        models[-1].fit,
+        done.search, measured, split, declared, models, done.findings, (), models[-1]
     )
     outcome = _confirmed(outcome)
     return replace(outcome, final=outcome.refitted(outcome.models[-1].law))

@@ -29,7 +29,7 @@ from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.nodes import Nodes, Rows
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._ties import largest_first
-from swsysid.effects import Effect, MeasurementEffect, PlacedEffect
+from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, RateEffect
 
 
 def shortlist(fit: Fitted, stretches: Stretches, listed: Sequence[Candidate]) -> list[PlacedEffect]:
@@ -41,7 +41,10 @@ def shortlist(fit: Fitted, stretches: Stretches, listed: Sequence[Candidate]) ->
     trials = [trial for part in parts for trial in part]
     owner = np.repeat(np.arange(len(listed)), [len(part) for part in parts])
     nodes = fit.reached.estimate.nodes
-    moves = [_moves(_columns(trial, stretches.seen)[stretches.rows], nodes) for trial in trials]
+    said = np.nan_to_num(fit.law.rates(stretches.seen))
+    moves = [
+        _moves(_columns(trial, stretches.seen, said)[stretches.rows], nodes) for trial in trials
+    ]
     chosen: dict[tuple, PlacedEffect] = {}
     for score in scores:
         gains = score.gains(trials, moves)
@@ -89,8 +92,10 @@ def slope_of_sensor(term: PlacedEffect, stretches: Stretches) -> Array:
     return np.asarray(moved[stretches.rows] / (2.0 * step))
 
 
-def _columns(trial: PlacedEffect, seen: Records) -> Array:
-    """Columns of a candidate along whole recordings, (n_samples, n_terms)."""
+def _columns(trial: PlacedEffect, seen: Records, said: Array) -> Array:
+    """What a candidate changes along whole recordings, (n_samples, n_terms), by rates of a law."""
+    if isinstance(trial.effect, RateEffect):
+        return (trial.shaped(said, seen.X) - said)[:, [trial.target]]
     return np.nan_to_num(trial.effect.columns(seen, trial.place, *trial.theta))
 
 
@@ -172,7 +177,7 @@ class Score:
         inverse = np.linalg.pinv(information / unit / unit[:, None], rcond=1e-12, hermitian=True)
         inverse = inverse / unit / unit[:, None]
         gains = np.zeros(len(trials))
-        for some in _at_once(trials):
+        for some in _at_once(moves):
             own_moves = [moves[k] for k in some]
             counts = [move.shape[1] for move in own_moves]
             targets = np.repeat([trials[k].target for k in some], counts)
@@ -216,8 +221,8 @@ def _explained(block: Array, left: Array, alone: Array) -> float:
     return max(0.0, float(left @ np.linalg.pinv(block, rcond=1e-8, hermitian=True) @ left))
 
 
-def _at_once(trials: Sequence[PlacedEffect]) -> list[list[int]]:
+def _at_once(moves: Sequence[Array]) -> list[list[int]]:
     """Numbers of as many trials as are worked together."""
-    ends = np.cumsum([len(trial.effect.terms) for trial in trials])
+    ends = np.cumsum([move.shape[1] for move in moves])
     group = ends // SETTINGS.columns_at_once
     return [np.flatnonzero(group == one).tolist() for one in np.unique(group)]

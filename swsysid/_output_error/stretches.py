@@ -38,6 +38,7 @@ class Stretches:
     sizes: Array  # (n_samples,): noise of each sample as it counts, by that of a usual one
     gross: NDArray[np.bool_]  # (n_samples, n_states): measured values that are no motion
     first_step: float = 0.5  # part of an interval that is integrated at once: a half, or 1
+    disturbance: float = SETTINGS.disturbances[0]  # of the noise, that a law leaves in a stretch
 
     @classmethod
     def of(cls, records: Records, seen: Records, rows: Rows) -> Stretches:
@@ -59,6 +60,11 @@ class Stretches:
 
     def __len__(self) -> int:
         return len(self.parts)
+
+    def of_rows(self, rows: Rows) -> Stretches:
+        """Stretches of other rows of the same recordings, which are rolled out alike."""
+        others = Stretches.of(self.records, self.seen, rows)
+        return replace(others, first_step=self.first_step, disturbance=self.disturbance)
 
     @property
     def rows(self) -> Rows:
