@@ -123,6 +123,12 @@ class PlacedEffect:
             rates[own] = self.effect.of_rate(rates[own], X[own], self.place, *self.theta).rate
         return rates
 
+    def said(self, rates: Array, X: Array) -> Array:
+        """What the law says where its state has a rate, NaN where that does not tell, (n_rows,)."""
+        assert isinstance(self.effect, RateEffect)
+        own = (..., self.target)
+        return self.effect.said(rates[own], X[own], self.place, *self.theta)
+
     def switched(self, records: Records) -> Modes:
         """Modes along the trajectories, of a guard that remembers."""
         assert isinstance(self.effect, GuardEffect)

@@ -47,6 +47,10 @@ class RateEffect(WithoutColumns):
         """What becomes of the rate that a law says at states x, all of one shape."""
         raise NotImplementedError
 
+    def said(self, rate: Array, x: Array, place: Place, *theta: float) -> Array:
+        """What the law says where the state has a rate; NaN where that does not tell."""
+        raise NotImplementedError
+
 
 def _pace(records: Records, place: Place) -> float:
     """How fast a state goes to and fro between its quartiles, in the mean over all trajectories."""
@@ -90,6 +94,9 @@ class Stick(_Threshold):
         held = np.clip(rate, -theta[0], theta[0])
         return Shaped(rate - held, (np.abs(rate) > theta[0]).astype(float))
 
+    def said(self, rate: Array, x: Array, place: Place, *theta: float) -> Array:
+        return np.where(rate == 0.0, np.nan, rate + theta[0] * np.sign(rate))
+
     def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
         return (
             f"{names[place]} stands still while its law says less than {figure(theta[0])} in "
@@ -106,6 +113,9 @@ class RateLimit(_Threshold):
 
     def of_rate(self, rate: Array, x: Array, place: Place, *theta: float) -> Shaped:
         return Shaped(np.clip(rate, -theta[0], theta[0]), (np.abs(rate) < theta[0]).astype(float))
+
+    def said(self, rate: Array, x: Array, place: Place, *theta: float) -> Array:
+        return np.where(np.abs(rate) < theta[0], rate, np.nan)
 
     def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
         return f"{names[place]} moves no faster than {figure(theta[0])}, whatever its law says"
@@ -142,6 +152,9 @@ class EndStop(RateEffect):
         side = _ENDS[place[1]]
         held = (side * (x - theta[0]) >= 0.0) & (side * rate > 0.0)
         return Shaped(np.where(held, 0.0, rate), np.where(held, 0.0, 1.0))
+
+    def said(self, rate: Array, x: Array, place: Place, *theta: float) -> Array:
+        return np.where(_ENDS[place[1]] * (x - theta[0]) < 0.0, rate, np.nan)
 
     def label(self, place: Place, names: Sequence[str]) -> str:
         """Such as ``highest x``."""
