@@ -46,17 +46,19 @@ def shortlist(fit: Fitted, stretches: Stretches, listed: Sequence[Candidate]) ->
         _moves(_columns(trial, stretches.seen, said)[stretches.rows], nodes) for trial in trials
     ]
     chosen: dict[tuple, PlacedEffect] = {}
+    # what has one coefficient and nothing else explains less, and may be all there is
+    plain = [k for k, trial in enumerate(trials) if trial.n_parameters == 1 and not trial.theta]
     for score in scores:
         gains = score.gains(trials, moves)
         best = [
             int(np.flatnonzero(owner == k)[gains[owner == k].argmax()]) for k in range(len(listed))
         ]
-        # what has one coefficient and nothing else explains less, and may be all there is
-        plain = [k for k, trial in enumerate(trials) if trial.n_parameters == 1 and not trial.theta]
-        first = [best[k] for k in largest_first(gains[best])[: SETTINGS.n_shortlisted]]
-        for trial, gain in ((trials[k], gains[k]) for k in (*first, *plain)):
-            if gain > SETTINGS.promising * score.squares:
-                chosen[(*trial.signature, trial.theta)] = trial
+        for some in (best, plain):
+            for k in (
+                some[place] for place in largest_first(gains[some])[: SETTINGS.n_shortlisted]
+            ):
+                if gains[k] > SETTINGS.promising * score.squares:
+                    chosen[(*trials[k].signature, trials[k].theta)] = trials[k]
     return list(chosen.values())
 
 
