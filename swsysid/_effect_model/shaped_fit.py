@@ -1,8 +1,8 @@
 r"""A declared model beside effects that act on rates as a whole.
 
-Velocities then are :math:`r(f)`, where the laws say f. The fit starts with rows whose velocity tells
-f. Where r is flat a velocity says no more of f than that it is so small, or so large: there the laws
-are fitted to what they say themselves, until they agree with that.
+Velocities then are :math:`r(f)`, where the laws say f. The fit starts with rows whose velocity
+tells f. Where r is flat a velocity says no more of f than that it is so small, or so large: there
+the laws are fitted to what they say themselves, until they agree with that.
 """
 
 from __future__ import annotations
