@@ -18,7 +18,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from swsysid._data.records import Records
 from swsysid._output_error.candidates import Candidate
-from swsysid._output_error.estimate import Fitted, of_samples
+from swsysid._output_error.estimate import Fitted, of_samples, rolled_out
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
@@ -70,12 +70,14 @@ def of_sensors(
     A sensor is right or wrong beside others: with one state it says no more than a delay does.
     """
     seen = stretches.corrected(fit.law.terms).seen
+    # a disturbance would let the states follow a sensor that is wrong
+    missed = np.nan_to_num(rolled_out(fit, stretches))
     for effect, place in ((one, place) for one in effects for place in one.places(seen)):
         if len(fit.noise) < 2 or effect.missing(seen) is not None:
             continue
         (parameter,) = effect.parameters(seen, place)
         slope = slope_of_sensor(PlacedEffect(effect, place, int(place), theta=(0.0,)), stretches)
-        left = np.nan_to_num(fit.misfits[:, place])
+        left = missed[:, place]
         size = -(left @ slope) / (slope @ slope)
         if size * (left @ slope) < -SETTINGS.worthwhile * (left @ left):
             nearest = parameter.values[np.abs(parameter.values - size).argmin()]
