@@ -19,12 +19,18 @@ from swsysid._pipelines import steps_before
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel, law_equations
 from swsysid._surfaces.surface import has_monomials
-from swsysid.effects import GuardEffect, MeasurementEffect, PlacedEffect, ResetEffect
+from swsysid.effects import (
+    GuardEffect,
+    MeasurementEffect,
+    PlacedEffect,
+    RateEffect,
+    ResetEffect,
+)
 from swsysid.effects._types import Crossing, WithoutColumns
 
 
 def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style: str) -> list[str]:
-    """The law of every mode with the effects' terms, then what sensors and clocks do."""
+    """The law of every mode with the effects' terms, what becomes of rates and what sensors do."""
     # `names` are those of the channels, `style` is "text" or "latex".
 
     def added(mode: int, state: int) -> Iterator[tuple[float, str, float]]:
@@ -46,28 +52,26 @@ def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style
         columns=own.column_names(names),
         added=added,
     )
-    return laws + _statements(fit, names, style, of_measurements=True)
+    return laws + _statements(fit, names, style, of_laws=True)
 
 
 def guards_with_effects(
     fit: JointFit, names: Sequence[str], precision: int, style: str
 ) -> list[str]:
     """The surfaces, or the guard with memory in their place; then what happens at them."""
-    statements = _statements(fit, names, style, of_measurements=False)
+    statements = _statements(fit, names, style, of_laws=False)
     if fit.guard is not None:
         return statements
     return fit.laws.guard_equations(names, precision, style) + statements
 
 
-def _statements(
-    fit: JointFit, names: Sequence[str], style: str, *, of_measurements: bool
-) -> list[str]:
-    """Effects without columns: those of the measurement, or those of guards and modes."""
+def _statements(fit: JointFit, names: Sequence[str], style: str, *, of_laws: bool) -> list[str]:
+    """Effects without columns: those of rates and sensors, or those of guards and modes."""
     texts = [
         term.effect.statement(term.place, names, term.target, *term.theta)
         for term in fit.terms
         if isinstance(term.effect, WithoutColumns)
-        and isinstance(term.effect, MeasurementEffect) == of_measurements
+        and isinstance(term.effect, (MeasurementEffect, RateEffect)) == of_laws
     ]
     texts = [text for text in texts if text]
     if style == "latex":

@@ -86,6 +86,8 @@ def test_velocities_fit_the_law_under_it_and_simulate_as_scipy_does(data, term, 
     velocities = law(2.0 * (inputs - states), states)
     model = EffectRegressor(SwitchingSystemRegressor(1, feature_library=1), [term])
     model.fit(X, velocities, t=t, groups=groups)
+    [_, statement] = model.equations()
+    assert statement == term.effect.statement(term.place, ["x0", "x1"], 0, *term.theta)
     coef = model.joint_fit_.laws.coef[0, 0]
     assert coef == pytest.approx([0.0, -2.0, 2.0], abs=1e-3)  # the alternation ends at 1e-6
     own = slice(0, len(T))
