@@ -22,7 +22,8 @@ from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
 from swsysid._noise import memory
 from swsysid._output_error.criterion import fall
-from swsysid._output_error.estimate import Fitted, fitted, left_over, rolled_out
+from swsysid._output_error.engines import QUANTITIES, RATES
+from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import slope_of_sensor
 from swsysid._output_error.search import Finding, Search
@@ -40,23 +41,21 @@ class RecordedOutcome:
     measured: Measured
     split: Split
     declared: JointFit  # of velocities, whose library and estimator the models share
-    models: tuple[Fitted, ...]  # fitted to the searched part
+    models: tuple[Fit, ...]  # fitted to the searched part
     findings: tuple[Finding, ...]
     tried: tuple[tuple[Finding, Array, Array], ...]  # not kept: errors held out before and after
-    final: Fitted  # fitted to all
+    final: Fit  # fitted to all
 
     @cached_property
     def held_out(self) -> Stretches:
         """The stretches that took part in no choice."""
-        own = self.search.stretches
-        other = Stretches.of(own.records, own.seen, self.split.held_out_samples)
-        return replace(other, first_step=own.first_step)
+        return self.search.stretches.of_others(self.split.held_out_samples)
 
     @cached_property
     def errors(self) -> list[tuple[Array, Array]]:
-        """Errors of free rollouts of each model on searched and held-out stretches."""
+        """Errors of each model, by itself, on searched and held-out stretches."""
         both = self.search.stretches, self.held_out
-        parts = [[_rollout_errors(model, part) for part in both] for model in self.models]
+        parts = [[self.left_of(model, part) for part in both] for model in self.models]
         return [(inside, outside) for inside, outside in parts]
 
     @cached_property
@@ -66,10 +65,10 @@ class RecordedOutcome:
         of_all, joint = self.refitted(declared.law), self.joint_fit
         return joint(of_all), joint(declared), joint(last), joint(self.final)
 
-    def joint_fit(self, fit: Fitted) -> JointFit:
+    def joint_fit(self, fit: Fit) -> JointFit:
         """A fitted law as a regressor has it."""
         estimator = deepcopy(self.declared.estimator)
-        joint = JointFit(estimator, fit.law.terms, (), self.declared.modes)
+        joint = replace(self.declared, estimator=estimator, terms=fit.law.terms)
         n_features = fit.law.declared.shape[1]
         joint.laws.coef[0] = fit.law.coef[:, :n_features]
         coef = tuple(fit.law.coefficients(place) for place in range(len(fit.law.terms)))
@@ -107,13 +106,16 @@ class RecordedOutcome:
     @cached_property
     def every(self) -> Stretches:
         """All samples."""
-        own = self.search.stretches
-        every = Stretches.of(own.records, own.seen, np.arange(len(own.records)))
-        return replace(every, first_step=own.first_step)
+        return self.search.stretches.of_all
 
-    def refitted(self, law: Law) -> Fitted:
+    def refitted(self, law: Law) -> Fit:
         """A law fitted to all samples."""
-        return fitted(law, self.every)
+        return self.search.engine.fitted(law, self.every)
+
+    def left_of(self, fit: Fit, stretches: Stretches) -> Array:
+        """Errors of free rollouts, or of the quantity that a law gives, (n_states,)."""
+        left = self.search.engine.left_of(fit, stretches)
+        return np.asarray(np.sqrt(np.nanmean(np.square(left), axis=0)))
 
     @cached_property
     def effects(self) -> list[FoundEffect]:
@@ -146,8 +148,9 @@ class RecordedOutcome:
 
     def _rival(self, place: int, rival: PlacedEffect, state: int) -> Rival:
         law = self.models[place].law.beside([rival])
-        other = fitted(law, self.search.stretches, noise=self.models[place].noise)
-        error = _rollout_errors(other, self.held_out)
+        noise = self.models[place].noise
+        other = self.search.engine.fitted(law, self.search.stretches, noise=noise)
+        error = self.left_of(other, self.held_out)
         names = rival.effect.theta_names(self.search.stretches.seen, rival.place)
         return Rival(
             kind=rival.effect.kind,
@@ -160,14 +163,11 @@ class RecordedOutcome:
         )
 
 
-def _rollout_errors(fit: Fitted, stretches: Stretches) -> Array:
-    return np.asarray(np.sqrt(np.nanmean(np.square(rolled_out(fit, stretches)), axis=0)))
-
-
-def is_rolled_out(declared: Declared, measured: Measured) -> bool:
-    """Whether recordings can be rolled out without knowing when modes change."""
-    continuous = measured.recorded is not None and not declared.discrete_time
-    return continuous and declared.n_modes == 1 and declared.known is None
+def is_of_one_law(declared: Declared, measured: Measured) -> bool:
+    """Whether recordings, or rows of a quantity, have one law in continuous time."""
+    is_measured = measured.recorded is not None or measured.records.static
+    is_one = declared.n_modes == 1 and declared.known is None
+    return is_measured and is_one and not declared.discrete_time
 
 
 def searched_recordings(
@@ -179,24 +179,20 @@ def searched_recordings(
     most: int,
     verbose: bool,
 ) -> RecordedOutcome:
-    """So many effects at most that free rollouts of recordings ask for."""
-    recorded = measured.recorded
-    assert recorded is not None
-    seen = replace(
-        measured.records,
-        average=None,
-        decoded_modes=None,
-        rates=frozenset(range(recorded.n_states)),
-    )
-    stretches = Stretches.of(recorded, seen, split.search)
+    """So many effects at most that recordings ask for, or rows of a quantity."""
+    seen = replace(measured.records, average=None, decoded_modes=None)
+    seen = replace(seen, rates=frozenset(seen.states))
+    if measured.recorded is None:
+        engine, quantity = QUANTITIES, measured.targets
+        stretches = Stretches.of(seen, seen, split.search, quantity)
+    else:
+        engine, stretches = RATES, Stretches.of(measured.recorded, seen, split.search)
     law, moved = _declared_law(declared, stretches)
     seen = replace(seen, positions=frozenset(moved))
-    stretches = replace(stretches, seen=seen)
-    first = fitted(law, stretches)
-    stretches = stretches.stepped(first.reached.estimate.laws, first.noise)
-    targets = [state for state in range(recorded.n_states) if state not in moved]
+    stretches = engine.stepped(law, replace(stretches, seen=seen))
+    targets = [state for state in range(law.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
-    search = Search(stretches, effects, targets, linear, significance, most, verbose)
+    search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
     models, findings = search.run(law)
     outcome = RecordedOutcome(
         search,
@@ -219,14 +215,14 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
     its p-value is one of a single comparison.
     """
     stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
-    last = outcome.models[-1]
+    last, engine = outcome.models[-1], outcome.search.engine
     for place in reversed(range(len(kept))):
-        less = fitted(last.law.without(place), stretches)
-        both = [left_over(fit, outcome.held_out) for fit in (less, last)]
+        less = engine.fitted(last.law.without(place), stretches)
+        both = [engine.left_over(fit, outcome.held_out) for fit in (less, last)]
         judged = fall(*both)
         kept[place] = replace(kept[place], p_value=judged.p_value)
         if judged.share <= 0.0 or judged.p_value > outcome.search.significance:
-            before, after = (_rollout_errors(fit, outcome.held_out) for fit in (less, last))
+            before, after = (outcome.left_of(fit, outcome.held_out) for fit in (less, last))
             tried.append((kept.pop(place), before, after))
             last = less
     models = outcome.models
@@ -234,7 +230,7 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
         laws = [last.law]
         for _ in kept:
             laws.append(laws[-1].without(len(laws[-1].terms) - 1))
-        models = (*(fitted(law, stretches) for law in reversed(laws[1:])), last)
+        models = (*(engine.fitted(law, stretches) for law in reversed(laws[1:])), last)
     return replace(outcome, models=models, findings=tuple(kept), tried=tuple(tried))
 
 

@@ -17,7 +17,8 @@ from swsysid._output_error.candidates import (
     variants,
 )
 from swsysid._output_error.criterion import Fall, Left, fall
-from swsysid._output_error.estimate import Fitted, fitted, left_over
+from swsysid._output_error.engines import Engine
+from swsysid._output_error.estimate import Courses, Fit
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import of_sensors, shortlist
 from swsysid._output_error.settings import SETTINGS
@@ -33,7 +34,7 @@ from swsysid.effects._shapes import shapes
 class Model:
     """A law fitted to all stretches, and what laws fitted to some of them leave of the others."""
 
-    fit: Fitted
+    fit: Fit
     unseen: Left
 
     @property
@@ -60,6 +61,7 @@ class Search:
     multiples of channels.
     """
 
+    engine: Engine
     stretches: Stretches
     library: Sequence[Effect]
     targets: list[int]
@@ -70,7 +72,7 @@ class Search:
 
     def run(self, declared: Law) -> tuple[list[Model], list[Finding]]:
         """The declared model and those with one effect more each; the effects."""
-        models = [self.model(fitted(declared, self.stretches))]
+        models = [self.model(self.engine.fitted(declared, self.stretches))]
         findings: list[Finding] = []
         with progress(self.most, "rounds of the search", self.verbose) as bar:
             while len(findings) < self.most:
@@ -83,13 +85,13 @@ class Search:
                 findings.append(finding)
         return models, findings
 
-    def model(self, fit: Fitted) -> Model:
+    def model(self, fit: Fit) -> Model:
         """A law fitted to all stretches, and fold by fold."""
-        left, stretches, courses = [], [], fit.courses
+        left, stretches, engine = [], [], self.engine
         for train, test in self.stretches.folds():
-            known, unknown = ([courses[number] for number in one] for one in (train, test))
-            part = fitted(fit.law, self.stretches.some(train), known, fit.noise, turns=1)
-            left.append(left_over(part, self.stretches.some(test), unknown).samples)
+            known, unknown = (fit.courses_of(one) for one in (train, test))
+            part = engine.fitted(fit.law, self.stretches.some(train), known, fit.noise, turns=1)
+            left.append(engine.left_over(part, self.stretches.some(test), unknown).samples)
             stretches += test
         unseen = Left(np.vstack(left), fit.errors, self.stretches.some(stretches).series)
         return Model(fit, unseen)
@@ -101,13 +103,14 @@ class Search:
         declared law has left at first.
         """
         listed = self.candidates
-        best_of: dict[tuple, Fitted] = {}
+        best_of: dict[tuple, Fit] = {}
         sensors = [effect for effect in self.effects if is_of_a_sensor(effect)]
         asked = of_sensors(now.fit, self.stretches, sensors)
-        for placed in (*shortlist(now.fit, self.stretches, listed), *asked):
+        corrected = self.stretches.corrected(now.law.terms)
+        for placed in (*shortlist(self.engine.scores(now.fit), corrected, listed), *asked):
             for fit in self._estimated(now, placed):
                 own = fit.law.terms[-1]
-                key = (own.effect.kind, own.place, own.target)
+                key = (own.effect.kind, own.label(self.stretches.seen.names), own.target)
                 if key not in best_of or self._cost(fit) < self._cost(best_of[key]):
                     best_of[key] = fit
         likeliest = sorted(best_of.values(), key=self._cost)[: SETTINGS.n_compared]
@@ -134,7 +137,7 @@ class Search:
         }
         return chosen, Finding(own, p_value, tuple(rivals.values()), len(listed))
 
-    def _estimated(self, now: Model, placed: PlacedEffect) -> Iterator[Fitted]:
+    def _estimated(self, now: Model, placed: PlacedEffect) -> Iterator[Fit]:
         """An effect beside a model in all its variants, and what it is a special case of."""
         seen, place = self.stretches.seen, placed.place
         theta = dict(zip(placed.effect.theta_names(seen, place), placed.theta, strict=True))
@@ -148,8 +151,8 @@ class Search:
             for variant in variants(one, now.law, self.linear, seen):
                 law, noise = now.law.beside([variant]), now.fit.noise
                 # from rollouts without a jump those with it are not reached
-                near = now.fit.courses if law.breaks == now.law.breaks else None
-                fit = fitted(law, self.stretches, near, noise, turns=2)
+                near = self._courses(now.fit) if law.breaks == now.law.breaks else None
+                fit = self.engine.fitted(law, self.stretches, near, noise, turns=2)
                 if self._is_plausible(fit):
                     yield fit
 
@@ -233,15 +236,21 @@ class Search:
         kinds = [effect.kind for effect in self.effects]
         return kinds.index(model.law.terms[-1].effect.kind)
 
-    def _cost(self, fit: Fitted) -> float:
+    def _cost(self, fit: Fit) -> float:
         """Log of what is left of the states, in the mean."""
         return float(np.log(np.maximum(fit.errors, 1e-300)).mean())
 
-    def _is_plausible(self, fit: Fitted) -> bool:
-        place = len(fit.law.terms) - 1
-        coef = fit.law.coefficients(place)
+    def _courses(self, fit: Fit) -> Courses | None:
+        """Where the states of all stretches are."""
+        return fit.courses_of(range(len(self.stretches)))
+
+    def _is_plausible(self, fit: Fit) -> bool:
+        place, seen = len(fit.law.terms) - 1, self.stretches.seen
+        coef, effect = fit.law.coefficients(place), fit.law.terms[place].effect
         finite = np.isfinite(fit.errors).all() and np.isfinite(coef).all()
-        return bool(finite) and fit.law.terms[place].effect.plausible(coef)
+        # a force that moves a plant and one that it meets have different signs
+        signs = (1.0, -1.0) if seen.static else (1.0,)
+        return bool(finite) and any(effect.plausible(sign * coef) for sign in signs)
 
     def _as_good(self, other: Model, best: Model, now: Model) -> bool:
         """Whether the best is not worth it beside another one, or not surely better.
@@ -255,7 +264,7 @@ class Search:
         surely = max(lost.error, SETTINGS.worthwhile)
         return lost.share <= surely and shares[0] >= 0.5 * shares[1]
 
-    def _refined(self, fit: Fitted) -> Fitted:
+    def _refined(self, fit: Fit) -> Fit:
         """The nonlinear parameters of the last effect of least error near those of the scan."""
         place = len(fit.law.terms) - 1
         term = fit.law.terms[place]
@@ -264,9 +273,9 @@ class Search:
             values = np.unique(parameter.values)
             if not parameter.exact and len(values) > 1:
                 fit = self._refined_one(fit, number, values)
-        return fitted(fit.law, self.stretches, fit.courses, fit.noise)
+        return self.engine.fitted(fit.law, self.stretches, self._courses(fit), fit.noise)
 
-    def _refined_one(self, fit: Fitted, number: int, values: Array) -> Fitted:
+    def _refined_one(self, fit: Fit, number: int, values: Array) -> Fit:
         """One of them, between its neighbours among some values and from there on."""
         place, best = len(fit.law.terms) - 1, fit
 
@@ -275,7 +284,8 @@ class Search:
             term = best.law.terms[place]
             theta = (*term.theta[:number], float(value), *term.theta[number + 1 :])
             law = best.law.exchanged(place, replace(term, theta=theta))
-            other = fitted(law, self.stretches, best.courses, fit.noise, turns=1)
+            start = self._courses(best)
+            other = self.engine.fitted(law, self.stretches, start, fit.noise, turns=1)
             cost = self._cost(other)
             best = other if cost < self._cost(best) else best
             return cost
