@@ -187,10 +187,10 @@ def searched_recordings(
         stretches = Stretches.of(seen, seen, split.search, quantity)
     else:
         engine, stretches = RATES, Stretches.of(measured.recorded, seen, split.search)
-    law, moved = _declared_law(declared, stretches)
-    seen = replace(seen, positions=frozenset(moved))
+    law, positions = _declared_law(declared, stretches)
+    seen = replace(seen, positions=frozenset(positions))
     stretches = engine.stepped(law, replace(stretches, seen=seen))
-    targets = [state for state in range(law.n_states) if state not in moved]
+    targets = np.flatnonzero(law.declared.any(axis=1)).tolist()
     linear = linear_features(law.library(seen.X), seen.X)
     search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
     models, findings = search.run(law)
@@ -246,10 +246,10 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
     linear = linear_features(features, X)
     sought = np.ones((n_states, features.shape[1]), dtype=bool)
     known = np.zeros(sought.shape)
-    moved = {
-        q: v for q, v in positions_along(stretches.seen, stretches.parts).items() if v in linear
-    }
-    for state, velocity in moved.items():
+    moved = positions_along(stretches.seen, stretches.parts)
+    if stretches.quantity is None:
+        moved = {q: v for q, v in moved.items() if v in linear}
+    for state, velocity in moved.items() if stretches.quantity is None else ():
         column, feature = X[:, velocity], linear[velocity]
         sought[state] = False
         known[state, feature] = column @ features[:, feature] / np.sum(features[:, feature] ** 2)

@@ -44,7 +44,7 @@ def candidates(
     effects: Sequence[Effect], records: Records, targets: Sequence[int]
 ) -> Iterator[Candidate]:
     """All of them, the simplest explanation first."""
-    for effect in effects:
+    for effect in (one for each in effects for one in (each, *each.elsewhere(records))):
         if not effect.terms or effect.missing(records) is not None:
             continue
         for place in effect.places(records):

@@ -29,5 +29,9 @@ RATES = Engine(
     estimate.fitted, estimate.left_over, estimate.rolled_out, scan.scores, estimate.stepped
 )
 QUANTITIES = Engine(
-    regression.fitted, regression.left_over, regression.left_of, regression.scores, lambda _, own: own
+    regression.fitted,
+    regression.left_over,
+    regression.left_of,
+    regression.scores,
+    lambda _, own: own,
 )

@@ -27,7 +27,7 @@ from swsysid._stays.arrow import Arrow
 from swsysid._stays.descent import most_likely
 from swsysid._stays.flow import joined_legs, steady_legs
 from swsysid._stays.lifted import Estimate, Objective
-from swsysid._stays.nodes import Nodes, Rows
+from swsysid._stays.nodes import Rows
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._ties import largest_first
 from swsysid.effects import Effect, MeasurementEffect, PlacedEffect
@@ -74,9 +74,7 @@ def shortlist(
     return [trials[k] for k in chosen]
 
 
-def of_sensors(
-    fit: Fit, stretches: Stretches, effects: Sequence[Effect]
-) -> Iterator[PlacedEffect]:
+def of_sensors(fit: Fit, stretches: Stretches, effects: Sequence[Effect]) -> Iterator[PlacedEffect]:
     """Corrections of states that explain a share worth it of what rollouts leave of these.
 
     A sensor is right or wrong beside others: with one state it says no more than a delay does.

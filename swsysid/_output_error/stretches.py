@@ -113,12 +113,22 @@ class Stretches:
         return replace(self, first_step=fine.first_step)
 
     def folds(self) -> list[tuple[list[int], list[int]]]:
-        """Stretches to fit and those to judge by, of about as many samples each."""
-        count = min(SETTINGS.n_folds, len(self))
-        order = np.argsort([-len(part) for part in self.parts], kind="stable")
-        fold = np.empty(len(self), dtype=np.intp)
-        fold[order] = np.arange(len(self)) % count
-        every = np.arange(len(self))
+        """Stretches to fit and those to judge by.
+
+        Whole trajectories are left out where there are several of about one length: they differ by
+        what a law is to know, and what fits each of them by itself predicts no other.
+        """
+        lengths, every = np.array([len(part) for part in self.parts]), np.arange(len(self))
+        number = np.empty(len(self.records), dtype=np.intp)
+        for trajectory, rows in enumerate(self.records.trajectories):
+            number[rows] = trajectory
+        wholes, own = np.unique([number[part[0]] for part in self.parts], return_inverse=True)
+        sizes = np.bincount(own, lengths)
+        if len(wholes) < SETTINGS.n_folds or 2 * sizes.max() > lengths.sum():
+            own, sizes = every, lengths
+        count, fold = min(SETTINGS.n_folds, len(self)), np.empty(len(sizes), dtype=np.intp)
+        fold[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes)) % count
+        fold = fold[own]
         return [(every[fold != one].tolist(), every[fold == one].tolist()) for one in range(count)]
 
     def nodes(self, further: Array) -> Nodes:

@@ -124,6 +124,10 @@ class Effect(BaseEstimator):
         beside = {"replaces": not has_linear, "beside": has_linear, "instead": False}
         return beside.get(role, True), has_linear and role in ("replaces", "either", "instead")
 
+    def elsewhere(self, records: Records) -> Sequence[Effect]:
+        """The same effect where these records let it act besides; nowhere by default."""
+        return []
+
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Nonlinear parameters and the values at which they are scanned."""
         return ()
@@ -263,6 +267,8 @@ class EffectSettings:
     # Correlation of a state with the integral of its rates, at least: 0.87 where they are so noisy,
     # 0.9 by an accelerometer that shakes, 0.72 at most by those forces.
     same_course: float = 0.8
+
+    gap: float = 3.0  # steps of the record, over which no rate is told
 
     # -- periods of a position in the range of the record -----------------------------------------
     fewest_ripples: float = 6.0  # where the search for slow ones ends
