@@ -1,9 +1,9 @@
 """Effects that a declared model may lack."""
 
 # In reading order: `_base` is what an effect is, `_types` its four kinds that are no columns;
-# `_terms`, `_characteristics`, `_friction`, `_shapes` are columns of the present, `_memory` those of
-# the past, `_sensors` change the record, `_guards` and `_switching` the modes; `_placed` puts one at
-# a place, `_kinematics` says which states are positions.
+# `_terms`, `_characteristics`, `_friction`, `_shapes` are columns of the present, `_memory` those
+# of the past, `_sensors` change the record, `_guards` and `_switching` the modes; `_placed` puts
+# one at a place, `_kinematics` says which states are positions.
 
 from swsysid._data.records import Records
 from swsysid.effects._base import Effect, Parameter

@@ -23,6 +23,7 @@ from swsysid.effects._base import (
     quantile_levels,
     spread,
 )
+from swsysid.effects._kinematics import positions_along, rate_along
 
 
 class OfAChannel(Effect):
@@ -43,6 +44,49 @@ class OfAChannel(Effect):
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return np.column_stack(self.functions(self.values(records, place), *theta))
+
+
+class OfRates(Effect):
+    """An effect of channels, or of the rates of some that are positions.
+
+    A search for what a law of a force lacks tries the rate of every channel that is no velocity
+    and whose rate is no other channel.
+
+    Parameters
+    ----------
+    positions : list of str or int, default=None
+        Channels by the rates of which it acts, by name or number; None is none.
+    """
+
+    def __init__(self, positions: Sequence[int | str] | None = None):
+        self.positions = positions
+
+    def elsewhere(self, records: Records) -> Sequence[Effect]:
+        """Of a law that gives no rate, on the rates of positions."""
+        given = [name for name, value in self.get_params().items() if value is not None]
+        if given or not (records.static and records.timed):
+            return []
+        moved = positions_along(records, records.trajectories)
+        channels = [*records.variables, *records.signal_channels]
+        known = {*moved, *moved.values()}
+        return [type(self)(positions=[one for one in channels if one not in known])]
+
+    def missing(self, records: Records) -> str | None:
+        if self.positions is None:
+            return super().missing(records)
+        return None if records.timed else "needs the times of the rows: give t"
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """The positions."""
+        return [records.number(channel) for channel in self.positions or ()]
+
+    def values(self, records: Records, place: Place) -> Array:
+        """Values of the channel, or its rate."""
+        return records.channel(place) if self.positions is None else rate_along(records, place)
+
+    def label(self, place: Place, names: Sequence[str]) -> str:
+        """Such as ``x'``."""
+        return str(names[place]) if self.positions is None else f"{names[place]}'"
 
 
 # -- actuators and contacts ------------------------------------------------------------------------

@@ -10,16 +10,14 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
-from sklearn.base import clone
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, Effect, Parameter, Place, quantile_levels
-from swsysid.effects._characteristics import OfAChannel, OfTwoChannels
-from swsysid.effects._kinematics import rate_along
+from swsysid.effects._base import SETTINGS, Parameter, Place, quantile_levels
+from swsysid.effects._characteristics import OfAChannel, OfRates, OfTwoChannels
 
 
-class OfAVelocity(Effect):
+class OfAVelocity(OfRates):
     """A force that takes power from a motion: against a velocity, in that velocity's own equation.
 
     Parameters
@@ -29,9 +27,7 @@ class OfAVelocity(Effect):
         and whose own rate is not another state (``x' = v``: x is a position); of a law that gives
         no rate every column of X and every signal that takes both signs.
     positions : list of str or int, default=None
-        Channels that are positions: the rate of each, by differentiation, is the velocity then. A
-        search for the effects of a law that gives no rate tries every channel whose rate is no
-        other channel.
+        Channels that are positions: the rate of each, by differentiation, is the velocity then.
     """
 
     def __init__(
@@ -39,36 +35,15 @@ class OfAVelocity(Effect):
         velocities: Sequence[int | str] | None = None,
         positions: Sequence[int | str] | None = None,
     ):
+        super().__init__(positions)
         self.velocities = velocities
-        self.positions = positions
-
-    def elsewhere(self, records: Records) -> Sequence[Effect]:
-        """Of a law that gives no rate, against the rates of positions."""
-        is_given = self.velocities is not None or self.positions is not None
-        if is_given or not (records.static and records.timed):
-            return []
-        channels = [*records.variables, *records.signal_channels]
-        positions = [channel for channel in channels if channel not in records.positions]
-        return [clone(self).set_params(positions=positions)]
-
-    def missing(self, records: Records) -> str | None:
-        if self.positions is not None and not records.timed:
-            return "needs the times of the rows: give t"
-        return super().missing(records)
-
-    def values(self, records: Records, place: Place) -> Array:
-        """The velocity."""
-        return records.channel(place) if self.positions is None else rate_along(records, place)
-
-    def label(self, place: Place, names: Sequence[str]) -> str:
-        return str(names[place]) if self.positions is None else f"{names[place]}'"
 
     def places(self, records: Records) -> Sequence[Place]:
         """The velocities that are named, or what takes both signs and is no position."""
         if self.velocities is not None:
             return [records.number(channel) for channel in self.velocities]
         if self.positions is not None:
-            listed = [records.number(channel) for channel in self.positions]
+            listed = super().places(records)
             return [one for one in listed if _takes_both_signs(self.values(records, one))]
         logged = records.signal_channels if records.static else ()
         return [

@@ -15,7 +15,7 @@ from scipy.fft import next_fast_len, rfft
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import SETTINGS, Effect, Parameter, Place, figure, products, spread
-from swsysid.effects._characteristics import OfAChannel
+from swsysid.effects._characteristics import OfAChannel, OfRates
 from swsysid.effects._types import WithoutColumns
 
 _FINE = 4  # frequencies of a transform in the width of a peak of one trajectory
@@ -84,16 +84,25 @@ class Polynomial(Effect):
         return f"{parameters['coefficient']:.4g} {label}"
 
 
-class InputCoupling(OfAChannel):
-    """A logged signal that the declared model does not use."""
+class InputCoupling(OfRates, OfAChannel):
+    """A logged signal that the declared model does not use.
+
+    Parameters
+    ----------
+    positions : list of str or int, default=None
+        Channels whose rates act instead of a signal. A search for what a law of a force lacks looks
+        for these as well: for viscous friction where a position is logged, for inertia where a
+        velocity is.
+    """
 
     kind = "input_coupling"
     meaning = "the logged signal {channel} acts on {target}"
     needs = frozenset({"signals"})
     formulas = ("{0}",)
 
-    def places(self, records: Records) -> range:
-        return records.signal_channels
+    def places(self, records: Records) -> Sequence[Place]:
+        """The signals."""
+        return records.signal_channels if self.positions is None else super().places(records)
 
     def functions(self, x: Array, *theta: float) -> Sequence[Array]:
         return [x]
