@@ -221,8 +221,9 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         if measured.is_enough(parts):
             rows = parts.of(measured.rows).search
             plain = measured.fitted(self._declared, rows)
-            of_one = is_of_one_law(self._declared, measured)  # then `plain` is not what counts
-            self._alarms = [] if of_one else alarms(self._declared, plain, measured, rows)
+            of_one = is_of_one_law(self._declared, measured)
+            rolled_out = of_one and measured.recorded is not None  # `plain` is not what counts
+            self._alarms = [] if rolled_out else alarms(self._declared, plain, measured, rows)
             for alarm in self._alarms:
                 warnings.warn(alarm, IdentificationWarning, stacklevel=3)
             if of_one:
