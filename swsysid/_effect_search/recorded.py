@@ -187,10 +187,10 @@ def searched_recordings(
         stretches = Stretches.of(seen, seen, split.search, quantity)
     else:
         engine, stretches = RATES, Stretches.of(measured.recorded, seen, split.search)
-    law, positions = _declared_law(declared, stretches)
-    seen = replace(seen, positions=frozenset(positions))
+    law, moved = _declared_law(declared, stretches)
+    seen = replace(seen, positions=frozenset(moved))
     stretches = engine.stepped(law, replace(stretches, seen=seen))
-    targets = np.flatnonzero(law.declared.any(axis=1)).tolist()
+    targets = [state for state in range(law.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
     search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
     models, findings = search.run(law)
@@ -246,10 +246,13 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
     linear = linear_features(features, X)
     sought = np.ones((n_states, features.shape[1]), dtype=bool)
     known = np.zeros(sought.shape)
-    moved = positions_along(stretches.seen, stretches.parts)
-    if stretches.quantity is None:
-        moved = {q: v for q, v in moved.items() if v in linear}
-    for state, velocity in moved.items() if stretches.quantity is None else ():
+    channels = stretches.seen.states
+    moved = {
+        q: v
+        for q, v in positions_along(stretches.seen, channels, stretches.parts).items()
+        if v in linear
+    }
+    for state, velocity in moved.items():
         column, feature = X[:, velocity], linear[velocity]
         sought[state] = False
         known[state, feature] = column @ features[:, feature] / np.sum(features[:, feature] ** 2)

@@ -171,10 +171,9 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         y : array-like of shape (n_samples,) or (n_samples, n_states), default=None
             Xdot, the measured velocities (next states in discrete time). None for recordings: one
             law is rolled out; where several follow each other velocities are made of the states,
-            and neighbours that share their noise count as one. A quantity of which the record
-            shows that it is no rate of the first column (a force, a torque, a current; it needs
-            `t`) is the answer of a static law: no column of X is a state then, memory effects are
-            looked for in all of them, and nothing is rolled out.
+            and neighbours that share their noise count as one. A quantity that the record shows to
+            be no rate of the first column (a force, a torque, a current; it needs `t`) is the answer
+            of a static law: no column of X is a state then, and nothing is rolled out.
         t : array-like of shape (n_samples,), default=None
             Times in s, increasing along each trajectory.
         groups : array-like of shape (n_samples,), default=None

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from swsysid._output_error.criterion import Left
 from swsysid._output_error.estimate import Courses, Fit
@@ -84,10 +85,13 @@ def fitted(
     turns: int = SETTINGS.noise_turns,
 ) -> Regressed:
     """Coefficients of least squares; no start is needed, and no size of the noise."""
-    rows, coef = Weighted.of(law, stretches), law.coef.copy()
+    rows, coef, free = Weighted.of(law, stretches), law.coef.copy(), law.free[0]
+    nothing = np.zeros((0, law.declared.shape[1]))
+    prior = block_diag(nothing, *(term.effect.prior for term in law.terms))[:, free]
     unit = np.maximum(np.linalg.norm(rows.own, axis=0), np.finfo(float).tiny)
-    found = np.linalg.lstsq(rows.own / unit, rows.rest, rcond=None)[0] / unit
-    coef[0, law.free[0]] = found
+    design, values = np.vstack([rows.own, prior]), np.append(rows.rest, np.zeros(len(prior)))
+    found = np.linalg.lstsq(design / unit, values, rcond=None)[0] / unit
+    coef[0, free] = found
     return Regressed(replace(law, coef=coef), rows.left(found), rows)
 
 

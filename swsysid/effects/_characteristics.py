@@ -66,8 +66,8 @@ class OfRates(Effect):
         given = [name for name, value in self.get_params().items() if value is not None]
         if given or not (records.static and records.timed):
             return []
-        moved = positions_along(records, records.trajectories)
         channels = [*records.variables, *records.signal_channels]
+        moved = positions_along(records, channels, records.trajectories)
         known = {*moved, *moved.values()}
         return [type(self)(positions=[one for one in channels if one not in known])]
 

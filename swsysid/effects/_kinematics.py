@@ -48,14 +48,14 @@ def is_static(records: Records, targets: Array) -> bool:
     return left >= 1.0 and _correlation(course, integral) < SETTINGS.same_course
 
 
-def positions_along(records: Records, parts: Sequence[NDArray[np.intp]]) -> dict[int, int]:
+def positions_along(
+    records: Records, channels: Sequence[int], parts: Sequence[NDArray[np.intp]]
+) -> dict[int, int]:
     """Positions and their velocities, by what a velocity adds up to along parts of recordings.
 
-    Differences of neighbours are noise where a plant is slow against its samples; sums are not. Of
-    a law that gives no rate every channel may be either.
+    Differences of neighbours are noise where a plant is slow against its samples; sums are not.
     """
     found: dict[int, int] = {}
-    channels = [*records.variables, *(records.signal_channels if records.static else ())]
     for state, other in permutations(channels, 2):
         course = _courses([np.diff(records.channel(state)[rows]) for rows in parts])
         integral = _courses(_steps_made(records, records.channel(other), parts))
