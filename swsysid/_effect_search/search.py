@@ -172,7 +172,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             Xdot, the measured velocities (next states in discrete time). None for recordings: one
             law is rolled out; where several follow each other velocities are made of the states,
             and neighbours that share their noise count as one. A quantity that the record shows to
-            be no rate of the first column (a force, a torque, a current; it needs `t`) is the answer
+            be no rate of the first column (a force, a torque; it needs `t`) is the answer
             of a static law: no column of X is a state then, and nothing is rolled out.
         t : array-like of shape (n_samples,), default=None
             Times in s, increasing along each trajectory.
