@@ -204,8 +204,31 @@ def searched_recordings(
         (),
         models[-1].fit,
     )
-    outcome = _confirmed(outcome)
+    outcome = _confirmed(_with_instants(outcome))
     return replace(outcome, final=outcome.refitted(outcome.models[-1].law))
+
+
+def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
+    """Instants at which something begins or ends as all samples show them.
+
+    One may lie where a part was held out, which the others do not tell then. That part does not
+    judge whether there is such an effect.
+    """
+    search, last = outcome.search, outcome.models[-1]
+    seen, whole = search.stretches.seen, replace(search, stretches=outcome.every)
+    once = [k for k, term in enumerate(last.law.terms) if term.effect.choices(seen) > 1.0]
+    if not once:
+        return outcome
+    fit = outcome.refitted(last.law)
+    for place in once:
+        fit = whole.refined(fit, place)
+    laws, findings = [model.law for model in outcome.models], list(outcome.findings)
+    for place in once:
+        term = fit.law.terms[place]
+        findings[place] = replace(findings[place], candidate=term)
+        laws[place + 1 :] = [law.exchanged(place, term) for law in laws[place + 1 :]]
+    models = tuple(search.engine.fitted(law, search.stretches) for law in laws)
+    return replace(outcome, models=models, findings=tuple(findings))
 
 
 def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
@@ -217,8 +240,11 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
     stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
     last, engine = outcome.models[-1], outcome.search.engine
     for place in reversed(range(len(kept))):
+        judges = _judges(last.law.terms[place], outcome.held_out)
+        if not len(judges):
+            continue
         less = engine.fitted(last.law.without(place), stretches)
-        both = [engine.left_over(fit, outcome.held_out) for fit in (less, last)]
+        both = [engine.left_over(fit, judges) for fit in (less, last)]
         judged = fall(*both)
         kept[place] = replace(kept[place], p_value=judged.p_value)
         if judged.share <= 0.0 or judged.p_value > outcome.search.significance:
@@ -232,6 +258,27 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
             laws.append(laws[-1].without(len(laws[-1].terms) - 1))
         models = (*(engine.fitted(law, stretches) for law in reversed(laws[1:])), last)
     return replace(outcome, models=models, findings=tuple(kept), tried=tuple(tried))
+
+
+def _judges(term: PlacedEffect, held_out: Stretches) -> Stretches:
+    """What was held out and can say whether an effect is there.
+
+    Of one that acts for some time these are none where it never acts, and not those stretches in
+    which it begins or ends, or about: nobody has searched them for the instant.
+    """
+    seen = held_out.seen
+    if term.effect.choices(seen) == 1.0:
+        return held_out
+    t, instants = seen.t, term.effect.parameters(seen, term.place)[0].values
+    assert t is not None
+    near = 2.0 * float(instants[1] - instants[0])
+    sure = [
+        number
+        for number, part in enumerate(held_out.parts)
+        if not any(t[part[0]] - near < one < t[part[-1]] + near for one in term.theta)
+    ]
+    acts = bool(term.columns(seen)[held_out.some(sure).rows].any()) if sure else False
+    return held_out.some(sure if acts else [])
 
 
 def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[int, int]]:

@@ -24,7 +24,7 @@ class Candidate:
     def trials(self, seen: Records, missed: Array) -> list[PlacedEffect]:
         """The effect at every value that may explain what velocities (n_samples, n_states) miss."""
         effect, own = self.placed.effect, missed[:, [self.placed.target]]
-        values = effect.shortlist(seen, self.grid, own).tolist()
+        values = effect.shortlist(seen, self.placed.place, self.grid, own).tolist()
         return [replace(self.placed, theta=tuple(one)) for one in values]
 
 

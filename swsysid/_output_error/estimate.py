@@ -182,7 +182,8 @@ def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
 
 def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estimate, Array]:
     stretches = stretches.corrected(law.terms)
-    nodes = stretches.nodes(law.further(stretches.seen))
+    further = law.further(stretches.seen)
+    nodes = stretches.nodes(further)
     recordings = nodes.recordings
     spread = stretches.records.X[:, : law.n_states].std(axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)
@@ -191,7 +192,7 @@ def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estim
         states = np.concatenate(
             [course.at(t) for course, t in zip(start, recordings.times, strict=True)]
         )
-    return Estimate(law.laws(stretches, spread), nodes, states), spread
+    return Estimate(law.laws(stretches, spread, further), nodes, states), spread
 
 
 class Rollouts(Estimate):

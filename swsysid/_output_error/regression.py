@@ -44,9 +44,9 @@ class Regressed(Fit):
         return None
 
     def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, list[NDArray[np.intp]]]:
-        own = Weighted.of(wider, stretches).own / self.noise
+        rows = Weighted.of(wider, stretches)
+        own, number = rows.own / self.noise, np.cumsum(rows.free) - 1
         ends = np.cumsum([wider.declared.shape[1], *(len(t.effect.terms) for t in wider.terms)])
-        number = np.cumsum(wider.free[0]) - 1
         places = [number[low:high] for low, high in zip(ends[:-1], ends[1:], strict=True)]
         return np.asarray(np.linalg.pinv(own.T @ own, rcond=1e-12, hermitian=True)), places
 
@@ -56,24 +56,29 @@ class Weighted:
     """Rows of a law, each by what it counts; those that are gross count nothing."""
 
     weights: Array  # (n_rows,)
-    own: Array  # (n_rows, n_free): columns whose coefficients are sought
-    rest: Array  # (n_rows,): what the others leave of the measured values
+    columns: Array  # (n_rows, n_columns)
+    measured: Array  # (n_rows,)
+    free: NDArray[np.bool_]  # columns of which the rows say anything
 
     @classmethod
     def of(cls, law: Law, stretches: Stretches) -> Weighted:
         """The rows of all stretches."""
-        seen, rows, free = stretches.seen, stretches.rows, law.free[0]
+        seen, rows = stretches.seen, stretches.rows
         added = [term.effect.columns(seen, term.place, *term.theta) for term in law.terms]
         columns = np.nan_to_num(np.hstack([law.library(seen.X), *added])[rows])
         measured = stretches.measured[rows, 0]
         weights = np.where(np.isfinite(measured), 1.0 / stretches.sizes[rows], 0.0)
-        known = columns[:, ~free] @ law.coef[0, ~free]
-        rest = weights * np.nan_to_num(measured - known)
-        return cls(weights, weights[:, None] * columns[:, free], rest)
+        free = law.free[0] & columns.any(axis=0)
+        return cls(weights, weights[:, None] * columns, weights * np.nan_to_num(measured), free)
+
+    @property
+    def own(self) -> Array:
+        """Columns whose coefficients are sought."""
+        return self.columns[:, self.free]
 
     def left(self, coef: Array) -> Array:
-        """What coefficients leave of the rows, NaN where a value is gross, (n_rows, 1)."""
-        left = np.where(self.weights > 0.0, self.rest - self.own @ coef, np.nan)
+        """What coefficients of all columns leave, NaN where a value is gross, (n_rows, 1)."""
+        left = np.where(self.weights > 0.0, self.measured - self.columns @ coef, np.nan)
         return left[:, None]
 
 
@@ -85,14 +90,15 @@ def fitted(
     turns: int = SETTINGS.noise_turns,
 ) -> Regressed:
     """Coefficients of least squares; no start is needed, and no size of the noise."""
-    rows, coef, free = Weighted.of(law, stretches), law.coef.copy(), law.free[0]
+    rows, coef = Weighted.of(law, stretches), law.coef.copy()
+    free, own = rows.free, rows.own
     nothing = np.zeros((0, law.declared.shape[1]))
     prior = block_diag(nothing, *(term.effect.prior for term in law.terms))[:, free]
-    unit = np.maximum(np.linalg.norm(rows.own, axis=0), np.finfo(float).tiny)
-    design, values = np.vstack([rows.own, prior]), np.append(rows.rest, np.zeros(len(prior)))
-    found = np.linalg.lstsq(design / unit, values, rcond=None)[0] / unit
-    coef[0, free] = found
-    return Regressed(replace(law, coef=coef), rows.left(found), rows)
+    unit = np.maximum(np.linalg.norm(own, axis=0), np.finfo(float).tiny)
+    rest = rows.measured - rows.columns[:, ~free] @ coef[0, ~free]
+    design, values = np.vstack([own, prior]), np.append(rest, np.zeros(len(prior)))
+    coef[0, free] = np.linalg.lstsq(design / unit, values, rcond=None)[0] / unit
+    return Regressed(replace(law, coef=coef), rows.left(coef[0]), rows)
 
 
 def left_over(fit: Fit, stretches: Stretches, start: Courses | None = None) -> Left:
@@ -102,8 +108,7 @@ def left_over(fit: Fit, stretches: Stretches, start: Courses | None = None) -> L
 
 def left_of(fit: Fit, stretches: Stretches) -> Array:
     """What a fitted law leaves of the values of other stretches, (n_samples, 1)."""
-    law = fit.law
-    return Weighted.of(law, stretches).left(law.coef[0, law.free[0]])
+    return Weighted.of(fit.law, stretches).left(fit.law.coef[0])
 
 
 @dataclass(frozen=True)

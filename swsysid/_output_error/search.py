@@ -110,7 +110,8 @@ class Search:
         for placed in (*shortlist(self.engine.scores(now.fit), corrected, listed), *asked):
             for fit in self._estimated(now, placed):
                 own = fit.law.terms[-1]
-                key = (own.effect.kind, own.label(self.stretches.seen.names), own.target)
+                names = self.stretches.seen.names
+                key = (own.effect.kind, own.label(names), len(own.theta), own.target)
                 if key not in best_of or self._cost(fit) < self._cost(best_of[key]):
                     best_of[key] = fit
         likeliest = sorted(best_of.values(), key=self._cost)[: SETTINGS.n_compared]
@@ -126,10 +127,11 @@ class Search:
         if found is None:
             return None
         chosen, level = found
-        p_value = min(1.0, len(listed) * self.gain(now, chosen).p_value)
+        own = chosen.law.terms[-1]
+        n_choices = len(listed) * own.effect.choices(self.stretches.seen)
+        p_value = min(1.0, n_choices * self.gain(now, chosen).p_value)
         if p_value > self.significance:
             return None
-        own = chosen.law.terms[-1]
         rivals = {
             one.law.terms[-1].effect.kind: one.law.terms[-1]
             for one in reversed(level)
@@ -197,7 +199,7 @@ class Search:
 
     def _closer(self, model: Model, now: Model) -> Model:
         """The same with nonlinear parameters and noise of its own, where that is better."""
-        refined = self.model(self._refined(model.fit))
+        refined = self.model(self.refined(model.fit, len(model.law.terms) - 1))
         is_better = self.gain(now, refined).share >= self.gain(now, model).share
         return refined if is_better or not model.law.terms[-1].theta else model
 
@@ -264,20 +266,19 @@ class Search:
         surely = max(lost.error, SETTINGS.worthwhile)
         return lost.share <= surely and shares[0] >= 0.5 * shares[1]
 
-    def _refined(self, fit: Fit) -> Fit:
-        """The nonlinear parameters of the last effect of least error near those of the scan."""
-        place = len(fit.law.terms) - 1
+    def refined(self, fit: Fit, place: int) -> Fit:
+        """The nonlinear parameters of an effect of least error near those of the scan."""
         term = fit.law.terms[place]
         ranges = term.effect.parameters(self.stretches.seen, term.place)
         for number, parameter in enumerate(ranges):
             values = np.unique(parameter.values)
             if not parameter.exact and len(values) > 1:
-                fit = self._refined_one(fit, number, values)
+                fit = self._refined_one(fit, place, number, values)
         return self.engine.fitted(fit.law, self.stretches, self._courses(fit), fit.noise)
 
-    def _refined_one(self, fit: Fit, number: int, values: Array) -> Fit:
+    def _refined_one(self, fit: Fit, place: int, number: int, values: Array) -> Fit:
         """One of them, between its neighbours among some values and from there on."""
-        place, best = len(fit.law.terms) - 1, fit
+        best = fit
 
         def tried(value: float) -> float:
             nonlocal best

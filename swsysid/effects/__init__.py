@@ -25,6 +25,7 @@ from swsysid.effects._friction import (
     StribeckFriction,
 )
 from swsysid.effects._guards import GuardHysteresis
+from swsysid.effects._intervals import TimeInterval
 from swsysid.effects._memory import Backlash, BoucWen, DahlFriction, Delay, Lag, LuGreFriction
 from swsysid.effects._placed import Formula, FoundEffect, PlacedEffect, Rival
 from swsysid.effects._sensors import ClockLag, Quantisation, SensorOffset
@@ -70,6 +71,7 @@ def all_effects() -> list[Effect]:
         GuardHysteresis(),
         Reset(),
         ExtraMode(),
+        TimeInterval(),
         UnknownFunction(),
         UnmeasuredDisturbance(),
     ]
@@ -143,6 +145,7 @@ __all__ = [
     "SoftSaturation",
     "StribeckFriction",
     "StructureEffect",
+    "TimeInterval",
     "Trigonometric",
     "UnknownFunction",
     "UnmeasuredDisturbance",

@@ -123,6 +123,9 @@ class Drift(Effect):
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return ("t",) if label == "level" else (f"t {label}",)
 
+    def proportional_to(self, place: Place) -> int | None:
+        return None if place == "level" else int(place)
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         assert records.t is not None
         values = 1.0 if place == "level" else records.channel(place)
@@ -214,7 +217,7 @@ class PeriodicForcing(_Wave):
             values = np.linspace(slowest, fastest, min(max(count, 2), SETTINGS.most_frequencies))
         return (Parameter("frequency", values, "1/{time}"),)
 
-    def shortlist(self, records: Records, grid: Array, left: Array) -> Array:
+    def shortlist(self, records: Records, place: Place, grid: Array, left: Array) -> Array:
         """Those about the highest peaks of the trajectories, which are wider than its own."""
         squares = power(records, left, grid[:, 0])
         own = float(np.mean(records.durations)) or 1.0
