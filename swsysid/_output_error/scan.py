@@ -64,7 +64,7 @@ def shortlist(
     for score in scores:
         gains = score.gains(trials, responses)
         best = [
-            int(np.flatnonzero(owner == k)[gains[owner == k].argmax()]) for k in range(len(listed))
+            int(np.flatnonzero(owner == k)[gains[owner == k].argmax()]) for k in np.unique(owner)
         ]
         # what has one coefficient and nothing else explains less, and may be all there is
         plain = [k for k, trial in enumerate(trials) if trial.n_parameters == 1 and not trial.theta]

@@ -127,9 +127,7 @@ class Search:
         if found is None:
             return None
         chosen, level = found
-        own = chosen.law.terms[-1]
-        n_choices = len(listed) * own.effect.choices(self.stretches.seen)
-        p_value = min(1.0, n_choices * self.gain(now, chosen).p_value)
+        own, p_value = chosen.law.terms[-1], self._p_value(now, chosen)
         if p_value > self.significance:
             return None
         rivals = {
@@ -169,7 +167,9 @@ class Search:
             ]
             first, level = self._simplest(models, now)
             chosen = self._closer(first, now)
-            if not self._is_at_an_end(chosen):
+            # what may have happened once hides nothing that predicts
+            p_value = 0.0 if self._n_choices(chosen) == 1.0 else self._p_value(now, chosen)
+            if not self._is_at_an_end(chosen) and p_value <= self.significance:
                 return chosen, level
             models = [one for one in models if one is not first]
         return None
@@ -206,6 +206,14 @@ class Search:
     def gain(self, before: Model, after: Model) -> Fall:
         """By how much the error of unseen stretches falls from one model to another."""
         return fall(before.unseen, after.unseen)
+
+    def _p_value(self, now: Model, model: Model) -> float:
+        """Of a last effect, for all that could have been chosen in its place."""
+        count = len(self.candidates) * self._n_choices(model)
+        return min(1.0, count * self.gain(now, model).p_value)
+
+    def _n_choices(self, model: Model) -> float:
+        return model.law.terms[-1].effect.choices(self.stretches.seen)
 
     @cached_property
     def effects(self) -> list[Effect]:

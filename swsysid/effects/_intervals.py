@@ -87,7 +87,7 @@ class TimeInterval(Effect):
         chosen = []
         for one in left.T:
             along = np.concatenate([[0.0], np.cumsum(column[rows] * one[rows])])[ends]
-            explained = np.square(along - along[:, None])
+            explained = np.square(along - along[:, None] - share * float(column @ one))
             gains = np.where(possible, explained / np.where(possible, size, 1.0), 0.0)
             if gains.any():
                 chosen.append(np.unravel_index(int(gains.argmax()), gains.shape))
