@@ -54,7 +54,8 @@ class TimeInterval(Effect):
         channels = ["level", *records.states, *records.inputs]
         if len(records.trajectories) == 1:
             return channels
-        return list(product(channels, range(len(records.trajectories))))
+        names = [_name(number) for number in range(len(records.trajectories))]
+        return list(product(channels, names))
 
     def choices(self, records: Records) -> float:
         """Pairs of samples of a recording, and a coefficient that it may have all for itself."""
@@ -110,7 +111,7 @@ class TimeInterval(Effect):
     def in_recording(self, place: Place, number: int) -> Place | None:
         if not isinstance(place, tuple):
             return place
-        return place[0] if place[1] == number else None
+        return place[0] if place[1] == _name(number) else None
 
     def shortened(self, records: Records, place: Place, *theta: float) -> Records:
         return records.take(np.array([len(records) - 1]))
@@ -121,7 +122,7 @@ class TimeInterval(Effect):
     def label(self, place: Place, names: Sequence[str]) -> str:
         channel = self.proportional_to(place)
         name = "level" if channel is None else str(names[channel])
-        return f"{name} in recording {place[1]}" if isinstance(place, tuple) else name
+        return f"{name} in {place[1]}" if isinstance(place, tuple) else name
 
     def describe(self, label: str, target: str) -> str:
         if self.ends:
@@ -137,9 +138,15 @@ class TimeInterval(Effect):
         """Rows of the recording in which it acts."""
         if not isinstance(place, tuple):
             return np.arange(len(records))
-        several = len(records.trajectories) > max(place[1], 1)
-        return records.trajectories[place[1]] if several else np.empty(0, dtype=np.intp)
+        each = records.trajectories
+        acting = [rows for number, rows in enumerate(each) if place[1] == _name(number)]
+        return acting[0] if acting and len(each) > 1 else np.empty(0, dtype=np.intp)
 
     def _values(self, records: Records, place: Place) -> Array:
         channel = self.proportional_to(place)
         return np.ones(len(records)) if channel is None else records.channel(channel)
+
+
+def _name(number: int) -> str:
+    """Of a recording, in a place."""
+    return f"recording {number}"
