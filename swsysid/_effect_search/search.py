@@ -233,11 +233,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         else:
             warnings.warn(
                 f"{len(measured.rows)} samples are too few to hold any out: the declared model is "
-                "returned unchanged. Record more, or fit the declared model itself.",
+                f"returned unchanged. Record {measured.enough(parts)}, for longer or faster.",
                 IdentificationWarning,
                 stacklevel=3,
             )
-            self.effects_, self.report_ = [], EffectReport.nothing_done(measured.records)
+            self.effects_, self.report_ = [], EffectReport.nothing_done(measured, parts)
         warn_of_doubts(final, 3)
         return self
 
