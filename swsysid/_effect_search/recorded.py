@@ -204,8 +204,25 @@ def searched_recordings(
         (),
         models[-1].fit,
     )
-    outcome = _confirmed(_with_instants(outcome))
+    outcome = _with_events(_confirmed(_with_instants(outcome)))
     return replace(outcome, final=outcome.refitted(outcome.models[-1].law))
+
+
+def _with_events(outcome: RecordedOutcome) -> RecordedOutcome:
+    """With what happened where a part was held out, and spoils what that part says otherwise.
+
+    Nothing else could predict it; its evidence is that of the samples in which it acts.
+    """
+    search = outcome.search
+    once = [one for one in search.library if one.choices(search.stretches.seen) > 1.0]
+    most = search.most - len(outcome.findings) if once else 0
+    if most < 1:
+        return outcome
+    whole = replace(search, stretches=outcome.every, library=once, most=most)
+    models, findings = whole.run(outcome.models[-1].law)
+    more = (search.engine.fitted(model.law, search.stretches) for model in models[1:])
+    known = (*outcome.findings, *findings)
+    return replace(outcome, models=(*outcome.models, *more), findings=known)
 
 
 def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
