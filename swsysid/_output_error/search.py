@@ -122,6 +122,7 @@ class Search:
             for one in models
             if self.gain(now, one).share >= SETTINGS.worthwhile
             and self.gain(first, one).share - done >= SETTINGS.worth_telling
+            and self._pays(now, one, 1.0)
         ]
         found = self._chosen(models, now)
         if found is None:
@@ -167,9 +168,7 @@ class Search:
             ]
             first, level = self._simplest(models, now)
             chosen = self._closer(first, now)
-            # what may have happened once hides nothing that predicts
-            p_value = 0.0 if self._n_choices(chosen) == 1.0 else self._p_value(now, chosen)
-            if not self._is_at_an_end(chosen) and p_value <= self.significance:
+            if not self._is_at_an_end(chosen) and self._pays(now, chosen, self.significance):
                 return chosen, level
             models = [one for one in models if one is not first]
         return None
@@ -214,6 +213,13 @@ class Search:
 
     def _n_choices(self, model: Model) -> float:
         return model.law.terms[-1].effect.choices(self.stretches.seen)
+
+    def _pays(self, now: Model, model: Model, most: float) -> bool:
+        """Whether the evidence for what acts once is worth its choice, up to a p-value.
+
+        Where it is not, it hides nothing that predicts.
+        """
+        return self._n_choices(model) == 1.0 or self._p_value(now, model) < most
 
     @cached_property
     def effects(self) -> list[Effect]:
