@@ -1,7 +1,7 @@
 """A search in recordings of a plant with one law: from what was measured to what is reported.
 
 Where several modes follow each other, velocities between their switches are searched (`outcome`);
-one law is rolled out freely instead (`_output_error`).
+one law is rolled out freely instead, and a law of a quantity fitted to rows (`_output_error`).
 """
 
 from __future__ import annotations
