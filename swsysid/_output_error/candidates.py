@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -49,7 +48,8 @@ def candidates(
             continue
         for place in effect.places(records):
             ranges = effect.parameters(records, place)
-            grid = np.array(list(product(*(one.values for one in ranges))), dtype=float)
+            values = np.meshgrid(*(one.values for one in ranges), indexing="ij")
+            grid = np.stack(values, -1).reshape(-1, len(ranges)) if ranges else np.zeros((1, 0))
             if not len(grid):
                 continue
             for target in targets:

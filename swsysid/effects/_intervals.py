@@ -11,7 +11,7 @@ channel itself are
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -128,6 +128,11 @@ class TimeInterval(Effect):
         if self.ends:
             return super().describe(label, target)
         return f"{label} acts on {target} otherwise from an instant on: a fan started, a load came"
+
+    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
+        times = f"from t = {figure(parameters['begin'])} "
+        times += f"to {figure(parameters['end'])}" if self.ends else "on"
+        return f"{figure(parameters['change'])} {label} {times}"
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         begin, *end = map(figure, theta)

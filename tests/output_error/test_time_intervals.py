@@ -44,6 +44,7 @@ def test_a_fan_that_starts_is_no_drift():
     before, after = errors(search)
     assert after < 0.25 * before
     assert any("< t]" in law for law in search.equations())
+    assert effect.formula.startswith("-0.1") and " level from t = " in effect.formula
 
 
 def test_what_ages_is_no_event():
