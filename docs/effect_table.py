@@ -19,7 +19,7 @@ def example_records():
     """A record with two states, an input and a signal: parameters may depend on the data."""
     t = np.linspace(0.0, 10.0, 200)
     X = np.column_stack([np.sin(t), np.cos(t), np.sin(3.0 * t)])
-    return make_records(X, 2, t=t, signals=np.cos(2.0 * t), names=["x", "v", "u"])
+    return make_records(X, 2, t=t, signals=2.0 + np.cos(2.0 * t), names=["x", "v", "u"])
 
 
 def row(effect, records):

@@ -22,12 +22,12 @@ from swsysid._effect_model.equations import (
 from swsysid._effect_model.joint_fit import (
     JointFit,
     as_stated,
-    fit_jointly,
     warn_of_doubts,
     with_decoded_modes,
 )
 from swsysid._effect_model.models import check_declared, declared_model
 from swsysid._effect_model.refinable import as_stated_model, with_numbers_of
+from swsysid._effect_model.shaped_fit import fit_with_shapes
 from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._effect_model.velocities import with_quantity
 from swsysid._rendering.printing import check_format
@@ -113,7 +113,7 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         if stated is not None:
             decoded = with_decoded_modes(stated, records, rows, targets) if start is None else None
             records = replace(records, decoded_modes=start) if decoded is None else decoded
-        fit = fit_jointly(declared, terms, records, rows, targets, start)
+        fit = fit_with_shapes(declared, terms, records, rows, targets, start)
         warn_of_doubts(fit, 3)
         return self._adopt(fit, records.names)
 

@@ -24,6 +24,7 @@ from swsysid._simulation.events import Piece
 from swsysid._simulation.inputs import Options, Signal, Stretch
 from swsysid._simulation.simulate import SwitchingRollout
 from swsysid._simulation.system import GuardedSystem
+from swsysid.effects import PlacedEffect
 
 
 class AutomatonEffects(EffectFields):
@@ -35,8 +36,9 @@ class AutomatonEffects(EffectFields):
         acting: Sequence[ActingTerm],
         breaks: Sequence[tuple[int, float]],
         sizes: tuple[int, int, int],
+        terms: Sequence[PlacedEffect] = (),
     ):
-        super().__init__(automaton, None, acting, breaks, sizes)
+        super().__init__(automaton, None, acting, breaks, sizes, terms)
         self.automaton, self.present = automaton, 0
 
     @property

@@ -347,6 +347,8 @@ class ModelSettings:
     # from better modes; share of the rows whose mode may still change when it ends
     sharpenings: int = 2
     same_modes: float = 1e-3
+    turns_of_shapes: int = 200  # of a law whose rates an effect acts on, until they are the same
+    same_rates: float = 1e-6
     most_sought: int = 12  # columns of an effect in the library while modes are sought anew
     # -- modes of recordings: standard errors of the instant of a switch within which no mode is
     # sure; samples to either side of a switch; nats that a switch must be worth; share of the rows

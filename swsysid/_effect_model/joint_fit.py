@@ -25,7 +25,7 @@ from swsysid._effect_model.velocities import (
 from swsysid._noise import robust_regression
 from swsysid._results import Array, GuardWarning
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
-from swsysid.effects._placed import corrected, late_records
+from swsysid.effects._placed import corrected, late_records, shaped
 from swsysid.metrics._modes import best_matching, contingency
 
 
@@ -121,11 +121,12 @@ class JointFit:
 
     def _fields(self, known: Records, rows: NDArray[np.intp] | None) -> Array:
         """Velocity in every mode on corrected records, at the instants of the samples."""
+        X = known.X if rows is None else known.X[rows]
         if known.average is None:
-            fields = self.declared_velocities(known.X if rows is None else known.X[rows])
+            fields = self.declared_velocities(X)
         else:
             fields = np.einsum("jkf,nf->jnk", self.laws.coef, self.features(known, rows))
-        return fields + self._added(known, rows)
+        return shaped(self.terms, fields + self._added(known, rows), X)
 
     def on_time(self, records: Records, rows: NDArray[np.intp], targets: Array) -> Array:
         """Targets of its own rows as they would be if no velocity were late with its state."""
@@ -156,8 +157,6 @@ class JointFit:
         The measurement as it should be is part of it.
         """
         declared = self.declared_velocities(records.X)
-        if not self.terms:
-            return np.zeros_like(declared)
         return self.mode_velocities(replace(records, average=None)) - declared
 
     def predict(

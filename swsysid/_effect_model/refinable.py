@@ -198,9 +198,9 @@ def _refuse_what_remembers(fit: JointFit, names: Sequence[str]) -> None:
     for term in fit.terms:
         if not _is_of_the_present(term) or n_signals([term], laws.n_columns):
             raise ValueError(
-                f"{term.effect.kind} of {term.label(names)} is no function of the present states "
-                "and inputs, which is all that refine integrates; fit an EffectRegressor without "
-                "it and refine that."
+                f"{term.effect.kind} of {term.label(names)} is no term of the present states and "
+                "inputs, which is all that refine integrates; fit an EffectRegressor without it "
+                "and refine that."
             )
 
 

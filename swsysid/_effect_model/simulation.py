@@ -120,6 +120,7 @@ class _Rollout:
             self.acting,
             self.breaks,
             self.sizes,
+            fit.terms,
             guard=None if fit.guard is None else Memory(fit.guard),
             resets=resets,
         )
@@ -174,7 +175,7 @@ class _AutomatonRollout(_Rollout):
 
     def run(self, options: Options, mode: int | None) -> Trajectory:
         whole("mode", mode, least=0, most=self.automaton.n_modes - 1, also=(None,))
-        system = AutomatonEffects(self.automaton, self.acting, self.breaks, self.sizes)
+        system = AutomatonEffects(self.automaton, self.acting, self.breaks, self.sizes, self.terms)
         if system.remembers:
             raise ValueError(
                 "an effect remembers a state, which a rollout of an automaton cannot; leave it out."

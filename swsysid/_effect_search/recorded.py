@@ -29,7 +29,7 @@ from swsysid._output_error.scan import slope_of_sensor
 from swsysid._output_error.search import Finding, Search
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
-from swsysid.effects import Effect, FoundEffect, PlacedEffect, Rival
+from swsysid.effects import Effect, FoundEffect, PlacedEffect, RateEffect, Rival
 from swsysid.effects._kinematics import positions_along
 
 
@@ -49,7 +49,7 @@ class RecordedOutcome:
     @cached_property
     def held_out(self) -> Stretches:
         """The stretches that took part in no choice."""
-        return self.search.stretches.of_others(self.split.held_out_samples)
+        return self.search.stretches.of_rows(self.split.held_out_samples)
 
     @cached_property
     def errors(self) -> list[tuple[Array, Array]]:
@@ -98,15 +98,32 @@ class RecordedOutcome:
                 rows = np.concatenate([places[place], *places[slope : slope + len(term.theta)]])
                 slope += len(term.theta)
                 answers.append(longer * covariance[np.ix_(rows, rows)])
+            elif isinstance(term.effect, RateEffect):
+                answers.append(longer * self._variance(place))
             else:  # of a sensor, beside laws that are known
                 unit = slope_of_sensor(term, every) / fit.noise[term.place]
                 answers.append(np.array([[longer / (unit @ unit)]]))
         return answers
 
+    def _variance(self, place: int) -> Array:
+        """Of the one nonlinear parameter of an effect, all else fitted, (1, 1)."""
+        fit, every = self.final, self.every
+        term = fit.law.terms[place]
+        (step,) = _steps(term, every.seen)
+        squares, start = [], fit.courses_of(range(len(every)))
+        for move in (-step, 0.0, step):
+            law = fit.law.exchanged(place, replace(term, theta=(term.theta[0] + move,)))
+            moved = self.search.engine.fitted(law, every, start, fit.noise, turns=1)
+            left = moved.left / fit.noise
+            squares.append(np.nansum(np.square(left)))
+        bend = max(squares[0] + squares[2] - 2.0 * squares[1], np.finfo(float).tiny)
+        return np.array([[2.0 * step**2 / bend]])
+
     @cached_property
     def every(self) -> Stretches:
         """All samples."""
-        return self.search.stretches.of_all
+        own = self.search.stretches
+        return own.of_rows(np.arange(len(own.records)))
 
     def refitted(self, law: Law) -> Fit:
         """A law fitted to all samples."""
@@ -193,16 +210,10 @@ def searched_recordings(
     targets = [state for state in range(law.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
     search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
-    models, findings = search.run(law)
+    done = search.run(law)
+    models = tuple(one.fit for one in done.models)
     outcome = RecordedOutcome(
-        search,
-        measured,
-        split,
-        declared,
-        tuple(one.fit for one in models),
-        tuple(findings),
-        (),
-        models[-1].fit,
+        done.search, measured, split, declared, models, done.findings, (), models[-1]
     )
     outcome = _with_events(_confirmed(_with_instants(outcome)))
     return replace(outcome, final=outcome.refitted(outcome.models[-1].law))
@@ -219,9 +230,9 @@ def _with_events(outcome: RecordedOutcome) -> RecordedOutcome:
     if most < 1:
         return outcome
     whole = replace(search, stretches=outcome.every, library=once, most=most)
-    models, findings = whole.run(outcome.models[-1].law)
-    more = (search.engine.fitted(model.law, search.stretches) for model in models[1:])
-    known = (*outcome.findings, *findings)
+    found = whole.run(outcome.models[-1].law)
+    more = (search.engine.fitted(model.law, search.stretches) for model in found.models[1:])
+    known = (*outcome.findings, *found.findings)
     return replace(outcome, models=(*outcome.models, *more), findings=known)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from swsysid._output_error.settings import SETTINGS
 from swsysid._results import Array
-from swsysid._stays.laws import Laws, Modes, chained
+from swsysid._stays.laws import Bound, Laws, Modes, Shape, chained
 from swsysid._stays.nodes import Rows
 
 # states, and if they are asked for, derivatives by those before and by coefficients
@@ -124,7 +124,11 @@ class BreakingLaws(Laws):
         def features(columns: Array) -> Array:
             return self.features(np.insert(columns, state, level, axis=1))
 
-        laws = Laws(self.coef[:, others], features, self.spread[others], self.free[:, others])
+        coef, spread, free = self.coef[:, others], self.spread[others], self.free[:, others]
+        at = {int(old): new for new, old in enumerate(others)}
+        shapes = tuple(Shape(at[one.state], *one[1:]) for one in self.shapes if one.state in at)
+        bounds = tuple(Bound(at[one.state], *one[1:]) for one in self.bounds if one.state in at)
+        laws = Laws(coef, features, spread, free, shapes=shapes, bounds=bounds)
         u, after = np.hstack([u, sides]), np.hstack([after, sides])
         if not varied:
             modes = np.zeros(n_rows, dtype=np.intp)

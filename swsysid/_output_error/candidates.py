@@ -10,7 +10,14 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._output_error.law import Law
 from swsysid._results import Array
-from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, Quantisation, UnknownFunction
+from swsysid.effects import (
+    Effect,
+    MeasurementEffect,
+    PlacedEffect,
+    Quantisation,
+    RateEffect,
+    UnknownFunction,
+)
 
 
 @dataclass(frozen=True)
@@ -28,10 +35,10 @@ class Candidate:
 
 
 def is_sought(effect: Effect) -> bool:
-    """True of what can be told in recordings of one law: columns of it, and what sensors do."""
+    """True of what can be told in recordings of one law: what changes it, and what sensors do."""
     # a function without a name has columns once its channel is known
-    has_columns = bool(effect.terms) or isinstance(effect, UnknownFunction)
-    return has_columns or is_of_a_sensor(effect)
+    changes = bool(effect.terms) or isinstance(effect, (RateEffect, UnknownFunction))
+    return changes or is_of_a_sensor(effect)
 
 
 def is_of_a_sensor(effect: Effect) -> bool:
@@ -44,7 +51,8 @@ def candidates(
 ) -> Iterator[Candidate]:
     """All of them, the simplest explanation first."""
     for effect in (one for each in effects for one in (each, *each.elsewhere(records))):
-        if not effect.terms or effect.missing(records) is not None:
+        changes_the_law = bool(effect.terms) or isinstance(effect, RateEffect)
+        if not changes_the_law or effect.missing(records) is not None:
             continue
         for place in effect.places(records):
             ranges = effect.parameters(records, place)

@@ -1,9 +1,9 @@
 r"""Coefficients of least output error, and what a law leaves of stretches.
 
 Rollouts of a real plant go astray by what nobody has declared. So the ties leave the states a
-little disturbance, in all of a stretch a share of the noise, and what that takes counts as misfit:
-what is minimised is the likelihood of a law with a small disturbance of its own, which bends far
-less than that of rigid rollouts where a law breaks.
+disturbance, in all of a stretch a multiple of the noise, and what that takes counts as misfit: what
+is minimised is the likelihood of a law with a disturbance of its own, which bends far less than
+that of rigid rollouts where a law breaks. With a larger one a shorter future is predicted.
 """
 
 from __future__ import annotations
@@ -135,7 +135,8 @@ def fitted(
     if noise is None:
         noise = 0.3 * spread
     for turn in range(turns):
-        reached = _reached(estimate, noise, near=start is not None or turn > 0)
+        is_near = start is not None or turn > 0
+        reached = _reached(estimate, noise, stretches.disturbance, is_near)
         left = _left(reached)
         own = np.sqrt(np.nanmean(np.square(left), axis=0))
         own = np.maximum(own, SETTINGS.least_noise * spread)
@@ -177,7 +178,7 @@ def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
 def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
     estimate, _ = _begun(fit.law, stretches, start)
     fixed = replace(estimate, laws=estimate.laws.known())
-    return _reached(fixed, fit.noise, near=start is not None)
+    return _reached(fixed, fit.noise, stretches.disturbance, near=start is not None)
 
 
 def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estimate, Array]:
@@ -233,11 +234,11 @@ class Rollouts(Estimate):
         return replace(self, states=states)
 
 
-def _reached(estimate: Estimate, noise: Array, near: bool) -> Reached:
+def _reached(estimate: Estimate, noise: Array, disturbance: float, near: bool) -> Reached:
     """With nodes that are tied ever more tightly."""
     settings = STAYS.roughly()
     looser, (_, n_turns) = settings.ties[:-1], settings.ties[-1]
-    ties = (*(looser[-1:] if near else looser), (_tie(estimate, SETTINGS.disturbance), n_turns))
+    ties = (*(looser[-1:] if near else looser), (_tie(estimate, disturbance), n_turns))
     with np.errstate(all="ignore"):  # a trial step that diverges is not taken
         return most_likely(estimate, noise, replace(settings, ties=ties))
 

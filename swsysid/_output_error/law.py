@@ -12,9 +12,10 @@ from swsysid._data.records import Records
 from swsysid._output_error.breaks import Break, BreakingLaws
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
-from swsysid._stays.laws import Laws
-from swsysid.effects import Effect, PlacedEffect
+from swsysid._stays.laws import Bound, Laws, Shape
+from swsysid.effects import Effect, PlacedEffect, RateEffect
 from swsysid.effects._base import Place
+from swsysid.effects._placed import shaped
 
 Library = Callable[[Array], Array]
 _BEYOND = 1e-9  # of a spread: beyond a level, for a law that jumps there
@@ -22,7 +23,7 @@ _BEYOND = 1e-9  # of a spread: beyond a level, for a law that jumps there
 
 @dataclass(frozen=True)
 class Law:
-    """x' = coef . (library, columns of effects).
+    """x' = r(coef . (library, columns of effects)), r what effects make of rates as a whole.
 
     What remembers is computed along whole recordings beforehand, and stands beside the inputs.
 
@@ -57,7 +58,7 @@ class Law:
     @property
     def n_parameters(self) -> int:
         """Of the effects, less those of the declared law in whose place they stand."""
-        return sum(term.n_parameters for term in self.terms) - int(self.replaced.sum())
+        return sum(term.n_parameters for term in self.terms)
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -149,13 +150,35 @@ class Law:
         ]
         return tuple(dict.fromkeys(pairs))
 
+    def rates(self, seen: Records) -> Array:
+        """What the law says of the rates of records, (n_samples, n_states)."""
+        columns = [term.effect.columns(seen, term.place, *term.theta) for term in self.terms]
+        rates = np.hstack([self.library(seen.X), *columns]) @ self.coef.T
+        return shaped(self.terms, rates, seen.X)
+
     def laws(self, stretches: Stretches, spread: Array, further: Array) -> Laws:
         """Vector field of states, inputs, signals and further columns."""
         breaks = self.breaks
         features = self._features(stretches.seen, breaks, spread)
         free = self.free & self.told(further[stretches.rows])
         arguments = self.coef[None], features, spread, free[None]
-        return BreakingLaws(*arguments, breaks) if breaks else Laws(*arguments)
+        shapes, bounds = self._shapes_and_bounds()
+        if breaks:
+            return BreakingLaws(*arguments, breaks, shapes=shapes, bounds=bounds)
+        return Laws(*arguments, shapes=shapes, bounds=bounds)
+
+    def _shapes_and_bounds(self) -> tuple[tuple[Shape, ...], tuple[Bound, ...]]:
+        """What effects make of rates as a whole."""
+        shapes, bounds = [], []
+        for term in self.terms:
+            if isinstance(term.effect, RateEffect):
+                bound = term.effect.bound(term.place, *term.theta)
+                if bound is None:
+                    arguments = (term.place, *term.theta)
+                    shapes.append(Shape(term.target, term.effect.of_rate, arguments))
+                else:
+                    bounds.append(Bound(term.target, *bound))
+        return tuple(shapes), tuple(bounds)
 
     def _features(self, seen: Records, breaks: Sequence[Break], spread: Array) -> Library:
         n_columns, n_signals = seen.X.shape[1], seen.signals.shape[1]

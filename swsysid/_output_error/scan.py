@@ -19,7 +19,8 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from swsysid._data.records import Records
 from swsysid._output_error.candidates import Candidate
-from swsysid._output_error.estimate import Fit, Fitted, of_samples
+from swsysid._output_error.estimate import Fitted, of_samples
+from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
@@ -30,7 +31,7 @@ from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.nodes import Rows
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._ties import largest_first
-from swsysid.effects import Effect, MeasurementEffect, PlacedEffect
+from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, RateEffect
 
 
 class Score(Protocol):
@@ -51,41 +52,46 @@ class Score(Protocol):
 
 
 def shortlist(
-    scores: Sequence[Score], stretches: Stretches, listed: Sequence[Candidate]
+    law: Law, scores: Sequence[Score], stretches: Stretches, listed: Sequence[Candidate]
 ) -> list[PlacedEffect]:
     """The candidates that explain most by any of some scores, each at its best values."""
     missed = scores[0].missed(stretches)
     parts = [candidate.trials(stretches.seen, missed) for candidate in listed]
     trials = [trial for part in parts for trial in part]
     owner = np.repeat(np.arange(len(listed)), [len(part) for part in parts])
-    columns = (_columns(trial, stretches.seen)[stretches.rows] for trial in trials)
+    said = np.nan_to_num(law.rates(stretches.seen))
+    columns = (_columns(trial, stretches.seen, said)[stretches.rows] for trial in trials)
     responses = [scores[0].response(one) for one in columns]
     chosen: dict[int, None] = {}
+    # what has one coefficient and nothing else explains less, and may be all there is
+    plain = [k for k, trial in enumerate(trials) if trial.n_parameters == 1 and not trial.theta]
     for score in scores:
         gains = score.gains(trials, responses)
         best = [
             int(np.flatnonzero(owner == k)[gains[owner == k].argmax()]) for k in np.unique(owner)
         ]
-        # what has one coefficient and nothing else explains less, and may be all there is
-        plain = [k for k, trial in enumerate(trials) if trial.n_parameters == 1 and not trial.theta]
-        first = [best[k] for k in largest_first(gains[best])[: SETTINGS.n_shortlisted]]
         promising = SETTINGS.promising * score.squares
-        chosen |= dict.fromkeys(k for k in (*first, *plain) if gains[k] > promising)
+        for some in (best, plain):
+            first = [some[k] for k in largest_first(gains[some])[: SETTINGS.n_shortlisted]]
+            chosen |= dict.fromkeys(k for k in first if gains[k] > promising)
     return [trials[k] for k in chosen]
 
 
-def of_sensors(fit: Fit, stretches: Stretches, effects: Sequence[Effect]) -> Iterator[PlacedEffect]:
+def of_sensors(
+    law: Law, rolled_out: Array, stretches: Stretches, effects: Sequence[Effect]
+) -> Iterator[PlacedEffect]:
     """Corrections of states that explain a share worth it of what rollouts leave of these.
 
-    A sensor is right or wrong beside others: with one state it says no more than a delay does.
+    They are free: a disturbance would let the states follow a sensor that is wrong. A sensor is
+    right or wrong beside others: with one state it says no more than a delay does.
     """
-    seen = stretches.corrected(fit.law.terms).seen
+    seen, missed = stretches.corrected(law.terms).seen, np.nan_to_num(rolled_out)
     for effect, place in ((one, place) for one in effects for place in one.places(seen)):
-        if len(fit.noise) < 2 or effect.missing(seen) is not None:
+        if law.n_states < 2 or effect.missing(seen) is not None:
             continue
         (parameter,) = effect.parameters(seen, place)
         slope = slope_of_sensor(PlacedEffect(effect, place, int(place), theta=(0.0,)), stretches)
-        left = np.nan_to_num(fit.misfits[:, place])
+        left = missed[:, place]
         size = -(left @ slope) / (slope @ slope)
         if size * (left @ slope) < -SETTINGS.worthwhile * (left @ left):
             nearest = parameter.values[np.abs(parameter.values - size).argmin()]
@@ -104,8 +110,10 @@ def slope_of_sensor(term: PlacedEffect, stretches: Stretches) -> Array:
     return np.asarray(moved[stretches.rows] / (2.0 * step))
 
 
-def _columns(trial: PlacedEffect, seen: Records) -> Array:
-    """Columns of a candidate along whole recordings, (n_samples, n_terms)."""
+def _columns(trial: PlacedEffect, seen: Records, said: Array) -> Array:
+    """What a candidate changes along whole recordings, (n_samples, n_terms), by rates of a law."""
+    if isinstance(trial.effect, RateEffect):
+        return (trial.shaped(said, seen.X) - said)[:, [trial.target]]
     return np.nan_to_num(trial.effect.columns(seen, trial.place, *trial.theta))
 
 
@@ -184,7 +192,7 @@ class RolloutScore:
         inverse = np.linalg.pinv(information / unit / unit[:, None], rcond=1e-12, hermitian=True)
         inverse = inverse / unit / unit[:, None]
         gains = np.zeros(len(trials))
-        for some in _at_once(trials):
+        for some in _at_once(responses):
             own_moves = [responses[k] for k in some]
             counts = [move.shape[1] for move in own_moves]
             targets = np.repeat([trials[k].target for k in some], counts)
@@ -236,8 +244,8 @@ def scores(fit: Fitted) -> list[RolloutScore]:
     return [RolloutScore.of(fit, tie) for tie in SETTINGS.ties]
 
 
-def _at_once(trials: Sequence[PlacedEffect]) -> list[list[int]]:
+def _at_once(moves: Sequence[Array]) -> list[list[int]]:
     """Numbers of as many trials as are worked together."""
-    ends = np.cumsum([len(trial.effect.terms) for trial in trials])
+    ends = np.cumsum([move.shape[1] for move in moves])
     group = ends // SETTINGS.columns_at_once
     return [np.flatnonzero(group == one).tolist() for one in np.unique(group)]

@@ -26,7 +26,7 @@ from swsysid._output_error.stretches import Stretches
 from swsysid._rendering.progress import progress
 from swsysid._results import Array
 from swsysid._ties import least_of
-from swsysid.effects import Effect, PlacedEffect, UnknownFunction
+from swsysid.effects import Effect, PlacedEffect, RateEffect, UnknownFunction
 from swsysid.effects._shapes import shapes
 
 
@@ -54,6 +54,25 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Searched:
+    """What a search has found: the declared model, and one effect more in each that follows."""
+
+    search: Search
+    models: tuple[Model, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def nats(self) -> float:
+        """Evidence for the first effect."""
+        before, *after = self.models[:2]
+        return fall(before.unseen, after[0].unseen).nats if after else 0.0
+
+    def with_one_more(self, model: Model, finding: Finding) -> Searched:
+        """The same with one effect more."""
+        return Searched(self.search, (*self.models, model), (*self.findings, finding))
+
+
+@dataclass(frozen=True)
 class Search:
     """One search in the searched part of recordings, of those effects of a library that show there.
 
@@ -70,20 +89,30 @@ class Search:
     most: int
     verbose: bool = False
 
-    def run(self, declared: Law) -> tuple[list[Model], list[Finding]]:
+    def run(self, declared: Law) -> Searched:
         """The declared model and those with one effect more each; the effects."""
-        models = [self.model(self.engine.fitted(declared, self.stretches))]
-        findings: list[Finding] = []
         with progress(self.most, "rounds of the search", self.verbose) as bar:
-            while len(findings) < self.most:
-                better = self.round(models[-1], models[0])
+            starts = [self.disturbed(one).started(declared) for one in SETTINGS.disturbances]
+            done = least_of(starts, lambda one: -one.nats)
+            bar.update()
+            while done.findings and len(done.findings) < self.most:
+                better = done.search.round(done.models[-1], done.models[0])
                 bar.update()
                 if better is None:
                     break
-                model, finding = better
-                models.append(model)
-                findings.append(finding)
-        return models, findings
+                done = done.with_one_more(*better)
+        return done
+
+    def disturbed(self, disturbance: float) -> Search:
+        """The same search for a law with another disturbance."""
+        return replace(self, stretches=replace(self.stretches, disturbance=disturbance))
+
+    def started(self, declared: Law) -> Searched:
+        """The declared model, and the first effect if there is one."""
+        first = self.model(self.engine.fitted(declared, self.stretches))
+        done = Searched(self, (first,), ())
+        better = self.round(first, first) if self.most else None
+        return done if better is None else done.with_one_more(*better)
 
     def model(self, fit: Fit) -> Model:
         """A law fitted to all stretches, and fold by fold."""
@@ -105,9 +134,10 @@ class Search:
         listed = self.candidates
         best_of: dict[tuple, Fit] = {}
         sensors = [effect for effect in self.effects if is_of_a_sensor(effect)]
-        asked = of_sensors(now.fit, self.stretches, sensors)
+        left = self.engine.left_of(now.fit, self.stretches) if sensors else np.zeros((0, 0))
+        asked = of_sensors(now.law, left, self.stretches, sensors)
         corrected = self.stretches.corrected(now.law.terms)
-        for placed in (*shortlist(self.engine.scores(now.fit), corrected, listed), *asked):
+        for placed in (*shortlist(now.law, self.engine.scores(now.fit), corrected, listed), *asked):
             for fit in self._estimated(now, placed):
                 own = fit.law.terms[-1]
                 names = self.stretches.seen.names
@@ -154,8 +184,27 @@ class Search:
                 # from rollouts without a jump those with it are not reached
                 near = self._courses(now.fit) if law.breaks == now.law.breaks else None
                 fit = self.engine.fitted(law, self.stretches, near, noise, turns=2)
+                if isinstance(variant.effect, RateEffect):
+                    fit = self._followed(fit)
                 if self._is_plausible(fit):
                     yield fit
+
+    def _followed(self, fit: Fit) -> Fit:
+        """The last effect at ever larger values, each from the fit before, while it fits better.
+
+        Beside a law that lacks it a rate as a whole shows far less than there is.
+        """
+        place = len(fit.law.terms) - 1
+        term = fit.law.terms[place]
+        (parameter,) = term.effect.parameters(self.stretches.seen, term.place)
+        for value in parameter.values[parameter.values > term.theta[0]]:
+            law = fit.law.exchanged(place, replace(term, theta=(float(value),)))
+            start = self._courses(fit)
+            other = self.engine.fitted(law, self.stretches, start, fit.noise, turns=1)
+            if not self._cost(other) < self._cost(fit):
+                break
+            fit = other
+        return fit
 
     def _chosen(self, models: list[Model], now: Model) -> tuple[Model, list[Model]] | None:
         """The simplest that is as good as any, its nonlinear parameters refined, and its rivals."""
@@ -208,7 +257,7 @@ class Search:
 
     def _p_value(self, now: Model, model: Model) -> float:
         """Of a last effect, for all that could have been chosen in its place."""
-        count = len(self.candidates) * self._n_choices(model)
+        count = len(SETTINGS.disturbances) * len(self.candidates) * self._n_choices(model)
         return min(1.0, count * self.gain(now, model).p_value)
 
     def _n_choices(self, model: Model) -> float:
@@ -271,14 +320,17 @@ class Search:
     def _as_good(self, other: Model, best: Model, now: Model) -> bool:
         """Whether the best is not worth it beside another one, or not surely better.
 
+        Surely by blocks of samples, of which a few may have all that matters, or by the evidence.
         What explains less than half of it is not as good, however much that scatters.
         """
         if other is best:
             return True
         lost = fall(other.unseen, best.unseen)
         shares = [self.gain(now, one).share for one in (other, best)]
-        surely = max(lost.error, SETTINGS.worthwhile)
-        return lost.share <= surely and shares[0] >= 0.5 * shares[1]
+        is_surely_worse = lost.share > lost.error or lost.p_value <= self.significance
+        return shares[0] >= 0.5 * shares[1] and not (
+            lost.share > SETTINGS.worthwhile and is_surely_worse
+        )
 
     def refined(self, fit: Fit, place: int) -> Fit:
         """The nonlinear parameters of an effect of least error near those of the scan."""

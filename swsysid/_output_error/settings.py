@@ -41,8 +41,10 @@ class Settings:
     noise_turns: int = 3  # of the noise that misfits are measured in, and of its share to settle
     settled: float = 0.05
     about: float = 3.0
-    # of the noise, over the longest stretch: what ties leave free of a law, and of a rollout
-    disturbance: float = 0.1
+    # of the noise, over the longest stretch: what ties leave free of a law, and of a rollout. A
+    # search goes on with that of the two by which its first effect is clearest: where little else
+    # disturbs a plant rollouts say most, elsewhere they go astray before an effect is seen
+    disturbances: tuple[float, ...] = (0.1, 1.0)
     of_a_rollout: float = 0.01
     turns_of_starts: int = 10
     turns_of_rollouts: int = 12  # of gaps, until they are closed to so much of a spread

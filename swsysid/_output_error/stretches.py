@@ -40,6 +40,7 @@ class Stretches:
     gross: NDArray[np.bool_]  # (n_samples, n_states): measured values that are no motion
     quantity: Array | None = None  # (n_samples, 1)
     first_step: float = 0.5  # part of an interval that is integrated at once: a half, or 1
+    disturbance: float = SETTINGS.disturbances[0]  # of the noise, that a law leaves in a stretch
 
     @classmethod
     def of(
@@ -68,6 +69,11 @@ class Stretches:
     def __len__(self) -> int:
         return len(self.parts)
 
+    def of_rows(self, rows: Rows) -> Stretches:
+        """Stretches of other rows of the same recordings, which are rolled out alike."""
+        others = Stretches.of(self.records, self.seen, rows, self.quantity)
+        return replace(others, first_step=self.first_step, disturbance=self.disturbance)
+
     @property
     def rows(self) -> Rows:
         """All rows, one stretch after the other."""
@@ -83,16 +89,6 @@ class Stretches:
     def measured(self) -> Array:
         """What the law gives, NaN where a value is no motion, (n_samples, n_states)."""
         return np.where(self.gross, np.nan, _measured(self.records, self.quantity))
-
-    @property
-    def of_all(self) -> Stretches:
-        """The same of all samples."""
-        return self.of_others(np.arange(len(self.records)))
-
-    def of_others(self, rows: Rows) -> Stretches:
-        """The same of other samples of the record."""
-        other = Stretches.of(self.records, self.seen, rows, self.quantity)
-        return replace(other, first_step=self.first_step)
 
     def some(self, numbers: Sequence[int]) -> Stretches:
         """Some of the stretches."""

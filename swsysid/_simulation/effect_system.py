@@ -22,6 +22,7 @@ from swsysid._simulation.inputs import trajectory_records
 from swsysid._simulation.model import SwitchingModel
 from swsysid._simulation.system import Laws, SwitchingSystem
 from swsysid.effects import PlacedEffect
+from swsysid.effects._placed import shaped
 
 
 class Memory:
@@ -74,7 +75,8 @@ class EffectFields(SwitchingSystem):
 
     Bit b of `sides` says that the state lies above the level of break b, a (channel, level). Rows
     of states and inputs pass the `transform` before the model sees them; `sizes` are the numbers of
-    states, inputs and signals. What tells the mode is a subclass's.
+    states, inputs and signals; `terms` are all effects, of which some act on rates as a whole. What
+    tells the mode is a subclass's.
     """
 
     def __init__(
@@ -84,8 +86,9 @@ class EffectFields(SwitchingSystem):
         acting: Sequence[ActingTerm],
         breaks: Sequence[tuple[int, float]],
         sizes: tuple[int, int, int],
+        terms: Sequence[PlacedEffect] = (),
     ):
-        self.fields, self.transform = model, transform
+        self.fields, self.transform, self.terms = model, transform, tuple(terms)
         self.acting, self.breaks = tuple(acting), tuple(breaks)
         self.memories = [one.memory for one in acting if one.memory is not None]
         self.n_modes = len(model.coef)
@@ -150,7 +153,7 @@ class EffectFields(SwitchingSystem):
                 seen = now if acting.memory is None or acting.breaks else acting.memory.until(now)
                 columns = acting.term.columns(seen)[-1]
             velocity[acting.term.target] += columns @ gain
-        return velocity
+        return shaped(self.terms, velocity, x)
 
     def record(self, x: Array, u: Array) -> Records:
         """One row with everything that an effect can ask for."""
@@ -191,10 +194,11 @@ class EffectSystem(EffectFields):
         acting: Sequence[ActingTerm],
         breaks: Sequence[tuple[int, float]],
         sizes: tuple[int, int, int],
+        terms: Sequence[PlacedEffect] = (),
         guard: Memory | None = None,
         resets: Sequence[tuple[tuple[int, int], int, float]] = (),
     ):
-        super().__init__(model, transform, acting, breaks, sizes)
+        super().__init__(model, transform, acting, breaks, sizes, terms)
         self.model, self.guard, self.resets = model, guard, tuple(resets)
         if guard is not None:
             self.memories.append(guard)

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +26,25 @@ Modes = NDArray[np.intp]
 Features = Callable[[Array], Array]  # rows (states, inputs) -> (n_rows, n_features)
 
 
+class Shape(NamedTuple):
+    """What becomes of the rate of a state that its law says, and the slope of that."""
+
+    state: int
+    of_rate: Callable[..., tuple[Array, Array]]  # of rates, states and what follows
+    arguments: tuple
+
+
+class Bound(NamedTuple):
+    """A level that a state does not pass, upwards (1) or downwards (-1), where it is held."""
+
+    state: int
+    side: int
+    level: float
+
+
 @dataclass(frozen=True)
 class Laws:
-    """Vector fields C_j Phi(x, u) of the modes."""
+    """Vector fields C_j Phi(x, u) of the modes, of which shapes may make something else."""
 
     coef: Array  # (n_modes, n_states, n_features)
     features: Features
@@ -35,6 +52,8 @@ class Laws:
     free: NDArray[np.bool_]  # of the shape of coef: the coefficients that are unknown
     # derivatives of the features by unknowns inside them, which come after the coefficients
     inside: tuple[Features, ...] = field(default=(), kw_only=True)
+    shapes: tuple[Shape, ...] = field(default=(), kw_only=True)
+    bounds: tuple[Bound, ...] = field(default=(), kw_only=True)
 
     @cached_property
     def places(self) -> tuple[Modes, Modes, Modes]:
@@ -78,7 +97,19 @@ class Laws:
     def velocities(self, modes: Modes, x: Array, u: Array, slope: Array | None = None) -> Array:
         """Velocity of every row, each in a given mode; `slope`, of the inputs, is not asked."""
         features = self.features(np.concatenate([x, u], axis=1))
-        return np.matmul(self.coef[modes], features[:, :, None])[:, :, 0]
+        return self._shaped(np.matmul(self.coef[modes], features[:, :, None])[:, :, 0], x)[0]
+
+    def _shaped(self, rates: Array, x: Array) -> tuple[Array, Array]:
+        """What becomes of rates (n_rows, n_states) of the laws, and by how much it changes."""
+        slopes = np.ones_like(rates)
+        for state, of_rate, arguments in self.shapes:
+            rates[:, state], slope = of_rate(rates[:, state], x[:, state], *arguments)
+            slopes[:, state] *= slope
+        return rates, slopes
+
+    def _beyond(self, ends: Array) -> list[tuple[NDArray[np.bool_], Bound]]:
+        """Which rows have passed each bound; there the step ends (catching up, Moreau 1977)."""
+        return [(one.side * (ends[:, one.state] - one.level) > 0.0, one) for one in self.bounds]
 
     def step(self, modes: Modes, x: Array, u: Array, after: Array, duration: Array) -> Array:
         """States after steps with inputs that go from `u` to `after`."""
@@ -87,7 +118,10 @@ class Laws:
         second = self.velocities(modes, x + h / 2 * first, middle, slope)
         third = self.velocities(modes, x + h / 2 * second, middle, slope)
         fourth = self.velocities(modes, x + h * third, after, slope)
-        return x + h / 6 * (first + 2 * (second + third) + fourth)
+        ends = x + h / 6 * (first + 2 * (second + third) + fourth)
+        for beyond, bound in self._beyond(ends):
+            ends[beyond, bound.state] = bound.level
+        return ends
 
     def varied_step(
         self, modes: Modes, x: Array, Z: Array, u: Array, after: Array, duration: Array
@@ -129,15 +163,17 @@ class Laws:
         changes, :math:`M_i`, those by coefficients are :math:`\sum_i M_i \Phi_i`.
         """
         h, middle = duration, 0.5 * (u + after)
-        stages, values, jacobians = [], [], []
+        stages, values, jacobians, slopes = [], [], [], []
         rates: list[Array] = []
         for ahead, at in ((0.0, u), (0.5, middle), (0.5, middle), (1.0, after)):
             now = x + (ahead * h)[:, None] * rates[-1] if rates else x
             stages.append(np.concatenate([now, at], axis=1))
             value, jacobian = self.linear(mode, stages[-1])
-            rates.append((self.coef[mode] @ value).T)
+            rate, slope = self._shaped((self.coef[mode] @ value).T, now)
+            rates.append(rate)
+            slopes.append(slope.T)
             values.append(value)
-            jacobians.append(jacobian)
+            jacobians.append(jacobian * slopes[-1] if self.shapes else jacobian)
         ends = x + (h / 6.0)[:, None] * (rates[0] + 2.0 * (rates[1] + rates[2]) + rates[3])
         # from the last stage backwards
         every, changes = np.arange(x.shape[1]), np.zeros((4, x.shape[1], x.shape[1], len(x)))
@@ -147,7 +183,13 @@ class Laws:
             changes[stage, every, every] += weight / 6.0 * h
         by_state = np.einsum("ibcr,icar->bar", np.array(jacobians), changes)
         by_state[every, every] += 1.0
-        return ends, by_state, self._by_unknowns(mode, stages, np.array(values), changes)
+        if self.shapes:
+            changes = changes * np.array(slopes)[:, :, None]
+        by_law = self._by_unknowns(mode, stages, np.array(values), changes)
+        for beyond, bound in self._beyond(ends):
+            ends[beyond, bound.state] = bound.level
+            by_state[:, bound.state, beyond] = by_law[:, bound.state, beyond] = 0.0
+        return ends, by_state, by_law
 
     def _by_unknowns(self, mode: int, stages: list[Array], values: Array, changes: Array) -> Array:
         """What unknowns change, with features of stages and what velocities added there change."""

@@ -1,12 +1,14 @@
 """Effects that a declared model may lack."""
 
 # In reading order: `_base` is what an effect is, `_types` its four kinds that are no columns;
-# `_terms`, `_characteristics`, `_friction`, `_shapes` are columns of the present, `_memory` those
-# of the past, `_sensors` change the record, `_guards` and `_switching` the modes; `_placed` puts
-# one at a place, `_kinematics` says which states are positions.
+# `_terms`, `_characteristics`, `_friction`, `_shapes` are columns of the present, `_memory` and
+# `_bristles` of the past, `_intervals` of a time, `_rates` act on a rate as a whole, `_sensors`
+# change the record, `_guards` and `_switching` the modes; `_placed` puts one at a place,
+# `_kinematics` says which states are positions.
 
 from swsysid._data.records import Records
 from swsysid.effects._base import Effect, Parameter
+from swsysid.effects._bristles import BoucWen, DahlFriction, LuGreFriction
 from swsysid.effects._characteristics import (
     DeadZone,
     GainChange,
@@ -26,8 +28,9 @@ from swsysid.effects._friction import (
 )
 from swsysid.effects._guards import GuardHysteresis
 from swsysid.effects._intervals import TimeInterval
-from swsysid.effects._memory import Backlash, BoucWen, DahlFriction, Delay, Lag, LuGreFriction
+from swsysid.effects._memory import Backlash, Delay, Lag, TransportDelay
 from swsysid.effects._placed import Formula, FoundEffect, PlacedEffect, Rival
+from swsysid.effects._rates import EndStop, RateEffect, RateLimit, Stick
 from swsysid.effects._sensors import ClockLag, Quantisation, SensorOffset
 from swsysid.effects._shapes import UnknownFunction
 from swsysid.effects._switching import ExtraMode, Reset
@@ -58,8 +61,12 @@ def all_effects() -> list[Effect]:
         PowerLaw(),
         Delay(),
         Lag(),
+        TransportDelay(),
         Backlash(),
         Overflow(),
+        Stick(),
+        RateLimit(),
+        EndStop(),
         GainChange(),
         PeriodicForcing(),
         Trigonometric(),
@@ -114,6 +121,7 @@ __all__ = [
     "Delay",
     "Drift",
     "Effect",
+    "EndStop",
     "ExtraMode",
     "Formula",
     "GainChange",
@@ -139,13 +147,17 @@ __all__ = [
     "Quantisation",
     "Reset",
     "ResetEffect",
+    "RateEffect",
+    "RateLimit",
     "Ripple",
     "Saturation",
     "SensorOffset",
     "SoftSaturation",
+    "Stick",
     "StribeckFriction",
     "StructureEffect",
     "TimeInterval",
+    "TransportDelay",
     "Trigonometric",
     "UnknownFunction",
     "UnmeasuredDisturbance",

@@ -271,6 +271,10 @@ class EffectSettings:
     n_levels: int = 24  # of a threshold
     narrow: float = 0.03  # of a channel's range: narrower than that, a dead zone is friction
     rare_sign: float = 0.03  # share of the samples: a velocity with fewer of one sign has one sign
+    # of a rate as a whole, in units of the pace of its state: the law of one that nearly always
+    # stands still says far more than it ever moves
+    paces: tuple[float, float, int] = (0.03, 100.0, 13)
+    ends: tuple[float, float, int] = (0.8, 1.0, 13)  # shares of the samples below an end stop
     most_monomials: int = 60  # in several channels
     sharpest: float = 0.02  # scale of a soft saturation, of the range of the channel
     softest: float = 2.0
@@ -308,7 +312,8 @@ class EffectSettings:
     frequencies_a_peak: float = 2.5  # scanned in the width of a peak, one over the duration
     fastest: float = 0.25  # of the sampling rate
     fewest_periods: float = 5.0  # in all trajectories: fewer are a drift or a slow feedback
-    longest_delay: int = 40  # steps of the record
+    longest_delay: int = 40  # steps of the record, up to which every half is tried
+    longer_delay: float = 0.1  # by which the logarithms of longer ones differ
     n_instants: int = 100  # of a recording, from and until which something may act
 
     forgotten: float = 40.0  # presliding distances after which a contact has forgotten its past

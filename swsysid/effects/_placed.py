@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import Effect, Place
+from swsysid.effects._rates import RateEffect
 from swsysid.effects._types import GuardEffect, MeasurementEffect, ResetEffect
 
 Modes = NDArray[np.intp]
@@ -114,6 +115,19 @@ class PlacedEffect:
         if isinstance(self.effect, MeasurementEffect):
             return self.effect.recorded(records, self.place, *self.theta)
         return records
+
+    def shaped(self, rates: Array, X: Array) -> Array:
+        """What it makes of rates at states, both (..., n_states), if it is one of a rate."""
+        if isinstance(self.effect, RateEffect):
+            rates, own = rates.copy(), (..., self.target)
+            rates[own] = self.effect.of_rate(rates[own], X[own], self.place, *self.theta).rate
+        return rates
+
+    def said(self, rates: Array, X: Array) -> Array:
+        """What the law says where its state has a rate, NaN where that does not tell, (n_rows,)."""
+        assert isinstance(self.effect, RateEffect)
+        own = (..., self.target)
+        return self.effect.said(rates[own], X[own], self.place, *self.theta)
 
     def switched(self, records: Records) -> Modes:
         """Modes along the trajectories, of a guard that remembers."""
@@ -290,3 +304,10 @@ def corrected(terms: Sequence[PlacedEffect], records: Records) -> Records:
     for term in terms:
         records = term.corrected(records)
     return records
+
+
+def shaped(terms: Sequence[PlacedEffect], rates: Array, X: Array) -> Array:
+    """What the effects of rates as a whole make of rates at states, both (..., n_states)."""
+    for term in terms:
+        rates = term.shaped(rates, X)
+    return rates

@@ -37,7 +37,7 @@ def declared():
 def test_one_step_promises_the_squares_that_the_estimate_takes_away(declared):
     stretches, fit = declared
     drag = Candidate(PlacedEffect(QuadraticDrag(), 0, 0), np.zeros((1, 0)))
-    [found] = shortlist(scores(fit), stretches, [drag])
+    [found] = shortlist(fit.law, scores(fit), stretches, [drag])
     score = RolloutScore.of(fit, 0.0055)
     columns = found.effect.columns(stretches.seen, 0)[stretches.rows]
     promised = float(score.gains([found], [score.response(columns)])[0])
@@ -52,4 +52,4 @@ def test_what_explains_nothing_is_not_estimated(declared):
     stretches, fit = declared
     with_drag = fitted(fit.law.beside([PlacedEffect(QuadraticDrag(), 0, 0)]), stretches)
     bias = Candidate(PlacedEffect(Bias(), "constant", 0), np.zeros((1, 0)))
-    assert shortlist(scores(with_drag), stretches, [bias]) == []
+    assert shortlist(with_drag.law, scores(with_drag), stretches, [bias]) == []
