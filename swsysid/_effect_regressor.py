@@ -271,6 +271,28 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
         self._one_target, self._n_targets = one_target, fit.laws.coef.shape[1]
         return self._adopt(fit, names)
 
+    def in_recording(self, number):
+        """The model of one of the recordings that it was fitted to, by itself.
+
+        What acted in one recording only acts in no other, and in none that comes alone.
+
+        Parameters
+        ----------
+        number : int
+            From 0, in the order of the recordings or of their names in `groups`.
+
+        Returns
+        -------
+        EffectRegressor
+        """
+        fit, one = self.joint_fit_, self._one_target
+        places = [term.effect.in_recording(term.place, number) for term in fit.terms]
+        acting = [k for k, place in enumerate(places) if place is not None]
+        terms = tuple(replace(fit.terms[k], place=places[k]) for k in acting)
+        fit = replace(fit, terms=terms, coef=tuple(fit.coef[k] for k in acting))
+        changed = EffectRegressor(self.estimator, terms)
+        return changed.around(fit, self, self._channel_names, one_target=one)
+
     @property
     def joint_fit_(self) -> JointFit:
         """The fit of the declared model and the effects, which predicts along whole records."""

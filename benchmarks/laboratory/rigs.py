@@ -21,6 +21,7 @@ from swsysid.effects import (
     ExtraMode,
     LoadFriction,
     StribeckFriction,
+    TimeInterval,
     UnmeasuredDisturbance,
 )
 
@@ -222,7 +223,7 @@ def _box(rng: Rng) -> Rig:
                     H + fine * (power * u - back * (H - T)),
                 )
         runs.append(Run(t, np.array(states), heating[:, None]))
-    kinds = (ExtraMode.kind, UnmeasuredDisturbance.kind)
+    kinds = (TimeInterval.kind, ExtraMode.kind, UnmeasuredDisturbance.kind)
     answer = {"kinds": kinds, "target": 0, "is_event": True}
     return _of("box", "a lid opened by hand", None, runs, rng, positions=(), **answer)
 

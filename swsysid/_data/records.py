@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -123,6 +123,16 @@ class Records:
         """Values of one channel, shape (n_samples,)."""
         n_columns = self.X.shape[1]
         return self.X[:, number] if number < n_columns else self.signals[:, number - n_columns]
+
+    @cached_property
+    def _answers(self) -> dict[Hashable, Array]:
+        return {}
+
+    def once(self, question: Hashable, answer: Callable[[], Array]) -> Array:
+        """The answer to a question about this very record, worked out once."""
+        if question not in self._answers:
+            self._answers[question] = answer()
+        return self._answers[question]
 
     @cached_property
     def trajectories(self) -> list[NDArray[np.intp]]:

@@ -1,7 +1,7 @@
 """A search in recordings of a plant with one law: from what was measured to what is reported.
 
 Where several modes follow each other, velocities between their switches are searched (`outcome`);
-one law is rolled out freely instead (`_output_error`).
+one law is rolled out freely instead, and a law of a quantity fitted to rows (`_output_error`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
 from swsysid._noise import memory
 from swsysid._output_error.criterion import fall
-from swsysid._output_error.estimate import Fitted, fitted, left_over, rolled_out
+from swsysid._output_error.engines import QUANTITIES, RATES
+from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import slope_of_sensor
 from swsysid._output_error.search import Finding, Search
@@ -40,10 +41,10 @@ class RecordedOutcome:
     measured: Measured
     split: Split
     declared: JointFit  # of velocities, whose library and estimator the models share
-    models: tuple[Fitted, ...]  # fitted to the searched part
+    models: tuple[Fit, ...]  # fitted to the searched part
     findings: tuple[Finding, ...]
     tried: tuple[tuple[Finding, Array, Array], ...]  # not kept: errors held out before and after
-    final: Fitted  # fitted to all
+    final: Fit  # fitted to all
 
     @cached_property
     def held_out(self) -> Stretches:
@@ -52,9 +53,9 @@ class RecordedOutcome:
 
     @cached_property
     def errors(self) -> list[tuple[Array, Array]]:
-        """Errors of free rollouts of each model on searched and held-out stretches."""
+        """Errors of each model, by itself, on searched and held-out stretches."""
         both = self.search.stretches, self.held_out
-        parts = [[_rollout_errors(model, part) for part in both] for model in self.models]
+        parts = [[self.left_of(model, part) for part in both] for model in self.models]
         return [(inside, outside) for inside, outside in parts]
 
     @cached_property
@@ -64,10 +65,10 @@ class RecordedOutcome:
         of_all, joint = self.refitted(declared.law), self.joint_fit
         return joint(of_all), joint(declared), joint(last), joint(self.final)
 
-    def joint_fit(self, fit: Fitted) -> JointFit:
+    def joint_fit(self, fit: Fit) -> JointFit:
         """A fitted law as a regressor has it."""
         estimator = deepcopy(self.declared.estimator)
-        joint = JointFit(estimator, fit.law.terms, (), self.declared.modes)
+        joint = replace(self.declared, estimator=estimator, terms=fit.law.terms)
         n_features = fit.law.declared.shape[1]
         joint.laws.coef[0] = fit.law.coef[:, :n_features]
         coef = tuple(fit.law.coefficients(place) for place in range(len(fit.law.terms)))
@@ -109,10 +110,11 @@ class RecordedOutcome:
         fit, every = self.final, self.every
         term = fit.law.terms[place]
         (step,) = _steps(term, every.seen)
-        squares = []
+        squares, start = [], fit.courses_of(range(len(every)))
         for move in (-step, 0.0, step):
             law = fit.law.exchanged(place, replace(term, theta=(term.theta[0] + move,)))
-            left = fitted(law, every, fit.courses, fit.noise, turns=1).left / fit.noise
+            moved = self.search.engine.fitted(law, every, start, fit.noise, turns=1)
+            left = moved.left / fit.noise
             squares.append(np.nansum(np.square(left)))
         bend = max(squares[0] + squares[2] - 2.0 * squares[1], np.finfo(float).tiny)
         return np.array([[2.0 * step**2 / bend]])
@@ -123,9 +125,14 @@ class RecordedOutcome:
         own = self.search.stretches
         return own.of_rows(np.arange(len(own.records)))
 
-    def refitted(self, law: Law) -> Fitted:
+    def refitted(self, law: Law) -> Fit:
         """A law fitted to all samples."""
-        return fitted(law, self.every)
+        return self.search.engine.fitted(law, self.every)
+
+    def left_of(self, fit: Fit, stretches: Stretches) -> Array:
+        """Errors of free rollouts, or of the quantity that a law gives, (n_states,)."""
+        left = self.search.engine.left_of(fit, stretches)
+        return np.asarray(np.sqrt(np.nanmean(np.square(left), axis=0)))
 
     @cached_property
     def effects(self) -> list[FoundEffect]:
@@ -158,8 +165,9 @@ class RecordedOutcome:
 
     def _rival(self, place: int, rival: PlacedEffect, state: int) -> Rival:
         law = self.models[place].law.beside([rival])
-        other = fitted(law, self.search.stretches, noise=self.models[place].noise)
-        error = _rollout_errors(other, self.held_out)
+        noise = self.models[place].noise
+        other = self.search.engine.fitted(law, self.search.stretches, noise=noise)
+        error = self.left_of(other, self.held_out)
         names = rival.effect.theta_names(self.search.stretches.seen, rival.place)
         return Rival(
             kind=rival.effect.kind,
@@ -172,14 +180,11 @@ class RecordedOutcome:
         )
 
 
-def _rollout_errors(fit: Fitted, stretches: Stretches) -> Array:
-    return np.asarray(np.sqrt(np.nanmean(np.square(rolled_out(fit, stretches)), axis=0)))
-
-
-def is_rolled_out(declared: Declared, measured: Measured) -> bool:
-    """Whether recordings can be rolled out without knowing when modes change."""
-    continuous = measured.recorded is not None and not declared.discrete_time
-    return continuous and declared.n_modes == 1 and declared.known is None
+def is_of_one_law(declared: Declared, measured: Measured) -> bool:
+    """Whether recordings, or rows of a quantity, have one law in continuous time."""
+    is_measured = measured.recorded is not None or measured.records.static
+    is_one = declared.n_modes == 1 and declared.known is None
+    return is_measured and is_one and not declared.discrete_time
 
 
 def searched_recordings(
@@ -191,31 +196,67 @@ def searched_recordings(
     most: int,
     verbose: bool,
 ) -> RecordedOutcome:
-    """So many effects at most that free rollouts of recordings ask for."""
-    recorded = measured.recorded
-    assert recorded is not None
-    seen = replace(
-        measured.records,
-        average=None,
-        decoded_modes=None,
-        rates=frozenset(range(recorded.n_states)),
-    )
-    stretches = Stretches.of(recorded, seen, split.search)
+    """So many effects at most that recordings ask for, or rows of a quantity."""
+    seen = replace(measured.records, average=None, decoded_modes=None)
+    seen = replace(seen, rates=frozenset(seen.states))
+    if measured.recorded is None:
+        engine, quantity = QUANTITIES, measured.targets
+        stretches = Stretches.of(seen, seen, split.search, quantity)
+    else:
+        engine, stretches = RATES, Stretches.of(measured.recorded, seen, split.search)
     law, moved = _declared_law(declared, stretches)
     seen = replace(seen, positions=frozenset(moved))
-    stretches = replace(stretches, seen=seen)
-    first = fitted(law, stretches)
-    stretches = stretches.stepped(first.reached.estimate.laws, first.noise)
-    targets = [state for state in range(recorded.n_states) if state not in moved]
+    stretches = engine.stepped(law, replace(stretches, seen=seen))
+    targets = [state for state in range(law.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
-    search = Search(stretches, effects, targets, linear, significance, most, verbose)
+    search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
     done = search.run(law)
     models = tuple(one.fit for one in done.models)
     outcome = RecordedOutcome(
         done.search, measured, split, declared, models, done.findings, (), models[-1]
     )
-    outcome = _confirmed(outcome)
+    outcome = _with_events(_confirmed(_with_instants(outcome)))
     return replace(outcome, final=outcome.refitted(outcome.models[-1].law))
+
+
+def _with_events(outcome: RecordedOutcome) -> RecordedOutcome:
+    """With what happened where a part was held out, and spoils what that part says otherwise.
+
+    Nothing else could predict it; its evidence is that of the samples in which it acts.
+    """
+    search = outcome.search
+    once = [one for one in search.library if one.choices(search.stretches.seen) > 1.0]
+    most = search.most - len(outcome.findings) if once else 0
+    if most < 1:
+        return outcome
+    whole = replace(search, stretches=outcome.every, library=once, most=most)
+    found = whole.run(outcome.models[-1].law)
+    more = (search.engine.fitted(model.law, search.stretches) for model in found.models[1:])
+    known = (*outcome.findings, *found.findings)
+    return replace(outcome, models=(*outcome.models, *more), findings=known)
+
+
+def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
+    """Instants at which something begins or ends as all samples show them.
+
+    One may lie where a part was held out, which the others do not tell then. That part does not
+    judge whether there is such an effect.
+    """
+    search, last = outcome.search, outcome.models[-1]
+    seen, whole = search.stretches.seen, replace(search, stretches=outcome.every)
+    once = [k for k, term in enumerate(last.law.terms) if term.effect.choices(seen) > 1.0]
+    if not once:
+        return outcome
+    fit = outcome.refitted(last.law)
+    for place in 2 * once:  # begin and end, of several: each moves what is best for the others
+        fit = whole.refined(fit, place)
+    laws, findings = [model.law for model in outcome.models], list(outcome.findings)
+    for place in once:
+        term = fit.law.terms[place]
+        findings[place] = replace(findings[place], candidate=term)
+        laws[place + 1 :] = [law.exchanged(place, term) for law in laws[place + 1 :]]
+    models = tuple(search.engine.fitted(law, search.stretches) for law in laws)
+    return replace(outcome, models=models, findings=tuple(findings))
 
 
 def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
@@ -225,14 +266,17 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
     its p-value is one of a single comparison.
     """
     stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
-    last = outcome.models[-1]
+    last, engine = outcome.models[-1], outcome.search.engine
     for place in reversed(range(len(kept))):
-        less = fitted(last.law.without(place), stretches)
-        both = [left_over(fit, outcome.held_out) for fit in (less, last)]
+        judges = _judges(last.law.terms[place], outcome.held_out)
+        if not len(judges):
+            continue
+        less = engine.fitted(last.law.without(place), stretches)
+        both = [engine.left_over(fit, judges) for fit in (less, last)]
         judged = fall(*both)
         kept[place] = replace(kept[place], p_value=judged.p_value)
         if judged.share <= 0.0 or judged.p_value > outcome.search.significance:
-            before, after = (_rollout_errors(fit, outcome.held_out) for fit in (less, last))
+            before, after = (outcome.left_of(fit, outcome.held_out) for fit in (less, last))
             tried.append((kept.pop(place), before, after))
             last = less
     models = outcome.models
@@ -240,8 +284,29 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
         laws = [last.law]
         for _ in kept:
             laws.append(laws[-1].without(len(laws[-1].terms) - 1))
-        models = (*(fitted(law, stretches) for law in reversed(laws[1:])), last)
+        models = (*(engine.fitted(law, stretches) for law in reversed(laws[1:])), last)
     return replace(outcome, models=models, findings=tuple(kept), tried=tuple(tried))
+
+
+def _judges(term: PlacedEffect, held_out: Stretches) -> Stretches:
+    """What was held out and can say whether an effect is there.
+
+    Of one that acts for some time these are none where it never acts, and not those stretches in
+    which it begins or ends, or about: nobody has searched them for the instant.
+    """
+    seen = held_out.seen
+    if term.effect.choices(seen) == 1.0:
+        return held_out
+    t, instants = seen.t, term.effect.parameters(seen, term.place)[0].values
+    assert t is not None
+    near = 2.0 * float(instants[1] - instants[0])
+    sure = [
+        number
+        for number, part in enumerate(held_out.parts)
+        if not any(t[part[0]] - near < one < t[part[-1]] + near for one in term.theta)
+    ]
+    acts = bool(term.columns(seen)[held_out.some(sure).rows].any()) if sure else False
+    return held_out.some(sure if acts else [])
 
 
 def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[int, int]]:
@@ -256,8 +321,11 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
     linear = linear_features(features, X)
     sought = np.ones((n_states, features.shape[1]), dtype=bool)
     known = np.zeros(sought.shape)
+    channels = stretches.seen.states
     moved = {
-        q: v for q, v in positions_along(stretches.seen, stretches.parts).items() if v in linear
+        q: v
+        for q, v in positions_along(stretches.seen, channels, stretches.parts).items()
+        if v in linear
     }
     for state, velocity in moved.items():
         column, feature = X[:, velocity], linear[velocity]

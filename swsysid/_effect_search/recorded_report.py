@@ -26,7 +26,7 @@ def recorded_report(
     leftovers = [leftover(fit, seen, targets, split, names) for fit in outcome.joint_fits[1:3]]
     models_in_words = ["declared model", *(f"+ {named(one.kind, one.place)}" for one in effects)]
     return EffectReport(
-        targets=tuple(records.names[: records.n_states]),
+        targets=records.equations,
         held_out=split.how,
         n_search=len(outcome.search.stretches.rows),
         n_held_out=len(outcome.held_out.rows),
@@ -59,7 +59,8 @@ def recorded_report(
             for one, before, after in outcome.tried
         ),
         alarms=tuple(alarms),
-        of_rollouts=True,
+        of_rollouts=not records.static,
+        static=records.static,
         data=EffectData(
             records=seen,
             rows=split.held_out,

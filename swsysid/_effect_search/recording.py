@@ -64,9 +64,17 @@ class Measured:
 
     def is_enough(self, parts: Split) -> bool:
         """Whether there are rows enough to hold some of them out."""
+        return len(parts.of(self.rows).search) >= self._fewest
+
+    def enough(self, parts: Split) -> int:
+        """Samples of such a record, longer or faster, that would be enough."""
+        n_searched = max(len(parts.of(self.rows).search), 1)
+        return int(np.ceil(len(self.records) * self._fewest / n_searched))
+
+    @property
+    def _fewest(self) -> int:
         n_columns = self.records.X.shape[1] + self.targets.shape[1]
-        n_searched = len(parts.of(self.rows).search)
-        return n_searched >= max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
+        return max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
 
     def fitted(self, declared: Declared, rows: Rows | None = None) -> JointFit:
         """The declared model alone, fitted to these rows or some of them."""

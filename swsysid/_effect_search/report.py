@@ -125,10 +125,11 @@ class EffectReport(EffectContents):
     )
 
     @classmethod
-    def nothing_done(cls, records: Records) -> EffectReport:
+    def nothing_done(cls, measured: Measured, parts: Split) -> EffectReport:
         """The report of a record too short to hold anything out."""
-        names = records.equations
-        return cls(names, "nothing: the record is too short", len(records), 0)
+        records, enough = measured.records, measured.enough(parts)
+        told = f"nothing: {enough} samples would be enough, for longer or faster"
+        return cls(records.equations, told, len(records), 0)
 
     @classmethod
     def of(

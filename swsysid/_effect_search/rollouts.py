@@ -107,7 +107,8 @@ def rolled_out(
         if len(rows) > 1:
             t = np.asarray(part.t if part.timed else np.arange(len(part)), dtype=float)
             start = part.X[0, : part.n_states]
-            before, after = (_rollout(model, part, t, discrete, start) for model in models)
+            both = [model.in_recording(_number(records, rows)) for model in models]
+            before, after = (_rollout(model, part, t, discrete, start) for model in both)
             measured, ended = part.X[:, : part.n_states], (_why(before), _why(after))
             slides = after.status is Status.SWITCH_LIMIT
             own = rows[: REPORT.most_samples]
@@ -141,7 +142,8 @@ def free_of(
         one = runs_by_name[course.label]
         if one.run is not None and np.array_equal(start, course.start):
             return one.run
-        return _rollout(model, parts[course.label], one.t, discrete, start)
+        own = model.in_recording(_number(records, one.rows))
+        return _rollout(own, parts[course.label], one.t, discrete, start)
 
     spread = np.std(np.vstack([one.measured for one in rollouts]), axis=0)
     known = np.maximum(noise, REPORT.least_noise * spread)
@@ -179,6 +181,11 @@ def are_worse(
     before, after = errors_of_all(rollouts)
     clearly = 1.0 + luck
     return after > (clearly if in_doubt else max(clearly, gained)) * before
+
+
+def _number(records: Records, rows: NDArray[np.intp]) -> int:
+    """Of the recording that some rows are of."""
+    return 0 if records.groups is None else int(records.groups[rows[0]])
 
 
 def _rollout(

@@ -56,7 +56,7 @@ def scan(context: CandidateContext, effect: Effect) -> Iterator[Trial]:
         grid = np.array(list(product(*(parameter.values for parameter in ranges))), dtype=float)
         if not len(grid):
             continue
-        grid = effect.shortlist(searched, grid, context.left_over)
+        grid = effect.shortlist(searched, place, grid, context.left_over)
         columns = context.scanned_columns(effect, place, grid)
         if not np.isfinite(columns).all():
             continue

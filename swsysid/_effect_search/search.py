@@ -28,7 +28,7 @@ from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
 from swsysid._effect_search.reading import alarms, listed_effects, read_recordings, read_rows
-from swsysid._effect_search.recorded import is_rolled_out, searched_recordings
+from swsysid._effect_search.recorded import is_of_one_law, searched_recordings
 from swsysid._effect_search.recorded_report import recorded_report
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
@@ -171,10 +171,9 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         y : array-like of shape (n_samples,) or (n_samples, n_states), default=None
             Xdot, the measured velocities (next states in discrete time). None for recordings: one
             law is rolled out; where several follow each other velocities are made of the states,
-            and neighbours that share their noise count as one. A quantity of which the record
-            shows that it is no rate of the first column (a force, a torque, a current; it needs
-            `t`) is the answer of a static law: no column of X is a state then, memory effects are
-            looked for in all of them, and nothing is rolled out.
+            and neighbours that share their noise count as one. A quantity that the record shows to
+            be no rate of the first column (a force, a torque; it needs `t`) is the answer
+            of a static law: no column of X is a state then, and nothing is rolled out.
         t : array-like of shape (n_samples,), default=None
             Times in s, increasing along each trajectory.
         groups : array-like of shape (n_samples,), default=None
@@ -221,23 +220,24 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         if measured.is_enough(parts):
             rows = parts.of(measured.rows).search
             plain = measured.fitted(self._declared, rows)
-            rolled_out = is_rolled_out(self._declared, measured)  # then `plain` is not what counts
+            of_one = is_of_one_law(self._declared, measured)
+            rolled_out = of_one and measured.recorded is not None  # `plain` is not what counts
             self._alarms = [] if rolled_out else alarms(self._declared, plain, measured, rows)
             for alarm in self._alarms:
                 warnings.warn(alarm, IdentificationWarning, stacklevel=3)
-            if rolled_out:
-                final = self._rolled_out(measured, parts, plain)
+            if of_one:
+                final = self._of_one_law(measured, parts, plain)
             else:
                 searched = self._between_switches(measured, parts, (plain, final), rng)
                 final = self._concluded(*searched)
         else:
             warnings.warn(
                 f"{len(measured.rows)} samples are too few to hold any out: the declared model is "
-                "returned unchanged. Record more, or fit the declared model itself.",
+                f"returned unchanged. Record {measured.enough(parts)}, for longer or faster.",
                 IdentificationWarning,
                 stacklevel=3,
             )
-            self.effects_, self.report_ = [], EffectReport.nothing_done(measured.records)
+            self.effects_, self.report_ = [], EffectReport.nothing_done(measured, parts)
         warn_of_doubts(final, 3)
         return self
 
@@ -267,8 +267,8 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         check_fitted(self, "best_estimator_")
         return self.best_estimator_.automaton_
 
-    def _rolled_out(self, measured: Measured, parts: Split, plain: JointFit) -> JointFit:
-        """Effects that free rollouts of recordings ask for."""
+    def _of_one_law(self, measured: Measured, parts: Split, plain: JointFit) -> JointFit:
+        """Effects that recordings of one law ask for, or rows of a quantity that it gives."""
         limits = self.significance, self.max_effects, bool(self.verbose)
         found = searched_recordings(plain, measured, parts, listed_effects(self.effects), *limits)
         declared, *ends, final = found.joint_fits

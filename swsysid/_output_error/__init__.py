@@ -13,11 +13,20 @@ law's own coefficients says what each would explain. A *descent* estimates the f
 most, and the *criterion* compares two models by the squares that they leave of stretches that they
 have not been fitted to. What was held out of all that judges once.
 
-*In*: a declared model with one law, recordings of its states. *Out*: effects in the order in which
-they were found, the errors of free rollouts before and after, a fitted model.
+A law :math:`y = C \Phi(x, u) + c^\top h` of a quantity that is no rate (a force, a torque) is
+searched in the same way: its coefficients are those of a regression on rows, the score test is
+exact, and the law itself is what a rollout is there.
 
-In reading order: `stretches` are the parts of recordings that are rolled out, `law` the declared
-law with effects in it, `estimate` its coefficients, `scan` the score test over `candidates`,
-`breaks` what a law does where an effect jumps, `criterion` the comparison of two models, `search`
-the rounds. `settings` has the numbers.
+What happens once (a lid is opened) is an effect as well. It predicts nothing elsewhere: a stretch
+that it fills alone says how large it is, and its evidence pays for the choice of its instants.
+
+*In*: a declared model with one law, recordings of its states or rows of its quantity. *Out*:
+effects in the order in which they were found, the errors of free rollouts before and after, a
+fitted model.
+
+In reading order: `stretches` are the parts of recordings that are compared with a law, `law` the
+declared law with effects in it, `estimate` its coefficients, `scan` the score test over
+`candidates`, `breaks` what a law does where an effect jumps, `regression` the same of a quantity,
+`engines` what a search asks of either, `criterion` the comparison of two models, `search` the
+rounds. `settings` has the numbers.
 """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -31,7 +30,7 @@ class Candidate:
     def trials(self, seen: Records, missed: Array) -> list[PlacedEffect]:
         """The effect at every value that may explain what velocities (n_samples, n_states) miss."""
         effect, own = self.placed.effect, missed[:, [self.placed.target]]
-        values = effect.shortlist(seen, self.grid, own).tolist()
+        values = effect.shortlist(seen, self.placed.place, self.grid, own).tolist()
         return [replace(self.placed, theta=tuple(one)) for one in values]
 
 
@@ -51,13 +50,14 @@ def candidates(
     effects: Sequence[Effect], records: Records, targets: Sequence[int]
 ) -> Iterator[Candidate]:
     """All of them, the simplest explanation first."""
-    for effect in effects:
+    for effect in (one for each in effects for one in (each, *each.elsewhere(records))):
         changes_the_law = bool(effect.terms) or isinstance(effect, RateEffect)
         if not changes_the_law or effect.missing(records) is not None:
             continue
         for place in effect.places(records):
             ranges = effect.parameters(records, place)
-            grid = np.array(list(product(*(one.values for one in ranges))), dtype=float)
+            values = np.meshgrid(*(one.values for one in ranges), indexing="ij")
+            grid = np.stack(values, -1).reshape(-1, len(ranges)) if ranges else np.zeros((1, 0))
             if not len(grid):
                 continue
             for target in targets:

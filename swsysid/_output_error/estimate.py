@@ -8,6 +8,7 @@ that of rigid rollouts where a law breaks. With a larger one a shorter future is
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -42,17 +43,44 @@ Courses = Sequence[Course]
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """A law with the coefficients of least output error on some stretches."""
+class Fit(ABC):
+    """A law with coefficients, and what it leaves of the samples that they were fitted to."""
 
     law: Law
-    reached: Reached
-    left: Array  # what it leaves of the samples, (n_samples, n_states)
+    left: Array  # (n_samples, n_states)
 
     @property
     def errors(self) -> Array:
-        """Root mean squares of that, (n_states,)."""
+        """Root mean squares of what is left, (n_states,)."""
         return np.asarray(np.sqrt(np.nanmean(np.square(self.left), axis=0)))
+
+    @property
+    @abstractmethod
+    def noise(self) -> Array:
+        """What misfits are measured in, (n_states,)."""
+
+    @property
+    @abstractmethod
+    def misfits(self) -> Array:
+        """Measured less estimated values, (n_samples, n_states)."""
+
+    @abstractmethod
+    def courses_of(self, numbers: Sequence[int]) -> Courses | None:
+        """The states of some stretches, from which a fit of nearly the same law begins."""
+
+    @abstractmethod
+    def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, list[NDArray[np.intp]]]:
+        """Covariance of free coefficients of the law with further columns, and their places.
+
+        The places are those of the columns of each effect.
+        """
+
+
+@dataclass(frozen=True)
+class Fitted(Fit):
+    """A law with the coefficients of least output error on some stretches."""
+
+    reached: Reached
 
     @property
     def courses(self) -> Courses:
@@ -60,6 +88,10 @@ class Fitted:
         nodes, states = self.reached.estimate.nodes, self.reached.estimate.states
         parts = np.split(states, nodes.first[1:])
         return [Course(*pair) for pair in zip(nodes.recordings.times, parts, strict=True)]
+
+    def courses_of(self, numbers: Sequence[int]) -> Courses:
+        courses = self.courses
+        return [courses[number] for number in numbers]
 
     @property
     def misfits(self) -> Array:
@@ -73,10 +105,6 @@ class Fitted:
         return self.reached.noise
 
     def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, list[NDArray[np.intp]]]:
-        """Covariance of free coefficients of the law with further columns, and their places.
-
-        The places are those of the columns of each effect.
-        """
         estimate, _ = _begun(wider, stretches, self.courses)
         with np.errstate(all="ignore"):
             equations = self.reached.objective.normal_equations(estimate)
@@ -121,7 +149,13 @@ def fitted(
             break
         noise = own
     coef = reached.estimate.laws.coef[0]
-    return Fitted(replace(law, coef=coef), reached, left)
+    return Fitted(replace(law, coef=coef), left, reached)
+
+
+def stepped(law: Law, stretches: Stretches) -> Stretches:
+    """Stretches in steps as long as a law that is nearly this one allows."""
+    first = fitted(law, stretches)
+    return stretches.stepped(first.reached.estimate.laws, first.noise)
 
 
 def left_over(fit: Fitted, stretches: Stretches, start: Courses | None = None) -> Left:
@@ -149,7 +183,8 @@ def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
 
 def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estimate, Array]:
     stretches = stretches.corrected(law.terms)
-    nodes = stretches.nodes(law.further(stretches.seen))
+    further = law.further(stretches.seen)
+    nodes = stretches.nodes(further)
     recordings = nodes.recordings
     spread = stretches.records.X[:, : law.n_states].std(axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)
@@ -158,7 +193,7 @@ def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estim
         states = np.concatenate(
             [course.at(t) for course, t in zip(start, recordings.times, strict=True)]
         )
-    return Estimate(law.laws(stretches, spread), nodes, states), spread
+    return Estimate(law.laws(stretches, spread, further), nodes, states), spread
 
 
 class Rollouts(Estimate):

@@ -113,13 +113,31 @@ class Law:
     # -- as the engine takes it ------------------------------------------------------------------
 
     def further(self, seen: Records) -> Array:
-        """Columns of what remembers, along whole recordings, (n_samples, n_further)."""
-        columns = [
-            term.effect.columns(seen, term.place, *term.theta)
-            for term in self.terms
-            if remembers(term)
-        ]
-        return np.hstack([np.zeros((len(seen), 0)), *columns])
+        """Columns of what remembers, along whole recordings, (n_samples, n_further).
+
+        Of what is a multiple of a channel the functions of time alone: the channel may be a state.
+        """
+        columns = [np.zeros((len(seen), 0))]
+        for term in filter(remembers, self.terms):
+            channel = term.effect.proportional_to(term.place)
+            unit = seen if channel is None else seen.with_channel(channel, np.ones(len(seen)))
+            columns.append(term.effect.columns(unit, term.place, *term.theta))
+        return np.hstack(columns)
+
+    def told(self, further: Array) -> NDArray[np.bool_]:
+        """Coefficients of which some rows of further columns say anything, of the shape of `coef`.
+
+        What acts at none of them keeps the coefficient that it has.
+        """
+        told, place = np.ones(self.coef.shape, dtype=bool), 0
+        column = self.declared.shape[1]
+        for term in self.terms:
+            count = len(term.effect.terms)
+            if remembers(term):
+                told[:, column : column + count] = further[:, place : place + count].any(axis=0)
+                place += count
+            column += count
+        return told
 
     @property
     def breaks(self) -> tuple[Break, ...]:
@@ -138,11 +156,12 @@ class Law:
         rates = np.hstack([self.library(seen.X), *columns]) @ self.coef.T
         return shaped(self.terms, rates, seen.X)
 
-    def laws(self, stretches: Stretches, spread: Array) -> Laws:
+    def laws(self, stretches: Stretches, spread: Array, further: Array) -> Laws:
         """Vector field of states, inputs, signals and further columns."""
         breaks = self.breaks
         features = self._features(stretches.seen, breaks, spread)
-        arguments = self.coef[None], features, spread, self.free[None]
+        free = self.free & self.told(further[stretches.rows])
+        arguments = self.coef[None], features, spread, free[None]
         shapes, bounds = self._shapes_and_bounds()
         if breaks:
             return BreakingLaws(*arguments, breaks, shapes=shapes, bounds=bounds)
@@ -175,7 +194,9 @@ class Law:
             for term in self.terms:
                 count = len(term.effect.terms)
                 if remembers(term):
-                    parts.append(columns[:, place : place + count])
+                    channel = term.effect.proportional_to(term.place)
+                    factor = 1.0 if channel is None else here.channel(channel)[:, None]
+                    parts.append(columns[:, place : place + count] * factor)
                     place += count
                 else:
                     parts.append(term.effect.columns(on_sides, term.place, *term.theta))

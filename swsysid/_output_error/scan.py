@@ -12,13 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from swsysid._data.records import Records
 from swsysid._output_error.candidates import Candidate
-from swsysid._output_error.estimate import Fitted, of_samples, rolled_out
+from swsysid._output_error.estimate import Fitted, of_samples
+from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
@@ -26,54 +28,66 @@ from swsysid._stays.arrow import Arrow
 from swsysid._stays.descent import most_likely
 from swsysid._stays.flow import joined_legs, steady_legs
 from swsysid._stays.lifted import Estimate, Objective
-from swsysid._stays.nodes import Nodes, Rows
+from swsysid._stays.nodes import Rows
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._ties import largest_first
 from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, RateEffect
 
 
-def shortlist(fit: Fitted, stretches: Stretches, listed: Sequence[Candidate]) -> list[PlacedEffect]:
-    """The candidates that explain most over some number of samples, each at its best values."""
-    stretches = stretches.corrected(fit.law.terms)
-    scores = [Score.of(fit, tie) for tie in SETTINGS.ties]
-    rates = scores[0].missed_rates(stretches)
-    parts = [candidate.trials(stretches.seen, rates) for candidate in listed]
+class Score(Protocol):
+    """What candidates would explain beside a fitted law."""
+
+    @property
+    def squares(self) -> float:
+        """That are left, in units of the noise."""
+
+    def missed(self, stretches: Stretches) -> Array:
+        """What the law lacks at every sample, zero at others than those of the stretches."""
+
+    def response(self, columns: Array) -> Array:
+        """What columns (n_samples, n_terms) of unit coefficient add."""
+
+    def gains(self, trials: Sequence[PlacedEffect], responses: Sequence[Array]) -> Array:
+        """Squares that each trial explains, in units of the noise, by the response to each."""
+
+
+def shortlist(
+    law: Law, scores: Sequence[Score], stretches: Stretches, listed: Sequence[Candidate]
+) -> list[PlacedEffect]:
+    """The candidates that explain most by any of some scores, each at its best values."""
+    missed = scores[0].missed(stretches)
+    parts = [candidate.trials(stretches.seen, missed) for candidate in listed]
     trials = [trial for part in parts for trial in part]
     owner = np.repeat(np.arange(len(listed)), [len(part) for part in parts])
-    nodes = fit.reached.estimate.nodes
-    said = np.nan_to_num(fit.law.rates(stretches.seen))
-    moves = [
-        _moves(_columns(trial, stretches.seen, said)[stretches.rows], nodes) for trial in trials
-    ]
-    chosen: dict[tuple, PlacedEffect] = {}
+    said = np.nan_to_num(law.rates(stretches.seen))
+    columns = (_columns(trial, stretches.seen, said)[stretches.rows] for trial in trials)
+    responses = [scores[0].response(one) for one in columns]
+    chosen: dict[int, None] = {}
     # what has one coefficient and nothing else explains less, and may be all there is
     plain = [k for k, trial in enumerate(trials) if trial.n_parameters == 1 and not trial.theta]
     for score in scores:
-        gains = score.gains(trials, moves)
+        gains = score.gains(trials, responses)
         best = [
-            int(np.flatnonzero(owner == k)[gains[owner == k].argmax()]) for k in range(len(listed))
+            int(np.flatnonzero(owner == k)[gains[owner == k].argmax()]) for k in np.unique(owner)
         ]
+        promising = SETTINGS.promising * score.squares
         for some in (best, plain):
-            for k in (
-                some[place] for place in largest_first(gains[some])[: SETTINGS.n_shortlisted]
-            ):
-                if gains[k] > SETTINGS.promising * score.squares:
-                    chosen[(*trials[k].signature, trials[k].theta)] = trials[k]
-    return list(chosen.values())
+            first = [some[k] for k in largest_first(gains[some])[: SETTINGS.n_shortlisted]]
+            chosen |= dict.fromkeys(k for k in first if gains[k] > promising)
+    return [trials[k] for k in chosen]
 
 
 def of_sensors(
-    fit: Fitted, stretches: Stretches, effects: Sequence[Effect]
+    law: Law, rolled_out: Array, stretches: Stretches, effects: Sequence[Effect]
 ) -> Iterator[PlacedEffect]:
     """Corrections of states that explain a share worth it of what rollouts leave of these.
 
-    A sensor is right or wrong beside others: with one state it says no more than a delay does.
+    They are free: a disturbance would let the states follow a sensor that is wrong. A sensor is
+    right or wrong beside others: with one state it says no more than a delay does.
     """
-    seen = stretches.corrected(fit.law.terms).seen
-    # a disturbance would let the states follow a sensor that is wrong
-    missed = np.nan_to_num(rolled_out(fit, stretches))
+    seen, missed = stretches.corrected(law.terms).seen, np.nan_to_num(rolled_out)
     for effect, place in ((one, place) for one in effects for place in one.places(seen)):
-        if len(fit.noise) < 2 or effect.missing(seen) is not None:
+        if law.n_states < 2 or effect.missing(seen) is not None:
             continue
         (parameter,) = effect.parameters(seen, place)
         slope = slope_of_sensor(PlacedEffect(effect, place, int(place), theta=(0.0,)), stretches)
@@ -103,23 +117,8 @@ def _columns(trial: PlacedEffect, seen: Records, said: Array) -> Array:
     return np.nan_to_num(trial.effect.columns(seen, trial.place, *trial.theta))
 
 
-def _moves(columns: Array, nodes: Nodes) -> Array:
-    """What columns (n_samples, n_terms) of unit coefficient add to the end of each interval."""
-    recordings, at_nodes = nodes.recordings, columns
-    if len(columns) < len(nodes):  # times at which nothing was measured stand between samples
-        at_nodes = np.empty((len(nodes), columns.shape[1]))
-        done, first = 0, 0
-        for t, places in zip(recordings.times, recordings.sampled, strict=True):
-            own = columns[done : done + len(places)]
-            for column, values in zip(at_nodes[first : first + len(t)].T, own.T, strict=True):
-                column[:] = np.interp(np.arange(len(t)), places, values)
-            done, first = done + len(places), first + len(t)
-    begins = nodes.begins
-    return 0.5 * nodes.steps[:, None] * (at_nodes[begins] + at_nodes[begins + 1])
-
-
 @dataclass(frozen=True)
-class Score:
+class RolloutScore:
     """Equations of a law at states that follow the recordings over about 1 / tie samples."""
 
     followed: Estimate
@@ -133,7 +132,7 @@ class Score:
     squares: float  # that are left
 
     @classmethod
-    def of(cls, fit: Fitted, tie: float) -> Score:
+    def of(cls, fit: Fitted, tie: float) -> RolloutScore:
         """Of a fitted law, its states let go as the tie allows."""
         settings = replace(STAYS.roughly(), ties=((tie, SETTINGS.turns_of_scan),))
         with np.errstate(all="ignore"):
@@ -156,7 +155,7 @@ class Score:
             2.0 * equations.value,
         )
 
-    def missed_rates(self, stretches: Stretches) -> Array:
+    def missed(self, stretches: Stretches) -> Array:
         """What the law lacks of the velocities of its states, zero at other samples."""
         nodes, rates = self.followed.nodes, np.zeros(self.followed.states.shape)
         rates[nodes.begins] = self.gaps * self.noise / nodes.steps[:, None]
@@ -164,11 +163,23 @@ class Score:
         missed[stretches.rows] = of_samples(nodes, rates)
         return missed
 
-    def gains(self, trials: Sequence[PlacedEffect], moves: Sequence[Array]) -> Array:
-        """Squares that each trial explains, in units of the noise.
+    def response(self, columns: Array) -> Array:
+        """What columns (n_samples, n_terms) of unit coefficient add to the end of each interval."""
+        nodes = self.followed.nodes
+        recordings, at_nodes = nodes.recordings, columns
+        if len(columns) < len(nodes):  # times at which nothing was measured stand between samples
+            at_nodes = np.empty((len(nodes), columns.shape[1]))
+            done, first = 0, 0
+            for t, places in zip(recordings.times, recordings.sampled, strict=True):
+                own = columns[done : done + len(places)]
+                for column, values in zip(at_nodes[first : first + len(t)].T, own.T, strict=True):
+                    column[:] = np.interp(np.arange(len(t)), places, values)
+                done, first = done + len(places), first + len(t)
+        begins = nodes.begins
+        return np.asarray(0.5 * nodes.steps[:, None] * (at_nodes[begins] + at_nodes[begins + 1]))
 
-        `moves` is what its columns of unit coefficient add to the end of each interval.
-        """
+    def gains(self, trials: Sequence[PlacedEffect], responses: Sequence[Array]) -> Array:
+        """Squares that each trial explains, in units of the noise."""
         band = cholesky_banded(self.arrow.band, lower=True, check_finite=False)
         n_band = len(self.arrow.border)
         b, d = np.split(self.right, [n_band])
@@ -181,8 +192,8 @@ class Score:
         inverse = np.linalg.pinv(information / unit / unit[:, None], rcond=1e-12, hermitian=True)
         inverse = inverse / unit / unit[:, None]
         gains = np.zeros(len(trials))
-        for some in _at_once(moves):
-            own_moves = [moves[k] for k in some]
+        for some in _at_once(responses):
+            own_moves = [responses[k] for k in some]
             counts = [move.shape[1] for move in own_moves]
             targets = np.repeat([trials[k].target for k in some], counts)
             border, beside, of_gaps = self._rows(targets, np.hstack(own_moves))
@@ -196,7 +207,7 @@ class Score:
                 alone = move.T @ (self.square[:, None] * move) / self.noise[trials[k].target] ** 2
                 block = alone - border[:, theirs].T @ reached[:, theirs]
                 block = block - across[:, theirs].T @ inverse @ across[:, theirs]
-                gains[k] = _explained(block, left[theirs], np.diag(alone))
+                gains[k] = explained(block, left[theirs], np.diag(alone))
         return gains
 
     def _rows(self, targets: Rows, moves: Array) -> tuple[Array, Array, Array]:
@@ -216,13 +227,21 @@ class Score:
         return border.reshape(-1, count), beside, of_gaps
 
 
-def _explained(block: Array, left: Array, alone: Array) -> float:
-    # what the law can say itself explains nothing more
+def explained(block: Array, left: Array, alone: Array) -> float:
+    """Squares by information and gradient of columns, of which `alone` are the squares.
+
+    What the law can say itself explains nothing more.
+    """
     unit = np.sqrt(np.maximum(alone, np.finfo(float).tiny))
     block, left = block / unit / unit[:, None], left / unit
     if not np.isfinite(block).all() or (np.diag(block) <= SETTINGS.spanned).any():
         return 0.0
     return max(0.0, float(left @ np.linalg.pinv(block, rcond=1e-8, hermitian=True) @ left))
+
+
+def scores(fit: Fitted) -> list[RolloutScore]:
+    """Over some numbers of samples."""
+    return [RolloutScore.of(fit, tie) for tie in SETTINGS.ties]
 
 
 def _at_once(moves: Sequence[Array]) -> list[list[int]]:

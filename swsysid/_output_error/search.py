@@ -17,7 +17,8 @@ from swsysid._output_error.candidates import (
     variants,
 )
 from swsysid._output_error.criterion import Fall, Left, fall
-from swsysid._output_error.estimate import Fitted, fitted, left_over
+from swsysid._output_error.engines import Engine
+from swsysid._output_error.estimate import Courses, Fit
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import of_sensors, shortlist
 from swsysid._output_error.settings import SETTINGS
@@ -33,7 +34,7 @@ from swsysid.effects._shapes import shapes
 class Model:
     """A law fitted to all stretches, and what laws fitted to some of them leave of the others."""
 
-    fit: Fitted
+    fit: Fit
     unseen: Left
 
     @property
@@ -79,6 +80,7 @@ class Search:
     multiples of channels.
     """
 
+    engine: Engine
     stretches: Stretches
     library: Sequence[Effect]
     targets: list[int]
@@ -107,18 +109,18 @@ class Search:
 
     def started(self, declared: Law) -> Searched:
         """The declared model, and the first effect if there is one."""
-        first = self.model(fitted(declared, self.stretches))
+        first = self.model(self.engine.fitted(declared, self.stretches))
         done = Searched(self, (first,), ())
         better = self.round(first, first) if self.most else None
         return done if better is None else done.with_one_more(*better)
 
-    def model(self, fit: Fitted) -> Model:
+    def model(self, fit: Fit) -> Model:
         """A law fitted to all stretches, and fold by fold."""
-        left, stretches, courses = [], [], fit.courses
+        left, stretches, engine = [], [], self.engine
         for train, test in self.stretches.folds():
-            known, unknown = ([courses[number] for number in one] for one in (train, test))
-            part = fitted(fit.law, self.stretches.some(train), known, fit.noise, turns=1)
-            left.append(left_over(part, self.stretches.some(test), unknown).samples)
+            known, unknown = (fit.courses_of(one) for one in (train, test))
+            part = engine.fitted(fit.law, self.stretches.some(train), known, fit.noise, turns=1)
+            left.append(engine.left_over(part, self.stretches.some(test), unknown).samples)
             stretches += test
         unseen = Left(np.vstack(left), fit.errors, self.stretches.some(stretches).series)
         return Model(fit, unseen)
@@ -130,13 +132,16 @@ class Search:
         declared law has left at first.
         """
         listed = self.candidates
-        best_of: dict[tuple, Fitted] = {}
+        best_of: dict[tuple, Fit] = {}
         sensors = [effect for effect in self.effects if is_of_a_sensor(effect)]
-        asked = of_sensors(now.fit, self.stretches, sensors)
-        for placed in (*shortlist(now.fit, self.stretches, listed), *asked):
+        left = self.engine.left_of(now.fit, self.stretches) if sensors else np.zeros((0, 0))
+        asked = of_sensors(now.law, left, self.stretches, sensors)
+        corrected = self.stretches.corrected(now.law.terms)
+        for placed in (*shortlist(now.law, self.engine.scores(now.fit), corrected, listed), *asked):
             for fit in self._estimated(now, placed):
                 own = fit.law.terms[-1]
-                key = (own.effect.kind, own.place, own.target)
+                names = self.stretches.seen.names
+                key = (own.effect.kind, own.label(names), len(own.theta), own.target)
                 if key not in best_of or self._cost(fit) < self._cost(best_of[key]):
                     best_of[key] = fit
         likeliest = sorted(best_of.values(), key=self._cost)[: SETTINGS.n_compared]
@@ -147,16 +152,15 @@ class Search:
             for one in models
             if self.gain(now, one).share >= SETTINGS.worthwhile
             and self.gain(first, one).share - done >= SETTINGS.worth_telling
+            and self._pays(now, one, 1.0)
         ]
         found = self._chosen(models, now)
         if found is None:
             return None
         chosen, level = found
-        tried = len(SETTINGS.disturbances) * len(listed)
-        p_value = min(1.0, tried * self.gain(now, chosen).p_value)
+        own, p_value = chosen.law.terms[-1], self._p_value(now, chosen)
         if p_value > self.significance:
             return None
-        own = chosen.law.terms[-1]
         rivals = {
             one.law.terms[-1].effect.kind: one.law.terms[-1]
             for one in reversed(level)
@@ -164,7 +168,7 @@ class Search:
         }
         return chosen, Finding(own, p_value, tuple(rivals.values()), len(listed))
 
-    def _estimated(self, now: Model, placed: PlacedEffect) -> Iterator[Fitted]:
+    def _estimated(self, now: Model, placed: PlacedEffect) -> Iterator[Fit]:
         """An effect beside a model in all its variants, and what it is a special case of."""
         seen, place = self.stretches.seen, placed.place
         theta = dict(zip(placed.effect.theta_names(seen, place), placed.theta, strict=True))
@@ -178,14 +182,14 @@ class Search:
             for variant in variants(one, now.law, self.linear, seen):
                 law, noise = now.law.beside([variant]), now.fit.noise
                 # from rollouts without a jump those with it are not reached
-                near = now.fit.courses if law.breaks == now.law.breaks else None
-                fit = fitted(law, self.stretches, near, noise, turns=2)
+                near = self._courses(now.fit) if law.breaks == now.law.breaks else None
+                fit = self.engine.fitted(law, self.stretches, near, noise, turns=2)
                 if isinstance(variant.effect, RateEffect):
                     fit = self._followed(fit)
                 if self._is_plausible(fit):
                     yield fit
 
-    def _followed(self, fit: Fitted) -> Fitted:
+    def _followed(self, fit: Fit) -> Fit:
         """The last effect at ever larger values, each from the fit before, while it fits better.
 
         Beside a law that lacks it a rate as a whole shows far less than there is.
@@ -195,7 +199,8 @@ class Search:
         (parameter,) = term.effect.parameters(self.stretches.seen, term.place)
         for value in parameter.values[parameter.values > term.theta[0]]:
             law = fit.law.exchanged(place, replace(term, theta=(float(value),)))
-            other = fitted(law, self.stretches, fit.courses, fit.noise, turns=1)
+            start = self._courses(fit)
+            other = self.engine.fitted(law, self.stretches, start, fit.noise, turns=1)
             if not self._cost(other) < self._cost(fit):
                 break
             fit = other
@@ -212,7 +217,7 @@ class Search:
             ]
             first, level = self._simplest(models, now)
             chosen = self._closer(first, now)
-            if not self._is_at_an_end(chosen):
+            if not self._is_at_an_end(chosen) and self._pays(now, chosen, self.significance):
                 return chosen, level
             models = [one for one in models if one is not first]
         return None
@@ -242,13 +247,28 @@ class Search:
 
     def _closer(self, model: Model, now: Model) -> Model:
         """The same with nonlinear parameters and noise of its own, where that is better."""
-        refined = self.model(self._refined(model.fit))
+        refined = self.model(self.refined(model.fit, len(model.law.terms) - 1))
         is_better = self.gain(now, refined).share >= self.gain(now, model).share
         return refined if is_better or not model.law.terms[-1].theta else model
 
     def gain(self, before: Model, after: Model) -> Fall:
         """By how much the error of unseen stretches falls from one model to another."""
         return fall(before.unseen, after.unseen)
+
+    def _p_value(self, now: Model, model: Model) -> float:
+        """Of a last effect, for all that could have been chosen in its place."""
+        count = len(SETTINGS.disturbances) * len(self.candidates) * self._n_choices(model)
+        return min(1.0, count * self.gain(now, model).p_value)
+
+    def _n_choices(self, model: Model) -> float:
+        return model.law.terms[-1].effect.choices(self.stretches.seen)
+
+    def _pays(self, now: Model, model: Model, most: float) -> bool:
+        """Whether the evidence for what acts once is worth its choice, up to a p-value.
+
+        Where it is not, it hides nothing that predicts.
+        """
+        return self._n_choices(model) == 1.0 or self._p_value(now, model) < most
 
     @cached_property
     def effects(self) -> list[Effect]:
@@ -281,15 +301,21 @@ class Search:
         kinds = [effect.kind for effect in self.effects]
         return kinds.index(model.law.terms[-1].effect.kind)
 
-    def _cost(self, fit: Fitted) -> float:
+    def _cost(self, fit: Fit) -> float:
         """Log of what is left of the states, in the mean."""
         return float(np.log(np.maximum(fit.errors, 1e-300)).mean())
 
-    def _is_plausible(self, fit: Fitted) -> bool:
-        place = len(fit.law.terms) - 1
-        coef = fit.law.coefficients(place)
+    def _courses(self, fit: Fit) -> Courses | None:
+        """Where the states of all stretches are."""
+        return fit.courses_of(range(len(self.stretches)))
+
+    def _is_plausible(self, fit: Fit) -> bool:
+        place, seen = len(fit.law.terms) - 1, self.stretches.seen
+        coef, effect = fit.law.coefficients(place), fit.law.terms[place].effect
         finite = np.isfinite(fit.errors).all() and np.isfinite(coef).all()
-        return bool(finite) and fit.law.terms[place].effect.plausible(coef)
+        # a force that moves a plant and one that it meets have different signs
+        signs = (1.0, -1.0) if seen.static else (1.0,)
+        return bool(finite) and any(effect.plausible(sign * coef) for sign in signs)
 
     def _as_good(self, other: Model, best: Model, now: Model) -> bool:
         """Whether the best is not worth it beside another one, or not surely better.
@@ -306,27 +332,27 @@ class Search:
             lost.share > SETTINGS.worthwhile and is_surely_worse
         )
 
-    def _refined(self, fit: Fitted) -> Fitted:
-        """The nonlinear parameters of the last effect of least error near those of the scan."""
-        place = len(fit.law.terms) - 1
+    def refined(self, fit: Fit, place: int) -> Fit:
+        """The nonlinear parameters of an effect of least error near those of the scan."""
         term = fit.law.terms[place]
         ranges = term.effect.parameters(self.stretches.seen, term.place)
         for number, parameter in enumerate(ranges):
             values = np.unique(parameter.values)
             if not parameter.exact and len(values) > 1:
-                fit = self._refined_one(fit, number, values)
-        return fitted(fit.law, self.stretches, fit.courses, fit.noise)
+                fit = self._refined_one(fit, place, number, values)
+        return self.engine.fitted(fit.law, self.stretches, self._courses(fit), fit.noise)
 
-    def _refined_one(self, fit: Fitted, number: int, values: Array) -> Fitted:
+    def _refined_one(self, fit: Fit, place: int, number: int, values: Array) -> Fit:
         """One of them, between its neighbours among some values and from there on."""
-        place, best = len(fit.law.terms) - 1, fit
+        best = fit
 
         def tried(value: float) -> float:
             nonlocal best
             term = best.law.terms[place]
             theta = (*term.theta[:number], float(value), *term.theta[number + 1 :])
             law = best.law.exchanged(place, replace(term, theta=theta))
-            other = fitted(law, self.stretches, best.courses, fit.noise, turns=1)
+            start = self._courses(best)
+            other = self.engine.fitted(law, self.stretches, start, fit.noise, turns=1)
             cost = self._cost(other)
             best = other if cost < self._cost(best) else best
             return cost

@@ -32,8 +32,9 @@ class Settings:
     columns_at_once: int = 256
     n_shortlisted: int = 6  # of each tie
     n_compared: int = 6  # on stretches that they were not fitted to
-    turns_of_refinement: int = 12  # of a value between its neighbours, and how often these move on
-    brackets: int = 4
+    # of a value between its neighbours, and how often these move on: over a stretch held out
+    turns_of_refinement: int = 12
+    brackets: int = 12
     # of the distance to its neighbour: there a value is at the end of what is looked for. Twelve
     # turns of a golden section end .003 of it away
     at_an_end: float = 0.02

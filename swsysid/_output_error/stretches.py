@@ -1,4 +1,4 @@
-"""The parts of recordings that are rolled out, each from a start of its own."""
+"""The parts of recordings that are compared with a law, each rolled out from a start of its own."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ class Stretches:
     """Rows of a record that follow each other, one array a stretch, thinned alike.
 
     `records` are the states as they were measured, `seen` the same less noisy: there functions of
-    them are computed along whole recordings.
+    them are computed along whole recordings. Of a law that gives a `quantity` that stands beside
+    them, and they are no states.
     """
 
     records: Records
@@ -37,33 +38,40 @@ class Stretches:
     parts: tuple[Rows, ...]
     sizes: Array  # (n_samples,): noise of each sample as it counts, by that of a usual one
     gross: NDArray[np.bool_]  # (n_samples, n_states): measured values that are no motion
+    quantity: Array | None = None  # (n_samples, 1)
     first_step: float = 0.5  # part of an interval that is integrated at once: a half, or 1
     disturbance: float = SETTINGS.disturbances[0]  # of the noise, that a law leaves in a stretch
 
     @classmethod
-    def of(cls, records: Records, seen: Records, rows: Rows) -> Stretches:
+    def of(
+        cls, records: Records, seen: Records, rows: Rows, quantity: Array | None = None
+    ) -> Stretches:
         """Runs of some rows, cut where there are too few to leave some out."""
-        gross = _spikes(records)
-        records, runs = _without(records, gross), []
+        gross = _spikes(records, _measured(records, quantity))
+        if quantity is None:
+            records = _without(records, gross)
+        runs, measured = [], _measured(records, quantity)
         for trajectory in records.trajectories:
             own = np.flatnonzero(np.isin(trajectory, rows))
             cuts = np.flatnonzero(np.diff(own) > 1) + 1
             runs += [trajectory[run] for run in np.split(own, cuts) if len(run) > 2]
-        longest = _horizon(records, runs)
+        longest = _horizon(measured, runs)
         usual = min(longest, max(sum(map(len, runs)) / SETTINGS.fewest_stretches, 3.0))
         parts = [
             part for run in runs for part in np.array_split(run, max(1, round(len(run) / usual)))
         ]
-        every = _thinning(records, parts)
+        columns = np.hstack([records.X, records.signals, measured])
+        every = _thinning(columns, parts)
         thinned = tuple(part[::every] for part in parts)
-        return cls(records, seen, thinned, _sizes(records), gross)
+        sizes = _sizes(columns, records.trajectories)
+        return cls(records, seen, thinned, sizes, gross, quantity)
 
     def __len__(self) -> int:
         return len(self.parts)
 
     def of_rows(self, rows: Rows) -> Stretches:
         """Stretches of other rows of the same recordings, which are rolled out alike."""
-        others = Stretches.of(self.records, self.seen, rows)
+        others = Stretches.of(self.records, self.seen, rows, self.quantity)
         return replace(others, first_step=self.first_step, disturbance=self.disturbance)
 
     @property
@@ -76,6 +84,11 @@ class Stretches:
         """Places of the rows of each stretch among all rows."""
         ends = np.cumsum([len(part) for part in self.parts])[:-1]
         return tuple(np.split(np.arange(len(self.rows)), ends))
+
+    @property
+    def measured(self) -> Array:
+        """What the law gives, NaN where a value is no motion, (n_samples, n_states)."""
+        return np.where(self.gross, np.nan, _measured(self.records, self.quantity))
 
     def some(self, numbers: Sequence[int]) -> Stretches:
         """Some of the stretches."""
@@ -96,12 +109,22 @@ class Stretches:
         return replace(self, first_step=fine.first_step)
 
     def folds(self) -> list[tuple[list[int], list[int]]]:
-        """Stretches to fit and those to judge by, of about as many samples each."""
-        count = min(SETTINGS.n_folds, len(self))
-        order = np.argsort([-len(part) for part in self.parts], kind="stable")
-        fold = np.empty(len(self), dtype=np.intp)
-        fold[order] = np.arange(len(self)) % count
-        every = np.arange(len(self))
+        """Stretches to fit and those to judge by.
+
+        Whole trajectories are left out where there are several of about one length: they differ by
+        what a law is to know, and what fits each of them by itself predicts no other.
+        """
+        lengths, every = np.array([len(part) for part in self.parts]), np.arange(len(self))
+        number = np.empty(len(self.records), dtype=np.intp)
+        for trajectory, rows in enumerate(self.records.trajectories):
+            number[rows] = trajectory
+        wholes, own = np.unique([number[part[0]] for part in self.parts], return_inverse=True)
+        sizes = np.bincount(own, lengths)
+        if len(wholes) < SETTINGS.n_folds or 2 * sizes.max() > lengths.sum():
+            own, sizes = every, lengths
+        count, fold = min(SETTINGS.n_folds, len(self)), np.empty(len(sizes), dtype=np.intp)
+        fold[np.argsort(-sizes, kind="stable")] = np.arange(len(sizes)) % count
+        fold = fold[own]
         return [(every[fold != one].tolist(), every[fold == one].tolist()) for one in range(count)]
 
     def nodes(self, further: Array) -> Nodes:
@@ -110,8 +133,7 @@ class Stretches:
         beside = np.hstack([self.records.X[:, n_states:], self.records.signals, further])
         t = self.records.t
         assert t is not None
-        states = self.records.X[:, :n_states]
-        measured = np.where(self.gross, np.nan, states)
+        states, measured = self.records.X[:, :n_states], self.measured
         recordings = Recordings.of(
             [Record(t[part], measured[part], beside[part]) for part in self.parts],
             [states[part] for part in self.parts],
@@ -124,10 +146,14 @@ class Stretches:
         return Nodes(recordings, [alone] * len(self.parts))
 
 
-def _spikes(records: Records) -> NDArray[np.bool_]:
+def _measured(records: Records, quantity: Array | None) -> Array:
+    return records.X[:, : records.n_states] if quantity is None else quantity
+
+
+def _spikes(records: Records, measured: Array) -> NDArray[np.bool_]:
     """Values that go away and back at once by far more than a state ever moves."""
-    gross = np.zeros((len(records), records.n_states), dtype=bool)
-    moves = [np.diff(records.X[rows, : records.n_states], axis=0) for rows in records.trajectories]
+    gross = np.zeros(measured.shape, dtype=bool)
+    moves = [np.diff(measured[rows], axis=0) for rows in records.trajectories]
     sizes = np.abs(np.concatenate(moves))
     sizes[sizes == 0.0] = np.nan  # rests and steps of a sensor do not say how far a state moves
     usual = np.nanquantile(np.vstack([sizes, np.full(sizes.shape[1], np.inf)]), 0.95, axis=0)
@@ -148,31 +174,30 @@ def _without(records: Records, gross: NDArray[np.bool_]) -> Records:
     return replace(records, X=X)
 
 
-def _horizon(records: Records, runs: Sequence[Rows]) -> float:
+def _horizon(measured: Array, runs: Sequence[Rows]) -> float:
     """Rows in which a state goes to and fro so often that its start is forgotten.
 
     Over longer stretches what adds up is what nobody has declared, and hides what an effect does.
     """
-    low, high = np.quantile(records.X[:, : records.n_states], SETTINGS.to_and_fro, axis=0)
-    turns = np.zeros(records.n_states)
+    low, high = np.quantile(measured, SETTINGS.to_and_fro, axis=0)
+    turns = np.zeros(measured.shape[1])
     for run in runs:
-        X = records.X[run, : records.n_states]
+        X = measured[run]
         for state, side in enumerate(((X > high).astype(int) - (X < low)).T):
             turns[state] += np.count_nonzero(np.diff(side[side != 0]))
     slowest = sum(map(len, runs)) / max(1.0, float(turns.min()))
     return SETTINGS.turns_of_a_stretch * slowest
 
 
-def _sizes(records: Records) -> Array:
+def _sizes(columns: Array, trajectories: Sequence[Rows]) -> Array:
     """Samples of a long rest count less: all of it as so many as are kept.
 
     Where nothing moves a force is below a threshold, or balanced, and a minute of that says no more
     than a second: it would decide every sum of squares.
     """
-    columns = np.hstack([records.X, records.signals])
     near, sizes = SETTINGS.near, np.ones(len(columns))
     spread = columns.std(axis=0)
-    for rows in records.trajectories:
+    for rows in trajectories:
         if len(rows) <= 2 * near:
             continue
         still = np.maximum(
@@ -189,13 +214,12 @@ def _sizes(records: Records) -> Array:
     return sizes
 
 
-def _thinning(records: Records, parts: Sequence[Rows]) -> int:
+def _thinning(columns: Array, parts: Sequence[Rows]) -> int:
     """Every how many rows are enough.
 
     As many as keep all columns straight lines between them, and no more than can be worked.
     """
     count = sum(map(len, parts))
-    columns = np.hstack([records.X, records.signals])
     spread = columns[np.concatenate(parts)].std(axis=0)
     every = 1
     while count / every > SETTINGS.most_nodes:

@@ -1,30 +1,33 @@
 """Effects that a declared model may lack."""
 
 # In reading order: `_base` is what an effect is, `_types` its four kinds that are no columns;
-# `_terms`, `_characteristics`, `_shapes` are columns of the present, `_memory` and `_bristles` of
-# the past, `_rates` act on a rate as a whole, `_sensors` change the record, `_guards` and
-# `_switching` the modes; `_placed` puts one at a place, `_kinematics` says which states are
-# positions.
+# `_terms`, `_characteristics`, `_friction`, `_shapes` are columns of the present, `_memory` and
+# `_bristles` of the past, `_intervals` of a time, `_rates` act on a rate as a whole, `_sensors`
+# change the record, `_guards` and `_switching` the modes; `_placed` puts one at a place,
+# `_kinematics` says which states are positions.
 
 from swsysid._data.records import Records
 from swsysid.effects._base import Effect, Parameter
 from swsysid.effects._bristles import BoucWen, DahlFriction, LuGreFriction
 from swsysid.effects._characteristics import (
-    AsymmetricFriction,
-    CoulombFriction,
     DeadZone,
     GainChange,
     Hill,
     InputGain,
-    LoadFriction,
     Overflow,
     PowerLaw,
-    QuadraticDrag,
     Saturation,
     SoftSaturation,
+)
+from swsysid.effects._friction import (
+    AsymmetricFriction,
+    CoulombFriction,
+    LoadFriction,
+    QuadraticDrag,
     StribeckFriction,
 )
 from swsysid.effects._guards import GuardHysteresis
+from swsysid.effects._intervals import TimeInterval
 from swsysid.effects._memory import Backlash, Delay, Lag, TransportDelay
 from swsysid.effects._placed import Formula, FoundEffect, PlacedEffect, Rival
 from swsysid.effects._rates import EndStop, RateEffect, RateLimit, Stick
@@ -75,6 +78,7 @@ def all_effects() -> list[Effect]:
         GuardHysteresis(),
         Reset(),
         ExtraMode(),
+        TimeInterval(),
         UnknownFunction(),
         UnmeasuredDisturbance(),
     ]
@@ -152,6 +156,7 @@ __all__ = [
     "Stick",
     "StribeckFriction",
     "StructureEffect",
+    "TimeInterval",
     "TransportDelay",
     "Trigonometric",
     "UnknownFunction",

@@ -124,11 +124,22 @@ class Effect(BaseEstimator):
         beside = {"replaces": not has_linear, "beside": has_linear, "instead": False}
         return beside.get(role, True), has_linear and role in ("replaces", "either", "instead")
 
+    def elsewhere(self, records: Records) -> Sequence[Effect]:
+        """The same effect where these records let it act besides; nowhere by default."""
+        return []
+
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Nonlinear parameters and the values at which they are scanned."""
         return ()
 
-    def shortlist(self, records: Records, grid: Array, left: Array) -> Array:
+    def choices(self, records: Records) -> float:
+        """How many choices are made by what judges the effect, as of an interval that acts once.
+
+        One by default: others are judged by what took no part in their choice.
+        """
+        return 1.0
+
+    def shortlist(self, records: Records, place: Place, grid: Array, left: Array) -> Array:
         """The values of a scan, (n_values, n_theta), that may explain what is left of some targets.
 
         All of them by default; an effect that has too many of them can tell from ``left``,
@@ -143,6 +154,14 @@ class Effect(BaseEstimator):
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         """Columns h of the effect, shape (n_samples, n_terms); none by default."""
         return np.empty((len(records), 0))
+
+    def proportional_to(self, place: Place) -> int | None:
+        """The channel of which the columns are multiples by functions of time; None for others."""
+        return None
+
+    def in_recording(self, place: Place, number: int) -> Place | None:
+        """Its place in one of several recordings by itself; None where it does not act there."""
+        return place
 
     def plausible(self, coef: Array) -> bool:
         """False for coefficients of the columns that make no physical sense.
@@ -268,6 +287,8 @@ class EffectSettings:
     # 0.9 by an accelerometer that shakes, 0.72 at most by those forces.
     same_course: float = 0.8
 
+    gap: float = 3.0  # steps of the record, over which no rate is told
+
     # -- periods of a position in the range of the record -----------------------------------------
     fewest_ripples: float = 6.0  # where the search for slow ones ends
     most_periods: float = 100.0
@@ -293,6 +314,7 @@ class EffectSettings:
     fewest_periods: float = 5.0  # in all trajectories: fewer are a drift or a slow feedback
     longest_delay: int = 40  # steps of the record, up to which every half is tried
     longer_delay: float = 0.1  # by which the logarithms of longer ones differ
+    n_instants: int = 100  # of a recording, from and until which something may act
 
     forgotten: float = 40.0  # presliding distances after which a contact has forgotten its past
     end: float = 9.0  # of atanh(w): there a contact slides, but for the eighth digit of w

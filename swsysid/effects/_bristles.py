@@ -17,7 +17,7 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import SETTINGS, Parameter, Place, figure, quantile_levels
-from swsysid.effects._characteristics import OfAVelocity
+from swsysid.effects._friction import OfAVelocity
 from swsysid.effects._memory import followed_from
 
 
@@ -28,14 +28,25 @@ class _Presliding(OfAVelocity):
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Distances from what the contact moves in a few samples to what it moves at a time."""
-        return (Parameter("distance", _distances(records, place), "{channel} {time}"),)
+        return (Parameter("distance", self._distances(records, place), "{channel} {time}"),)
 
     def state(self, theta: Sequence[float], t: Array, velocity: Array) -> Array:
         """Hidden state along one trajectory."""
         raise NotImplementedError
 
+    def _distances(self, records: Records, place: Place) -> Array:
+        """From a fraction of a step of the position to what it moves between two turns."""
+        assert records.t is not None
+        velocity, t = self.values(records, place), records.t
+        ways = [
+            np.abs(_moves(t[rows], velocity[rows])).sum(axis=1) for rows in records.trajectories
+        ]
+        moves = np.concatenate(ways)
+        usual = float(np.median(moves[moves > 0.0])) if (moves > 0.0).any() else 1.0
+        return np.geomspace(0.02 * usual, 64.0 * usual, SETTINGS.n_levels)
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        velocity = records.channel(place)
+        velocity = self.values(records, place)
         return -records.along(partial(self.state, theta), velocity)[:, None]
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
@@ -50,7 +61,7 @@ class _Presliding(OfAVelocity):
     def shortened(self, records: Records, place: Place, *theta: float) -> Records:
         # a contact forgets with the distance that it slides
         assert records.t is not None
-        moved = np.abs(_moves(records.t, records.channel(place))).sum(axis=1)
+        moved = np.abs(_moves(records.t, self.values(records, place))).sum(axis=1)
         left = np.cumsum(moved[::-1])[::-1]
         first = int(np.sum(left > SETTINGS.forgotten * theta[0]))
         return records.take(np.arange(first, len(records)))
@@ -81,10 +92,10 @@ class LuGreFriction(_Presliding):
     terms = ("friction", "micro_damping")
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        speeds = np.abs(records.channel(place))
+        speeds = np.abs(self.values(records, place))
         slow = quantile_levels(speeds[speeds > 0.0], 0.1, 0.6, 5) if speeds.any() else np.empty(0)
         return (
-            Parameter("distance", _distances(records, place)[::3], "{channel} {time}"),
+            Parameter("distance", self._distances(records, place)[::3], "{channel} {time}"),
             Parameter("velocity", slow, "{channel}"),
             Parameter("excess", np.array([0.1, 0.3, 0.6, 1.0, 1.5, 2.0])),
         )
@@ -104,7 +115,7 @@ class LuGreFriction(_Presliding):
         return _relaxed(moves, np.sign(moves) * held, theta[0] * held, float(start))
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        bent, velocity = super().columns(records, place, *theta)[:, 0], records.channel(place)
+        bent, velocity = super().columns(records, place, *theta)[:, 0], self.values(records, place)
         rate = velocity + np.abs(velocity) * bent / self._held(theta, velocity)
         return np.column_stack([bent, -rate])
 
@@ -130,7 +141,7 @@ class BoucWen(_Presliding):
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         return (
-            Parameter("distance", _distances(records, place)[::2], "{channel} {time}"),
+            Parameter("distance", self._distances(records, place)[::2], "{channel} {time}"),
             Parameter("exponent", np.array([1.0, 1.5, 2.0, 3.0])),
             Parameter("shape", np.array([0.5, 0.75, 1.0])),
         )
@@ -175,20 +186,6 @@ def _moved_up(ways: list[float], here: float, move: float) -> float:
     below = bisect_right(ways, way) - 1
     number = below + (way - ways[below]) / (ways[below + 1] - ways[below])
     return number * 2.0 * SETTINGS.end / last - SETTINGS.end
-
-
-def _distances(records: Records, place: Place) -> Array:
-    """From a fraction of a step of the position to what it moves between two turns."""
-    assert records.t is not None
-    velocity = records.channel(place)
-    moves = np.concatenate(
-        [
-            np.abs(_moves(records.t[rows], velocity[rows])).sum(axis=1)
-            for rows in records.trajectories
-        ]
-    )
-    usual = float(np.median(moves[moves > 0.0])) if (moves > 0.0).any() else 1.0
-    return np.geomspace(0.02 * usual, 64.0 * usual, SETTINGS.n_levels)
 
 
 def _moves(t: Array, velocity: Array) -> Array:

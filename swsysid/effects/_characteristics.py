@@ -1,7 +1,7 @@
-"""Static characteristics of one channel or two: friction, drag, dead zone, saturation, overflow.
+"""Static characteristics of one channel or two: dead zone, saturation, overflow.
 
-Responses that saturate softly are ratios of polynomials of one channel; friction under a load and a
-coefficient that an input changes are functions of two.
+Responses that saturate softly are ratios of polynomials of one channel; a coefficient that an input
+changes is a function of two.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from swsysid.effects._base import (
     quantile_levels,
     spread,
 )
+from swsysid.effects._kinematics import positions_along, rate_along
 
 
 class OfAChannel(Effect):
@@ -37,118 +38,55 @@ class OfAChannel(Effect):
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return tuple(formula.format(label, *map(figure, theta)) for formula in self.formulas)
 
+    def values(self, records: Records, place: Place) -> Array:
+        """What they are functions of."""
+        return records.channel(place)
+
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        return np.column_stack(self.functions(records.channel(place), *theta))
+        return np.column_stack(self.functions(self.values(records, place), *theta))
 
 
-# -- friction and drag: forces that oppose a velocity ----------------------------------------------
+class OfRates(Effect):
+    """An effect of channels, or of the rates of some that are positions.
 
-
-class OfAVelocity(Effect):
-    """A force that takes power from a motion: against a velocity, in that velocity's own equation.
+    A search for what a law of a force lacks tries the rate of every channel that is no velocity
+    and whose rate is no other channel.
 
     Parameters
     ----------
-    velocities : list of str or int, default=None
-        Channels that are velocities, by name or number. None is every state that takes both signs
-        and whose own rate is not another state (``x' = v``: x is a position); of a law that gives
-        no rate every column of X and every signal that takes both signs.
+    positions : list of str or int, default=None
+        Channels by the rates of which it acts, by name or number; None is none.
     """
 
-    def __init__(self, velocities: Sequence[int | str] | None = None):
-        self.velocities = velocities
+    def __init__(self, positions: Sequence[int | str] | None = None):
+        self.positions = positions
+
+    def elsewhere(self, records: Records) -> Sequence[Effect]:
+        """Of a law that gives no rate, on the rates of positions."""
+        given = [name for name, value in self.get_params().items() if value is not None]
+        if given or not (records.static and records.timed):
+            return []
+        channels = [*records.variables, *records.signal_channels]
+        moved = positions_along(records, channels, records.trajectories)
+        known = {*moved, *moved.values()}
+        return [type(self)(positions=[one for one in channels if one not in known])]
+
+    def missing(self, records: Records) -> str | None:
+        if self.positions is None:
+            return super().missing(records)
+        return None if records.timed else "needs the times of the rows: give t"
 
     def places(self, records: Records) -> Sequence[Place]:
-        """The velocities that are named, or what takes both signs and is no position."""
-        if self.velocities is not None:
-            return [records.number(channel) for channel in self.velocities]
-        logged = records.signal_channels if records.static else ()
-        return [
-            channel
-            for channel in (*records.variables, *logged)
-            if channel not in records.positions and _takes_both_signs(records.channel(channel))
-        ]
+        """The positions."""
+        return [records.number(channel) for channel in self.positions or ()]
 
-    def acts_in(self, records: Records, place: Place, target: int) -> bool:
-        """Where both equations give rates, only that of the velocity itself."""
-        return place == target or not {place, target} <= records.rates
+    def values(self, records: Records, place: Place) -> Array:
+        """Values of the channel, or its rate."""
+        return records.channel(place) if self.positions is None else rate_along(records, place)
 
-    def plausible(self, coef: Array) -> bool:
-        """It opposes the motion."""
-        return bool((coef > 0.0).all())
-
-
-def _takes_both_signs(values: Array) -> bool:
-    rarer = min(np.mean(values > 0.0), np.mean(values < 0.0))
-    return bool(rarer >= SETTINGS.rare_sign)
-
-
-class _Dry(OfAVelocity, OfAChannel):
-    def breaks(self, place: Place, *theta: float) -> tuple[tuple[int, float], ...]:
-        return ((place, 0.0),)
-
-
-class CoulombFriction(_Dry):
-    """``-friction * sign(v)``: dry friction."""
-
-    kind = "coulomb_friction"
-    meaning = "dry friction opposes {channel} with a constant force"
-    terms = ("friction",)
-    formulas = ("-sign({0})",)
-
-    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
-        return [-np.sign(x)]
-
-
-class StribeckFriction(_Dry):
-    """``-(friction + breakaway * exp(-(v / velocity)**2)) * sign(v)``."""
-
-    kind = "stribeck_friction"
-    meaning = "dry friction opposes {channel} and is larger at low speed (Stribeck effect)"
-    terms = ("friction", "breakaway")
-    formulas = ("-sign({0})", "-sign({0}) exp(-({0} / {1})^2)")
-
-    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        speeds = np.abs(records.channel(place))
-        levels = quantile_levels(speeds[speeds > 0.0], 0.05, 0.8, 16)
-        return (Parameter("velocity", levels, "{channel}"),)
-
-    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
-        return [-np.sign(x), -np.sign(x) * np.exp(-((x / theta[0]) ** 2))]
-
-
-class AsymmetricFriction(_Dry):
-    """Viscous and dry friction whose sizes differ between the two directions.
-
-    Together with the declared model's own viscous friction the law is
-    ``-(viscous_forward v + friction_forward)`` for v > 0 and
-    ``-(viscous_backward v - friction_backward)`` for v < 0; `viscous_difference` is what the
-    forward motion has more.
-    """
-
-    kind = "asymmetric_friction"
-    meaning = "friction opposes {channel} with different sizes in the two directions"
-    terms = ("friction_forward", "friction_backward", "viscous_difference")
-    formulas = ("-[{0} > 0]", "[{0} < 0]", "-max({0}, 0)")
-
-    def plausible(self, coef: Array) -> bool:
-        """It opposes the motion in both directions; the difference may have either sign."""
-        return super().plausible(coef[:2])
-
-    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
-        return [-1.0 * (x > 0), 1.0 * (x < 0), -np.maximum(x, 0.0)]
-
-
-class QuadraticDrag(OfAVelocity, OfAChannel):
-    """``-drag * v * |v|``: turbulent drag."""
-
-    kind = "quadratic_drag"
-    meaning = "turbulent drag opposes {channel} in proportion to its square"
-    terms = ("drag",)
-    formulas = ("-{0} |{0}|",)
-
-    def functions(self, x: Array, *theta: float) -> Sequence[Array]:
-        return [-(x * np.abs(x))]
+    def label(self, place: Place, names: Sequence[str]) -> str:
+        """Such as ``x'``."""
+        return str(names[place]) if self.positions is None else f"{names[place]}'"
 
 
 # -- actuators and contacts ------------------------------------------------------------------------
@@ -295,7 +233,7 @@ class Hill(_Saturating):
         return [x**2 / (theta[0] ** 2 + x**2)]
 
 
-class _OfTwoChannels(Effect):
+class OfTwoChannels(Effect):
     """One term of two channels; a place is their numbers."""
 
     def place_parameters(self, place: Place) -> int:
@@ -306,60 +244,7 @@ class _OfTwoChannels(Effect):
         return (label,)
 
 
-class LoadFriction(_OfTwoChannels, OfAVelocity):
-    """``-friction * |load| * sign(v)``: dry friction under a load that changes.
-
-    Parameters
-    ----------
-    velocities : list of str or int, default=None
-        Channels that are velocities, as `CoulombFriction` has them.
-    loads : list of str or int, default=None
-        Channels that press on the contact. None is every other channel, logged signals among them;
-        a load that is computed (the weight on a bearing, the force of a spring) is given as one.
-    """
-
-    kind = "load_friction"
-    meaning = "dry friction, in proportion to a load, opposes a motion with {channel}"
-    terms = ("friction",)
-
-    def __init__(
-        self,
-        velocities: Sequence[int | str] | None = None,
-        loads: Sequence[int | str] | None = None,
-    ):
-        super().__init__(velocities)
-        self.loads = loads
-
-    def places(self, records: Records) -> Sequence[Place]:
-        """A velocity and a load."""
-        channels = [*records.states, *records.inputs, *records.signal_channels]
-        if self.loads is not None:
-            channels = [records.number(channel) for channel in self.loads]
-        pairs = product(super().places(records), channels)
-        return [(velocity, load) for velocity, load in pairs if velocity != load]
-
-    def acts_in(self, records: Records, place: Place, target: int) -> bool:
-        return super().acts_in(records, place[0], target)
-
-    def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        velocity, load = (records.channel(number) for number in place)
-        return -(np.abs(load) * np.sign(velocity))[:, None]
-
-    def breaks(self, place: Place, *theta: float) -> tuple[tuple[int, float], ...]:
-        return ((place[0], 0.0),)
-
-    def label(self, place: Place, names: Sequence[str]) -> str:
-        """Such as ``|load| sign(v)``."""
-        return f"|{names[place[1]]}| sign({names[place[0]]})"
-
-    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
-        return (f"-{label}",)
-
-    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
-        return f"-{parameters['friction']:.4g} {label}"
-
-
-class InputGain(_OfTwoChannels):
+class InputGain(OfTwoChannels):
     """``change * |u| * x``: the coefficient of a channel changes with the size of an input."""
 
     kind = "input_gain"

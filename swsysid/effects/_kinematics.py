@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._results import Array
+from swsysid.differentiation import differentiate
 from swsysid.effects._base import SETTINGS
 
 
@@ -47,19 +48,54 @@ def is_static(records: Records, targets: Array) -> bool:
     return left >= 1.0 and _correlation(course, integral) < SETTINGS.same_course
 
 
-def positions_along(records: Records, parts: Sequence[NDArray[np.intp]]) -> dict[int, int]:
+def positions_along(
+    records: Records, channels: Sequence[int], parts: Sequence[NDArray[np.intp]]
+) -> dict[int, int]:
     """Positions and their velocities, by what a velocity adds up to along parts of recordings.
 
     Differences of neighbours are noise where a plant is slow against its samples; sums are not.
     """
     found: dict[int, int] = {}
-    for state, other in permutations(records.states, 2):
-        course = _courses([np.diff(records.X[rows, state]) for rows in parts])
-        integral = _courses(_steps_made(records, records.X[:, other], parts))
+    for state, other in permutations(channels, 2):
+        course = _courses([np.diff(records.channel(state)[rows]) for rows in parts])
+        integral = _courses(_steps_made(records, records.channel(other), parts))
         left = np.sum(np.square(course - integral))
         if state not in found and left < SETTINGS.summed * np.sum(np.square(course)):
             found[state] = other
     return found
+
+
+def rate_along(records: Records, channel: int) -> Array:
+    """Rate of a channel at every sample, zero where the record is too short to tell one.
+
+    At the ends of a trajectory, where a filter has no samples to both sides, it is that of the
+    nearest sample that has.
+    """
+    return records.once(("rate", channel), lambda: _differentiated(records, channel))
+
+
+def _differentiated(records: Records, channel: int) -> Array:
+    values, t, rates = records.channel(channel), records.t, np.zeros(len(records))
+    assert t is not None
+    runs = [
+        run
+        for rows in records.trajectories
+        for run in np.split(
+            rows, np.flatnonzero(np.diff(t[rows]) > SETTINGS.gap * records.step) + 1
+        )
+    ]
+    number = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
+    rows = np.concatenate(runs)
+    try:
+        _, found, at, labels, *_ = differentiate(
+            values[rows], t[rows], number, too_short="drop", clipped="keep", rest="keep"
+        )
+    except ValueError:  # no run is long enough
+        return rates
+    for label in np.unique(labels):
+        own = labels == label
+        rates[runs[label]] = np.interp(t[runs[label]], at[own], found[own, 0])
+    return rates
 
 
 def _courses(steps: Sequence[Array]) -> Array:

@@ -15,7 +15,7 @@ from scipy.fft import next_fast_len, rfft
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import SETTINGS, Effect, Parameter, Place, figure, products, spread
-from swsysid.effects._characteristics import OfAChannel
+from swsysid.effects._characteristics import OfAChannel, OfRates
 from swsysid.effects._types import WithoutColumns
 
 _FINE = 4  # frequencies of a transform in the width of a peak of one trajectory
@@ -84,16 +84,25 @@ class Polynomial(Effect):
         return f"{parameters['coefficient']:.4g} {label}"
 
 
-class InputCoupling(OfAChannel):
-    """A logged signal that the declared model does not use."""
+class InputCoupling(OfRates, OfAChannel):
+    """A logged signal that the declared model does not use.
+
+    Parameters
+    ----------
+    positions : list of str or int, default=None
+        Channels whose rates act instead of a signal. A search for what a law of a force lacks looks
+        for these as well: for viscous friction where a position is logged, for inertia where a
+        velocity is.
+    """
 
     kind = "input_coupling"
     meaning = "the logged signal {channel} acts on {target}"
     needs = frozenset({"signals"})
     formulas = ("{0}",)
 
-    def places(self, records: Records) -> range:
-        return records.signal_channels
+    def places(self, records: Records) -> Sequence[Place]:
+        """The signals."""
+        return records.signal_channels if self.positions is None else super().places(records)
 
     def functions(self, x: Array, *theta: float) -> Sequence[Array]:
         return [x]
@@ -113,6 +122,9 @@ class Drift(Effect):
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return ("t",) if label == "level" else (f"t {label}",)
+
+    def proportional_to(self, place: Place) -> int | None:
+        return None if place == "level" else int(place)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         assert records.t is not None
@@ -205,7 +217,7 @@ class PeriodicForcing(_Wave):
             values = np.linspace(slowest, fastest, min(max(count, 2), SETTINGS.most_frequencies))
         return (Parameter("frequency", values, "1/{time}"),)
 
-    def shortlist(self, records: Records, grid: Array, left: Array) -> Array:
+    def shortlist(self, records: Records, place: Place, grid: Array, left: Array) -> Array:
         """Those about the highest peaks of the trajectories, which are wider than its own."""
         squares = power(records, left, grid[:, 0])
         own = float(np.mean(records.durations)) or 1.0

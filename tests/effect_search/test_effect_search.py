@@ -349,10 +349,16 @@ def test_a_users_own_effect():
 
 def test_a_short_record_is_returned_unchanged_with_a_warning():
     data = make_undeclared("coulomb_friction", system="pendulum", random_state=0)
-    with pytest.warns(IdentificationWarning, match="too few to hold any out"):
+    with pytest.warns(IdentificationWarning, match="too few to hold any out") as told:
         result = EffectSearchCV(data.estimator).fit(data.X[:30], data.Xdot[:30], t=data.t[:30])
     assert result.effects_ == []
     assert result.predict(data.X[:5], t=data.t[:5]).shape == (5, 2)
+    sentence = str(told[0].message)
+    enough = int(sentence[sentence.index("Record ") :].split()[1].rstrip(","))
+    assert 30 < enough < 200
+    longer = EffectSearchCV(data.estimator, effects=[CoulombFriction()])
+    longer.fit(data.X[:enough], data.Xdot[:enough], t=data.t[:enough])
+    assert longer.report_.n_held_out > 0
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def test_a_scan_looks_about_the_highest_peaks():
     high, low = (np.sin(2 * np.pi * one * records.t) for one in (0.7123, 2.00345))
     (frequencies,) = effect.parameters(records, "time")
     grid = frequencies.values[:, None]
-    chosen = effect.shortlist(records, grid, (high + 0.3 * low + noise)[:, None])[:, 0]
+    chosen = effect.shortlist(records, "time", grid, (high + 0.3 * low + noise)[:, None])[:, 0]
     step = grid[1, 0] - grid[0, 0]
     for one in (0.7123, 2.00345):
         assert np.abs(chosen - one).min() <= 0.5 * step

@@ -7,7 +7,7 @@ from swsysid._data.records import make_records
 from swsysid._output_error.candidates import Candidate
 from swsysid._output_error.estimate import fitted
 from swsysid._output_error.law import Law
-from swsysid._output_error.scan import Score, shortlist
+from swsysid._output_error.scan import RolloutScore, scores, shortlist
 from swsysid._output_error.stretches import Stretches
 from swsysid.effects import Bias, PlacedEffect, QuadraticDrag
 
@@ -37,12 +37,10 @@ def declared():
 def test_one_step_promises_the_squares_that_the_estimate_takes_away(declared):
     stretches, fit = declared
     drag = Candidate(PlacedEffect(QuadraticDrag(), 0, 0), np.zeros((1, 0)))
-    [found] = shortlist(fit, stretches, [drag])
-    score = Score.of(fit, 0.0055)
+    [found] = shortlist(fit.law, scores(fit), stretches, [drag])
+    score = RolloutScore.of(fit, 0.0055)
     columns = found.effect.columns(stretches.seen, 0)[stretches.rows]
-    begins, steps = score.followed.nodes.begins, score.followed.nodes.steps
-    moves = 0.5 * steps[:, None] * (columns[begins] + columns[begins + 1])
-    promised = float(score.gains([found], [moves])[0])
+    promised = float(score.gains([found], [score.response(columns)])[0])
     after = fitted(fit.law.beside([found]), stretches, fit.courses, fit.noise, turns=1)
     kept = (np.sum(fit.left**2) - np.sum(after.left**2)) / fit.noise[0] ** 2
     assert promised == pytest.approx(kept, rel=0.1)
@@ -54,4 +52,4 @@ def test_what_explains_nothing_is_not_estimated(declared):
     stretches, fit = declared
     with_drag = fitted(fit.law.beside([PlacedEffect(QuadraticDrag(), 0, 0)]), stretches)
     bias = Candidate(PlacedEffect(Bias(), "constant", 0), np.zeros((1, 0)))
-    assert shortlist(with_drag, stretches, [bias]) == []
+    assert shortlist(with_drag.law, scores(with_drag), stretches, [bias]) == []

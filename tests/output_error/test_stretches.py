@@ -52,7 +52,7 @@ def test_values_that_no_motion_reaches_are_not_measured():
 
 def test_a_position_is_what_a_velocity_adds_up_to():
     stretches = of(oscillation())
-    assert positions_along(stretches.seen, stretches.parts) == {0: 1}
+    assert positions_along(stretches.seen, range(2), stretches.parts) == {0: 1}
 
 
 def test_stretches_of_one_fold_are_those_of_no_other():

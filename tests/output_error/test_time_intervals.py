@@ -1,0 +1,95 @@
+"""Another coefficient from an instant on, or for some time: found, told from drift, in a model."""
+
+import numpy as np
+import pytest
+
+from swsysid import EffectSearchCV, SwitchingSystemRegressor
+from swsysid._data.records import make_records
+from swsysid.effects import Drift, InputCoupling, TimeInterval
+
+STEP, LOSS, POWER = 2.0, 0.01, 0.5
+
+
+def box(seed, loss=lambda t: LOSS, draught=lambda t: 0.0, n_samples=900):
+    """T' = -loss(t) T + .5 u + draught(t), read in steps of a tenth with noise of .05."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.integers(0, 2, n_samples // 30), 30) * rng.uniform(0.7, 1.3)
+    t, T, states, parts = STEP * np.arange(n_samples), rng.uniform(5.0, 20.0), [], 10
+    for now, heat in zip(t, u, strict=True):
+        states.append(T)
+        for part in range(parts):
+            at = now + STEP * part / parts
+            T += STEP / parts * (-loss(at) * T + POWER * heat + draught(at))
+    x = np.round((np.array(states) + 0.05 * rng.standard_normal(n_samples)) / 0.1) * 0.1
+    return {"t": t, "x": x[:, None], "inputs": u[:, None]}
+
+
+def searched(recordings):
+    plain = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
+    library = [InputCoupling(), Drift(), TimeInterval()]
+    return EffectSearchCV(plain, effects=library).fit(recordings)
+
+
+def errors(search):
+    return [model["held_out"][0] for model in search.report_["errors"]]
+
+
+def test_a_fan_that_starts_is_no_drift():
+    search = searched([box(0, draught=lambda t: -0.15 * (t > 1000.0))])
+    [effect] = search.effects_
+    assert (effect.kind, effect.place) == ("time_interval", "level")
+    # the temperature falls by the noise within some ten seconds
+    assert effect.parameters["begin"] == pytest.approx(1000.0, abs=20.0)
+    assert effect.parameters["change"] == pytest.approx(-0.15, rel=0.1)
+    before, after = errors(search)
+    assert after < 0.25 * before
+    assert any("< t]" in law for law in search.equations())
+    assert effect.formula.startswith("-0.1") and " level from t = " in effect.formula
+
+
+def test_what_ages_is_no_event():
+    search = searched([box(1, draught=lambda t: -2e-4 * t)])
+    assert [(one.kind, one.place) for one in search.effects_] == [("drift", "level")]
+
+
+def test_nothing_happens_where_nothing_happened():
+    assert searched([box(2)]).effects_ == []
+
+
+def test_a_lid_that_is_open_in_one_recording_of_four():
+    def opened(t):
+        return 2.0 * LOSS if 800.0 < t < 1100.0 else LOSS
+
+    recordings = [box(3), box(4, loss=opened), box(5), box(6)]
+    search = searched(recordings)
+    [effect] = search.effects_
+    assert (effect.kind, effect.place) == ("time_interval", "x0 in recording 1")
+    assert effect.parameters["begin"] == pytest.approx(800.0, abs=15.0)
+    assert effect.parameters["end"] == pytest.approx(1100.0, abs=15.0)
+    assert effect.parameters["change"] == pytest.approx(-LOSS, rel=0.1)
+    model = search.best_estimator_
+    here, elsewhere = model.in_recording(1), model.in_recording(0)
+    one = recordings[1]
+    runs = [
+        each.simulate(one["x"][0], one["t"], one["inputs"]).x[:, 0] for each in (here, elsewhere)
+    ]
+    inside = (one["t"] > 900.0) & (one["t"] < 1100.0)
+    left = [np.sqrt(np.mean((run - one["x"][:, 0])[inside] ** 2)) for run in runs]
+    assert left[0] < 0.2 * left[1]
+
+
+def test_the_interval_of_a_scan_is_the_one_of_the_residual():
+    t = np.arange(400.0)
+    rng = np.random.default_rng(0)
+    x = rng.uniform(1.0, 2.0, 400)
+    records = make_records(x[:, None], 1, t=t, names=["x"])
+    inside = (t >= 120.0) & (t < 180.0)
+    left = (np.where(inside, 0.3, 0.0) * x + 0.05 * rng.standard_normal(400))[:, None]
+    effect = TimeInterval()
+    begins, ends = effect.parameters(records, 0)
+    grid = np.array([[one, other] for one in begins.values for other in ends.values])
+    [found] = effect.shortlist(records, 0, grid, left)
+    np.testing.assert_allclose(found, [120.0, 180.0], atol=4.0)  # a hundredth of the record
+    np.testing.assert_allclose(
+        effect.columns(records, 0, 119.5, 179.5)[:, 0], np.where(inside, x, 0.0)
+    )
