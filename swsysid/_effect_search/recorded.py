@@ -6,7 +6,7 @@ one law is rolled out freely instead (`_output_error`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +21,7 @@ from swsysid._effect_search.contributions import parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
 from swsysid._noise import memory
-from swsysid._output_error.criterion import fall
+from swsysid._output_error.criterion import as_good, fall
 from swsysid._output_error.estimate import Fitted, fitted, left_over, rolled_out
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import slope_of_sensor
@@ -136,7 +136,7 @@ class RecordedOutcome:
                     p_value=finding.p_value,
                     error_before=float(before[worst]),
                     error_after=float(after[worst]),
-                    rivals=tuple(self._rival(place, one, worst) for one in finding.rivals),
+                    rivals=tuple(self._rivals(place, finding, worst)),
                     meaning=term.effect.describe(label, records.names[term.target]),
                     formula=term.effect.formula(label, parameters),
                     placed=term,
@@ -144,20 +144,25 @@ class RecordedOutcome:
             )
         return found
 
-    def _rival(self, place: int, rival: PlacedEffect, state: int) -> Rival:
-        law = self.models[place].law.beside([rival])
-        other = fitted(law, self.search.stretches, noise=self.models[place].noise)
-        error = _rollout_errors(other, self.held_out)
-        names = rival.effect.theta_names(self.search.stretches.seen, rival.place)
-        return Rival(
-            kind=rival.effect.kind,
-            target=rival.target,
-            mode=None,
-            place=rival.label(self.search.stretches.seen.names),
-            parameters=dict(zip(names, rival.theta, strict=True)),
-            error=float(error[state]),
-            advice="a record in which the two would move the plant differently",
-        )
+    def _rivals(self, place: int, finding: Finding, state: int) -> Iterator[Rival]:
+        """What would have done as well, on the stretches that took part in no choice, too."""
+        best = left_over(self.models[place + 1], self.held_out)
+        names = self.search.stretches.seen.names
+        for rival in finding.rivals:
+            law = self.models[place].law.beside([rival])
+            other = fitted(law, self.search.stretches, noise=self.models[place].noise)
+            if not as_good(fall(left_over(other, self.held_out), best)):
+                continue
+            parameters = rival.effect.theta_names(self.search.stretches.seen, rival.place)
+            yield Rival(
+                kind=rival.effect.kind,
+                target=rival.target,
+                mode=None,
+                place=rival.label(names),
+                parameters=dict(zip(parameters, rival.theta, strict=True)),
+                error=float(_rollout_errors(other, self.held_out)[state]),
+                advice="a record in which the two would move the plant differently",
+            )
 
 
 def _rollout_errors(fit: Fitted, stretches: Stretches) -> Array:
@@ -197,18 +202,30 @@ def searched_recordings(
     targets = [state for state in range(recorded.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
     search = Search(stretches, effects, targets, linear, significance, most, verbose)
-    models, findings = search.run(law)
-    outcome = RecordedOutcome(
-        search,
-        measured,
-        split,
-        declared,
-        tuple(one.fit for one in models),
-        tuple(findings),
-        (),
-        models[-1].fit,
-    )
-    outcome = _confirmed(outcome)
+    tried: list[tuple[Finding, Array, Array]] = []
+    while True:
+        models, findings = search.run(law)
+        outcome = RecordedOutcome(
+            search,
+            measured,
+            split,
+            declared,
+            tuple(one.fit for one in models),
+            tuple(findings),
+            (),
+            models[-1].fit,
+        )
+        outcome = _confirmed(outcome)
+        tried += outcome.tried
+        if outcome.findings or not outcome.tried or len(search.refuted) == most:
+            break
+        # what held-out stretches refute is none of the candidates, and looking again costs
+        search = replace(
+            search,
+            refuted=(*search.refuted, findings[0].candidate),
+            significance=significance / (2 + len(search.refuted)),
+        )
+    outcome = replace(outcome, tried=tuple(tried))
     return replace(outcome, final=outcome.refitted(outcome.models[-1].law))
 
 
@@ -216,7 +233,7 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
     """Without effects without which what was held out is predicted as well, the last ones first.
 
     What was held out took no part in any choice: it judges each effect once, beside all others, and
-    its p-value is one of a single comparison.
+    what it says for or against it adds to the evidence of the stretches that were searched.
     """
     stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
     last = outcome.models[-1]
@@ -224,8 +241,9 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
         less = fitted(last.law.without(place), stretches)
         both = [left_over(fit, outcome.held_out) for fit in (less, last)]
         judged = fall(*both)
-        kept[place] = replace(kept[place], p_value=judged.p_value)
-        if judged.share <= 0.0 or judged.p_value > outcome.search.significance:
+        p_value = min(1.0, kept[place].p_value * np.exp(-judged.nats))
+        kept[place] = replace(kept[place], p_value=float(p_value))
+        if judged.share <= 0.0 or p_value > outcome.search.significance:
             before, after = (_rollout_errors(fit, outcome.held_out) for fit in (less, last))
             tried.append((kept.pop(place), before, after))
             last = less

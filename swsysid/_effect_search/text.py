@@ -190,11 +190,13 @@ def _rollouts_no_better(report: EffectContents) -> list[str]:
 
 
 def moved(report: EffectContents) -> str:
-    """What became of the modes, in a sentence."""
+    """What became of the modes, in a sentence; "" where there is one all along."""
     if any(isinstance(effect.placed.effect, StructureEffect) for effect in report.effects):
         return "There is one more mode than declared."
     if report.lost_modes:
         return f"With the effects no row needs {report.lost_modes} of the declared modes."
+    if report.data is not None and report.data.final.joint_fit_.n_modes == 1:
+        return ""
     return f"{report.guard_moved:.1%} of the samples changed their mode."
 
 
@@ -272,7 +274,7 @@ def report_lines(report: EffectContents) -> Iterator[str]:
         yield from _effect(number, effect, report)
     if report.n_held_out:
         yield ""
-    if report.effects:
+    if report.effects and moved(report):
         yield f"Modes: {moved(report)}"
     rare = report.acts_rarely or report.time_interval is not None
     if aside(report) and (report.effects or not rare):

@@ -16,7 +16,7 @@ from swsysid._output_error.candidates import (
     is_sought,
     variants,
 )
-from swsysid._output_error.criterion import Fall, Left, fall
+from swsysid._output_error.criterion import Fall, Left, as_good, fall
 from swsysid._output_error.estimate import Fitted, fitted, left_over
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import of_sensors, shortlist
@@ -57,7 +57,7 @@ class Search:
     """One search in the searched part of recordings, of those effects of a library that show there.
 
     `targets` are the states whose equations may lack something, `linear` the features that are
-    multiples of channels.
+    multiples of channels, `refuted` effects that other stretches have spoken against.
     """
 
     stretches: Stretches
@@ -67,6 +67,7 @@ class Search:
     significance: float
     most: int
     verbose: bool = False
+    refuted: tuple[PlacedEffect, ...] = ()
 
     def run(self, declared: Law) -> tuple[list[Model], list[Finding]]:
         """The declared model and those with one effect more each; the effects."""
@@ -102,16 +103,17 @@ class Search:
         """
         listed = self.candidates
         best_of: dict[tuple, Fitted] = {}
+        refuted = {_key(one) for one in self.refuted}
         sensors = [effect for effect in self.effects if is_of_a_sensor(effect)]
         asked = of_sensors(now.fit, self.stretches, sensors)
         for placed in (*shortlist(now.fit, self.stretches, listed), *asked):
             for fit in self._estimated(now, placed):
-                own = fit.law.terms[-1]
-                key = (own.effect.kind, own.place, own.target)
+                key = _key(fit.law.terms[-1])
+                if key in refuted:
+                    continue
                 if key not in best_of or self._cost(fit) < self._cost(best_of[key]):
                     best_of[key] = fit
-        likeliest = sorted(best_of.values(), key=self._cost)[: SETTINGS.n_compared]
-        models = [self.model(fit) for fit in likeliest]
+        models = [self.model(fit) for fit in self._likeliest(list(best_of.values()))]
         done = self.gain(first, now).share
         models = [
             one
@@ -124,7 +126,8 @@ class Search:
             return None
         chosen, level = found
         p_value = min(1.0, len(listed) * self.gain(now, chosen).p_value)
-        if p_value > self.significance:
+        # the other half of the evidence may come from what is held out
+        if p_value > np.sqrt(self.significance):
             return None
         own = chosen.law.terms[-1]
         rivals = {
@@ -133,6 +136,21 @@ class Search:
             if self._as_good(one, chosen, now) and one.law.terms[-1].effect.kind != own.effect.kind
         }
         return chosen, Finding(own, p_value, tuple(rivals.values()), len(listed))
+
+    def _likeliest(self, fits: list[Fitted]) -> list[Fitted]:
+        """Those of least cost, and of every other kind the best one.
+
+        Ten monomials that bend alike are one explanation, and would be all that is compared.
+        """
+        fits = sorted(fits, key=self._cost)
+        listed = fits[: SETTINGS.n_compared]
+        kinds = {fit.law.terms[-1].effect.kind for fit in listed}
+        for fit in fits[SETTINGS.n_compared :]:
+            kind = fit.law.terms[-1].effect.kind
+            if kind not in kinds:
+                kinds.add(kind)
+                listed.append(fit)
+        return listed
 
     def _estimated(self, now: Model, placed: PlacedEffect) -> Iterator[Fitted]:
         """An effect beside a model in all its variants, and what it is a special case of."""
@@ -250,10 +268,8 @@ class Search:
         """
         if other is best:
             return True
-        lost = fall(other.unseen, best.unseen)
         shares = [self.gain(now, one).share for one in (other, best)]
-        surely = max(lost.error, SETTINGS.worthwhile)
-        return lost.share <= surely and shares[0] >= 0.5 * shares[1]
+        return as_good(fall(other.unseen, best.unseen)) and shares[0] >= 0.5 * shares[1]
 
     def _refined(self, fit: Fitted) -> Fitted:
         """The nonlinear parameters of the last effect of least error near those of the scan."""
@@ -291,3 +307,8 @@ class Search:
             if nearest == at:
                 break
         return best
+
+
+def _key(placed: PlacedEffect) -> tuple:
+    """What an effect is, whatever its parameters."""
+    return placed.effect.kind, placed.place, placed.target

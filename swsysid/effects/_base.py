@@ -287,6 +287,7 @@ class EffectSettings:
     frequencies_a_peak: float = 2.5  # scanned in the width of a peak, one over the duration
     fastest: float = 0.25  # of the sampling rate
     fewest_periods: float = 5.0  # in all trajectories: fewer are a drift or a slow feedback
+    seen_again: float = 2.0  # and in the time that they cover
     longest_delay: int = 40  # steps of the record
 
     forgotten: float = 40.0  # presliding distances after which a contact has forgotten its past
