@@ -47,9 +47,9 @@ class RecordedOutcome:
 
     @cached_property
     def held_out(self) -> Stretches:
-        """The stretches that took part in no choice."""
+        """The stretches that took part in no choice, as long as they are."""
         own = self.search.stretches
-        other = Stretches.of(own.records, own.seen, self.split.held_out_samples)
+        other = Stretches.of(own.records, own.seen, self.split.held_out_samples, fewest=1)
         return replace(other, first_step=own.first_step)
 
     @cached_property

@@ -1,15 +1,17 @@
 r"""Two models compared by what their rollouts leave of stretches that neither was fitted to.
 
 *Size* is the share of the squares that the second takes away. *Evidence* is the logarithm of the
-ratio of their likelihoods, with as many independent samples as the memory m of what is left allows,
+ratio of their likelihoods, with the deviations :math:`\sigma` that each had where it was fitted and
+as many independent samples as the memory m of what is left allows,
 
-.. math:: \log \frac{\mathrm{mean}_f L_1(f \sigma_1)}{\max_f L_0(f \sigma_0)} , \qquad
-          \log L(\sigma) = -\frac1m \sum_k \log \sigma + \frac{e_k^2}{2 \sigma^2} .
+.. math:: \frac1m \sum_k \log\frac{\sigma_0}{\sigma_1}
+          + \frac{e_{0,k}^2}{2 f^2 \sigma_0^2} - \frac{e_{1,k}^2}{2 f^2 \sigma_1^2} ,
+          \qquad f^2 = \mathrm{mean} \, \frac{e_{0,k}^2}{\sigma_0^2} .
 
-Deviations :math:`\sigma` are those that each had where it was fitted, times a factor f that all
-stretches share: others may be harder to predict, which is no evidence for either model. If the
-first model is right the ratio is no larger than 1 in the mean, so that one of L has no more
-probability than 1 / L (universal inference: Wasserman, Ramdas and Balakrishnan, 2020).
+Stretches may be harder to predict than those of the fit, by a factor f that the first model tells:
+that is no evidence against either. If the first model is right the ratio is no larger than 1 in the
+mean, so that one of L has no more probability than 1 / L (universal inference: Wasserman, Ramdas
+and Balakrishnan, 2020).
 """
 
 from __future__ import annotations
@@ -18,7 +20,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 from swsysid._noise import memory
 from swsysid._output_error.settings import SETTINGS
@@ -76,23 +77,18 @@ def fall(before: Left, after: Left) -> Fall:
     change = np.nan_to_num(np.nanmean(squares[0] - squares[1], axis=1))
     blocks = np.array([part.mean() for part in np.array_split(change, SETTINGS.blocks)])
     tiny = np.finfo(float).tiny
+    harder = max(float(np.nanmean(_capped(before.samples, np.square(before.sizes)))), tiny)
+    nats = sum(
+        sign * np.nansum(np.log(one.sizes) + 0.5 * _capped(one.samples, harder * one.sizes**2))
+        for sign, one in ((1.0, before), (-1.0, after))
+    )
     longest = max(before.memory, after.memory)
-    first, second = (_log_likelihoods(one) / longest for one in (before, after))
-    nats = float(logsumexp(second) - np.log(len(second)) - first.max())
-    return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), nats)
+    return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), float(nats / longest))
 
 
 def as_good(lost: Fall) -> bool:
     """Whether what a model loses beside another one is no more than chance, or than a trifle."""
     return lost.share <= max(lost.error, SETTINGS.worthwhile)
-
-
-def _log_likelihoods(left: Left) -> Array:
-    """For each factor by which all that is left may be larger than where the model was fitted."""
-    every = [factor * left.sizes for factor in np.geomspace(*SETTINGS.harder)]
-    return -np.array([
-        np.nansum(np.log(sizes) + 0.5 * _capped(left.samples, np.square(sizes))) for sizes in every
-    ])  # fmt: skip
 
 
 def _mean_squares(samples: Array) -> Array:

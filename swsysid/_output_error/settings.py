@@ -53,9 +53,6 @@ class Settings:
     worth_telling: float = 0.01  # and of what the declared law has left of them
     blocks: int = 20  # in which two models are compared
     cap: float = 25.0  # squares in units of the mean that one sample counts at most
-    # how much larger all that is left of some stretches may be than where a model was fitted, and
-    # how many such factors there are: half a factor of two apart they lose .03 nats a sample
-    harder: tuple[float, float, int] = (0.5, 8.0, 9)
     # turns of instants at which a law breaks, of cubics that begin them; and by how much of the
     # velocity of a state that passes others may change, where a level is grazed
     turns_of_breaks: int = 2

@@ -40,7 +40,9 @@ class Stretches:
     first_step: float = 0.5  # part of an interval that is integrated at once: a half, or 1
 
     @classmethod
-    def of(cls, records: Records, seen: Records, rows: Rows) -> Stretches:
+    def of(
+        cls, records: Records, seen: Records, rows: Rows, fewest: int = SETTINGS.fewest_stretches
+    ) -> Stretches:
         """Runs of some rows, cut where there are too few to leave some out."""
         gross = _spikes(records)
         records, runs = _without(records, gross), []
@@ -49,7 +51,7 @@ class Stretches:
             cuts = np.flatnonzero(np.diff(own) > 1) + 1
             runs += [trajectory[run] for run in np.split(own, cuts) if len(run) > 2]
         longest = _horizon(records, runs)
-        usual = min(longest, max(sum(map(len, runs)) / SETTINGS.fewest_stretches, 3.0))
+        usual = min(longest, max(sum(map(len, runs)) / fewest, 3.0))
         parts = [
             part for run in runs for part in np.array_split(run, max(1, round(len(run) / usual)))
         ]
