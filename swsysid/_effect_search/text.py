@@ -172,8 +172,12 @@ def _on_the_surface(report: EffectContents, state: int) -> str:
 
 
 def _rollouts_no_better(report: EffectContents) -> list[str]:
-    """A sentence if rollouts of the untouched rows do not come nearer with the effects."""
-    rollouts = report.data.rollouts if report.effects and report.data is not None else ()
+    """A sentence if rollouts of the untouched rows do not come nearer with the effects.
+
+    Where rollouts were judged, that was from their best starts, and with what went before them.
+    """
+    is_told = report.effects and report.data is not None and not report.of_rollouts
+    rollouts = report.data.rollouts if is_told else ()
     if not rollouts:
         return []
     early = [one.name for one in rollouts if one.ended[1] and not one.ended[0]]
@@ -285,7 +289,7 @@ def report_lines(report: EffectContents) -> Iterator[str]:
     for whether, (_, leftover) in zip(when, leftovers(report), strict=False):
         for name, said in verdicts(leftover, report):
             yield f"Left over of {name}{whether}: {said}"
-    if report.effects:
+    if report.effects and not report.of_rollouts:
         yield from _rollouts(report)
     if report.free_rollouts is not None:
         yield f"Held out: {report.free_rollouts[:1].lower()}{report.free_rollouts[1:]}"
