@@ -166,7 +166,8 @@ class RecordedOutcome:
 
 
 def _rollout_errors(fit: Fitted, stretches: Stretches) -> Array:
-    return np.asarray(np.sqrt(np.nanmean(np.square(rolled_out(fit, stretches)), axis=0)))
+    with np.errstate(all="ignore"):  # a rollout may diverge
+        return np.asarray(np.sqrt(np.nanmean(np.square(rolled_out(fit, stretches)), axis=0)))
 
 
 def is_rolled_out(declared: Declared, measured: Measured) -> bool:
