@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
+from swsysid._checks.arrays import names_of
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities, rows_of
 from swsysid._checks.parameters import random_numbers
 from swsysid._classifier import PolynomialSurfaceClassifier
@@ -225,6 +226,7 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         doubts = examine(answer, rows, default_library=self.feature_library is None)
 
         self._store(answer, doubts)
+        self._given_names = None if self.discrete_time else self._names_of_its_own(y)
         warn_about(self, answer, doubts)
         return self
 
@@ -269,10 +271,14 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         Returns
         -------
         list of str
-            One equation for each mode and state, mode by mode.
+            One equation for each mode and state, mode by mode. Where `y` had names of its own in
+            `fit`, such as that of a force, these stand on the left, else the rates of the states.
         """
         check_fitted(self)
-        return self.switching_model.equations(precision, format)
+        given = vars(self).get("_given_names")  # not in files of before
+        return self.switching_model.equations(
+            precision, format, states=given, static=given is not None
+        )
 
     def surface_equations(self, precision=3, format="text"):
         """The surfaces as text, with the modes on their two sides; parameters as `equations`.
@@ -376,6 +382,14 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         """Membership before hardening, shape (n_samples, `n_modes_`)."""
         kept = self._membership
         return one_hot(self.modes_, self.n_modes_) if kept is None else kept
+
+    def _names_of_its_own(self, y) -> list[str] | None:
+        """Names of the columns of a frame of velocities, where they are not those of the states."""
+        n_targets = self.coef_.shape[1]
+        rates = column_names(self)[:n_targets]
+        names = names_of(y, n_targets, "") if hasattr(y, "to_numpy") else rates
+        unnamed = [str(number) for number in range(n_targets)]
+        return None if names in (rates, unnamed) else names
 
     def _predicted(self, X):
         velocity = self.switching_model.predict(rows_of(self, X))

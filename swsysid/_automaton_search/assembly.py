@@ -94,7 +94,7 @@ def untold(verdicts: Sequence[TransitionVerdict]) -> str:
     """
     listed = [
         f"{one.source} -> {one.target} ({_times(one.support)}, the best guard explains "
-        f"{one.explained:.0%})"
+        f"{one.explained:.0%}{'' if one.is_in_model else ': no transition of the model'})"
         for one in verdicts
         if not one.is_told
     ]
@@ -103,7 +103,7 @@ def untold(verdicts: Sequence[TransitionVerdict]) -> str:
     return (
         f"The switches {', '.join(listed)} happen where nothing in the recordings tells: a signal "
         "that was not logged decides. The laws of the modes and the instants stand without it; to "
-        "predict switches log it and give it as an input, or raise guard_degree."
+        "predict, record the signal that triggers them and give it as an input, or raise guard_degree."
     )
 
 

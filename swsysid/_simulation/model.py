@@ -66,11 +66,13 @@ class SwitchingModel(SwitchingSystem):
         states: Sequence[str] | None = None,
         columns: Sequence[str] | None = None,
         added: AddedTerms | None = None,
+        static: bool = False,
     ) -> list[str]:
         """One equation for every mode and state.
 
-        `states` and `columns` name the states and the columns of X, if not as in the fit;
-        ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
+        `states` and `columns` name the states (if `static`, what the laws give, which is no rate)
+        and the columns of X, if not as in the fit; ``added(mode, state)`` lists further terms:
+        coefficient, name, size on the data.
         """
         return law_equations(
             self.coef,
@@ -81,6 +83,7 @@ class SwitchingModel(SwitchingSystem):
             states=self.feature_map.names_in if states is None else states,
             columns=columns,
             added=added,
+            static=static,
         )
 
     def surface_equations(
