@@ -218,13 +218,17 @@ def searched_recordings(
         )
         outcome = _confirmed(outcome)
         tried += outcome.tried
-        if outcome.findings or not outcome.tried or len(search.refuted) == most:
+        kept = [one.candidate for one in outcome.findings]
+        listed = [one.candidate for one in findings]
+        n_sound = next((k for k, one in enumerate(listed) if one not in kept), len(listed))
+        # what was found beside an effect that is refuted rests on it
+        done = n_sound == len(kept) and (n_sound or not listed)
+        if done or len(search.refuted) == most:
             break
-        # what held-out stretches refute is none of the candidates, and looking again costs
         search = replace(
             search,
-            refuted=(*search.refuted, findings[0].candidate),
-            significance=significance / (2 + len(search.refuted)),
+            refuted=(*search.refuted, listed[n_sound]),
+            significance=significance / (2 + len(search.refuted)),  # looking again costs
         )
     outcome = replace(outcome, tried=tuple(tried))
     return replace(outcome, final=outcome.refitted(outcome.models[-1].law))
