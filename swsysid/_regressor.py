@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
-from swsysid._checks.arrays import names_of
+from swsysid._checks.arrays import other_names
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities, rows_of
 from swsysid._checks.parameters import random_numbers
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
-from swsysid._data.sources import over_blocks
+from swsysid._data.sources import holds_blocks, over_blocks
 from swsysid._identification.doubts import Doubts, examine, warn_about
 from swsysid._identification.identify import Answer, answer_of_all, answer_of_many, identify
 from swsysid._identification.problem import attach_likelihood
@@ -226,7 +226,8 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         doubts = examine(answer, rows, default_library=self.feature_library is None)
 
         self._store(answer, doubts)
-        self._given_names = None if self.discrete_time else self._names_of_its_own(y)
+        names = other_names(y, column_names(self)[: self.coef_.shape[1]])
+        self._given_names = None if self.discrete_time or holds_blocks(X) else names
         warn_about(self, answer, doubts)
         return self
 
@@ -271,14 +272,12 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         Returns
         -------
         list of str
-            One equation for each mode and state, mode by mode. Where `y` had names of its own in
-            `fit`, such as that of a force, these stand on the left, else the rates of the states.
+            One equation for each mode and state, mode by mode. Where `y` had other names than the
+            states in `fit`, such as that of a force, these stand on the left.
         """
         check_fitted(self)
         given = vars(self).get("_given_names")  # not in files of before
-        return self.switching_model.equations(
-            precision, format, states=given, static=given is not None
-        )
+        return self.switching_model.equations(precision, format, quantities=given)
 
     def surface_equations(self, precision=3, format="text"):
         """The surfaces as text, with the modes on their two sides; parameters as `equations`.
@@ -382,14 +381,6 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         """Membership before hardening, shape (n_samples, `n_modes_`)."""
         kept = self._membership
         return one_hot(self.modes_, self.n_modes_) if kept is None else kept
-
-    def _names_of_its_own(self, y) -> list[str] | None:
-        """Names of the columns of a frame of velocities, where they are not those of the states."""
-        n_targets = self.coef_.shape[1]
-        rates = column_names(self)[:n_targets]
-        names = names_of(y, n_targets, "") if hasattr(y, "to_numpy") else rates
-        unnamed = [str(number) for number in range(n_targets)]
-        return None if names in (rates, unnamed) else names
 
     def _predicted(self, X):
         velocity = self.switching_model.predict(rows_of(self, X))

@@ -103,7 +103,8 @@ def untold(verdicts: Sequence[TransitionVerdict]) -> str:
     return (
         f"The switches {', '.join(listed)} happen where nothing in the recordings tells: a signal "
         "that was not logged decides. The laws of the modes and the instants stand without it; to "
-        "predict, record the signal that triggers them and give it as an input, or raise guard_degree."
+        "predict, record the signal that triggers them and give it as an input, or raise "
+        "guard_degree."
     )
 
 

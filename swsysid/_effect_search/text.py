@@ -176,8 +176,9 @@ def _rollouts_no_better(report: EffectContents) -> list[str]:
 
     Where rollouts were judged, that was from their best starts, and with what went before them.
     """
-    is_told = report.effects and report.data is not None and not report.of_rollouts
-    rollouts = report.data.rollouts if is_told else ()
+    if not report.effects or report.data is None or report.of_rollouts:
+        return []
+    rollouts = report.data.rollouts
     if not rollouts:
         return []
     early = [one.name for one in rollouts if one.ended[1] and not one.ended[0]]
