@@ -108,11 +108,13 @@ def _heaters(runs: list[str]):
     return table[["T1_C"]], _runs(table, inputs=table[["Q1_pct"]], signals=table[signals])
 
 
-def _axis():
+def _axis(of_force: bool):
     train = fetch_emps().train
     q = differentiate(train.x, train.t, inputs=train.inputs, order=2, decimate=10)
-    motion = pd.DataFrame({"v": q.X[:, 1], "acceleration": q.Xdot[:, 1]})
-    return motion, {"y": q.X[:, 2], "t": q.t}
+    table = pd.DataFrame(q.X, columns=["q", "v", "force"]).assign(acceleration=q.Xdot[:, 1])
+    if of_force:
+        return table[["v", "acceleration"]], {"y": table.force.to_numpy(), "t": q.t}
+    return table[["q", "v"]], {"t": q.t, "inputs": table[["force"]]}
 
 
 def _tanks():
@@ -170,7 +172,8 @@ CASES: dict[str, tuple[str, tuple[str, ...], str, Callable]] = {
         ".88 → .60 K",
         lambda: _heaters(["B"]),
     ),
-    "axis": ("dry friction by direction", FRICTION, "17 → 5.4 % of the force", _axis),
+    "axis, motion": ("dry friction by direction", FRICTION, "13.6 → 5.1 mm", lambda: _axis(False)),
+    "axis, force": ("dry friction by direction", FRICTION, "17 → 5.4 %", lambda: _axis(True)),
     "tanks": ("the upper tank, overflow", (*MEMORY, *LEVELS), ".617 → .268 V", _tanks),
     "MR damper": ("hysteresis", HYSTERESIS, "28 → 10 N", _hysteresis),
     "vehicle": ("dry friction or power law", (*FRICTION, "power_law"), ".178 → .096 m/s", _vehicle),

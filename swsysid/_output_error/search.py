@@ -92,7 +92,7 @@ class Search:
             part = fitted(fit.law, self.stretches.some(train), known, fit.noise, turns=1)
             left.append(left_over(part, self.stretches.some(test), unknown).samples)
             stretches += test
-        unseen = Left(np.vstack(left), fit.errors, self.stretches.some(stretches).series)
+        unseen = Left(np.vstack(left), self.stretches.some(stretches).series)
         return Model(fit, unseen)
 
     def round(self, now: Model, first: Model) -> tuple[Model, Finding] | None:
