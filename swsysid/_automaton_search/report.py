@@ -8,8 +8,7 @@ import numpy as np
 
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import TransitionVerdict
-from swsysid._automaton_search.assembly import untold as untold_switches
-from swsysid._automaton_search.doubts import doubts_of
+from swsysid._automaton_search.doubts import doubts_of, untold_switches
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._discrete_stays.certainty import KindsOfNoise
@@ -64,7 +63,7 @@ class AutomatonReport:
         """The report of an answer where `asked` modes were asked for, at `most` some."""
         modes, automaton = np.concatenate(found.modes), found.automaton
         shares = np.bincount(modes, minlength=automaton.n_modes) / len(modes)
-        untold = [told] if (told := untold_switches(found.verdicts)) else []
+        untold = [told] if (told := untold_switches(found)) else []
         if found.excess is not None and found.excess > SETTINGS.most_excess:
             untold.append(
                 f"The laws leave {found.excess:.2g} times the noise: a term or a mode is missing; "

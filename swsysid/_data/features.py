@@ -333,7 +333,7 @@ def _powers_of(library, n_columns: int) -> np.ndarray | None:
     """Exponents of the columns, if monomials of them, or of some, are what a library makes."""
     kind = type(library)
     if kind is Pipeline:
-        chosen = np.arange(n_columns)
+        chosen: np.ndarray | None = np.arange(n_columns)
         for step in library[:-1]:
             chosen = None if chosen is None else _passed(step, chosen)
         powers = None if chosen is None else _powers_of(library[-1], len(chosen))
