@@ -18,7 +18,7 @@ from sklearn.preprocessing import FunctionTransformer
 from benchmarks.measured import modes_by_default
 from benchmarks.measured.rows import ByDefault, read
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
-from swsysid.datasets import fetch_emps
+from swsysid.datasets import fetch_emps, fetch_silverbox
 from swsysid.differentiation import differentiate
 
 FRICTION = ("coulomb_friction", "asymmetric_friction", "stribeck_friction")
@@ -117,6 +117,14 @@ def _axis(of_force: bool):
     return table[["q", "v"]], {"t": q.t, "inputs": table[["force"]]}
 
 
+def _silverbox():
+    train = fetch_silverbox().train
+    x, t, inputs = (part[:8000] for part in (train.x, train.t, train.inputs))  # of 65,061
+    q = differentiate(x, t, inputs=inputs, order=2)
+    table = pd.DataFrame(q.X, columns=["y", "v", "u"])
+    return table[["y", "v"]], {"t": q.t, "inputs": table[["u"]]}
+
+
 def _tanks():
     table = read("cascaded_tanks/cascaded_tanks.csv")
     return table[["y_est_V"]], {"t": table.t_s.to_numpy(), "inputs": table[["u_est_V"]]}
@@ -174,6 +182,7 @@ CASES: dict[str, tuple[str, tuple[str, ...], str, Callable]] = {
     ),
     "axis, motion": ("dry friction by direction", FRICTION, "13.6 → 5.1 mm", lambda: _axis(False)),
     "axis, force": ("dry friction by direction", FRICTION, "17 → 5.4 %", lambda: _axis(True)),
+    "silverbox": ("cubic spring, no switch", ("polynomial",), "6.97 → 1.05 mV", _silverbox),
     "tanks": ("the upper tank, overflow", (*MEMORY, *LEVELS), ".617 → .268 V", _tanks),
     "MR damper": ("hysteresis", HYSTERESIS, "28 → 10 N", _hysteresis),
     "vehicle": ("dry friction or power law", (*FRICTION, "power_law"), ".178 → .096 m/s", _vehicle),
