@@ -10,6 +10,7 @@ from sklearn.base import BaseEstimator
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import IdentifiedAutomaton
+from swsysid._automaton_search.doubts import untold_switches
 from swsysid._automaton_search.report import AutomatonReport
 from swsysid._automaton_search.scores import rollout_score
 from swsysid._checks.arrays import table
@@ -316,9 +317,8 @@ class HybridAutomatonRegressor(BaseEstimator):
         self.guard_errors_, self.reset_errors_ = found.errors.guards, found.errors.resets
         self.equation_noise_ = None if found.noises is None else found.noises.equation
         self.report_ = AutomatonReport.of(found, self.n_modes, self.max_modes)
-        for verdict in found.verdicts:
-            if not verdict.is_told:
-                warnings.warn(verdict.advice(), GuardWarning, stacklevel=4)
+        if told := untold_switches(found):
+            warnings.warn(told, GuardWarning, stacklevel=4)
 
     @property
     def _fitted(self) -> HybridAutomaton:

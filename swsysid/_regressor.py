@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
+from swsysid._checks.arrays import other_names
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities, rows_of
 from swsysid._checks.parameters import random_numbers
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
-from swsysid._data.sources import over_blocks
+from swsysid._data.sources import holds_blocks, over_blocks
 from swsysid._identification.doubts import Doubts, examine, warn_about
 from swsysid._identification.identify import Answer, answer_of_all, answer_of_many, identify
 from swsysid._identification.problem import attach_likelihood
@@ -225,6 +226,8 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         doubts = examine(answer, rows, default_library=self.feature_library is None)
 
         self._store(answer, doubts)
+        names = other_names(y, column_names(self)[: self.coef_.shape[1]])
+        self._given_names = None if self.discrete_time or holds_blocks(X) else names
         warn_about(self, answer, doubts)
         return self
 
@@ -269,10 +272,12 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         Returns
         -------
         list of str
-            One equation for each mode and state, mode by mode.
+            One equation for each mode and state, mode by mode. Where `y` had other names than the
+            states in `fit`, such as that of a force, these stand on the left.
         """
         check_fitted(self)
-        return self.switching_model.equations(precision, format)
+        given = vars(self).get("_given_names")  # not in files of before
+        return self.switching_model.equations(precision, format, quantities=given)
 
     def surface_equations(self, precision=3, format="text"):
         """The surfaces as text, with the modes on their two sides; parameters as `equations`.

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 # Published scores differ in how many samples at the begin of a test record they leave out.
 LEFT_OUT = (0, 5, 50)
@@ -120,23 +123,32 @@ class ByDefault:
 
     Attributes
     ----------
-    data, lacks : str
-        Name of the set, and what its README says that the declared law lacks.
+    data, lacks, estimator : str
+        Name of the set, what its README says that the declared law lacks, and what was called.
     found, verdict : str
-        Kinds and places of the effects; "right" where all of them are lacking, "partly" where the
-        first one is, "wrong" where it is not, or "nothing".
+        Kinds and places of the effects, or the modes; "right" where all of them are lacking,
+        "partly" where the first one is, "wrong" where it is not, or "nothing".
     before, after : float
         Errors of the declared law and of that with the effects on what was held out.
+    hand : str
+        The same of the README's hand fits, on its own split.
     cpu_seconds : float
     """
 
     data: str
     lacks: str
+    estimator: str
     found: str
     verdict: str
     before: float
     after: float
+    hand: str
     cpu_seconds: float
+
+
+def read(path: str) -> pd.DataFrame:
+    """A file of the measured sets."""
+    return pd.read_csv(Path(os.environ["SWSYSID_DATA"]) / path)
 
 
 def published_errors(published, unit: str) -> dict[str, tuple[float, ...]]:

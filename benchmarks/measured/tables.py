@@ -53,10 +53,12 @@ def effects(parts: dict[str, dict]) -> str:
 
 def by_default(parts: dict[str, dict]) -> str:
     """What a search by default settings says of each recording."""
-    head = ["recording", "lacks", "found by default", "", "error before", "after", "CPU s"]
+    head = ["recording", "lacks", "asked", "found by default", ""]
+    head += ["error before", "after", "by hand", "CPU s"]
     rows = [
-        [row["data"], row["lacks"], row["found"].replace("_", " "), row["verdict"]]
-        + [_errors([row["before"]]), _errors([row["after"]]), f"{row['cpu_seconds']:.0f}"]
+        [row["data"], row["lacks"], row["estimator"], row["found"].replace("_", " ")]
+        + [row["verdict"], _errors([row["before"]]), _errors([row["after"]])]
+        + [row["hand"], f"{row['cpu_seconds']:.0f}"]
         for row in parts["by_default"]["rows"]
     ]
     lines = [*table(head, rows, "l"), "", _cost({"by default": parts["by_default"]})]

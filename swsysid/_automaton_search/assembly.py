@@ -84,13 +84,32 @@ class TransitionVerdict:
                 f"coefficients and rests on {rests}{as_well if rivals else ''}. Record more "
                 "switches, from other states."
             )
-        best = f"the best guard explains {self.explained:.0%} of {self.support}"
-        best += f" and is off by {self.miss:.3g} in time" if np.isfinite(self.miss) else ""
-        none = "" if self.is_in_model else " (it is no transition of the model)"
-        return (
-            f"The switches {between} happen where nothing in the recordings tells: {best}{none}; "
-            "record the signal that triggers them and give it as an input, or raise guard_degree."
-        )
+        return untold([self])
+
+
+def untold(verdicts: Sequence[TransitionVerdict]) -> str:
+    """What is said of all transitions that no guard explains, "" if there are none.
+
+    Laws and instants owe nothing to guards, and stand.
+    """
+    listed = [
+        f"{one.source} -> {one.target} ({_times(one.support)}, the best guard explains "
+        f"{one.explained:.0%}{'' if one.is_in_model else ': no transition of the model'})"
+        for one in verdicts
+        if not one.is_told
+    ]
+    if not listed:
+        return ""
+    return (
+        f"The switches {', '.join(listed)} happen where nothing in the recordings tells: a signal "
+        "that was not logged decides. The laws of the modes and the instants stand without it; to "
+        "predict, record the signal that triggers them and give it as an input, or raise "
+        "guard_degree."
+    )
+
+
+def _times(count: int) -> str:
+    return {1: "seen once", 2: "seen twice"}.get(count, f"{count} times")
 
 
 def order_of_modes(modes: Sequence[NDArray[np.intp]], n_modes: int) -> NDArray[np.intp]:

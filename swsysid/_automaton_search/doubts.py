@@ -4,9 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from swsysid._automaton_search.answer import IdentifiedAutomaton
+from swsysid._automaton_search.assembly import untold
 from swsysid._discrete_stays.certainty import KindsOfNoise
 from swsysid._simulation.model import law_equations
+
+# Samples of a stay that show the law of its mode: fewer are a slope, and two make up any curve.
+_FEW = 10
+
+
+def untold_switches(found: IdentifiedAutomaton) -> str:
+    """What is said of switches that no guard explains, "" if there are none."""
+    said = untold(found.verdicts)
+    ends = [np.flatnonzero(np.diff(own, prepend=-1, append=-1)) for own in found.modes]
+    usual = int(np.median(np.concatenate([np.diff(own) for own in ends])))
+    if not said or usual >= _FEW:
+        return said
+    return (
+        f"Nothing in the recordings tells when modes change, and half of the stays have {usual} "
+        "samples at most: modes that alternate so fast make up for something gradual, such as a "
+        "lag or a hidden state. Search for effects of one law (EffectSearchCV), or record the "
+        "signal that triggers them, at a higher rate."
+    )
 
 
 def doubts_of(found: IdentifiedAutomaton, asked: int | str, most: int) -> Iterator[str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import TransitionVerdict
-from swsysid._automaton_search.doubts import doubts_of
+from swsysid._automaton_search.doubts import doubts_of, untold_switches
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._discrete_stays.certainty import KindsOfNoise
@@ -23,6 +23,7 @@ class AutomatonReport:
 
     Attributes
     ----------
+    n_recordings, n_samples : int
     equations : tuple of str
         With standard errors; a threshold in discrete time is one of an interval.
     shares : ndarray of shape (n_modes,)
@@ -44,6 +45,8 @@ class AutomatonReport:
     advice : str
     """
 
+    n_recordings: int
+    n_samples: int
     equations: tuple[str, ...]
     shares: Array
     verdicts: tuple[TransitionVerdict, ...]
@@ -60,7 +63,7 @@ class AutomatonReport:
         """The report of an answer where `asked` modes were asked for, at `most` some."""
         modes, automaton = np.concatenate(found.modes), found.automaton
         shares = np.bincount(modes, minlength=automaton.n_modes) / len(modes)
-        untold = [one.advice() for one in found.verdicts if not one.is_told]
+        untold = [told] if (told := untold_switches(found)) else []
         if found.excess is not None and found.excess > SETTINGS.most_excess:
             untold.append(
                 f"The laws leave {found.excess:.2g} times the noise: a term or a mode is missing; "
@@ -74,6 +77,8 @@ class AutomatonReport:
                 "n_modes, or record at a higher rate."
             )
         return cls(
+            len(found.modes),
+            len(modes),
             tuple(found.errors.lines(automaton)),
             shares,
             tuple(found.verdicts),
@@ -87,11 +92,20 @@ class AutomatonReport:
         )
 
     def __str__(self) -> str:
+        n_switches = sum(one.support for one in self.verdicts)
+        n_untold = sum(one.support for one in self.verdicts if not one.is_told)
+        head = (
+            f"{counted(self.n_recordings, 'recording')}, {self.n_samples} samples: "
+            f"{counted(len(self.shares), 'mode')}, {counted(n_switches, 'switch')}"
+        )
+        if n_untold:
+            which = "all" if n_untold == n_switches else str(n_untold)
+            head += f", {which} of them by what was not recorded"
         lived = ", ".join(f"mode {k} {share:.0%}" for k, share in enumerate(self.shares))
         switches = ", ".join(
             f"{one.source} -> {one.target} {counted(one.support, 'time')}" for one in self.verdicts
         )
-        lines = [*self.equations, f"Samples: {lived}."]
+        lines = [f"{head}.", *self.equations, f"Samples: {lived}."]
         if switches:
             lines.append(f"Switches: {switches}.")
         lines.append(self._noise())

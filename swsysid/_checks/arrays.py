@@ -57,6 +57,18 @@ def names_of(values: object, n_columns: int, stem: str) -> list[str]:
     return list(columns) if named else [f"{stem}{column}" for column in range(n_columns)]
 
 
+def other_names(values: object, names: list[str]) -> list[str] | None:
+    """Names of the columns of a data frame, None where there are none or just these.
+
+    Examples
+    --------
+    >>> other_names([[1.0, 2.0]], ["x", "v"])
+    """
+    unnamed = [str(number) for number in range(len(names))]
+    given = names_of(values, len(names), "")
+    return None if given in (names, unnamed) else given
+
+
 def table(
     name: str,
     values: object,

@@ -11,6 +11,8 @@ from math import comb
 import numpy as np
 from sklearn import config_context
 from sklearn.base import BaseEstimator, TransformerMixin, clone
+from sklearn.compose import ColumnTransformer
+from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._checks.estimators import check_fitted, column_names, rows_of
@@ -190,7 +192,8 @@ class FeatureMap:
         # Polynomial libraries tell their size before they have made anything of it.
         refuse_many_features("feature_library", getattr(self.library, "n_output_features_", 0))
         refuse_many_features("feature_library", self(X[:1]).shape[1])
-        self._monomials = _monomials_of(self.library)
+        powers = _powers_of(self.library, X.shape[1])
+        self._monomials = None if powers is None else Monomials(powers)
         features = self(X)
         if self._monomials is None and not isinstance(self.library, FunctionLibrary):
             self.box = np.stack([np.min(X, axis=0), np.max(X, axis=0)])
@@ -226,7 +229,7 @@ class FeatureMap:
     @property
     def powers(self) -> np.ndarray | None:
         """Exponents of the columns in each feature if all are monomials, else None."""
-        return None if self._monomials is None else self.library.powers_
+        return None if self._monomials is None else self._monomials.powers
 
     @property
     def names_out(self) -> np.ndarray:
@@ -326,13 +329,35 @@ def refuse_many_features(name: str, n_features: int) -> None:
         )
 
 
-def _monomials_of(library) -> Monomials | None:
-    """Monomials, if that is what a library of scikit-learn or PySINDy makes."""
+def _powers_of(library, n_columns: int) -> np.ndarray | None:
+    """Exponents of the columns, if monomials of them, or of some, are what a library makes."""
     kind = type(library)
+    if kind is Pipeline:
+        chosen: np.ndarray | None = np.arange(n_columns)
+        for step in library[:-1]:
+            chosen = None if chosen is None else _passed(step, chosen)
+        powers = None if chosen is None else _powers_of(library[-1], len(chosen))
+        if chosen is None or powers is None:
+            return None
+        of_all = np.zeros((len(powers), n_columns), dtype=powers.dtype)
+        np.add.at(of_all.T, chosen, powers.T)
+        return of_all
     known = kind is PolynomialFeatures or (
         kind.__name__ == "PolynomialLibrary" and kind.__module__.startswith("pysindy.")
     )
-    return Monomials(library.powers_) if known else None
+    return library.powers_ if known else None
+
+
+def _passed(step, columns: np.ndarray) -> np.ndarray | None:
+    """Those of some columns that a step lets pass, None if it does anything else."""
+    does = {step}
+    if type(step) is ColumnTransformer:
+        does = {step.remainder, *(one for _, one, _ in step.transformers)}
+    if not does <= {"drop", "passthrough"}:
+        return None
+    with _arrays():
+        passed = columns if step == "passthrough" else step.transform(columns[None, :])[0]
+        return np.asarray(passed, dtype=columns.dtype)
 
 
 def _as_transformer(library, n_columns: int):

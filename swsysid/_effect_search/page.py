@@ -283,7 +283,7 @@ def _search(view: _View) -> Iterable[str]:
         yield table(head, rows, kind="words")
     if report.dropped:
         yield paragraph(text.dropped(report), "note")
-    if report.effects:
+    if report.effects and text.moved(report):
         yield paragraph(text.moved(report))
     if aside(report):
         yield paragraph(aside(report))

@@ -6,7 +6,7 @@ one law is rolled out freely instead, and a law of a quantity fitted to rows (`_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +21,7 @@ from swsysid._effect_search.contributions import parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
 from swsysid._noise import memory
-from swsysid._output_error.criterion import fall
+from swsysid._output_error.criterion import as_good, fall
 from swsysid._output_error.engines import QUANTITIES, RATES
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
@@ -48,8 +48,8 @@ class RecordedOutcome:
 
     @cached_property
     def held_out(self) -> Stretches:
-        """The stretches that took part in no choice."""
-        return self.search.stretches.of_rows(self.split.held_out_samples)
+        """The stretches that took part in no choice, as long as they are."""
+        return self.search.stretches.of_rows(self.split.held_out_samples, fewest=1)
 
     @cached_property
     def errors(self) -> list[tuple[Array, Array]]:
@@ -155,7 +155,7 @@ class RecordedOutcome:
                     p_value=finding.p_value,
                     error_before=float(before[worst]),
                     error_after=float(after[worst]),
-                    rivals=tuple(self._rival(place, one, worst) for one in finding.rivals),
+                    rivals=tuple(self._rivals(place, finding, worst)),
                     meaning=term.effect.describe(label, records.names[term.target]),
                     formula=term.effect.formula(label, parameters),
                     placed=term,
@@ -163,21 +163,26 @@ class RecordedOutcome:
             )
         return found
 
-    def _rival(self, place: int, rival: PlacedEffect, state: int) -> Rival:
-        law = self.models[place].law.beside([rival])
-        noise = self.models[place].noise
-        other = self.search.engine.fitted(law, self.search.stretches, noise=noise)
-        error = self.left_of(other, self.held_out)
-        names = rival.effect.theta_names(self.search.stretches.seen, rival.place)
-        return Rival(
-            kind=rival.effect.kind,
-            target=rival.target,
-            mode=None,
-            place=rival.label(self.search.stretches.seen.names),
-            parameters=dict(zip(names, rival.theta, strict=True)),
-            error=float(error[state]),
-            advice="a record in which the two would move the plant differently",
-        )
+    def _rivals(self, place: int, finding: Finding, state: int) -> Iterator[Rival]:
+        """What would have done as well, on the stretches that took part in no choice, too."""
+        engine, significance = self.search.engine, self.search.significance
+        best = engine.left_over(self.models[place + 1], self.held_out)
+        names, noise = self.search.stretches.seen.names, self.models[place].noise
+        for rival in finding.rivals:
+            law = self.models[place].law.beside([rival])
+            other = engine.fitted(law, self.search.stretches, noise=noise)
+            if not as_good(fall(engine.left_over(other, self.held_out), best), significance):
+                continue
+            parameters = rival.effect.theta_names(self.search.stretches.seen, rival.place)
+            yield Rival(
+                kind=rival.effect.kind,
+                target=rival.target,
+                mode=None,
+                place=rival.label(names),
+                parameters=dict(zip(parameters, rival.theta, strict=True)),
+                error=float(self.left_of(other, self.held_out)[state]),
+                advice="a record in which the two would move the plant differently",
+            )
 
 
 def is_of_one_law(declared: Declared, measured: Measured) -> bool:
@@ -211,11 +216,24 @@ def searched_recordings(
     linear = linear_features(law.library(seen.X), seen.X)
     search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
     done = search.run(law)
-    models = tuple(one.fit for one in done.models)
-    outcome = RecordedOutcome(
-        done.search, measured, split, declared, models, done.findings, (), models[-1]
-    )
-    outcome = _with_events(_confirmed(_with_instants(outcome)))
+    tried: list[tuple[Finding, Array, Array]] = []
+    while True:
+        models = tuple(one.fit for one in done.models)
+        outcome = RecordedOutcome(
+            done.search, measured, split, declared, models, done.findings, (), models[-1]
+        )
+        outcome = _with_instants(outcome)
+        listed = [one.candidate for one in outcome.findings]
+        outcome = _confirmed(outcome)
+        tried += outcome.tried
+        kept = [one.candidate for one in outcome.findings]
+        n_sound = next((k for k, one in enumerate(listed) if one not in kept), len(listed))
+        # what was found beside an effect that is refuted rests on it
+        is_done = n_sound == len(kept) and (n_sound or not listed)
+        if is_done or len(done.search.refuted) == most:
+            break
+        done = done.search.again(done, n_sound, listed[n_sound])
+    outcome = _with_events(replace(outcome, tried=tuple(tried)))
     return replace(outcome, final=outcome.refitted(outcome.models[-1].law))
 
 
@@ -263,7 +281,7 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
     """Without effects without which what was held out is predicted as well, the last ones first.
 
     What was held out took no part in any choice: it judges each effect once, beside all others, and
-    its p-value is one of a single comparison.
+    what it says for or against it adds to the evidence of the stretches that were searched.
     """
     stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
     last, engine = outcome.models[-1], outcome.search.engine
@@ -274,8 +292,9 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
         less = engine.fitted(last.law.without(place), stretches)
         both = [engine.left_over(fit, judges) for fit in (less, last)]
         judged = fall(*both)
-        kept[place] = replace(kept[place], p_value=judged.p_value)
-        if judged.share <= 0.0 or judged.p_value > outcome.search.significance:
+        p_value = min(1.0, kept[place].p_value * np.exp(-judged.nats))
+        kept[place] = replace(kept[place], p_value=float(p_value))
+        if judged.share <= 0.0 or p_value > outcome.search.significance:
             before, after = (outcome.left_of(fit, outcome.held_out) for fit in (less, last))
             tried.append((kept.pop(place), before, after))
             last = less

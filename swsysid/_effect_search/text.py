@@ -172,8 +172,13 @@ def _on_the_surface(report: EffectContents, state: int) -> str:
 
 
 def _rollouts_no_better(report: EffectContents) -> list[str]:
-    """A sentence if rollouts of the untouched rows do not come nearer with the effects."""
-    rollouts = report.data.rollouts if report.effects and report.data is not None else ()
+    """A sentence if rollouts of the untouched rows do not come nearer with the effects.
+
+    Where rollouts were judged, that was from their best starts, and with what went before them.
+    """
+    if not report.effects or report.data is None or report.of_rollouts:
+        return []
+    rollouts = report.data.rollouts
     if not rollouts:
         return []
     early = [one.name for one in rollouts if one.ended[1] and not one.ended[0]]
@@ -190,11 +195,13 @@ def _rollouts_no_better(report: EffectContents) -> list[str]:
 
 
 def moved(report: EffectContents) -> str:
-    """What became of the modes, in a sentence."""
+    """What became of the modes, in a sentence; "" where there is one all along."""
     if any(isinstance(effect.placed.effect, StructureEffect) for effect in report.effects):
         return "There is one more mode than declared."
     if report.lost_modes:
         return f"With the effects no row needs {report.lost_modes} of the declared modes."
+    if report.data is not None and report.data.final.joint_fit_.n_modes == 1:
+        return ""
     return f"{report.guard_moved:.1%} of the samples changed their mode."
 
 
@@ -272,7 +279,7 @@ def report_lines(report: EffectContents) -> Iterator[str]:
         yield from _effect(number, effect, report)
     if report.n_held_out:
         yield ""
-    if report.effects:
+    if report.effects and moved(report):
         yield f"Modes: {moved(report)}"
     rare = report.acts_rarely or report.time_interval is not None
     if aside(report) and (report.effects or not rare):
@@ -283,7 +290,7 @@ def report_lines(report: EffectContents) -> Iterator[str]:
     for whether, (_, leftover) in zip(when, leftovers(report), strict=False):
         for name, said in verdicts(leftover, report):
             yield f"Left over of {name}{whether}: {said}"
-    if report.effects:
+    if report.effects and not report.of_rollouts:
         yield from _rollouts(report)
     if report.free_rollouts is not None:
         yield f"Held out: {report.free_rollouts[:1].lower()}{report.free_rollouts[1:]}"

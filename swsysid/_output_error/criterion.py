@@ -1,14 +1,16 @@
 r"""Two models compared by what their rollouts leave of stretches that neither was fitted to.
 
 *Size* is the share of the squares that the second takes away. *Evidence* is the logarithm of the
-ratio of their likelihoods, with the deviations :math:`\sigma` that each had where it was fitted and
-as many independent samples as the memory m of what is left allows,
+ratio of their likelihoods on n such samples of d states, with as many independent ones as the
+memory m of what is left allows,
 
-.. math:: \frac1m \sum_k \log\frac{\sigma_0}{\sigma_1}
-          + \frac{e_{0,k}^2}{2 \sigma_0^2} - \frac{e_{1,k}^2}{2 \sigma_1^2} .
+.. math:: \frac nm \sum_k \log\frac{s_{0,k}}{s_{1,k}} - \frac d2 \log\frac nm .
 
-If the first model is right the ratio is no larger than 1 in the mean, so that one of L has no more
-probability than 1 / L (universal inference: Wasserman, Ramdas and Balakrishnan, 2020).
+The deviations s are those of these very stretches, which may be harder to predict than those of the
+fit, and for a good model by a larger factor than for a bad one; for those of its own the second
+pays. If the first model is right the ratio is no larger than 1 in the mean, up to what such a price
+neglects, so that one of L has no more probability than 1 / L (universal inference: Wasserman,
+Ramdas and Balakrishnan, 2020).
 """
 
 from __future__ import annotations
@@ -26,10 +28,9 @@ from swsysid._stays.nodes import Rows
 
 @dataclass(frozen=True)
 class Left:
-    """What rollouts of a model leave of stretches, and what they left where it was fitted."""
+    """What rollouts of a model leave of stretches."""
 
     samples: Array  # (n_samples, n_states)
-    sizes: Array  # (n_states,)
     series: tuple[Rows, ...]  # numbers of the samples of each stretch
 
     @property
@@ -74,12 +75,19 @@ def fall(before: Left, after: Left) -> Fall:
     change = np.nan_to_num(np.nanmean(squares[0] - squares[1], axis=1))
     blocks = np.array([part.mean() for part in np.array_split(change, SETTINGS.blocks)])
     tiny = np.finfo(float).tiny
-    nats = sum(
-        sign * np.nansum(np.log(one.sizes) + 0.5 * _capped(one.samples, np.square(one.sizes)))
-        for sign, one in ((1.0, before), (-1.0, after))
-    )
-    longest = max(before.memory, after.memory)
-    return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), float(nats / longest))
+    count = max(1.0, len(change) / max(before.memory, after.memory))
+    own = [np.maximum(np.nanmean(one, axis=0), tiny) for one in squares]
+    nats = 0.5 * count * np.log(own[0] / own[1]).sum() - 0.5 * len(sizes) * np.log(count)
+    return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), float(nats))
+
+
+def as_good(lost: Fall, significance: float) -> bool:
+    """Whether what a model loses beside another one is no more than chance, or than a trifle.
+
+    Chance as blocks of samples say, of which a few may have all that matters, and the evidence.
+    """
+    is_sure = lost.share > lost.error or lost.p_value <= significance
+    return lost.share <= SETTINGS.worthwhile or not is_sure
 
 
 def _mean_squares(samples: Array) -> Array:

@@ -160,8 +160,7 @@ def stepped(law: Law, stretches: Stretches) -> Stretches:
 
 def left_over(fit: Fitted, stretches: Stretches, start: Courses | None = None) -> Left:
     """What a fitted law leaves of other stretches, from the best starts."""
-    left = _left(_fixed(fit, stretches, start))
-    return Left(left, fit.errors, stretches.series)
+    return Left(_left(_fixed(fit, stretches, start)), stretches.series)
 
 
 def rolled_out(fit: Fitted, stretches: Stretches) -> Array:

@@ -103,7 +103,7 @@ def fitted(
 
 def left_over(fit: Fit, stretches: Stretches, start: Courses | None = None) -> Left:
     """What a fitted law leaves of other stretches."""
-    return Left(left_of(fit, stretches), fit.errors, stretches.series)
+    return Left(left_of(fit, stretches), stretches.series)
 
 
 def left_of(fit: Fit, stretches: Stretches) -> Array:

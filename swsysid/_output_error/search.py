@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +16,7 @@ from swsysid._output_error.candidates import (
     is_sought,
     variants,
 )
-from swsysid._output_error.criterion import Fall, Left, fall
+from swsysid._output_error.criterion import Fall, Left, as_good, fall
 from swsysid._output_error.engines import Engine
 from swsysid._output_error.estimate import Courses, Fit
 from swsysid._output_error.law import Law
@@ -71,13 +71,24 @@ class Searched:
         """The same with one effect more."""
         return Searched(self.search, (*self.models, model), (*self.findings, finding))
 
+    def went_on(self, after_each: Callable[[], None]) -> Searched:
+        """The same with every further effect that is worth it."""
+        done = self
+        while len(done.findings) < self.search.most:
+            better = self.search.round(done.models[-1], done.models[0])
+            after_each()
+            if better is None:
+                break
+            done = done.with_one_more(*better)
+        return done
+
 
 @dataclass(frozen=True)
 class Search:
     """One search in the searched part of recordings, of those effects of a library that show there.
 
     `targets` are the states whose equations may lack something, `linear` the features that are
-    multiples of channels.
+    multiples of channels, `refuted` effects that other stretches have spoken against.
     """
 
     engine: Engine
@@ -88,6 +99,7 @@ class Search:
     significance: float
     most: int
     verbose: bool = False
+    refuted: tuple[PlacedEffect, ...] = ()
 
     def run(self, declared: Law) -> Searched:
         """The declared model and those with one effect more each; the effects."""
@@ -95,13 +107,18 @@ class Search:
             starts = [self.disturbed(one).started(declared) for one in SETTINGS.disturbances]
             done = least_of(starts, lambda one: -one.nats)
             bar.update()
-            while done.findings and len(done.findings) < self.most:
-                better = done.search.round(done.models[-1], done.models[0])
-                bar.update()
-                if better is None:
-                    break
-                done = done.with_one_more(*better)
-        return done
+            return done.went_on(bar.update) if done.findings else done
+
+    def again(self, done: Searched, n_sound: int, refuted: PlacedEffect) -> Searched:
+        """The search without an effect that was refuted, from those before it that were not."""
+        looks = 2 + len(self.refuted)  # looking again costs
+        other = replace(
+            self, refuted=(*self.refuted, refuted), significance=self.significance / looks
+        )
+        if not n_sound:
+            return other.run(done.models[0].law)
+        sound = Searched(other, done.models[: n_sound + 1], done.findings[:n_sound])
+        return sound.went_on(lambda: None)
 
     def disturbed(self, disturbance: float) -> Search:
         """The same search for a law with another disturbance."""
@@ -122,7 +139,7 @@ class Search:
             part = engine.fitted(fit.law, self.stretches.some(train), known, fit.noise, turns=1)
             left.append(engine.left_over(part, self.stretches.some(test), unknown).samples)
             stretches += test
-        unseen = Left(np.vstack(left), fit.errors, self.stretches.some(stretches).series)
+        unseen = Left(np.vstack(left), self.stretches.some(stretches).series)
         return Model(fit, unseen)
 
     def round(self, now: Model, first: Model) -> tuple[Model, Finding] | None:
@@ -133,19 +150,19 @@ class Search:
         """
         listed = self.candidates
         best_of: dict[tuple, Fit] = {}
+        refuted = {self._key(one) for one in self.refuted}
         sensors = [effect for effect in self.effects if is_of_a_sensor(effect)]
         left = self.engine.left_of(now.fit, self.stretches) if sensors else np.zeros((0, 0))
         asked = of_sensors(now.law, left, self.stretches, sensors)
         corrected = self.stretches.corrected(now.law.terms)
         for placed in (*shortlist(now.law, self.engine.scores(now.fit), corrected, listed), *asked):
             for fit in self._estimated(now, placed):
-                own = fit.law.terms[-1]
-                names = self.stretches.seen.names
-                key = (own.effect.kind, own.label(names), len(own.theta), own.target)
+                key = self._key(fit.law.terms[-1])
+                if key in refuted:
+                    continue
                 if key not in best_of or self._cost(fit) < self._cost(best_of[key]):
                     best_of[key] = fit
-        likeliest = sorted(best_of.values(), key=self._cost)[: SETTINGS.n_compared]
-        models = [self.model(fit) for fit in likeliest]
+        models = [self.model(fit) for fit in self._likeliest(list(best_of.values()))]
         done = self.gain(first, now).share
         models = [
             one
@@ -159,7 +176,8 @@ class Search:
             return None
         chosen, level = found
         own, p_value = chosen.law.terms[-1], self._p_value(now, chosen)
-        if p_value > self.significance:
+        # the other half of the evidence may come from what is held out
+        if p_value > np.sqrt(self.significance):
             return None
         rivals = {
             one.law.terms[-1].effect.kind: one.law.terms[-1]
@@ -167,6 +185,19 @@ class Search:
             if self._as_good(one, chosen, now) and one.law.terms[-1].effect.kind != own.effect.kind
         }
         return chosen, Finding(own, p_value, tuple(rivals.values()), len(listed))
+
+    def _likeliest(self, fits: list[Fit]) -> list[Fit]:
+        """Those of least cost, and the best one of each of the best kinds.
+
+        Ten monomials that bend alike are one explanation, and would be all that is compared.
+        """
+        fits = sorted(fits, key=self._cost)
+        listed = fits[: SETTINGS.n_compared]
+        best_of: dict[str, Fit] = {}
+        for fit in fits:
+            best_of.setdefault(fit.law.terms[-1].effect.kind, fit)
+        others = list(best_of.values())[: SETTINGS.n_compared]
+        return listed + [fit for fit in others if all(fit is not one for one in listed)]
 
     def _estimated(self, now: Model, placed: PlacedEffect) -> Iterator[Fit]:
         """An effect beside a model in all its variants, and what it is a special case of."""
@@ -296,6 +327,11 @@ class Search:
                 reasons[effect.kind] = "is not looked for in recordings of one law"
         return reasons
 
+    def _key(self, placed: PlacedEffect) -> tuple:
+        """What an effect is, whatever its parameters."""
+        label = placed.label(self.stretches.seen.names)
+        return placed.effect.kind, label, len(placed.theta), placed.target
+
     def _rank(self, model: Model) -> int:
         """Place of the last effect in the library, the simplest explanation first."""
         kinds = [effect.kind for effect in self.effects]
@@ -320,17 +356,13 @@ class Search:
     def _as_good(self, other: Model, best: Model, now: Model) -> bool:
         """Whether the best is not worth it beside another one, or not surely better.
 
-        Surely by blocks of samples, of which a few may have all that matters, or by the evidence.
         What explains less than half of it is not as good, however much that scatters.
         """
         if other is best:
             return True
-        lost = fall(other.unseen, best.unseen)
         shares = [self.gain(now, one).share for one in (other, best)]
-        is_surely_worse = lost.share > lost.error or lost.p_value <= self.significance
-        return shares[0] >= 0.5 * shares[1] and not (
-            lost.share > SETTINGS.worthwhile and is_surely_worse
-        )
+        lost = fall(other.unseen, best.unseen)
+        return as_good(lost, self.significance) and shares[0] >= 0.5 * shares[1]
 
     def refined(self, fit: Fit, place: int) -> Fit:
         """The nonlinear parameters of an effect of least error near those of the scan."""

@@ -44,7 +44,12 @@ class Stretches:
 
     @classmethod
     def of(
-        cls, records: Records, seen: Records, rows: Rows, quantity: Array | None = None
+        cls,
+        records: Records,
+        seen: Records,
+        rows: Rows,
+        quantity: Array | None = None,
+        fewest: int = SETTINGS.fewest_stretches,
     ) -> Stretches:
         """Runs of some rows, cut where there are too few to leave some out."""
         gross = _spikes(records, _measured(records, quantity))
@@ -56,7 +61,7 @@ class Stretches:
             cuts = np.flatnonzero(np.diff(own) > 1) + 1
             runs += [trajectory[run] for run in np.split(own, cuts) if len(run) > 2]
         longest = _horizon(measured, runs)
-        usual = min(longest, max(sum(map(len, runs)) / SETTINGS.fewest_stretches, 3.0))
+        usual = min(longest, max(sum(map(len, runs)) / fewest, 3.0))
         parts = [
             part for run in runs for part in np.array_split(run, max(1, round(len(run) / usual)))
         ]
@@ -69,9 +74,9 @@ class Stretches:
     def __len__(self) -> int:
         return len(self.parts)
 
-    def of_rows(self, rows: Rows) -> Stretches:
+    def of_rows(self, rows: Rows, fewest: int = SETTINGS.fewest_stretches) -> Stretches:
         """Stretches of other rows of the same recordings, which are rolled out alike."""
-        others = Stretches.of(self.records, self.seen, rows, self.quantity)
+        others = Stretches.of(self.records, self.seen, rows, self.quantity, fewest)
         return replace(others, first_step=self.first_step, disturbance=self.disturbance)
 
     @property

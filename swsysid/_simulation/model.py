@@ -66,11 +66,13 @@ class SwitchingModel(SwitchingSystem):
         states: Sequence[str] | None = None,
         columns: Sequence[str] | None = None,
         added: AddedTerms | None = None,
+        quantities: Sequence[str] | None = None,
     ) -> list[str]:
         """One equation for every mode and state.
 
-        `states` and `columns` name the states and the columns of X, if not as in the fit;
-        ``added(mode, state)`` lists further terms: coefficient, name, size on the data.
+        `states` and `columns` name the states and the columns of X, if not as in the fit, and
+        `quantities` what the laws give, if that is no rate; ``added(mode, state)`` lists further
+        terms: coefficient, name, size on the data.
         """
         return law_equations(
             self.coef,
@@ -78,9 +80,10 @@ class SwitchingModel(SwitchingSystem):
             precision,
             style,
             discrete_time=self.discrete_time,
-            states=self.feature_map.names_in if states is None else states,
+            states=quantities or states or self.feature_map.names_in,
             columns=columns,
             added=added,
+            static=quantities is not None,
         )
 
     def surface_equations(

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.noise import counted_as_one
 from swsysid._stays.origin import Origin
-from swsysid._stays.samples import Samples, misfits
+from swsysid._stays.samples import Samples
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     Where a law is missing, neighbouring misfits are alike and count as fewer samples.
     """
     estimate, laws = found.estimate, found.estimate.laws
-    together = _correlation(found)
+    together = counted_as_one(found.reached)
     covariance = found.reached.covariance
     features = found.model.switching_model.feature_map
     change = np.eye(features.n_features_out) if origin is None else origin.change(features)
@@ -104,19 +105,3 @@ def _of_surface(found: StayIdentification, together: float) -> Array | None:
     slopes = np.array(columns).reshape(guards.n_free, start.size)
     variance = np.einsum("ki,kl,li->i", slopes, own, slopes)
     return _errors(variance).reshape(start.shape)
-
-
-def _correlation(found: StayIdentification) -> float:
-    r"""Samples that count as one, :math:`1 + 2 \sum_k \rho_k` up to the first lag of noise."""
-    left = misfits(found.estimate) / found.reached.noise
-    known = np.isfinite(left)
-    values = np.where(known, left, 0.0)
-    variance, n = np.square(values).sum(), known.sum()
-    together = 1.0
-    for lag in range(1, min(100, len(values) // 4)):
-        pairs = (known[lag:] & known[:-lag]).sum()
-        rho = (values[lag:] * values[:-lag]).sum() / max(variance, 1e-300) * n / max(pairs, 1)
-        if rho < 2.0 / np.sqrt(max(pairs, 1)):
-            break
-        together += 2.0 * float(rho)
-    return together

@@ -22,6 +22,7 @@ from scipy.special import gammaln
 
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.noise import counted_as_one
 from swsysid._stays.samples import misfits
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
@@ -49,21 +50,38 @@ class CountCandidate:
     n_switches: int
 
 
-def criterion(n_modes: int, found: StayIdentification) -> CountCandidate:
-    """The criterion of one identification, of so many modes asked for."""
+def criterion(n_modes: int, found: StayIdentification, as_one: float = 1.0) -> CountCandidate:
+    """The criterion of one identification, of so many modes asked for.
+
+    So many samples count as one.
+    """
     estimate, left = found.estimate, misfits(found.estimate)
-    count = np.isfinite(left).sum(axis=(0, 1))
-    squares = np.nansum(np.square(left), axis=(0, 1)) / np.maximum(count, 1)
-    least = np.square(LIMITS.exactly * estimate.laws.spread)
-    misfit = 0.5 * float((count * np.log(np.maximum(squares, least)))[count > 0].sum())
+    count, misfit = _misfit(found)
     n_switches = len(estimate.nodes.instants)
     n_guards = n_switches if estimate.guards is None else estimate.guards.n_free
     k = estimate.laws.n_free + (n_guards if len(estimate.laws.coef) > 1 else 0)
     k += left.shape[1] * (left.shape[2] + 1)  # where and when recordings begin
-    value = misfit + 0.5 * k * float(np.log(max(2, count.sum())))
+    value = misfit / as_one + 0.5 * k * float(np.log(max(2.0, count / as_one)))
     if estimate.guards is None:
         value += order_of_switches(estimate.nodes.stays)
     return CountCandidate(n_modes, value, k, n_switches)
+
+
+def _misfit(found: StayIdentification) -> tuple[float, float]:
+    """Samples, and their half logarithmic squares."""
+    left = misfits(found.estimate)
+    count = np.isfinite(left).sum(axis=(0, 1))
+    squares = np.nansum(np.square(left), axis=(0, 1)) / np.maximum(count, 1)
+    least = np.square(LIMITS.exactly * found.estimate.laws.spread)
+    nats = 0.5 * float((count * np.log(np.maximum(squares, least)))[count > 0].sum())
+    return float(count.sum()), nats
+
+
+def criteria(counts: Sequence[int], found: Sequence[StayIdentification]) -> list[CountCandidate]:
+    """Those of several identifications, by the samples of the one that leaves least."""
+    best = int(first_least([_misfit(one)[1] for one in found]))
+    as_one = counted_as_one(found[best].reached)
+    return [criterion(n, one, as_one) for n, one in zip(counts, found, strict=True)]
 
 
 def order_of_switches(stays: Sequence[Stays]) -> float:
@@ -108,12 +126,13 @@ def fewest_modes(
     number and the answer of the number before, `merged` an answer.
     """
     found: list[StayIdentification] = []
-    candidates: list[CountCandidate] = []
+    asked: list[int] = []
     for n_modes in counts:
         if found and is_exact(found[-1]):
             break
         found.append(identified(n_modes, found[-1] if found else None))
-        candidates.append(criterion(n_modes, found[-1]))
+        asked.append(n_modes)
+        candidates = criteria(asked, found)
         gone = len(found[-1].estimate.laws.coef) < n_modes
         worse = candidates[-1].criterion > min(
             (c.criterion for c in candidates[:-1]), default=np.inf
@@ -121,13 +140,14 @@ def fewest_modes(
         if n_modes > 2 and (gone or worse):
             break
     while True:
+        candidates = criteria(asked, found)
         best = int(first_least([one.criterion for one in candidates]))
         n_modes = len(found[best].estimate.laws.coef)
         fewer = merged(found[best]) if n_modes > 2 and not is_exact(found[best]) else None
         if fewer is None:
             return found[best], candidates
-        one = criterion(n_modes - 1, fewer)
         found.append(fewer)
-        candidates.append(one)
-        if one.criterion > candidates[best].criterion:
+        asked.append(n_modes - 1)
+        candidates = criteria(asked, found)
+        if candidates[-1].criterion > candidates[best].criterion:
             return found[best], candidates

@@ -33,3 +33,22 @@ def leaves_noise(reached: Reached, sigma: Array) -> bool:
     )
     whole = all((one < 0).all() for one in breaks)
     return whole and bool((noise <= LIMITS.as_neighbours * sigma).all())
+
+
+def counted_as_one(reached: Reached) -> float:
+    r"""Samples that count as one, :math:`1 + 2 \sum_k \rho_k` up to the first lag of noise.
+
+    Where a law is missing, neighbouring misfits are alike.
+    """
+    left = misfits(reached.estimate) / reached.noise
+    known = np.isfinite(left)
+    values = np.where(known, left, 0.0)
+    variance, n = np.square(values).sum(), known.sum()
+    together = 1.0
+    for lag in range(1, min(100, len(values) // 4)):
+        pairs = (known[lag:] & known[:-lag]).sum()
+        rho = (values[lag:] * values[:-lag]).sum() / max(variance, 1e-300) * n / max(pairs, 1)
+        if rho < 2.0 / np.sqrt(max(pairs, 1)):
+            break
+        together += 2.0 * float(rho)
+    return together

@@ -312,6 +312,7 @@ class EffectSettings:
     frequencies_a_peak: float = 2.5  # scanned in the width of a peak, one over the duration
     fastest: float = 0.25  # of the sampling rate
     fewest_periods: float = 5.0  # in all trajectories: fewer are a drift or a slow feedback
+    seen_again: float = 2.0  # and in the time that they cover
     longest_delay: int = 40  # steps of the record, up to which every half is tried
     longer_delay: float = 0.1  # by which the logarithms of longer ones differ
     n_instants: int = 100  # of a recording, from and until which something may act

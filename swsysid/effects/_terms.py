@@ -208,9 +208,17 @@ class PeriodicForcing(_Wave):
         return ["time"]
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        """Frequencies from one period in a trajectory, five in all, to a quarter of the rate."""
+        """Frequencies from two periods of the time that was seen, five in all, to a fast one.
+
+        Trajectories that were seen at the same times show no more of them than one: what comes
+        again has come twice.
+        """
         lengths = records.durations
-        slowest = max(0.7 / (max(lengths) or 1.0), SETTINGS.fewest_periods / (sum(lengths) or 1.0))
+        slowest = max(
+            0.7 / (max(lengths) or 1.0),
+            SETTINGS.fewest_periods / (sum(lengths) or 1.0),
+            SETTINGS.seen_again / (_seen(records) or 1.0),
+        )
         fastest, values = SETTINGS.fastest / records.step, np.empty(0)
         if slowest < fastest:
             count = int(SETTINGS.frequencies_a_peak * fastest * _duration(records))
@@ -237,6 +245,17 @@ def _duration(records: Records) -> float:
     """Of the whole record, with the time between its trajectories."""
     assert records.t is not None
     return float(np.ptp(records.t)) or 1.0
+
+
+def _seen(records: Records) -> float:
+    """Time in which at least one trajectory was seen."""
+    assert records.t is not None
+    ends = sorted((records.t[rows[0]], records.t[rows[-1]]) for rows in records.trajectories)
+    seen, until = 0.0, -np.inf
+    for first, last in ends:
+        seen += max(0.0, last - max(first, until))
+        until = max(until, last)
+    return float(seen)
 
 
 def power(records: Records, values: Array, frequencies: Array) -> Array:

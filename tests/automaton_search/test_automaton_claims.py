@@ -3,12 +3,15 @@
 import re
 import warnings
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton, HybridAutomatonRegressor
 from swsysid._automaton.transitions import PolynomialGuard
+from swsysid._automaton_search.assembly import TransitionVerdict
+from swsysid._automaton_search.doubts import untold_switches
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.judged import by_rollouts
 from swsysid._automaton_search.resets import best_reset
@@ -114,6 +117,16 @@ def test_guards_that_explain_no_more_than_their_coefficients_are_none():
         assert any(taken) == one.is_in_model
         if not one.is_in_model:
             assert "no transition of the model" in one.advice()
+
+
+@pytest.mark.parametrize(("samples", "said"), [(3, "something gradual"), (30, "stand without it")])
+def test_modes_that_alternate_all_the_time_are_not_believed(samples, said):
+    """Half of the stays have three samples, or thirty; no guard tells any of them."""
+    modes = [np.repeat(np.arange(40) % 2, samples)]
+    verdicts = [TransitionVerdict(one, 1 - one, 20, 0.1, 1.0) for one in (0, 1)]
+    assert said in untold_switches(SimpleNamespace(modes=modes, verdicts=verdicts))
+    told = [replace(one, explained=1.0) for one in verdicts]
+    assert untold_switches(SimpleNamespace(modes=modes, verdicts=told)) == ""
 
 
 def test_another_number_of_modes_than_asked_for_is_said():

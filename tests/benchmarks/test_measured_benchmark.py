@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.measured import by_default, modes_by_default
 from benchmarks.measured.choice import best_of, blocks, held_out_errors
 from benchmarks.measured.effects import _emps, _incubator, _searched
 from benchmarks.measured.rows import LEFT_OUT, FreeRun, Run
@@ -67,3 +68,30 @@ def test_a_worn_screw_is_no_function_without_a_name():
     assert found.found == "asymmetric_friction of v"
     assert found.after < 0.4 * found.before  # .057 instead of .169 on the test record
     assert len(found.rungs) == 2 and found.left
+
+
+@pytest.mark.nightly
+@pytest.mark.measured
+@pytest.mark.filterwarnings("ignore::UserWarning")  # nothing logged tells the modes
+def test_a_compressor_that_nobody_logged_is_two_modes():
+    """Agreement, and a time constant more than five times the other, as the README asks."""
+    row = modes_by_default.identified("heat pump")
+    assert row.verdict == "right" and row.found.startswith("2 modes")
+    assert row.after < 0.25 * row.before  # .54 instead of 3.2 K
+
+
+@pytest.mark.nightly
+@pytest.mark.measured
+@pytest.mark.filterwarnings("ignore::UserWarning")  # nothing logged tells the modes
+def test_gears_are_lines_of_the_engine_speed():
+    row = modes_by_default.identified("gears")
+    assert row.verdict == "right", row.found
+
+
+@pytest.mark.nightly
+@pytest.mark.measured
+def test_a_square_that_fails_in_reverse_is_refuted():
+    """A square of the throttle fits the searched part best, where the vehicle never reverses."""
+    row = by_default.searched("vehicle")
+    assert row.found.startswith("coulomb_friction") and row.verdict == "right"
+    assert row.after < 0.55 * row.before  # .061 instead of .135 m/s

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from sklearn.base import clone
-from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures
+from sklearn.compose import ColumnTransformer
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures, StandardScaler
 
 from swsysid import FunctionLibrary
 from swsysid._data.features import FeatureMap, Monomials
@@ -23,6 +25,22 @@ def test_degree_is_all_monomials():
     expected = [[1, 1, 2, 1, 2, 4], [1, 3, -4, 9, -12, 16]]
     assert np.array_equal(feature_map(X), np.array(expected, dtype=float))
     assert list(feature_map.names_out) == ["1", "x", "v", "x^2", "x v", "v^2"]
+
+
+def test_monomials_of_some_columns_are_known_as_such():
+    """A law of the second column: 1, v, v^2 by hand, and no pipeline's checks at a point."""
+    chosen = ColumnTransformer([("chosen", "passthrough", [1])])
+    feature_map = FeatureMap(make_pipeline(chosen, PolynomialFeatures(2)), X, ["x", "v"])
+    assert feature_map.powers.tolist() == [[0, 0], [0, 1], [0, 2]]
+    assert feature_map.at(X[1]).tolist() == [1.0, -4.0, 16.0]
+    assert feature_map(X).tolist() == [[1.0, 2.0, 4.0], [1.0, -4.0, 16.0]]
+
+
+def test_monomials_of_changed_columns_are_none_of_the_columns():
+    scaled = make_pipeline(StandardScaler(), PolynomialFeatures(2))
+    assert FeatureMap(scaled, X, ["x", "v"]).powers is None
+    part = ColumnTransformer([("scaled", StandardScaler(), [1])])
+    assert FeatureMap(make_pipeline(part, PolynomialFeatures(2)), X, ["x", "v"]).powers is None
 
 
 def test_given_library_is_not_fitted_in_place():

@@ -80,7 +80,7 @@ def test_the_text_names_effect_errors_rivals_and_what_was_not_looked_for(report)
     assert "more samples with omega between" in text
     assert "input_coupling: needs logged signals: give signals" in text
     assert "polynomial of omega" in text.partition("the declared model can take their shape")[2]
-    assert "of the samples changed their mode" in text
+    assert "of the samples changed their mode" not in text  # there is one
     assert "Rollout of trajectory run" in text
 
 

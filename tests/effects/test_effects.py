@@ -99,6 +99,10 @@ def test_a_forcing_has_five_periods_in_the_record():
     many = records(np.ones((1001, 1)), t=t, groups=np.minimum(np.arange(1001) // 100, 9))
     (ten,) = PeriodicForcing().parameters(many, "time")
     assert 0.05 < ten.values[0] < 0.08
+    # at the same times a period that is as long as each of them has come once
+    same = records(np.ones((1000, 1)), t=np.tile(t[:100], 10), groups=np.arange(1000) // 100)
+    (again,) = PeriodicForcing().parameters(same, "time")
+    assert again.values[0] == pytest.approx(2.0 / 9.9)
     (short,) = PeriodicForcing().parameters(records(np.ones((9, 1)), t=t[:9]), "time")
     assert len(short.values) == 0
 

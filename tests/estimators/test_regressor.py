@@ -4,6 +4,7 @@ import warnings
 
 import many_rows
 import numpy as np
+import pandas as pd
 import pytest
 from many_rows import A
 from sklearn.base import clone
@@ -598,3 +599,13 @@ def test_a_surface_without_equations_says_so():
     model = fitted(X, Xdot, surface=LogisticRegression())
     with pytest.raises(TypeError, match="LogisticRegression is a surface without equations"):
         model.surface_equations()
+
+
+def test_what_has_a_name_of_its_own_is_no_rate():
+    """A gear box: revolutions are a multiple of the speed, which is not what changes the speed."""
+    speed = np.random.default_rng(0).uniform(1.0, 10.0, 200)
+    x, y = pd.DataFrame({"speed": speed}), pd.Series(70.0 * speed, name="rpm")
+    fitted = SwitchingSystemRegressor(1).fit(x, y)
+    assert fitted.equations() == ["mode 0: rpm = 70.000 speed"]
+    assert fitted.fit(x, y.rename("speed")).equations() == ["mode 0: speed' = 70.000 speed"]
+    assert fitted.fit(x, y.to_numpy()).equations() == ["mode 0: speed' = 70.000 speed"]
