@@ -62,10 +62,10 @@ class Searched:
     findings: tuple[Finding, ...]
 
     @property
-    def nats(self) -> float:
-        """Evidence for the first effect."""
+    def share(self) -> float:
+        """Of what the declared model leaves, by the first effect."""
         before, *after = self.models[:2]
-        return fall(before.unseen, after[0].unseen).nats if after else 0.0
+        return fall(before.unseen, after[0].unseen).share if after else 0.0
 
     def with_one_more(self, model: Model, finding: Finding) -> Searched:
         """The same with one effect more."""
@@ -105,7 +105,7 @@ class Search:
         """The declared model and those with one effect more each; the effects."""
         with progress(self.most, "rounds of the search", self.verbose) as bar:
             starts = [self.disturbed(one).started(declared) for one in SETTINGS.disturbances]
-            done = least_of(starts, lambda one: -one.nats)
+            done = least_of(starts, lambda one: -one.share)
             bar.update()
             return done.went_on(bar.update) if done.findings else done
 
@@ -157,9 +157,10 @@ class Search:
         corrected = self.stretches.corrected(now.law.terms)
         for placed in (*shortlist(now.law, self.engine.scores(now.fit), corrected, listed), *asked):
             for fit in self._estimated(now, placed):
-                key = self._key(fit.law.terms[-1])
-                if key in refuted:
+                own = fit.law.terms[-1]
+                if self._key(own) in refuted:
                     continue
+                key = (*self._key(own), len(own.theta), len(own.effect.terms))
                 if key not in best_of or self._cost(fit) < self._cost(best_of[key]):
                     best_of[key] = fit
         models = [self.model(fit) for fit in self._likeliest(list(best_of.values()))]
@@ -329,8 +330,7 @@ class Search:
 
     def _key(self, placed: PlacedEffect) -> tuple:
         """What an effect is, whatever its parameters."""
-        label = placed.label(self.stretches.seen.names)
-        return placed.effect.kind, label, len(placed.theta), placed.target
+        return placed.effect.kind, placed.label(self.stretches.seen.names), placed.target
 
     def _rank(self, model: Model) -> int:
         """Place of the last effect in the library, the simplest explanation first."""
@@ -356,13 +356,16 @@ class Search:
     def _as_good(self, other: Model, best: Model, now: Model) -> bool:
         """Whether the best is not worth it beside another one, or not surely better.
 
-        What explains less than half of it is not as good, however much that scatters.
+        What explains less than half of it is not as good, however much that scatters. A function
+        without a name, which can be any, is better than a name only if blocks say so.
         """
         if other is best:
             return True
+        is_nameless = isinstance(best.law.terms[-1].effect, UnknownFunction)
+        significance = 0.0 if is_nameless else self.significance
         shares = [self.gain(now, one).share for one in (other, best)]
         lost = fall(other.unseen, best.unseen)
-        return as_good(lost, self.significance) and shares[0] >= 0.5 * shares[1]
+        return as_good(lost, significance) and shares[0] >= 0.5 * shares[1]
 
     def refined(self, fit: Fit, place: int) -> Fit:
         """The nonlinear parameters of an effect of least error near those of the scan."""
