@@ -202,7 +202,7 @@ def _half(
         ends, by_state, _ = laws.flow(mode, x, u, after, steps)
         slope = by_state.swapaxes(0, 1)
         offsets.append(ends.T - (slope * x.T).sum(axis=1))
-        slopes.append(slope)
+        slopes.append(np.broadcast_to(slope, (*slope.shape[:2], len(x))))
     offset, slope = np.stack(offsets, axis=1), np.stack(slopes, axis=2)
     return Linear(
         offset.reshape(*offset.shape[:2], *shape), slope.reshape(*slope.shape[:3], *shape)

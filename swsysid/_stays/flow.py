@@ -29,7 +29,7 @@ class Legs(NamedTuple):
 
     rows: Rows  # numbers of the intervals
     ends: Array  # (n_rows, n_states)
-    by_state: Array  # (n_states, n_states, n_rows): at the node where it begins
+    by_state: Array  # (n_states, n_states, n_rows or 1): at the node where it begins
     columns: NDArray[np.intp]  # of the free coefficients of laws, surfaces and resets
     by_law: Array  # (n_columns, n_states, n_rows): by these
     n_joined: int = 1  # so many follow each other, the first ones of all segments first
@@ -57,7 +57,10 @@ def joined_legs(parts: Iterable[Legs]) -> Legs:
     rows, ends = (
         np.concatenate([getattr(one, name) for one in listed]) for name in ("rows", "ends")
     )
-    by_state = np.concatenate([one.by_state for one in listed], axis=2)
+    by_state = np.concatenate(
+        [np.broadcast_to(one.by_state, (*one.by_state.shape[:2], len(one.rows))) for one in listed],
+        axis=2,
+    )
     by_law = np.concatenate([one.by_law for one in listed], axis=2)
     return Legs(rows, ends, by_state, listed[0].columns, by_law)
 

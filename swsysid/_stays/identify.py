@@ -306,7 +306,8 @@ class Alternation:
         guards = last.estimate.guards
         first = replace(first, guards=guards)
         start = Reached(first, last.reached.objective.with_noise(self.noise), np.inf)
-        return on_surface(last.model, start, guards, self.settings)
+        enough = self.best.reached.with_noise(self.noise).value + self.settings.hopeless
+        return on_surface(last.model, start, guards, self.settings, enough)
 
     def _as_last(self, estimate: Estimate) -> bool:
         """True if all recordings go through the same stays as in the round before."""
