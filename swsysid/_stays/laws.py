@@ -157,11 +157,11 @@ class Laws:
     ) -> tuple[Array, Array, Array]:
         r"""States of rows of one mode after steps, and their derivatives, rows last.
 
-        By the states before, (n_states, n_states, n_rows), or (..., 1) where all rows have the same,
-        and by the unknowns of `columns_of` the mode, (n_columns, n_states, n_rows), each entry by
-        the first index of the second one. With
-        the features :math:`\Phi_i` of the four stages of a step and what a velocity added there
-        changes, :math:`M_i`, those by coefficients are :math:`\sum_i M_i \Phi_i`.
+        By the states before, (n_states, n_states, n_rows), or (..., 1) where they are the same for
+        all rows, and by the unknowns of `columns_of` the mode, (n_columns, n_states, n_rows), each
+        entry by the first index of the second one. With the features :math:`\Phi_i` of the four
+        stages of a step and what a velocity added there changes, :math:`M_i`, those by coefficients
+        are :math:`\sum_i M_i \Phi_i`.
         """
         h, middle = duration, 0.5 * (u + after)
         stages, values, jacobians, slopes = [], [], [], []

@@ -115,8 +115,10 @@ class Ties:
         border = first[1] + second[0]
         border[-1] += right[:, nodes]
         border = _solved(root, border)
-        by_before = _solved(root, first[3].copy())
-        by_after = _solved(root, second[3].swapaxes(0, 1).copy())
+        by_before, by_after = (
+            _solved(root, np.broadcast_to(one, (*one.shape[:2], *root.shape[2:])).copy())
+            for one in (first[3], second[3].swapaxes(0, 1))
+        )
         flat = border.reshape(len(border), -1)
         eliminated = Eliminated(
             nodes, self.before[0::2], self.after[1::2], root, border, by_before, by_after
