@@ -193,8 +193,10 @@ class Alternation:
     def _tried(self, best: StayIdentification, first: Estimate) -> float:
         """The criterion of an estimate with other stays than the best one's."""
         self._go_on_from(best, self.prior)
+        at_once = replace(self.settings, most_failures=1)
         for _ in range(2):  # the second time samples are on the sides that they have reached
-            self._keep(*self._on_same_surface(first), 0, len(self.settings.prices) - 1)
+            placed = self._on_same_surface(first, at_once)
+            self._keep(*placed, 0, len(self.settings.prices) - 1)
             first, criterion = self.found[-1].estimate, self.found[-1].criterion
             if criterion > best.criterion + self.settings.hopeless:
                 break
@@ -316,7 +318,9 @@ class Alternation:
         placed = with_surface(self.start, reached, settings, self.names)
         return with_few_monomials(*placed, settings)
 
-    def _on_same_surface(self, first: Estimate) -> tuple[SwitchingSystemRegressor, Reached]:
+    def _on_same_surface(
+        self, first: Estimate, settings: StaySettings | None = None
+    ) -> tuple[SwitchingSystemRegressor, Reached]:
         """The same from the surface of the round before."""
         placed, enough = self.placed, np.inf
         assert placed is not None and placed.estimate.guards is not None
@@ -325,7 +329,7 @@ class Alternation:
         start = Reached(first, placed.reached.objective.with_noise(self.noise), np.inf)
         if self.found:
             enough = self.best.reached.with_noise(self.noise).value + self.settings.hopeless
-        return on_surface(placed.model, start, guards, self.settings, enough)
+        return on_surface(placed.model, start, guards, settings or self.settings, enough)
 
     def _as_last(self, estimate: Estimate) -> bool:
         """True if all recordings go through the same stays as in the round before."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,7 @@ class Nodes:
 
     def place_switches(self) -> None:
         """Modes before and after the switch of each interval, and where it is."""
+        vars(self).pop("names", None)
         self.instants = np.concatenate([stays.instants for stays in self.stays])
         modes, cells = [], []
         for stays, t, first in zip(self.stays, self.recordings.times, self.first, strict=True):
@@ -127,7 +129,7 @@ class Nodes:
             steady, place, length = steady[~inside], place[~inside], length[~inside]
         return segments, kept
 
-    @property
+    @cached_property
     def names(self) -> Rows:
         """What tells the stay of every node from its neighbours, (n_nodes,)."""
         pairs = zip(self.stays, self.recordings.times, strict=True)
@@ -216,7 +218,15 @@ class Nodes:
         parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
         times = self.recordings.times
         pairs = zip(self.stays, parts, times, strict=True)
-        return self.with_stays([stays.moved(part, t) for stays, part, t in pairs])
+        moved = [stays.moved(part, t) for stays, part, t in pairs]
+        own, instants = self.begins[self.at], np.concatenate([one.instants for one in moved])
+        if len(instants) == len(own):
+            stay = (self.t[own] <= instants) & (instants < self.t[own + 1])
+            if stay.all():  # each in its interval: all but the instants is as it was
+                other = copy(self)
+                other.stays, other.instants = moved, instants
+                return other
+        return self.with_stays(moved)
 
     def by_recording(self, of_nodes: Array) -> Array:
         """Sums over the nodes of each recording, (n_recordings,)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,8 @@ class Stays:
         A stay that no longer reaches from one sample to the next is gone.
         """
         inside = np.clip(instants, t[0], np.nextafter(t[-1], t[0]))
+        if (np.diff(np.searchsorted(t, inside, side="right")) > 0).all():
+            return replace(self, instants=inside)
         order = np.argsort(inside, kind="stable")
         cells = np.searchsorted(t, inside[order], side="right") - 1
         last = np.diff(np.append(cells, len(t))) > 0  # of the switches of one cell the last one
