@@ -144,8 +144,8 @@ def descended(
 ) -> tuple[E, float]:
     """Damping rises where steps fail, and falls where they do what they promised.
 
-    It ends where the next step from the best estimate promises next to nothing, or less than half
-    of what is missing to be `enough`.
+    It ends where the next step from the best estimate promises next to nothing, or less than a
+    tenth of what is missing to be `enough`.
     A step of nodes that are tied tightly may miss by the curvature of a flow what the next one
     mends: a few are followed before they are judged (the watchdog of Chamberlain et al., 1982).
     """
@@ -154,7 +154,7 @@ def descended(
     best = now = estimate, objective.normal_equations(estimate)
     while taken < n_turns and failed < settings.most_failures:
         step, promised = now[1].step(damping)
-        least = max(settings.converged, 0.5 * (best[1].value - enough))
+        least = max(settings.converged, 0.1 * (best[1].value - enough))
         if promised < least and now is best:
             break
         ahead = now[0].moved(step)
