@@ -194,9 +194,10 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
     random = max(float(np.log(stay / np.median(errors))), SETTINGS.unexplained)
     rates, weights = np.ones(len(values)), np.ones(len(values))
     beside_rates, pulls = np.ones(len(beside)), np.zeros(len(beside))
-    wrong = np.zeros(len(beside))
-    for turn in range(SETTINGS.turns + SETTINGS.turns_of_explained):
-        pulling = pulls > 0.0
+    wrong, turn, last = np.zeros(len(beside)), 0, SETTINGS.turns + SETTINGS.turns_of_explained
+    coef = np.zeros(len(rising))
+    while turn < last:
+        pulling, before = pulls > 0.0, np.concatenate([coef, pulls])
         rows = np.vstack([
             values * (weights / (rates * errors))[:, None],
             beside[pulling] * (pulls / beside_rates)[pulling, None] / unit,
@@ -219,6 +220,12 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
             told = _explained(times / errors, random)
             weights = np.where(told.which, 1.0 / told.scale, 0.0)
             pulls[_costs_beside(wrong, unit) > random] = 0.0
+        # where nothing changes any more the turns of the next kind begin
+        change = np.abs(np.concatenate([coef, pulls]) - before).max()
+        still = change <= SETTINGS.exact * np.abs(coef).max()
+        turn += 1
+        if still:
+            turn = next(k for k in (SETTINGS.turns_without_sides, SETTINGS.turns, last) if k >= turn)
     told = _explained(times / errors, random)
     cost = told.cost + float(np.minimum(_costs_beside(wrong, unit), random).sum())
     rows = values * (weights / (rates * errors))[:, None]
