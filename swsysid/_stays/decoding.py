@@ -100,7 +100,8 @@ class _Beam:
         stays, entered = best < n_kept, np.maximum(best - n_kept, 0)
         parent = np.where(stays, best, source[every, entered])
         mode = np.where(stays, self.modes[every, np.minimum(best, n_kept - 1)], entered)
-        chosen = Belief(*(part[..., every, parent, mode] for part in beliefs))
+        flat = (every * n_kept + parent) * scores.shape[2] + mode
+        chosen = Belief(*(part.reshape(*part.shape[:-3], -1).take(flat, -1) for part in beliefs))
         return _Beam(chosen, mode, candidates[every, best], parent)
 
     def where(self, active: NDArray[np.bool_], before: _Beam) -> _Beam:

@@ -240,16 +240,21 @@ def corrected(ahead: Belief, y: Array, noise: Array) -> tuple[Belief, Array]:
     squares, logarithms = np.zeros(mean.shape[1:]), np.zeros(mean.shape[1:])
     for k, size in enumerate(noise):
         seen = np.isfinite(y[:, k])[:, None, None]
+        if not seen.any():
+            continue
         total = covariance[k, k] + size**2
-        error = np.where(seen, y[:, k][:, None, None] - mean[k], 0.0)
-        row = np.where(seen, covariance[k], 0.0)
+        error, row, logarithm = y[:, k][:, None, None] - mean[k], covariance[k], np.log(total)
+        if not seen.all():
+            error, row, logarithm = (np.where(seen, one, 0.0) for one in (error, row, logarithm))
         gain = row / total
         squares += np.square(error) / total
-        logarithms += np.where(seen, np.log(total), 0.0)
+        logarithms += logarithm
         mean = mean + gain * error
         covariance = covariance - gain[:, None] * row[None]
         # what a switch leaves open may exceed the noise by ten powers of ten
-        exact = np.where(seen, gain * size**2, covariance[k])
+        exact = gain * size**2
+        if not seen.all():
+            exact = np.where(seen, exact, covariance[k])
         covariance[k], covariance[:, k] = exact, exact
     likelihood = -0.5 * (np.minimum(squares, LIMITS.most_squares) + logarithms)
     return Belief(mean, covariance), likelihood

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -78,7 +79,8 @@ class Nodes:
 
     def place_switches(self) -> None:
         """Modes before and after the switch of each interval, and where it is."""
-        vars(self).pop("names", None)
+        for known in ("names", "_bounds"):
+            vars(self).pop(known, None)
         self.instants = np.concatenate([stays.instants for stays in self.stays])
         modes, cells = [], []
         for stays, t, first in zip(self.stays, self.recordings.times, self.first, strict=True):
@@ -216,17 +218,22 @@ class Nodes:
     def moved(self, instants: Array) -> Nodes:
         """The same nodes with other instants; a switch may enter another interval."""
         parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
-        times = self.recordings.times
-        pairs = zip(self.stays, parts, times, strict=True)
-        moved = [stays.moved(part, t) for stays, part, t in pairs]
-        own, instants = self.begins[self.at], np.concatenate([one.instants for one in moved])
-        if len(instants) == len(own):
-            stay = (self.t[own] <= instants) & (instants < self.t[own + 1])
-            if stay.all():  # each in its interval: all but the instants is as it was
+        own, (low, high) = self.begins[self.at], self._bounds.T
+        within = np.clip(instants, low, np.maximum(low, np.nextafter(high, low)))
+        if (within == instants).all() and (self.t[own] <= instants).all():
+            if (instants < self.t[own + 1]).all():  # all but the instants is as it was
                 other = copy(self)
-                other.stays, other.instants = moved, instants
+                other.instants = instants
+                pairs = zip(self.stays, parts, strict=True)
+                other.stays = [replace(one, instants=part) for one, part in pairs]
                 return other
-        return self.with_stays(moved)
+        triples = zip(self.stays, parts, self.recordings.times, strict=True)
+        return self.with_stays([stays.moved(part, t) for stays, part, t in triples])
+
+    @cached_property
+    def _bounds(self) -> Array:
+        """Times between which each instant must stay, (n_switches, 2)."""
+        return np.concatenate([one.bounds for one in self.stays])
 
     def by_recording(self, of_nodes: Array) -> Array:
         """Sums over the nodes of each recording, (n_recordings,)."""

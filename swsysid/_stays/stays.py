@@ -27,6 +27,11 @@ class Stays:
         """Number of the transition whose guard tells each instant, -1 for none."""
         return np.full(len(self.instants), -1)
 
+    @property
+    def bounds(self) -> Array:
+        """Times between which each instant must stay, (n_stays - 1, 2)."""
+        return np.tile([-np.inf, np.inf], (len(self.instants), 1))
+
     def names(self, t: Array) -> NDArray[np.intp]:
         """What tells a stay from its neighbours, at any times: its mode."""
         return self.at(t)
