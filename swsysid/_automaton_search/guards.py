@@ -225,7 +225,8 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
         still = change <= SETTINGS.exact * np.abs(coef).max()
         turn += 1
         if still:
-            turn = next(k for k in (SETTINGS.turns_without_sides, SETTINGS.turns, last) if k >= turn)
+            kinds = SETTINGS.turns_without_sides, SETTINGS.turns, last
+            turn = next(first for first in kinds if first >= turn)
     told = _explained(times / errors, random)
     cost = told.cost + float(np.minimum(_costs_beside(wrong, unit), random).sum())
     rows = values * (weights / (rates * errors))[:, None]
