@@ -197,7 +197,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
     wrong, turn, last = np.zeros(len(beside)), 0, SETTINGS.turns + SETTINGS.turns_of_explained
     coef = np.zeros(len(rising))
     while turn < last:
-        pulling, before = pulls > 0.0, np.concatenate([coef, pulls])
+        pulling, before = pulls > 0.0, np.concatenate([coef, weights, pulls])
         rows = np.vstack([
             values * (weights / (rates * errors))[:, None],
             beside[pulling] * (pulls / beside_rates)[pulling, None] / unit,
@@ -221,10 +221,9 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
             weights = np.where(told.which, 1.0 / told.scale, 0.0)
             pulls[_costs_beside(wrong, unit) > random] = 0.0
         # where nothing changes any more the turns of the next kind begin
-        change = np.abs(np.concatenate([coef, pulls]) - before).max()
-        still = change <= SETTINGS.exact * np.abs(coef).max()
+        change = np.abs(np.concatenate([coef, weights, pulls]) - before).max()
         turn += 1
-        if still:
+        if change <= SETTINGS.exact * min(1.0, np.abs(coef).max()):
             kinds = SETTINGS.turns_without_sides, SETTINGS.turns, last
             turn = next(first for first in kinds if first >= turn)
     told = _explained(times / errors, random)
