@@ -33,6 +33,11 @@ class Course(Stays):
         """Number of the transition whose guard tells each instant, -1 for none."""
         return np.where(self.guarded, self.numbers, -1)
 
+    @property
+    def bounds(self) -> Array:
+        """Times between which each instant must stay, (n_stays - 1, 2)."""
+        return self.window
+
     def names(self, t: Array) -> NDArray[np.intp]:
         """What tells a stay from its neighbours, at any times: its number."""
         return np.searchsorted(self.instants, t)

@@ -187,20 +187,22 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
     rising = slopes.mean(axis=0)
     if not np.linalg.norm(rising) > 0.0:
         return None
+    scaled = _Scaled.of(rising)
     errors = np.maximum(own.errors, SETTINGS.instant * own.interval)
     unit = max(float(np.median(errors)), SETTINGS.beyond * own.interval)
     stay = own.interval * max(len(own.beside) / len(errors), 1.0)
     random = max(float(np.log(stay / np.median(errors))), SETTINGS.unexplained)
     rates, weights = np.ones(len(values)), np.ones(len(values))
     beside_rates, pulls = np.ones(len(beside)), np.zeros(len(beside))
-    wrong = np.zeros(len(beside))
-    for turn in range(SETTINGS.turns + SETTINGS.turns_of_explained):
-        pulling = pulls > 0.0
+    wrong, turn, last = np.zeros(len(beside)), 0, SETTINGS.turns + SETTINGS.turns_of_explained
+    coef = np.zeros(len(rising))
+    while turn < last:
+        pulling, before = pulls > 0.0, np.concatenate([coef, weights, pulls])
         rows = np.vstack([
             values * (weights / (rates * errors))[:, None],
             beside[pulling] * (pulls / beside_rates)[pulling, None] / unit,
         ])  # fmt: skip
-        coef = _least(rows, rising)
+        coef = scaled.least(rows)
         own_rates = np.abs(slopes @ coef)
         # their mean is one, so that what most of them do not have is more than its rounding
         least = max(SETTINGS.slowest * float(np.median(own_rates)), np.finfo(float).eps)
@@ -218,11 +220,17 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
             told = _explained(times / errors, random)
             weights = np.where(told.which, 1.0 / told.scale, 0.0)
             pulls[_costs_beside(wrong, unit) > random] = 0.0
+        # where nothing changes any more the turns of the next kind begin
+        change = np.abs(np.concatenate([coef, weights, pulls]) - before).max()
+        turn += 1
+        if change <= SETTINGS.exact * min(1.0, np.abs(coef).max()):
+            kinds = SETTINGS.turns_without_sides, SETTINGS.turns, last
+            turn = next(first for first in kinds if first >= turn)
     told = _explained(times / errors, random)
     cost = told.cost + float(np.minimum(_costs_beside(wrong, unit), random).sum())
     rows = values * (weights / (rates * errors))[:, None]
     n_beyond = int((wrong > SETTINGS.near * own.interval).sum())
-    return _Solved(coef, times, cost, random, told.chance, _covariance(rows, rising), n_beyond)
+    return _Solved(coef, times, cost, random, told.chance, scaled.covariance(rows), n_beyond)
 
 
 def _least_absolute(misses: Array) -> Array:
@@ -263,16 +271,24 @@ def _explained(misses: Array, random: float) -> _Explained:
     return _Explained(explained, float(scale[best]), float(costs[best]), chance)
 
 
-def _covariance(rows: Array, rising: Array) -> Array:
-    """Of coefficients with rising . a = 1 whose switches are known by rows of unit errors."""
-    others = np.linalg.svd(rising[None, :])[2][1:].T
-    moved = rows @ others
-    return np.asarray(others @ np.linalg.pinv(moved.T @ moved, hermitian=True) @ others.T)
+class _Scaled(NamedTuple):
+    """Coefficients a with rising . a = 1: the least ones, and in which directions others are."""
 
+    first: Array
+    others: Array  # (n_terms, n_terms - 1)
 
-def _least(rows: Array, rising: Array) -> Array:
-    """The least |rows a| with rising . a = 1."""
-    first = rising / (rising @ rising)
-    others = np.linalg.svd(rising[None, :])[2][1:].T
-    moved = np.linalg.lstsq(rows @ others, -rows @ first, rcond=None)[0]
-    return np.asarray(first + others @ moved, dtype=float)
+    @classmethod
+    def of(cls, rising: Array) -> _Scaled:
+        """Those of some rates."""
+        return cls(rising / (rising @ rising), np.linalg.svd(rising[None, :])[2][1:].T)
+
+    def least(self, rows: Array) -> Array:
+        """The least |rows a|."""
+        moved = np.linalg.lstsq(rows @ self.others, -rows @ self.first, rcond=None)[0]
+        return np.asarray(self.first + self.others @ moved, dtype=float)
+
+    def covariance(self, rows: Array) -> Array:
+        """Of coefficients whose switches are known by rows of unit errors."""
+        moved = rows @ self.others
+        inverse = np.linalg.pinv(moved.T @ moved, hermitian=True)
+        return np.asarray(self.others @ inverse @ self.others.T)

@@ -119,9 +119,11 @@ class _Flows:
             switches.known[:, 1] - part * possible,
         )
         times = first + np.linspace(0.0, part, SETTINGS.grid)[:, None] * possible
-        moved = [switches.moved(row) for row in times]
-        columns = np.array([one.before(laws)[0] for one in moved])
-        return cls(switches, times, columns, np.array([one.after(laws) for one in moved]))
+        every = switches.take(np.tile(np.arange(len(switches)), len(times))).moved(times.ravel())
+        columns, after = every.before(laws)[0], every.after(laws)
+        return cls(
+            switches, times, columns.reshape(*times.shape, -1), after.reshape(*times.shape, -1)
+        )
 
     @property
     def gaps(self) -> Array:

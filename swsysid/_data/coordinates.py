@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import prod
 from typing import NamedTuple
 
@@ -246,6 +247,7 @@ class Monomials:
         ]
 
     @classmethod
+    @cache
     def up_to(cls, degree: int, n_columns: int) -> Monomials:
         """All monomials up to a degree, in the order of scikit-learn."""
         return cls(PolynomialFeatures(degree).fit(np.zeros((1, n_columns))).powers_)

@@ -8,9 +8,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
 from swsysid._stays.decoding import Decoded, decode
+from swsysid._stays.descent import Reached
 from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
@@ -115,6 +117,21 @@ def disturbances(laws: Laws, recordings: Recordings, settings: StaySettings) -> 
 
 
 # -- what a surface says beforehand -----------------------------------------------------------
+
+
+def prior_of(
+    model: SwitchingSystemRegressor,
+    reached: Reached,
+    recordings: Recordings,
+    trust: float,
+    settings: StaySettings,
+) -> Array:
+    """What a refitted surface says of the modes along rough states."""
+    guards = reached.estimate.guards
+    if guards is None:
+        return prior_of_model(model.switching_model, recordings, trust)
+    own = reached.covariance.of_guards
+    return prior_of_guards(guards, own, recordings, trust, settings.blurred)
 
 
 def prior_of_model(model: SwitchingModel, recordings: Recordings, trust: float) -> Array:

@@ -100,7 +100,10 @@ class _Beam:
         stays, entered = best < n_kept, np.maximum(best - n_kept, 0)
         parent = np.where(stays, best, source[every, entered])
         mode = np.where(stays, self.modes[every, np.minimum(best, n_kept - 1)], entered)
-        chosen = Belief(*(part[..., every, parent, mode] for part in beliefs))
+        # recordings last in memory: there are many more of them than hypotheses or modes
+        place = ((mode * n_kept + parent) * len(scores) + every).T
+        flat = (part.swapaxes(-1, -3).reshape(*part.shape[:-3], -1) for part in beliefs)
+        chosen = Belief(*(part.take(place, -1).swapaxes(-1, -2) for part in flat))
         return _Beam(chosen, mode, candidates[every, best], parent)
 
     def where(self, active: NDArray[np.bool_], before: _Beam) -> _Beam:

@@ -96,17 +96,22 @@ def most_likely(
 
 
 def most_likely_with_guards(
-    estimate: Estimate, noise: Array, settings: StaySettings, *, near: bool = False
+    estimate: Estimate,
+    noise: Array,
+    settings: StaySettings,
+    *,
+    near: bool = False,
+    enough: float = np.inf,
 ) -> Reached:
-    """The estimate whose crossings lie on its surfaces ever more closely."""
+    """The estimate whose crossings lie on its surfaces ever more closely, if it may be `enough`."""
     interval, tie = estimate.nodes.recordings.interval, settings.ties[-1][0]
     times = settings.guard_times[-1:] if near else settings.guard_times
     stages = [(Objective(noise, tie, share * interval), n_turns) for share, n_turns in times]
-    reached = _through(estimate, stages, settings)
+    reached = _through(estimate, stages, settings, enough)
     # The likelihood may be as high at another instant nearby (a force that changes its sign after
     # the switch); the surface knows which of the two it is.
     snapped = reached.estimate.snapped() if settings.turns_of_snapped else reached.estimate
-    if snapped is reached.estimate:
+    if snapped is reached.estimate or reached.value > enough:
         return reached
     objective, n_turns = stages[-1]
     at_once = replace(settings, most_failures=1)
@@ -117,21 +122,30 @@ def most_likely_with_guards(
 
 
 def _through(
-    estimate: Estimate, stages: list[tuple[Objective, int]], settings: StaySettings
+    estimate: Estimate,
+    stages: list[tuple[Objective, int]],
+    settings: StaySettings,
+    enough: float = np.inf,
 ) -> Reached:
     value, objective = np.inf, stages[0][0]
     roughly = replace(settings, converged=settings.roughly_converged)
     for number, (objective, n_turns) in enumerate(stages, 1):
         own = settings if number == len(stages) else roughly
-        estimate, value = descended(estimate.pivoted(), objective, n_turns, own)
+        estimate, value = descended(estimate.pivoted(), objective, n_turns, own, enough)
     return Reached(estimate, objective, value)
 
 
 def descended(
-    estimate: E, objective: Descended[E], n_turns: int, settings: StaySettings
+    estimate: E,
+    objective: Descended[E],
+    n_turns: int,
+    settings: StaySettings,
+    enough: float = np.inf,
 ) -> tuple[E, float]:
     """Damping rises where steps fail, and falls where they do what they promised.
 
+    It ends where the next step from the best estimate promises next to nothing, or less than a
+    tenth of what is missing to be `enough`.
     A step of nodes that are tied tightly may miss by the curvature of a flow what the next one
     mends: a few are followed before they are judged (the watchdog of Chamberlain et al., 1982).
     """
@@ -140,7 +154,8 @@ def descended(
     best = now = estimate, objective.normal_equations(estimate)
     while taken < n_turns and failed < settings.most_failures:
         step, promised = now[1].step(damping)
-        if promised < settings.converged and now is best:
+        least = max(settings.converged, 0.1 * (best[1].value - enough))
+        if promised < least and now is best:
             break
         ahead = now[0].moved(step)
         allowed = objective.allows(ahead)

@@ -95,6 +95,7 @@ class NodeEquations:
     def add_ties(self, legs: Legs, nodes: Rows, gaps: Array, weight: Array) -> None:
         """Gaps (n_rows, n_states) of some intervals, tied by weights (n_rows,), in these units."""
         F, G = self._in_units(legs)
+        weight = weight[: F.shape[2]]  # one of all where they last equally long
         H = np.empty((len(G) + 1, *G.shape[1:]))
         np.multiply(G, weight, out=H[:-1])
         np.multiply(gaps.T, weight, out=H[-1])

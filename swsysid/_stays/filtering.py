@@ -13,6 +13,7 @@ differs from the new one's by :math:`\Delta f`, which adds :math:`(\Delta f \Del
 covariance. Where a recording slides along a surface the state is known to lie on it.
 
 Arrays of hypotheses have rows last: means (n_states, ...), covariances (n_states, n_states, ...).
+Of these the recordings come last in memory, since there are most of them.
 """
 
 from __future__ import annotations
@@ -66,12 +67,23 @@ class Linear(NamedTuple):
     slope: Array  # (n_states, n_states, n_modes, n_steps, n_recordings)
 
     def of_all(self, k: int) -> tuple[Array, Array]:
-        """Of all modes in one interval, (..., n_recordings, 1, n_modes)."""
+        """Of all modes in one interval, (..., n_modes, 1, n_recordings)."""
+        return self.offset[:, :, k][:, :, None], self.slope[:, :, :, k][:, :, :, None]
+
+    def of_some(self, k: int, modes: Modes) -> tuple[Array, Array]:
+        """Of modes (n_kept, n_recordings) in one interval, of the same shape."""
+        n_states, places = (
+            len(self.offset),
+            modes * self.offset.shape[3] + np.arange(modes.shape[1]),
+        )
         offset, slope = self.offset[:, :, k], self.slope[:, :, :, k]
-        return np.swapaxes(offset, 1, 2)[:, :, None], np.swapaxes(slope, 2, 3)[:, :, :, None]
+        return (
+            offset.reshape(n_states, -1).take(places, 1),
+            slope.reshape(n_states, n_states, -1).take(places, 2),
+        )
 
     def at(self, k: int, states: Array) -> Array:
-        """Values at states (n_states, n_recordings, n_kept, 1), for all modes."""
+        """Values at states (n_states, 1, n_kept, n_recordings), for all modes."""
         value, slope = self.of_all(k)
         for b, own in enumerate(states):
             value = value + slope[:, b] * own
@@ -135,23 +147,22 @@ class FlowFilter:
 
     def ahead(self, k: int, belief: Belief, modes: Modes) -> tuple[Belief, Array | float]:
         """As `Filter.ahead`."""
-        rows, duration = np.arange(len(modes))[:, None], self.steps[k][:, None, None]
-        first, second = self.halves
-        half = _through(first.offset[:, modes, k, rows], first.slope[:, :, modes, k, rows], belief)
+        own, duration, (first, second) = modes.T, self.steps[k], self.halves
+        kept = Belief(*(part.swapaxes(-1, -2) for part in belief))
+        half = _through(*first.of_some(k, own), kept)
         # now each hypothesis in every mode
-        every = np.arange(self.n_modes)
-        wide = Belief(half.mean[..., None], half.covariance[..., None])
+        wide = Belief(half.mean[:, None], half.covariance[:, :, None])
         mean, covariance = _through(*second.of_all(k), wide)
-        rates = self.rates.at(k, half.mean[..., None])
-        jump = (rates - np.take_along_axis(rates, modes[None, ..., None], axis=3)) * duration
+        rates = self.rates.at(k, half.mean[:, None])
+        jump = (rates - np.take_along_axis(rates, own[None, None], axis=1)) * duration
         covariance += jump[:, None] * jump[None] / 12.0
         diagonal = np.arange(len(mean))
         more = np.square(self.disturbance)[:, None, None, None] * duration
         if self.entering is not None:
-            enters = modes[..., None] != every
-            more = more + self.entering[:, None, None, :] * enters
+            enters = own != np.arange(self.n_modes)[:, None, None]
+            more = more + self.entering[:, :, None, None] * enters
         covariance[diagonal, diagonal] += more
-        ahead = Belief(mean, covariance)
+        ahead, jump = Belief(mean.swapaxes(1, 3), covariance.swapaxes(2, 4)), jump.swapaxes(1, 3)
         return ahead, 0.0 if self.surfaces is None else self._on_surfaces(k, ahead, jump, modes)
 
     def _on_surfaces(self, k: int, ahead: Belief, jump: Array, modes: Modes) -> Array:
@@ -202,7 +213,7 @@ def _half(
         ends, by_state, _ = laws.flow(mode, x, u, after, steps)
         slope = by_state.swapaxes(0, 1)
         offsets.append(ends.T - (slope * x.T).sum(axis=1))
-        slopes.append(slope)
+        slopes.append(np.broadcast_to(slope, (*slope.shape[:2], len(x))))
     offset, slope = np.stack(offsets, axis=1), np.stack(slopes, axis=2)
     return Linear(
         offset.reshape(*offset.shape[:2], *shape), slope.reshape(*slope.shape[:3], *shape)
@@ -237,19 +248,24 @@ def corrected(ahead: Belief, y: Array, noise: Array) -> tuple[Belief, Array]:
     One channel after the other, as their noise is independent; outliers are bounded.
     """
     mean, covariance = ahead
-    squares, logarithms = np.zeros(mean.shape[1:]), np.zeros(mean.shape[1:])
+    squares, logarithms = np.zeros_like(mean[0]), np.zeros_like(mean[0])
     for k, size in enumerate(noise):
         seen = np.isfinite(y[:, k])[:, None, None]
+        if not seen.any():
+            continue
         total = covariance[k, k] + size**2
-        error = np.where(seen, y[:, k][:, None, None] - mean[k], 0.0)
-        row = np.where(seen, covariance[k], 0.0)
+        error, row, logarithm = y[:, k][:, None, None] - mean[k], covariance[k], np.log(total)
+        if not seen.all():
+            error, row, logarithm = (np.where(seen, one, 0.0) for one in (error, row, logarithm))
         gain = row / total
         squares += np.square(error) / total
-        logarithms += np.where(seen, np.log(total), 0.0)
+        logarithms += logarithm
         mean = mean + gain * error
         covariance = covariance - gain[:, None] * row[None]
         # what a switch leaves open may exceed the noise by ten powers of ten
-        exact = np.where(seen, gain * size**2, covariance[k])
+        exact = gain * size**2
+        if not seen.all():
+            exact = np.where(seen, exact, covariance[k])
         covariance[k], covariance[:, k] = exact, exact
     likelihood = -0.5 * (np.minimum(squares, LIMITS.most_squares) + logarithms)
     return Belief(mean, covariance), likelihood

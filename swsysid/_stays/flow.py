@@ -29,7 +29,7 @@ class Legs(NamedTuple):
 
     rows: Rows  # numbers of the intervals
     ends: Array  # (n_rows, n_states)
-    by_state: Array  # (n_states, n_states, n_rows): at the node where it begins
+    by_state: Array  # (n_states, n_states, n_rows or 1): at the node where it begins
     columns: NDArray[np.intp]  # of the free coefficients of laws, surfaces and resets
     by_law: Array  # (n_columns, n_states, n_rows): by these
     n_joined: int = 1  # so many follow each other, the first ones of all segments first
@@ -45,10 +45,15 @@ class Switching(NamedTuple):
 
 def steady_legs(laws: Laws, nodes: Nodes, states: Array) -> Iterator[Legs]:
     """Intervals without a switch, those of one mode after the other."""
-    for mode, rows in nodes.segments:
-        count = max(1, round(rows.size / LIMITS.chunk))
-        for chunk in np.array_split(rows, count, axis=1):
-            yield _steady(laws, mode, nodes, chunk, states)
+    for mode in dict.fromkeys(mode for mode, _ in nodes.segments):
+        waiting: list[Rows] = []
+        for rows in (rows for own, rows in nodes.segments if own == mode):
+            for chunk in np.array_split(rows, max(1, round(rows.size / LIMITS.chunk)), axis=1):
+                if sum(one.size for one in (*waiting, chunk)) > LIMITS.chunk:
+                    yield from _steady(laws, mode, nodes, waiting, states)
+                    waiting = []
+                waiting.append(chunk)
+        yield from _steady(laws, mode, nodes, waiting, states)
 
 
 def joined_legs(parts: Iterable[Legs]) -> Legs:
@@ -57,13 +62,21 @@ def joined_legs(parts: Iterable[Legs]) -> Legs:
     rows, ends = (
         np.concatenate([getattr(one, name) for one in listed]) for name in ("rows", "ends")
     )
-    by_state = np.concatenate([one.by_state for one in listed], axis=2)
+    by_state = np.concatenate(
+        [np.broadcast_to(one.by_state, (*one.by_state.shape[:2], len(one.rows))) for one in listed],
+        axis=2,
+    )
     by_law = np.concatenate([one.by_law for one in listed], axis=2)
     return Legs(rows, ends, by_state, listed[0].columns, by_law)
 
 
-def _steady(laws: Laws, mode: int, nodes: Nodes, segments: Rows, states: Array) -> Legs:
-    rows = segments.ravel()
+def _steady(
+    laws: Laws, mode: int, nodes: Nodes, segments: list[Rows], states: Array
+) -> Iterator[Legs]:
+    """Segments of one mode, all of their intervals flown at once."""
+    if not segments:
+        return
+    rows = np.concatenate([one.ravel() for one in segments])
     first = nodes.begins[rows]
     x, u, after, steps = states[first], nodes.u[first], nodes.after[first], nodes.steps[rows]
     if nodes.recordings.first_step == 1.0:
@@ -73,7 +86,12 @@ def _steady(laws: Laws, mode: int, nodes: Nodes, segments: Rows, states: Array) 
         x, by_state, by_law = laws.flow(mode, x, u, middle, 0.5 * steps)
         x, further, added = laws.flow(mode, x, middle, after, 0.5 * steps)
         by_state, by_law = chained(by_state, further), chained(by_law, further) + added
-    return Legs(rows, x, by_state, laws.columns_of(mode), by_law, len(segments))
+    columns, end = laws.columns_of(mode), 0
+    for one in segments:
+        own = slice(end, end + one.size)
+        end = own.stop
+        of_states = by_state if by_state.shape[2] == 1 else by_state[:, :, own]
+        yield Legs(rows[own], x[own], of_states, columns, by_law[:, :, own], len(one))
 
 
 def switching(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
+from swsysid._checks.parameters import shown
 from swsysid._data.input_steps import Hold
 from swsysid._data.recordings import Record
 from swsysid._data.trajectories import group_labels, is_coarse, trajectories
@@ -215,3 +217,21 @@ def check_channels(given: Given) -> None:
                 f"column {name} of x is {known[0]:g} at all of its {len(known)} samples; a state "
                 "that never moves has no law, leave it out."
             )
+
+
+def check_observed(observed: object, given: Given) -> None:
+    """Refuse states to be observed that are not just the channels."""
+    if observed is None:
+        return
+    listed = list(observed) if isinstance(observed, (list, tuple, range)) else [observed]
+    if isinstance(observed, np.ndarray):
+        listed = observed.ravel().tolist()
+    names = (given.names or [])[: given.n_channels]
+    known = {*range(given.n_channels), *names}
+    named = {one for one in listed if isinstance(one, (str, Integral))}
+    if not named <= known or len(named) != given.n_channels:
+        raise ValueError(
+            f"observed={shown(observed)} names not just the {given.n_channels} columns of x; laws "
+            "of states that nobody measures cannot be started from data: state them in a "
+            "StatedModel and call refine with observed, or give positions with order=2."
+        )

@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
-from swsysid._stays.assign import Assigned, assign, disturbances, prior_of_guards, prior_of_model
+from swsysid._stays.assign import (
+    Assigned,
+    assign,
+    disturbances,
+    prior_of,
+    prior_of_guards,
+    prior_of_model,
+)
 from swsysid._stays.count import is_exact, order_of_switches, surprise_of_switches
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.identification import StayIdentification, StayRecord
@@ -50,7 +57,8 @@ class Alternation:
 
     Between two rounds it knows laws, rough states, the prior of the modes and the noise.
     `noise` are standard deviations of the states; `free` are the coefficients that are sought,
-    all by default; `names` are those of states and inputs, if they have any.
+    all by default; `names` are those of states and inputs, if they have any. `known` is an answer
+    to a part of the recordings.
     """
 
     def __init__(
@@ -63,6 +71,7 @@ class Alternation:
         free: NDArray[np.bool_] | None = None,
         names: list[str] | None = None,
         surfaces: bool = True,
+        known: StayIdentification | None = None,
     ):
         self.start, self.names, self.surfaces = start, names, surfaces
         self.settings, self.exactly = settings.roughly(), settings
@@ -76,16 +85,23 @@ class Alternation:
         self.recordings = recordings
         self.disturbances = disturbances(self.laws, recordings, settings)
         self.prior: Array | None = None
-        if self._separates:
-            self.prior = prior_of_model(system, recordings, settings.trust[0])
         self.modes = np.full(recordings.steps.shape, -1)
-        self.last: StayIdentification | None = None  # what a round goes on from
+        self.last: StayIdentification | None = None  # the round before
+        self.placed = known  # whose surface a round goes on from
+        if known is not None:
+            self.noise = noise_of(known.reached, noise)
+        if self._separates and known is not None:
+            trust = settings.trust[settings.settled]
+            self.prior = prior_of(known.model, known.reached, recordings, trust, settings)
+        elif self._separates:
+            self.prior = prior_of_model(system, recordings, settings.trust[0])
         self.found: list[StayIdentification] = []
         self.history: list[StayRecord] = []
 
     def begin(self) -> StayIdentification:
-        """The first rounds, after which starts are compared."""
-        for stage in range(self.settings.settled):
+        """The first rounds, after which starts are compared; one from what is known."""
+        settled = self.settings.settled
+        for stage in range(settled) if self.placed is None else (settled,):
             self._round(stage)
         return self.best
 
@@ -177,8 +193,10 @@ class Alternation:
     def _tried(self, best: StayIdentification, first: Estimate) -> float:
         """The criterion of an estimate with other stays than the best one's."""
         self._go_on_from(best, self.prior)
+        at_once = replace(self.settings, most_failures=1)
         for _ in range(2):  # the second time samples are on the sides that they have reached
-            self._keep(*self._on_same_surface(first), 0, len(self.settings.prices) - 1)
+            placed = self._on_same_surface(first, at_once)
+            self._keep(*placed, 0, len(self.settings.prices) - 1)
             first, criterion = self.found[-1].estimate, self.found[-1].criterion
             if criterion > best.criterion + self.settings.hopeless:
                 break
@@ -190,7 +208,8 @@ class Alternation:
         if reached.estimate.guards is None:
             # without surfaces rounds are few, and the best was perhaps at a noise of worse laws
             noise = reached.noise if self.surfaces else noise_of(reached, reached.noise)
-            reached = most_likely(reached.estimate, noise, self.exactly, near=True)
+            closely = replace(self.exactly, ties=self.exactly.ties[-1:])
+            reached = most_likely(reached.estimate, noise, closely)
         else:
             model, reached = on_surface(model, reached, reached.estimate.guards, self.exactly)
         model.coef_ = reached.estimate.laws.coef
@@ -248,7 +267,7 @@ class Alternation:
     def _go_on_from(self, found: StayIdentification, prior: Array | None) -> None:
         self.laws, self.noise = found.estimate.laws, noise_of(found.reached, self.first_noise)
         self.recordings, self.prior = self._at(found), prior
-        self.modes, self.last = intervals_of(found.estimate), found
+        self.modes, self.last, self.placed = intervals_of(found.estimate), found, found
 
     @property
     def leaves_noise(self) -> bool:
@@ -262,7 +281,7 @@ class Alternation:
         """
         best, enough = self.best, self.leaves_noise
         self._go_on_from(best, None)
-        self.modes, self.last = np.full(self.modes.shape, -1), None
+        self.modes, self.last, self.placed = np.full(self.modes.shape, -1), None, None
         for stage in range(len(self.settings.prices)):
             if stage >= self.settings.settled and enough:
                 if self.found[-1].criterion > best.criterion - self.settings.nearly_converged:
@@ -274,7 +293,7 @@ class Alternation:
         price = self.settings.prices[stage]
         if not self.surfaces and self.last is not None:
             price = max(price, _price_at_random(self.last.estimate))
-        settled = self.last is not None and stage >= self.settings.settled
+        placed = self.placed if stage >= self.settings.settled else None
         return assign(
             self.laws,
             self.recordings,
@@ -283,30 +302,34 @@ class Alternation:
             self.disturbances,
             price,
             self.settings,
-            self.last.estimate.guards if settled and self.last is not None else None,
+            None if placed is None else placed.estimate.guards,
         )
 
     def _estimated(self, first: Estimate, stage: int) -> tuple[SwitchingSystemRegressor, Reached]:
         """Laws and surface of highest likelihood with the stays as assigned."""
         settled = stage >= self.settings.settled or self._as_last(first)
         settings = self.settings if settled else self.settings.coarsely()
-        if not self.surfaces:
-            reached = most_likely(first, self.noise, settings, near=bool(self.found))
-            return self.start, on_present_modes(reached)
-        if settled and self.last is not None and self.last.estimate.guards is not None:
+        if self.surfaces and settled and self.placed is not None and self.placed.estimate.guards:
             return with_few_monomials(*self._on_same_surface(first), settings)
-        reached = most_likely(first, self.noise, settings, near=bool(self.found))
+        near = bool(self.found) or self.placed is not None
+        reached = most_likely(first, self.noise, settings, near=near)
+        if not self.surfaces:
+            return self.start, on_present_modes(reached)
         placed = with_surface(self.start, reached, settings, self.names)
         return with_few_monomials(*placed, settings)
 
-    def _on_same_surface(self, first: Estimate) -> tuple[SwitchingSystemRegressor, Reached]:
+    def _on_same_surface(
+        self, first: Estimate, settings: StaySettings | None = None
+    ) -> tuple[SwitchingSystemRegressor, Reached]:
         """The same from the surface of the round before."""
-        last = self.last
-        assert last is not None and last.estimate.guards is not None
-        guards = last.estimate.guards
+        placed, enough = self.placed, np.inf
+        assert placed is not None and placed.estimate.guards is not None
+        guards = placed.estimate.guards
         first = replace(first, guards=guards)
-        start = Reached(first, last.reached.objective.with_noise(self.noise), np.inf)
-        return on_surface(last.model, start, guards, self.settings)
+        start = Reached(first, placed.reached.objective.with_noise(self.noise), np.inf)
+        if self.found:
+            enough = self.best.reached.with_noise(self.noise).value + self.settings.hopeless
+        return on_surface(placed.model, start, guards, settings or self.settings, enough)
 
     def _as_last(self, estimate: Estimate) -> bool:
         """True if all recordings go through the same stays as in the round before."""
@@ -337,14 +360,14 @@ class Alternation:
         )
         closely = self.settings.guard_times[-1][0] * self.recordings.interval
         criterion = _criterion(reached.with_crossings(closely), self.first_noise, self.settings)
-        self.last = StayIdentification(model, reached, (), criterion)
+        self.last = self.placed = StayIdentification(model, reached, (), criterion)
         self.found.append(self.last)
         self.laws = reached.estimate.laws
         self.recordings = self._at(self.last)
         self.noise = noise_of(reached, self.noise)
         if self._separates:
             trust = self.settings.trust[min(stage + 1, len(self.settings.trust) - 1)]
-            self.prior = _prior(model, reached, self.recordings, trust, self.settings)
+            self.prior = prior_of(model, reached, self.recordings, trust, self.settings)
 
 
 def _criterion(reached: Reached, noise: Array, settings: StaySettings) -> float:
@@ -375,18 +398,3 @@ def _near(candidates: Array, chosen: Array) -> Array:
     """The chosen candidate and, as long as a smaller one was chosen, the next smaller one."""
     place = int(np.abs(candidates - chosen).sum(axis=1).argmin())
     return candidates[place : place + 2] if place else candidates[:1]
-
-
-def _prior(
-    model: SwitchingSystemRegressor,
-    reached: Reached,
-    recordings: Recordings,
-    trust: float,
-    settings: StaySettings,
-) -> Array:
-    """What the refitted surface says of the modes along the estimated states."""
-    guards = reached.estimate.guards
-    if guards is None:
-        return prior_of_model(model.switching_model, recordings, trust)
-    own = reached.covariance.of_guards
-    return prior_of_guards(guards, own, recordings, trust, settings.blurred)

@@ -157,10 +157,11 @@ class Laws:
     ) -> tuple[Array, Array, Array]:
         r"""States of rows of one mode after steps, and their derivatives, rows last.
 
-        By the states before, (n_states, n_states, n_rows), and by the unknowns of `columns_of` the
-        mode, (n_columns, n_states, n_rows), each entry by the first index of the second one. With
-        the features :math:`\Phi_i` of the four stages of a step and what a velocity added there
-        changes, :math:`M_i`, those by coefficients are :math:`\sum_i M_i \Phi_i`.
+        By the states before, (n_states, n_states, n_rows), or (..., 1) where they are the same for
+        all rows, and by the unknowns of `columns_of` the mode, (n_columns, n_states, n_rows), each
+        entry by the first index of the second one. With the features :math:`\Phi_i` of the four
+        stages of a step and what a velocity added there changes, :math:`M_i`, those by coefficients
+        are :math:`\sum_i M_i \Phi_i`.
         """
         h, middle = duration, 0.5 * (u + after)
         stages, values, jacobians, slopes = [], [], [], []
@@ -193,7 +194,12 @@ class Laws:
 
     def _by_unknowns(self, mode: int, stages: list[Array], values: Array, changes: Array) -> Array:
         """What unknowns change, with features of stages and what velocities added there change."""
-        by_law = np.einsum("isar,ifr->sfar", changes, values, order="C")[self.free[mode]]
+        own = self.free[mode]
+        if changes.shape[3] == 1:
+            by_law = np.matmul(changes[..., 0].reshape(len(changes), -1).T, values.swapaxes(0, 1))
+            by_law = by_law.reshape(-1, *changes.shape[1:3], values.shape[2]).swapaxes(0, 1)[own]
+        else:
+            by_law = np.einsum("isar,ifr->sfar", changes, values, order="C")[own]
         if not self.inside:
             return by_law
         rates = [[self.coef[mode] @ one(stage).T for stage in stages] for one in self.inside]

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +79,8 @@ class Nodes:
 
     def place_switches(self) -> None:
         """Modes before and after the switch of each interval, and where it is."""
+        for known in ("names", "_bounds"):
+            vars(self).pop(known, None)
         self.instants = np.concatenate([stays.instants for stays in self.stays])
         modes, cells = [], []
         for stays, t, first in zip(self.stays, self.recordings.times, self.first, strict=True):
@@ -127,7 +131,7 @@ class Nodes:
             steady, place, length = steady[~inside], place[~inside], length[~inside]
         return segments, kept
 
-    @property
+    @cached_property
     def names(self) -> Rows:
         """What tells the stay of every node from its neighbours, (n_nodes,)."""
         pairs = zip(self.stays, self.recordings.times, strict=True)
@@ -214,9 +218,22 @@ class Nodes:
     def moved(self, instants: Array) -> Nodes:
         """The same nodes with other instants; a switch may enter another interval."""
         parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
-        times = self.recordings.times
-        pairs = zip(self.stays, parts, times, strict=True)
-        return self.with_stays([stays.moved(part, t) for stays, part, t in pairs])
+        own, (low, high) = self.begins[self.at], self._bounds.T
+        within = np.clip(instants, low, np.maximum(low, np.nextafter(high, low)))
+        if (within == instants).all() and (self.t[own] <= instants).all():
+            if (instants < self.t[own + 1]).all():  # all but the instants is as it was
+                other = copy(self)
+                other.instants = instants
+                pairs = zip(self.stays, parts, strict=True)
+                other.stays = [replace(one, instants=part) for one, part in pairs]
+                return other
+        triples = zip(self.stays, parts, self.recordings.times, strict=True)
+        return self.with_stays([stays.moved(part, t) for stays, part, t in triples])
+
+    @cached_property
+    def _bounds(self) -> Array:
+        """Times between which each instant must stay, (n_switches, 2)."""
+        return np.concatenate([one.bounds for one in self.stays])
 
     def by_recording(self, of_nodes: Array) -> Array:
         """Sums over the nodes of each recording, (n_recordings,)."""

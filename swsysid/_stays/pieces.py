@@ -107,6 +107,23 @@ def whole(given: Given) -> Pieces:
     return cut_at(given, [np.zeros(0, dtype=np.intp)] * len(given.records))
 
 
+def part_of(given: Given) -> Given | None:
+    """Stretches spread evenly over long recordings.
+
+    None where all samples are few enough, or a channel never moves in these.
+    """
+    n_samples = sum(len(record.t) for record in given.records)
+    every = n_samples // LIMITS.samples_of_part
+    if every < 2:
+        return None
+    length = LIMITS.stretch_of_part
+    cuts = [np.arange(length, len(record.t), length) - 1 for record in given.records]
+    pieces = cut_at(given, cuts)
+    part = pieces.take(np.arange(len(pieces.first)) % every == 0).given
+    y = np.vstack([record.filled for record in part.records])
+    return part if (np.ptp(y, axis=0) > 0.0).all() else None
+
+
 def cut_at(given: Given, jumps: list[NDArray[np.intp]], fewest: int = FEWEST_SAMPLES) -> Pieces:
     """Recordings cut after some samples, stretches of fewer samples left out."""
     records, rows, labels, places = [], [], [], []

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from swsysid._data.coordinates import Monomials
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 from swsysid._stays.laws import Laws, Modes, slope_of
+from swsysid._stays.settings import LIMITS
 
 
 def laws_of(coef: Array, feature_map: FeatureMap, spread: Array, free: NDArray[np.bool_]) -> Laws:
@@ -109,6 +111,36 @@ class AffineLaws(PolynomialLaws):
         return _taylor(x, derivatives, duration[:, None]), _taylor(
             Z, varied, duration[:, None, None]
         )
+
+    def flow(
+        self, mode: int, x: Array, u: Array, after: Array, duration: Array
+    ) -> tuple[Array, Array, Array]:
+        r"""As in `Laws`; of steps that last equally long all derivatives by states are one matrix.
+
+        With the derivatives :math:`\varphi_m` of the features along the law those by coefficients
+        are :math:`\sum_m P_m \varphi_m`, where :math:`P_m = \sum_{k > m} A^{k - 1 - m} h^k / k!`.
+        """
+        if self.inside:
+            return super().flow(mode, x, u, after, duration)
+        matrix, h = self._parts[0][mode], duration
+        if np.ptp(h) <= LIMITS.rounding * h.max(initial=0.0):
+            h = h[:1]
+        rest, rates, values = np.zeros_like(u), [x], []
+        for of_inputs in (u, slope_of(u, after, duration), rest, rest):
+            values.append(self.powers @ np.concatenate([rates[-1], of_inputs], axis=1).T)
+            if not len(values) > 1:
+                values[0][self.powers.sum(axis=1) == 0] = 1.0
+            rates.append((self.coef[mode] @ values[-1]).T)
+        shares = [h**k / factorial(k) for k in range(1, 5)]
+        changes = np.zeros((4, *matrix.shape, len(h)))  # rows of P_m, transposed
+        for m in range(4):
+            power = np.eye(len(matrix))
+            for share in shares[m:]:
+                changes[m] += power.T[:, :, None] * share
+                power = matrix @ power
+        by_state = np.eye(len(matrix))[:, :, None] + np.einsum("sar,sb->bar", changes[0], matrix)
+        ends = _taylor(x, rates[1:], duration[:, None])
+        return ends, by_state, self._by_unknowns(mode, [], np.array(values), changes)
 
     def _derivatives(self, modes: Modes, x: Array, u: Array, slope: Array) -> list[Array]:
         """Of the state along its law, the first four."""

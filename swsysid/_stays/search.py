@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
 from swsysid._stays.exact import ExactModes, exact_modes
-from swsysid._stays.given import Given, check_channels
+from swsysid._stays.given import Given, check_channels, check_observed
 from swsysid._stays.grown import grown
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
@@ -34,6 +33,7 @@ from swsysid._stays.intervals import (
 )
 from swsysid._stays.laws import Laws
 from swsysid._stays.merged import closest, merged
+from swsysid._stays.pieces import part_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import misfits
 from swsysid._stays.sensors import without_clipped
@@ -92,7 +92,7 @@ class Search:
         known: StayIdentification | None = None,
     ):
         check_channels(given)
-        _check_observed(observed, given)
+        check_observed(observed, given)
         self.estimator, self.given, self.order = estimator, given, order
         self.settings, self.told, self.surfaces, self.known = settings, told, surfaces, known
         self.candidates: list[CountCandidate] = []
@@ -209,21 +209,30 @@ class Search:
     def _starts(self, n_modes: object, fewer: StayIdentification | None) -> Iterator[Alternation]:
         """One from what is known of so many modes, and one for each window of differentiation.
 
+        Where recordings are long there is one from an answer to a part of them in their place.
         Where no surface separates modes one goes on from the answer with one mode fewer.
         """
-        windows = set()
+        windows, recordings = set(), self.base.recordings
         if self.known is not None and len(self.known.estimate.laws.coef) == n_modes:
-            laws, recordings = self.known.estimate.laws, self.base.recordings
-            yield self.alternation(self.known.model, laws.free, recordings)
-        for stretch in self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]:
+            yield self.alternation(self.known.model, self.known.estimate.laws.free, recordings)
+        stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
+        if (part := part_of(self.given)) is not None:
+            stretches, known = (
+                (),
+                Search(
+                    self.estimator, part, self.order, None, self.settings, self.told, self.surfaces
+                ).with_modes(n_modes),
+            )
+            yield self.alternation(known.model, known.estimate.laws.free, recordings, known)
+        for stretch in stretches:
             base = self._differentiated(stretch)
             # there may be no shorter window than the automatic one
             if base.rows.window not in windows:
                 windows.add(base.rows.window)
-                yield self.alternation(*self._start(n_modes, base), self.base.recordings)
+                yield self.alternation(*self._start(n_modes, base), recordings)
         if fewer is not None and not self.surfaces:
-            more = grown(fewer, self.base.recordings)
-            yield self.alternation(*more, self.base.recordings)
+            more = grown(fewer, recordings)
+            yield self.alternation(*more, recordings)
 
     def with_one_fewer(self, more: StayIdentification) -> StayIdentification | None:
         """The answer in which the two closest laws are one, where no surface separates modes."""
@@ -330,12 +339,13 @@ class Search:
         return start, free
 
     def alternation(
-        self, start: SwitchingSystemRegressor, free: NDArray[np.bool_], recordings: Recordings
-    ) -> Alternation:
+        self, start: SwitchingSystemRegressor, free: NDArray[np.bool_], recordings: Recordings,
+        known: StayIdentification | None = None,
+    ) -> Alternation:  # fmt: skip
         """Rounds that begin with the laws of a model, on recordings with rough states."""
         return Alternation(
             start, recordings, self.base.noise, self.settings,
-            free=free, names=self.names, surfaces=self.surfaces,
+            free=free, names=self.names, surfaces=self.surfaces, known=known,
         )  # fmt: skip
 
     def _differentiated(self, stretch: float) -> Differentiated:
@@ -376,23 +386,6 @@ class Search:
         n_channels = self.given.n_channels
         least = LIMITS.exactly * found.estimate.laws.spread
         return found.left[:n_channels] / np.maximum(self.base.noise, least)[:n_channels]
-
-
-def _check_observed(observed: object, given: Given) -> None:
-    if observed is None:
-        return
-    listed = list(observed) if isinstance(observed, (list, tuple, range)) else [observed]
-    if isinstance(observed, np.ndarray):
-        listed = observed.ravel().tolist()
-    names = (given.names or [])[: given.n_channels]
-    known = {*range(given.n_channels), *names}
-    named = {one for one in listed if isinstance(one, (str, Integral))}
-    if not named <= known or len(named) != given.n_channels:
-        raise ValueError(
-            f"observed={shown(observed)} names not just the {given.n_channels} columns of x; laws "
-            "of states that nobody measures cannot be started from data: state them in a "
-            "StatedModel and call refine with observed, or give positions with order=2."
-        )
 
 
 def check_order(order: object) -> int:

@@ -46,7 +46,9 @@ class Eliminated(NamedTuple):
 class Ties:
     """Forms of intervals, n_pairs of them joined in each segment; what is right is a last column.
 
-    Entries of two nodes stand by the first index for `before`, by the second for `after`.
+    Entries of two nodes stand by the first index for `before`, by the second for `after`; those
+    that are the same for all intervals, as of a linear law, are kept once, (n_states, n_states, 1,
+    1).
     """
 
     columns: NDArray[np.intp]  # of the corner
@@ -68,12 +70,15 @@ class Ties:
         """
         corner = H.reshape(len(H), -1)
         corner = corner @ corner.T
-        F, H, weight = (one.reshape(*one.shape[:-1], *first.shape) for one in (F, H, weight))
+        F, H, weight = (
+            one.reshape(*one.shape[:-1], *(first.shape if one.shape[-1] > 1 else (1, 1)))
+            for one in (F, H, weight)
+        )
         square, every = np.zeros_like(F), np.arange(len(F))
         square[every, every] = np.square(weight)
         return cls(
             columns, first, first + 1,
-            np.einsum("qkps,bkps->qbps", H, F),
+            _product(F.swapaxes(0, 1), H),
             -weight * H,
             np.einsum("akps,bkps->abps", F, F),
             -weight * F,
@@ -92,7 +97,7 @@ class Ties:
     def paired(self, diagonal: Array, right: Array) -> tuple[Ties, Eliminated]:
         """Every two neighbours of a segment as one, the nodes in which they meet eliminated."""
         first, second = (
-            [part[:, :, side::2] for part in (
+            [part[:, :, side::2] if part.shape[2] > 1 else part for part in (
                 self.of_before, self.of_after, self.before_before, self.before_after,
                 self.after_after,
             )]
@@ -100,21 +105,28 @@ class Ties:
         )  # fmt: skip
         nodes = self.after[0::2]
         block, every = first[4] + second[2], np.arange(len(diagonal))
-        block[every, every] += diagonal[:, nodes]
+        own = diagonal[:, nodes]
+        if block.shape[2:] == (1, 1) and (own.max(axis=(1, 2)) == own.min(axis=(1, 2))).all():
+            own = own[:, :1, :1]
+        elif block.shape[2:] == (1, 1):
+            block = np.tile(block, (1, 1, *nodes.shape))
+        block[every, every] += own
         root = _cholesky(block)
         border = first[1] + second[0]
         border[-1] += right[:, nodes]
         border = _solved(root, border)
-        by_before = _solved(root, first[3].copy())
-        by_after = _solved(root, second[3].swapaxes(0, 1).copy())
+        by_before, by_after = (
+            _solved(root, np.broadcast_to(one, (*one.shape[:2], *root.shape[2:])).copy())
+            for one in (first[3], second[3].swapaxes(0, 1))
+        )
         flat = border.reshape(len(border), -1)
         eliminated = Eliminated(
             nodes, self.before[0::2], self.after[1::2], root, border, by_before, by_after
         )
         ties = Ties(
             self.columns, eliminated.before, eliminated.after,
-            first[0] - np.einsum("qkps,akps->qaps", border, by_before),
-            second[1] - np.einsum("qkps,bkps->qbps", border, by_after),
+            first[0] - _product(by_before.swapaxes(0, 1), border),
+            second[1] - _product(by_after.swapaxes(0, 1), border),
             first[2] - np.einsum("akps,bkps->abps", by_before, by_before),
             -np.einsum("akps,bkps->abps", by_before, by_after),
             second[4] - np.einsum("akps,bkps->abps", by_after, by_after),
@@ -140,7 +152,15 @@ def _cholesky(blocks: Array) -> Array:
 def _solved(root: Array, right: Array) -> Array:
     """L^-1 times columns (n_columns, n, ...), in their place."""
     for row in range(len(root)):
-        if row:
-            right[:, row] -= np.einsum("kps,qkps->qps", root[row, :row], right[:, :row])
+        for k in range(row):
+            right[:, row] -= root[row, k] * right[:, k]
         right[:, row] *= root[row, row]
     return right
+
+
+def _product(matrix: Array, vectors: Array) -> Array:
+    """Vectors (n_vectors, n, ...) times a matrix (n, m, ...), (n_vectors, m, ...)."""
+    if matrix.shape[2:] == (1, 1):
+        flat = vectors.reshape(*vectors.shape[:2], -1)
+        return np.matmul(matrix[:, :, 0, 0].T, flat).reshape(-1, len(matrix), *vectors.shape[2:])
+    return np.einsum("kaps,qkps->qaps", matrix, vectors)

@@ -104,6 +104,9 @@ class Limits:
     shortest_run: int = 7
     fewest_in_runs: int = 70
     first_samples: int = 20
+    # of long recordings, those with which the first rounds are made, in stretches of so many
+    samples_of_part: int = 10_000
+    stretch_of_part: int = 1000
     rows_of_starts: int = 2000  # of derivatives that start laws, and of states a first surface
     # deviations of the noise of both limits of an event, beyond which the state jumps there
     beyond_noise: float = 6.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,11 @@ class Stays:
     def told_by(self) -> NDArray[np.intp]:
         """Number of the transition whose guard tells each instant, -1 for none."""
         return np.full(len(self.instants), -1)
+
+    @property
+    def bounds(self) -> Array:
+        """Times between which each instant must stay, (n_stays - 1, 2)."""
+        return np.tile([-np.inf, np.inf], (len(self.instants), 1))
 
     def names(self, t: Array) -> NDArray[np.intp]:
         """What tells a stay from its neighbours, at any times: its mode."""
@@ -78,6 +83,8 @@ class Stays:
         A stay that no longer reaches from one sample to the next is gone.
         """
         inside = np.clip(instants, t[0], np.nextafter(t[-1], t[0]))
+        if (np.diff(np.searchsorted(t, inside, side="right")) > 0).all():
+            return replace(self, instants=inside)
         order = np.argsort(inside, kind="stable")
         cells = np.searchsorted(t, inside[order], side="right") - 1
         last = np.diff(np.append(cells, len(t))) > 0  # of the switches of one cell the last one

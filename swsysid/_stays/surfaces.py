@@ -52,10 +52,15 @@ def on_present_modes(reached: Reached) -> Reached:
 
 
 def on_surface(
-    model: SwitchingSystemRegressor, reached: Reached, guards: Guards, settings: StaySettings
+    model: SwitchingSystemRegressor,
+    reached: Reached,
+    guards: Guards,
+    settings: StaySettings,
+    enough: float = np.inf,
 ) -> tuple[SwitchingSystemRegressor, Reached]:
     """The estimate with surfaces that are nearly right, and the model with these."""
-    reached = _placed(guards, reached, Samples.of(reached.estimate), settings, near=True)
+    samples = Samples.of(reached.estimate)
+    reached = _placed(guards, reached, samples, settings, near=True, enough=enough)
     other = copy(model)
     other.surface_ = deepcopy(model.surface_)
     _take(other.surface_, reached)
@@ -88,9 +93,10 @@ def with_few_monomials(
     price = 0.5 * np.log(max(2, np.isfinite(reached.estimate.nodes.recordings.y).sum()))
     covariance = everything.covariance.of_guards
     few = needed_coefficients(full, covariance, price)
-    found = _placed(few, everything, samples, settings, near=True)
-    pruned, before = int((few.coef != 0.0).sum()), int((guards.coef != 0.0).sum())
-    if found.value + price * pruned > reached.value + price * before:
+    more = int((few.coef != 0.0).sum()) - int((guards.coef != 0.0).sum())
+    enough = reached.value - price * more
+    found = _placed(few, everything, samples, settings, near=True, enough=enough)
+    if found.value > enough:
         return model, reached
     other = copy(model)
     other.surface_ = deepcopy(surface)
@@ -111,11 +117,12 @@ def _placed(
     samples: Samples,
     settings: StaySettings,
     near: bool = False,
+    enough: float = np.inf,
 ) -> Reached:
     """The estimate of highest likelihood with crossings on surfaces, samples on their sides."""
     told = guards.with_sides(*_sides(samples, reached, settings))
     estimate = replace(reached.estimate, guards=told)
-    return most_likely_with_guards(estimate, reached.noise, settings, near=near)
+    return most_likely_with_guards(estimate, reached.noise, settings, near=near, enough=enough)
 
 
 def _sides(samples: Samples, reached: Reached, settings: StaySettings) -> tuple:
