@@ -215,7 +215,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         Inputs keep their value until the next sample if all of them did so in `fit`; else they are
         linear between their samples.
         """
-        fitted, held = self._fitted, {Hold.ROW} == set(self.input_holds_)
+        fitted, held = self._fitted, {Hold.ROW} == set(self._holds)
         hold = Hold.ROW if held else Hold.LINE
         return fitted.simulate(x0, t, inputs, **({"input_hold": str(hold)} | options))
 
@@ -238,8 +238,8 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
             diverges.
         """
         model, given = self._fitted, between_jumps(read_given(x, t, groups, inputs)).given
-        if given.n_inputs == len(self.input_holds_):
-            known = [Hold.ROW if one == Hold.ROW else Hold.LINE for one in self.input_holds_]
+        if given.n_inputs == len(self._holds):
+            known = [Hold.ROW if one == Hold.ROW else Hold.LINE for one in self._holds]
             given = given.stepped(known)
         return rollout_score(model, given)
 
@@ -268,6 +268,11 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
         holds = [Hold(one) for one in self.input_holds_]
         self.report_ = reported(search, found, sure, self.modes_, origin, holds)
+
+    @property
+    def _holds(self) -> tuple[str, ...]:
+        """What inputs do between samples; of models that were saved before it was told, nothing."""
+        return getattr(self, "input_holds_", ())
 
     @property
     def _fitted(self) -> SwitchingSystemRegressor:

@@ -45,8 +45,6 @@ class AutomatonReport:
     advice : str
     """
 
-    n_recordings: int
-    n_samples: int
     equations: tuple[str, ...]
     shares: Array
     verdicts: tuple[TransitionVerdict, ...]
@@ -57,6 +55,9 @@ class AutomatonReport:
     rollouts: FreeRollouts
     doubts: tuple[str, ...]
     advice: str
+    # none of reports that were saved before these were counted
+    n_recordings: int = 0
+    n_samples: int = 0
 
     @classmethod
     def of(cls, found: IdentifiedAutomaton, asked: int | str, most: int) -> AutomatonReport:
@@ -77,8 +78,6 @@ class AutomatonReport:
                 "n_modes, or record at a higher rate."
             )
         return cls(
-            len(found.modes),
-            len(modes),
             tuple(found.errors.lines(automaton)),
             shares,
             tuple(found.verdicts),
@@ -89,15 +88,17 @@ class AutomatonReport:
             found.rollouts,
             tuple(doubts_of(found, asked, most)),
             " ".join(untold) or _judgement(found),
+            len(found.modes),
+            len(modes),
         )
 
     def __str__(self) -> str:
         n_switches = sum(one.support for one in self.verdicts)
         n_untold = sum(one.support for one in self.verdicts if not one.is_told)
-        head = (
-            f"{counted(self.n_recordings, 'recording')}, {self.n_samples} samples: "
-            f"{counted(len(self.shares), 'mode')}, {counted(n_switches, 'switch')}"
-        )
+        head = f"{counted(len(self.shares), 'mode')}, {counted(n_switches, 'switch')}"
+        if self.n_recordings:
+            recordings = counted(self.n_recordings, "recording")
+            head = f"{recordings}, {self.n_samples} samples: {head}"
         if n_untold:
             which = "all" if n_untold == n_switches else str(n_untold)
             head += f", {which} of them by what was not recorded"

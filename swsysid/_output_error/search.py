@@ -356,16 +356,19 @@ class Search:
     def _as_good(self, other: Model, best: Model, now: Model) -> bool:
         """Whether the best is not worth it beside another one, or not surely better.
 
-        What explains less than half of it is not as good, however much that scatters. A function
-        without a name, which can be any, is better than a name only if blocks say so.
+        What explains less than half of it is not as good, however much that scatters; and a name
+        that explains nearly all of it is as good as a function without one, which can be any.
         """
         if other is best:
             return True
         is_nameless = isinstance(best.law.terms[-1].effect, UnknownFunction)
-        significance = 0.0 if is_nameless else self.significance
-        shares = [self.gain(now, one).share for one in (other, best)]
-        lost = fall(other.unseen, best.unseen)
-        return as_good(lost, significance) and shares[0] >= 0.5 * shares[1]
+        lost, significance = (
+            fall(other.unseen, best.unseen),
+            0.0 if is_nameless else self.significance,
+        )
+        explained = self.gain(now, other).share / self.gain(now, best).share
+        nearly_all = is_nameless and explained >= 1.0 - SETTINGS.worthwhile
+        return nearly_all or (explained >= 0.5 and as_good(lost, significance))
 
     def refined(self, fit: Fit, place: int) -> Fit:
         """The nonlinear parameters of an effect of least error near those of the scan."""
