@@ -267,7 +267,7 @@ def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
         return outcome
     fit = outcome.refitted(last.law)
     for place in 2 * once:  # begin and end, of several: each moves what is best for the others
-        fit = whole.refined(fit, place)
+        fit = whole.values.refined(fit, place)
     laws, findings = [model.law for model in outcome.models], list(outcome.findings)
     for place in once:
         term = fit.law.terms[place]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from swsysid._output_error.candidates import (
     Candidate,
@@ -18,13 +17,13 @@ from swsysid._output_error.candidates import (
 )
 from swsysid._output_error.criterion import Fall, Left, as_good, fall
 from swsysid._output_error.engines import Engine
-from swsysid._output_error.estimate import Courses, Fit
+from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import of_sensors, shortlist
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
+from swsysid._output_error.values import Values, cost
 from swsysid._rendering.progress import progress
-from swsysid._results import Array
 from swsysid._ties import least_of
 from swsysid.effects import Effect, PlacedEffect, RateEffect, UnknownFunction
 from swsysid.effects._shapes import shapes
@@ -161,7 +160,7 @@ class Search:
                 if self._key(own) in refuted:
                     continue
                 key = (*self._key(own), len(own.theta), len(own.effect.terms))
-                if key not in best_of or self._cost(fit) < self._cost(best_of[key]):
+                if key not in best_of or cost(fit) < cost(best_of[key]):
                     best_of[key] = fit
         models = [self.model(fit) for fit in self._likeliest(list(best_of.values()))]
         done = self.gain(first, now).share
@@ -192,7 +191,7 @@ class Search:
 
         Ten monomials that bend alike are one explanation, and would be all that is compared.
         """
-        fits = sorted(fits, key=self._cost)
+        fits = sorted(fits, key=cost)
         listed = fits[: SETTINGS.n_compared]
         best_of: dict[str, Fit] = {}
         for fit in fits:
@@ -214,29 +213,12 @@ class Search:
             for variant in variants(one, now.law, self.linear, seen):
                 law, noise = now.law.beside([variant]), now.fit.noise
                 # from rollouts without a jump those with it are not reached
-                near = self._courses(now.fit) if law.breaks == now.law.breaks else None
+                near = self.values.courses(now.fit) if law.breaks == now.law.breaks else None
                 fit = self.engine.fitted(law, self.stretches, near, noise, turns=2)
                 if isinstance(variant.effect, RateEffect):
-                    fit = self._followed(fit)
+                    fit = self.values.followed(fit)
                 if self._is_plausible(fit):
                     yield fit
-
-    def _followed(self, fit: Fit) -> Fit:
-        """The last effect at ever larger values, each from the fit before, while it fits better.
-
-        Beside a law that lacks it a rate as a whole shows far less than there is.
-        """
-        place = len(fit.law.terms) - 1
-        term = fit.law.terms[place]
-        (parameter,) = term.effect.parameters(self.stretches.seen, term.place)
-        for value in parameter.values[parameter.values > term.theta[0]]:
-            law = fit.law.exchanged(place, replace(term, theta=(float(value),)))
-            start = self._courses(fit)
-            other = self.engine.fitted(law, self.stretches, start, fit.noise, turns=1)
-            if not self._cost(other) < self._cost(fit):
-                break
-            fit = other
-        return fit
 
     def _chosen(self, models: list[Model], now: Model) -> tuple[Model, list[Model]] | None:
         """The simplest that is as good as any, its nonlinear parameters refined, and its rivals."""
@@ -249,25 +231,12 @@ class Search:
             ]
             first, level = self._simplest(models, now)
             chosen = self._closer(first, now)
-            if not self._is_at_an_end(chosen) and self._pays(now, chosen, self.significance):
+            if not self.values.are_at_an_end(chosen.fit) and self._pays(
+                now, chosen, self.significance
+            ):
                 return chosen, level
             models = [one for one in models if one is not first]
         return None
-
-    def _is_at_an_end(self, model: Model) -> bool:
-        """Whether a nonlinear parameter of the last effect is as far as it is looked for.
-
-        What fits best there has its optimum beyond, where the effect is another one or none.
-        """
-        term = model.law.terms[-1]
-        ranges = term.effect.parameters(self.stretches.seen, term.place)
-        for value, parameter in zip(term.theta, ranges, strict=True):
-            values = np.unique(parameter.values)
-            if not parameter.exact and len(values) > 2:
-                gaps = np.diff(values)[[0, -1]]
-                if (np.abs(value - values[[0, -1]]) < SETTINGS.at_an_end * gaps).any():
-                    return True
-        return False
 
     def _simplest(self, models: Sequence[Model], now: Model) -> tuple[Model, list[Model]]:
         """Of those that are as good as the best the one with the fewest parameters, and these."""
@@ -279,7 +248,7 @@ class Search:
 
     def _closer(self, model: Model, now: Model) -> Model:
         """The same with nonlinear parameters and noise of its own, where that is better."""
-        refined = self.model(self.refined(model.fit, len(model.law.terms) - 1))
+        refined = self.model(self.values.refined(model.fit, len(model.law.terms) - 1))
         is_better = self.gain(now, refined).share >= self.gain(now, model).share
         return refined if is_better or not model.law.terms[-1].theta else model
 
@@ -301,6 +270,11 @@ class Search:
         Where it is not, it hides nothing that predicts.
         """
         return self._n_choices(model) == 1.0 or self._p_value(now, model) < most
+
+    @property
+    def values(self) -> Values:
+        """Nonlinear parameters are looked for on the same stretches."""
+        return Values(self.engine, self.stretches)
 
     @cached_property
     def effects(self) -> list[Effect]:
@@ -337,14 +311,6 @@ class Search:
         kinds = [effect.kind for effect in self.effects]
         return kinds.index(model.law.terms[-1].effect.kind)
 
-    def _cost(self, fit: Fit) -> float:
-        """Log of what is left of the states, in the mean."""
-        return float(np.log(np.maximum(fit.errors, 1e-300)).mean())
-
-    def _courses(self, fit: Fit) -> Courses | None:
-        """Where the states of all stretches are."""
-        return fit.courses_of(range(len(self.stretches)))
-
     def _is_plausible(self, fit: Fit) -> bool:
         place, seen = len(fit.law.terms) - 1, self.stretches.seen
         coef, effect = fit.law.coefficients(place), fit.law.terms[place].effect
@@ -369,40 +335,3 @@ class Search:
         explained = self.gain(now, other).share / self.gain(now, best).share
         nearly_all = is_nameless and explained >= 1.0 - SETTINGS.worthwhile
         return nearly_all or (explained >= 0.5 and as_good(lost, significance))
-
-    def refined(self, fit: Fit, place: int) -> Fit:
-        """The nonlinear parameters of an effect of least error near those of the scan."""
-        term = fit.law.terms[place]
-        ranges = term.effect.parameters(self.stretches.seen, term.place)
-        for number, parameter in enumerate(ranges):
-            values = np.unique(parameter.values)
-            if not parameter.exact and len(values) > 1:
-                fit = self._refined_one(fit, place, number, values)
-        return self.engine.fitted(fit.law, self.stretches, self._courses(fit), fit.noise)
-
-    def _refined_one(self, fit: Fit, place: int, number: int, values: Array) -> Fit:
-        """One of them, between its neighbours among some values and from there on."""
-        best = fit
-
-        def tried(value: float) -> float:
-            nonlocal best
-            term = best.law.terms[place]
-            theta = (*term.theta[:number], float(value), *term.theta[number + 1 :])
-            law = best.law.exchanged(place, replace(term, theta=theta))
-            start = self._courses(best)
-            other = self.engine.fitted(law, self.stretches, start, fit.noise, turns=1)
-            cost = self._cost(other)
-            best = other if cost < self._cost(best) else best
-            return cost
-
-        options = {"maxiter": SETTINGS.turns_of_refinement}
-        for _ in range(SETTINGS.brackets):
-            start = best.law.terms[place].theta[number]
-            at = int(np.abs(values - start).argmin())
-            bounds = values[max(at - 1, 0)], values[min(at + 1, len(values) - 1)]
-            minimize_scalar(tried, bounds=bounds, method="bounded", options=options)
-            reached = best.law.terms[place].theta[number]
-            nearest = int(np.abs(values - reached).argmin())
-            if nearest == at:
-                break
-        return best
