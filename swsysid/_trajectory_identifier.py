@@ -272,7 +272,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
     @property
     def _holds(self) -> tuple[str, ...]:
         """What inputs do between samples; of models that were saved before it was told, nothing."""
-        return getattr(self, "input_holds_", ())
+        return vars(self).get("input_holds_", ())
 
     @property
     def _fitted(self) -> SwitchingSystemRegressor:

@@ -241,10 +241,23 @@ class Search:
     def _simplest(self, models: Sequence[Model], now: Model) -> tuple[Model, list[Model]]:
         """Of those that are as good as the best the one with the fewest parameters, and these."""
         shares = {one: self.gain(now, one).share for one in models}
-        best = least_of(models, lambda one: -shares[one])
+        best = self._best_name(models, shares)
         level = [one for one in models if self._as_good(one, best, now)]
         chosen = min(level, key=lambda one: (one.law.n_parameters, self._rank(one), -shares[one]))
         return chosen, level
+
+    def _best_name(self, models: Sequence[Model], shares: dict[Model, float]) -> Model:
+        """The best; in the place of a function without a name the best name that is about as good.
+
+        That function can be any: a name that explains nearly all of it says more.
+        """
+        best = least_of(models, lambda one: -shares[one])
+        named = [one for one in models if not _is_nameless(one)]
+        if not named or not _is_nameless(best):
+            return best
+        name = least_of(named, lambda one: -shares[one])
+        nearly_all = shares[name] >= (1.0 - SETTINGS.worthwhile) * shares[best]
+        return name if nearly_all or as_good(fall(name.unseen, best.unseen), 0.0) else best
 
     def _closer(self, model: Model, now: Model) -> Model:
         """The same with nonlinear parameters and noise of its own, where that is better."""
@@ -322,16 +335,14 @@ class Search:
     def _as_good(self, other: Model, best: Model, now: Model) -> bool:
         """Whether the best is not worth it beside another one, or not surely better.
 
-        What explains less than half of it is not as good, however much that scatters; and a name
-        that explains nearly all of it is as good as a function without one, which can be any.
+        What explains less than half of it is not as good, however much that scatters.
         """
         if other is best:
             return True
-        is_nameless = isinstance(best.law.terms[-1].effect, UnknownFunction)
-        lost, significance = (
-            fall(other.unseen, best.unseen),
-            0.0 if is_nameless else self.significance,
-        )
+        lost = fall(other.unseen, best.unseen)
         explained = self.gain(now, other).share / self.gain(now, best).share
-        nearly_all = is_nameless and explained >= 1.0 - SETTINGS.worthwhile
-        return nearly_all or (explained >= 0.5 and as_good(lost, significance))
+        return explained >= 0.5 and as_good(lost, self.significance)
+
+
+def _is_nameless(model: Model) -> bool:
+    return isinstance(model.law.terms[-1].effect, UnknownFunction)
