@@ -26,7 +26,7 @@ from swsysid._output_error.engines import QUANTITIES, RATES
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import slope_of_sensor
-from swsysid._output_error.search import Finding, Search
+from swsysid._output_error.search import Finding, Search, Searched
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import Effect, FoundEffect, PlacedEffect, RateEffect, Rival
@@ -242,16 +242,18 @@ def _with_events(outcome: RecordedOutcome) -> RecordedOutcome:
 
     Nothing else could predict it; its evidence is that of the samples in which it acts.
     """
-    search = outcome.search
+    search, engine = outcome.search, outcome.search.engine
     once = [one for one in search.library if one.choices(search.stretches.seen) > 1.0]
-    most = search.most - len(outcome.findings) if once else 0
-    if most < 1:
+    if not once or len(outcome.findings) == search.most:
         return outcome
-    whole = replace(search, stretches=outcome.every, library=once, most=most)
-    found = whole.run(outcome.models[-1].law)
-    more = (search.engine.fitted(model.law, search.stretches) for model in found.models[1:])
-    known = (*outcome.findings, *found.findings)
-    return replace(outcome, models=(*outcome.models, *more), findings=known)
+    whole = replace(search, stretches=outcome.every, library=once)
+    first, last = (
+        whole.model(engine.fitted(model.law, outcome.every))
+        for model in (outcome.models[0], outcome.models[-1])
+    )
+    found = Searched(whole, (first, last), outcome.findings).went_on(lambda: None)
+    more = (engine.fitted(model.law, search.stretches) for model in found.models[2:])
+    return replace(outcome, models=(*outcome.models, *more), findings=found.findings)
 
 
 def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
