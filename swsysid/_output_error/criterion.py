@@ -51,6 +51,7 @@ class Fall:
 
     blocks: Array  # (n_blocks,): of the squared error, each in units of the mean before
     nats: float  # of evidence
+    count: float  # of independent samples
 
     @property
     def share(self) -> float:
@@ -78,7 +79,7 @@ def fall(before: Left, after: Left) -> Fall:
     count = max(1.0, len(change) / max(before.memory, after.memory))
     own = [np.maximum(np.nanmean(one, axis=0), tiny) for one in squares]
     nats = 0.5 * count * np.log(own[0] / own[1]).sum() - 0.5 * len(sizes) * np.log(count)
-    return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), float(nats))
+    return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), float(nats), count)
 
 
 def as_good(lost: Fall, significance: float) -> bool:

@@ -249,15 +249,18 @@ class Search:
     def _best_name(self, models: Sequence[Model], shares: dict[Model, float]) -> Model:
         """The best; in the place of a function without a name the best name that is about as good.
 
-        That function can be any: a name that explains nearly all of it says more.
+        That function can be any: a name that explains nearly all of it says more, and so does one
+        beside which further evidence does not pay for further parameters.
         """
         best = least_of(models, lambda one: -shares[one])
         named = [one for one in models if not _is_nameless(one)]
         if not named or not _is_nameless(best):
             return best
         name = least_of(named, lambda one: -shares[one])
+        lost = fall(name.unseen, best.unseen)
+        price = 0.5 * np.log(lost.count) * (best.law.n_parameters - name.law.n_parameters)
         nearly_all = shares[name] >= (1.0 - SETTINGS.worthwhile) * shares[best]
-        return name if nearly_all or as_good(fall(name.unseen, best.unseen), 0.0) else best
+        return name if nearly_all or as_good(lost, 0.0) or lost.nats < price else best
 
     def _closer(self, model: Model, now: Model) -> Model:
         """The same with nonlinear parameters and noise of its own, where that is better."""
