@@ -1,0 +1,100 @@
+"""Nonlinear parameters of an effect in a law: from the values of a scan to those of least error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from swsysid._output_error.engines import Engine
+from swsysid._output_error.estimate import Courses, Fit
+from swsysid._output_error.settings import SETTINGS
+from swsysid._output_error.stretches import Stretches
+from swsysid._results import Array
+
+
+def cost(fit: Fit) -> float:
+    """Log of what is left of the states, in the mean."""
+    return float(np.log(np.maximum(fit.errors, 1e-300)).mean())
+
+
+@dataclass(frozen=True)
+class Values:
+    """Where the values of an effect are looked for: beside all coefficients, on some stretches."""
+
+    engine: Engine
+    stretches: Stretches
+
+    def followed(self, fit: Fit) -> Fit:
+        """The last effect at ever larger values, each from the fit before, while it fits better.
+
+        Beside a law that lacks it a rate as a whole shows far less than there is.
+        """
+        place = len(fit.law.terms) - 1
+        term = fit.law.terms[place]
+        (parameter,) = term.effect.parameters(self.stretches.seen, term.place)
+        for value in parameter.values[parameter.values > term.theta[0]]:
+            other = self._exchanged(fit, place, (float(value),))
+            if not cost(other) < cost(fit):
+                break
+            fit = other
+        return fit
+
+    def refined(self, fit: Fit, place: int) -> Fit:
+        """All of an effect of least error near those of the scan."""
+        term = fit.law.terms[place]
+        ranges = term.effect.parameters(self.stretches.seen, term.place)
+        for number, parameter in enumerate(ranges):
+            values = np.unique(parameter.values)
+            if not parameter.exact and len(values) > 1:
+                fit = self._refined_one(fit, place, number, values)
+        return self.engine.fitted(fit.law, self.stretches, self.courses(fit), fit.noise)
+
+    def are_at_an_end(self, fit: Fit) -> bool:
+        """Whether one of the last effect is as far as it is looked for.
+
+        What fits best there has its optimum beyond, where the effect is another one or none.
+        """
+        term = fit.law.terms[-1]
+        ranges = term.effect.parameters(self.stretches.seen, term.place)
+        for value, parameter in zip(term.theta, ranges, strict=True):
+            values = np.unique(parameter.values)
+            if not parameter.exact and len(values) > 2:
+                gaps = np.diff(values)[[0, -1]]
+                if (np.abs(value - values[[0, -1]]) < SETTINGS.at_an_end * gaps).any():
+                    return True
+        return False
+
+    def courses(self, fit: Fit) -> Courses | None:
+        """Where the states of all stretches are."""
+        return fit.courses_of(range(len(self.stretches)))
+
+    def _refined_one(self, fit: Fit, place: int, number: int, values: Array) -> Fit:
+        """One of them, between its neighbours among some values and from there on."""
+        best = fit
+
+        def tried(value: float) -> float:
+            nonlocal best
+            theta = list(best.law.terms[place].theta)
+            theta[number] = float(value)
+            other = self._exchanged(best, place, tuple(theta))
+            best = other if cost(other) < cost(best) else best
+            return cost(other)
+
+        options = {"maxiter": SETTINGS.turns_of_refinement}
+        for _ in range(SETTINGS.brackets):
+            start = best.law.terms[place].theta[number]
+            at = int(np.abs(values - start).argmin())
+            bounds = values[max(at - 1, 0)], values[min(at + 1, len(values) - 1)]
+            minimize_scalar(tried, bounds=bounds, method="bounded", options=options)
+            reached = best.law.terms[place].theta[number]
+            nearest = int(np.abs(values - reached).argmin())
+            if nearest == at:
+                break
+        return best
+
+    def _exchanged(self, fit: Fit, place: int, theta: tuple[float, ...]) -> Fit:
+        """The law with other values of an effect, from where its states are."""
+        law = fit.law.exchanged(place, replace(fit.law.terms[place], theta=theta))
+        return self.engine.fitted(law, self.stretches, self.courses(fit), fit.noise, turns=1)
