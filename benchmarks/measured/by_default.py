@@ -22,7 +22,7 @@ from swsysid.datasets import fetch_emps, fetch_silverbox
 from swsysid.differentiation import differentiate
 
 FRICTION = ("coulomb_friction", "asymmetric_friction", "stribeck_friction")
-MEMORY = ("lag", "delay")
+MEMORY = ("lag", "delay", "transport_delay")
 LEVELS = ("overflow", "saturation")
 HYSTERESIS = ("dahl_friction", "bouc_wen", "lugre_friction", "backlash")
 

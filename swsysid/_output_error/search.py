@@ -60,11 +60,13 @@ class Searched:
     models: tuple[Model, ...]
     findings: tuple[Finding, ...]
 
-    @property
-    def share(self) -> float:
-        """Of what the declared model leaves, by the first effect."""
-        before, *after = self.models[:2]
-        return fall(before.unseen, after[0].unseen).share if after else 0.0
+    def is_clearer(self, other: Searched) -> bool:
+        """Whether the first effect explains surely more of what the declared model leaves."""
+        own, theirs = (
+            fall(*(model.unseen for model in (one.models[0], one.models[:2][-1])))
+            for one in (self, other)
+        )
+        return own.share > theirs.share + theirs.error
 
     def with_one_more(self, model: Model, finding: Finding) -> Searched:
         """The same with one effect more."""
@@ -104,7 +106,9 @@ class Search:
         """The declared model and those with one effect more each; the effects."""
         with progress(self.most, "rounds of the search", self.verbose) as bar:
             starts = [self.disturbed(one).started(declared) for one in SETTINGS.disturbances]
-            done = least_of(starts, lambda one: -one.share)
+            done = starts[0]
+            for other in starts[1:]:
+                done = other if other.is_clearer(done) else done
             bar.update()
             return done.went_on(bar.update) if done.findings else done
 
@@ -168,7 +172,7 @@ class Search:
             one
             for one in models
             if self.gain(now, one).share >= SETTINGS.worthwhile
-            and self.gain(first, one).share - done >= SETTINGS.worth_telling
+            and self.gain(first, one).share - done >= self._least(one)
             and self._pays(now, one, 1.0)
         ]
         found = self._chosen(models, now)
@@ -279,6 +283,14 @@ class Search:
 
     def _n_choices(self, model: Model) -> float:
         return model.law.terms[-1].effect.choices(self.stretches.seen)
+
+    def _least(self, model: Model) -> float:
+        """Share of what the declared law has left that is worth telling.
+
+        Of what acts once, and predicts nothing of other times, as much as of what is left now.
+        """
+        is_once = self._n_choices(model) > 1.0
+        return SETTINGS.worthwhile if is_once else SETTINGS.worth_telling
 
     def _pays(self, now: Model, model: Model, most: float) -> bool:
         """Whether the evidence for what acts once is worth its choice, up to a p-value.

@@ -42,8 +42,8 @@ class Settings:
     settled: float = 0.05
     about: float = 3.0
     # of the noise, over the longest stretch: what ties leave free of a law, and of a rollout. A
-    # search goes on with that of the two beside which its first effect explains more: where little
-    # else disturbs a plant rollouts do, elsewhere they go astray before it is seen
+    # search goes on with the second if its first effect explains surely more beside that: where
+    # little else disturbs a plant rollouts do, elsewhere they go astray before it is seen
     disturbances: tuple[float, ...] = (0.1, 1.0)
     of_a_rollout: float = 0.01
     turns_of_starts: int = 10
