@@ -217,13 +217,12 @@ class Search:
             yield self.alternation(self.known.model, self.known.estimate.laws.free, recordings)
         stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
         if (part := part_of(self.given)) is not None:
-            stretches, known = (
-                (),
-                Search(
-                    self.estimator, part, self.order, None, self.settings, self.told, self.surfaces
-                ).with_modes(n_modes),
-            )
-            yield self.alternation(known.model, known.estimate.laws.free, recordings, known)
+            options = self.settings, self.told, self.surfaces
+            known = Search(self.estimator, part, self.order, None, *options).with_modes(n_modes)
+            # stretches may be too short to show all modes
+            if len(known.estimate.laws.coef) == n_modes:
+                stretches = ()
+                yield self.alternation(known.model, known.estimate.laws.free, recordings, known)
         for stretch in stretches:
             base = self._differentiated(stretch)
             # there may be no shorter window than the automatic one
